@@ -24,8 +24,14 @@ from .progress import Progress
 from .second_tries import ITERATIONS_OF_ONE
 from .settings import Settings
 from .solve_result import SolveResult
-from .starts import coarser_copy, put_start, take_values_of_copy
-from .strategies import ADAPTIVE, BEYOND_SADDLE, SIMULATED, SOLVE, StartingPoint, Strategy
+from .starts import (
+    coarser_copy,
+    copy_with_absolute_values_split,
+    put_start,
+    take_suffixes_of_copy,
+    take_values_of_copy,
+)
+from .strategies import ADAPTIVE, BEYOND_SADDLE, COARSE_MESH, SIMULATED, SOLVE, StartingPoint, Strategy
 from .workplaces import Workplace
 
 logger = logging.getLogger(__name__)
@@ -73,6 +79,9 @@ class PlainRuns:
         keep : callable
             Is given a point on the way that another run starts from.
         """
+        if strategy.start is StartingPoint.ABSOLUTE_VALUES:
+            place.values.write(place.start)
+            return self._solve_in_two_parts(place, strategy)
         iterate = self._run(place, strategy, keep)
         return None if iterate is None else self._beyond_saddles(place, iterate, keep, MOST_SADDLES)
 
@@ -174,23 +183,49 @@ class PlainRuns:
         on = replace(strategy, options={**NEARLY_THERE, **strategy.options})
         return self._runs.run(place, on, "solve from there")
 
+    def _solve_in_two_parts(self, place: Workplace, strategy: Strategy) -> Iterate | None:
+        """Solve a copy with its absolute values in two parts; its answer is one of the model, and is checked there."""
+        copy = copy_with_absolute_values_split(self._model)
+        result = None if copy is None else self._answer_of_copy(copy, strategy, strategies=None)
+        if result is None or copy is None:
+            return None
+        best = replace(result.best, number=len(self._log.steps) - len(result.steps) + result.best_step)
+        take_values_of_copy(self._model, copy)
+        if best.certificate is Certificate.PROVEN:
+            best = replace(best, certificate=Certificate.UNKNOWN)  # which is of pairs, and the model has none
+        best = self._log.checked(replace(best, label=strategy.name, delta=None))
+        self._settings.progress.line(best.line(pairs=False))
+        return replace(
+            best,
+            strategy=strategy.name,
+            values=place.values.read(),
+            load_suffixes=lambda: take_suffixes_of_copy(self._model, copy),
+        )
+
     def _start_on_coarser_copy(self) -> bool:
         """Solve a copy with fewer elements; its answer is the start. The copy keeps the user's variables out of it."""
         copy = coarser_copy(self._model)
         if copy is None:
             return False
-        options = self._settings.options.with_default({"max_iter": ITERATIONS_OF_ONE})
-        settings = replace(self._settings, options=options, strategies=(SOLVE, ADAPTIVE), progress=Progress(False))
-        try:
-            result = self._solve_copy(copy, settings)
-        except PyRobocopError as error:
-            logger.info("'%s': no answer on fewer elements: %s", self._model.name, error)
-            return False
-        for step in result.steps:
-            self._log.steps.append(replace(step, label="coarse mesh", number=len(self._log.steps)))
-        if result.stop_reason.is_final:
-            self._found.cut = result.stop_reason
-        if result.quality is Quality.INFEASIBLE or self._found.cut is not None:
+        result = self._answer_of_copy(copy, COARSE_MESH, strategies=(SOLVE, ADAPTIVE))
+        if result is None or result.quality is Quality.INFEASIBLE or self._found.cut is not None:
             return False
         take_values_of_copy(self._model, copy)
         return True
+
+    def _answer_of_copy(
+        self, copy: Any, strategy: Strategy, *, strategies: tuple[Strategy, ...] | None
+    ) -> SolveResult | None:
+        """Solve a copy, and log its runs as those of a strategy; None where it cannot be solved at all."""
+        options = self._settings.options.with_default({"max_iter": ITERATIONS_OF_ONE})
+        settings = replace(self._settings, options=options, strategies=strategies, progress=Progress(False))
+        try:
+            result = self._solve_copy(copy, settings)
+        except PyRobocopError as error:
+            logger.info("'%s': no answer of the copy for '%s': %s", self._model.name, strategy.name, error)
+            return None
+        for step in result.steps:
+            self._log.steps.append(replace(step, label=strategy.name, number=len(self._log.steps)))
+        if result.stop_reason.is_final:
+            self._found.cut = result.stop_reason
+        return result

@@ -11,6 +11,7 @@ from pyrobocop_pyomo.mpcc.active_set import Certificate
 from .iterates import Iterate, StopReason
 from .settings import Settings
 from .strategies import (
+    ABSOLUTE_VALUES,
     ADAPTIVE,
     DEFAULT_SEQUENCE,
     ELASTIC_ROWS,
@@ -92,7 +93,7 @@ class SecondTries:
         # The caller's options win: a strategy that only sets them would be the first run again.
         return tuple(
             strategy
-            for strategy in following
+            for strategy in (ABSOLUTE_VALUES, *following)
             if (not strategy.options or any(name not in user for name in strategy.options))
             and not (strategy is OWN_UNITS and not self._scaled)  # how the first run went
         )
