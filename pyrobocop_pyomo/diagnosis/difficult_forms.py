@@ -60,8 +60,9 @@ def _of_absolute_value(component: Any, argument: Any, objective: bool) -> Findin
         f"'{component.name}' holds abs(...) of {_shortened(argument)}, which has no derivative at zero, where optima "
         "tend to be.",
         (component.name,),
-        f"{parts}pyo.TransformationFactory('pyrobocop.absolute_values_to_complementarity').apply_to(model) does so for "
-        "all of them. On a phase, b.size = rcp.mechanics.AbsoluteValue(lambda b, t: ...) states it exactly, and "
+        f"{parts}pyo.TransformationFactory('pyrobocop.absolute_values_to_complementarity').apply_to(model) puts two "
+        "such parts in place of every absolute value. On a phase, b.size = "
+        "rcp.mechanics.AbsoluteValue(lambda b, t: ...) states it exactly, and "
         "sqrt(x**2 + 1e-6) rounds it off.",
     )
 

@@ -78,7 +78,8 @@ class SecondTries:
             return ()  # the same starts lead to the same saddle, and what follows one was tried
         if not self._settings.second_tries:
             # Other starts are the caller's; the point itself, solved with smaller tolerances, is no other start.
-            return (TIGHTER,) if self._first.converged else ()
+            # Neither are absolute values in two parts.
+            return (ABSOLUTE_VALUES, TIGHTER) if self._first.converged else (ABSOLUTE_VALUES,)
         if status in _HOPELESS or (status is IpoptStatus.ITERATION_LIMIT and "max_iter" in user):
             return ()
         if status is IpoptStatus.TOO_FEW_FREEDOMS:
