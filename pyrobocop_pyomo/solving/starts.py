@@ -6,11 +6,8 @@ import logging
 from collections.abc import Mapping
 from typing import Any
 
-from pyomo.core.base import TransformationFactory
-from pyomo.core.base.suffix import Suffix
 from pyomo.core.base.var import Var
 
-from pyrobocop_pyomo.diagnosis.difficult_forms import holds_absolute_value
 from pyrobocop_pyomo.diagnosis.undefined_rows import move_into_domain, named_undefined_rows
 from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.modeling.variable_values import VariableValues, within_bounds
@@ -115,26 +112,6 @@ def copy_with_fewer_elements(model: Any, elements: Mapping[Any, int]) -> Any | N
         logger.info("'%s': no copy with fewer elements: %s", model.name, error)
         return None
     return copy
-
-
-def copy_with_absolute_values_split(model: Any) -> Any | None:
-    """A copy with its absolute values in two parts; None where there are none, or the model is part of another one."""
-    if model.model() is not model or not holds_absolute_value(model):
-        return None
-    try:
-        return TransformationFactory("pyrobocop.absolute_values_to_complementarity").create_using(model)
-    except PyRobocopError as error:
-        logger.info("'%s': absolute values stay: %s", model.name, error)
-        return None
-
-
-def take_suffixes_of_copy(model: Any, copy: Any) -> None:
-    """What a solve of a copy has written to its suffixes, for the components that the model has too."""
-    for suffix in model.component_objects(Suffix, active=True):
-        for part, number in copy.find_component(suffix).items():
-            own = None if part is None else model.find_component(part)
-            if suffix.import_enabled() and own is not None:
-                suffix[own] = number
 
 
 def take_values_of_copy(model: Any, copy: Any) -> None:

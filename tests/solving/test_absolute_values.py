@@ -95,6 +95,27 @@ def test_rows_that_say_more_than_a_derivative_can() -> None:
     assert nl_text(m).count("\n") == text.count("\n")
 
 
+@pytest.mark.heavy
+def test_least_fuel_with_a_floor_that_stops_the_mass() -> None:
+    """Thrust for s seconds, and the floor is hit after 3: ``s (3 - s / 2) = 1``, and the pairs are certified."""
+    m = pyo.ConcreteModel(name="onto the floor")
+    m.b = b = rcp.PhaseBlock(duration=3.0, elements=20, scheme="implicit_euler")
+    b.x, b.v = rcp.State(initial=1, final=0), rcp.State(initial=0, final=0)
+    b.u, b.force = rcp.Control(bounds=(-1, 1)), rcp.Control(bounds=(0, None))
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] + b.force[t]})
+    b.complementarity(lambda b, t: rcp.complements(b.x[t] >= 0, b.force[t] >= 0))
+    m.fuel = pyo.Objective(expr=b.integral(lambda b, t: abs(b.u[t])))
+    before = state(m)
+    result = rcp.solve(m, progress=False)
+    assert result.solved, str(result)
+    assert result.strategy == TWO_PARTS
+    assert state(m) == before
+    assert result.objective == pytest.approx(3 - 7**0.5, rel=0.05)
+    point = check_point(m)
+    assert point.violation <= 1e-6
+    assert point.natural <= 1e-6
+
+
 def test_suffixes_have_the_multipliers_of_the_rows() -> None:
     """One more unit of distance costs the fuel that a finite difference says."""
 
