@@ -44,7 +44,7 @@ def holds_absolute_value(model: Any) -> bool:
     """Whether `form_findings` would name an absolute value of a model."""
     components = model.component_objects((Constraint, Objective), active=True, descend_into=Block)
     rows = (row for component in components for row in islice(component.values(), _ROWS))
-    return any(_absolute_value(row.expr) is not None for row in rows)
+    return any(row.active and _absolute_value(row.expr) is not None for row in rows)
 
 
 def _of_absolute_value(component: Any, argument: Any, objective: bool) -> Finding:

@@ -35,7 +35,6 @@ _HOPELESS = (
     IpoptStatus.INVALID_PROBLEM,
     IpoptStatus.INVALID_OPTION,
     IpoptStatus.OUT_OF_MEMORY,
-    IpoptStatus.INTERNAL_ERROR,
 )
 _FOLLOWING = {StopReason.INFEASIBLE: TRIES_IF_INFEASIBLE, StopReason.DIVERGED: TRIES_IF_DIVERGING}
 
@@ -82,6 +81,8 @@ class SecondTries:
             return (ABSOLUTE_VALUES, TIGHTER) if self._first.converged else (ABSOLUTE_VALUES,)
         if status in _HOPELESS or (status is IpoptStatus.ITERATION_LIMIT and "max_iter" in user):
             return ()
+        if status is IpoptStatus.INTERNAL_ERROR:
+            return (ABSOLUTE_VALUES,)  # the executable says no more where a step to a kink fails
         if status is IpoptStatus.TOO_FEW_FREEDOMS:
             return (ELASTIC_ROWS,)
         reason = self._first.stop_reason

@@ -57,12 +57,21 @@ def test_the_optimum_does_not_depend_on_who_splits(scheme: str) -> None:
     assert results[0].objective == pytest.approx(results[1].objective, rel=1e-6)
 
 
+BACKENDS = [
+    pytest.param("asl", marks=pytest.mark.asl),
+    pytest.param("casadi", marks=pytest.mark.casadi),
+    pytest.param("vectorised", marks=pytest.mark.casadi),
+    pytest.param("executable", marks=pytest.mark.executable),
+]
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("start", [-3.0, 0.5, 2.0])
-def test_a_distance_as_objective(start: float) -> None:
+def test_a_distance_as_objective(start: float, backend: str) -> None:
     m = pyo.ConcreteModel()
     m.x = pyo.Var(initialize=start)
     m.cost = pyo.Objective(expr=abs(m.x - 0.5))
-    result = rcp.solve(m, progress=False)
+    result = rcp.solve(m, backend=backend, progress=False)
     assert result.solved, str(result)
     assert m.x.value == pytest.approx(0.5, abs=1e-6)
     assert result.objective == abs(m.x.value - 0.5)
@@ -138,6 +147,8 @@ def test_a_model_without_absolute_values_has_no_such_try() -> None:
     m = pyo.ConcreteModel()
     m.x = pyo.Var(initialize=1.0, bounds=(0.5, None))
     m.row = pyo.Constraint(expr=m.x * abs(m.x) <= -1)
+    m.pieces = pyo.Constraint([1, 2], rule=lambda m, i: abs(m.x - i) >= 2 if i == 1 else m.x <= i)
+    m.pieces[1].deactivate()
     m.cost = pyo.Objective(expr=m.x)
     result = rcp.solve(m, progress=False, strategies=(TWO_PARTS, "elastic rows"))
     assert not result.solved
