@@ -1,5 +1,6 @@
 """Complementarity in any Pyomo model: the component, its canonical form and its relaxations."""
 
+from .absolute_values import AbsoluteValuesToComplementarity
 from .canonical import CanonicalForm, CanonicalPair, SidePart
 from .component import Complementarity, ComplementarityData
 from .disjunctions import ComplementarityToDisjunctions, DisjunctionToken
@@ -42,16 +43,18 @@ from .relaxing import (
     sources_of,
     without_penalty,
 )
+from .replaced_rows import ReplacementToken
 from .residuals import ComponentResidual, PairResidual, component_residuals, pair_residuals, side_values
 from .schedules import BarrierSchedule, Fixed, FollowBarrier, Geometric, Schedule, Superlinear
 from .statement import Complements, complements, either_zero
-from .switched_products import ProductsToComplementarity, ProductToken
+from .switched_products import ProductsToComplementarity
 from .transformation import RelaxComplementarity
 from .units import register_with_pyomo
 
 register_with_pyomo()
 
 __all__ = [
+    "AbsoluteValuesToComplementarity",
     "AllPairs",
     "AugmentedLagrangian",
     "BarrierSchedule",
@@ -83,11 +86,11 @@ __all__ = [
     "PerElement",
     "PerPair",
     "PerPhase",
-    "ProductToken",
     "ProductsToComplementarity",
     "RelaxComplementarity",
     "Relaxation",
     "RelaxationToken",
+    "ReplacementToken",
     "Schedule",
     "Scholtes",
     "SidePart",

@@ -9,11 +9,10 @@ from typing import Any
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
-from pyomo.core.expr.numeric_expr import AbsExpression
 from pyomo.core.expr.numvalue import native_types
 
+from pyrobocop_pyomo.complementarity.absolute_values import has_kink, is_smooth_product
 from pyrobocop_pyomo.complementarity.switched_products import as_line, pair_of_factors, zero_product
-from pyrobocop_pyomo.modeling.expressions import holds_variable, is_plain_variable
 
 from .findings import Finding, Severity, Subject
 
@@ -41,6 +40,13 @@ def form_findings(model: Any) -> Iterator[Finding]:
             yield _of_product(component, *factors)
 
 
+def holds_absolute_value(model: Any) -> bool:
+    """Whether `form_findings` would name an absolute value of a model."""
+    components = model.component_objects((Constraint, Objective), active=True, descend_into=Block)
+    rows = (row for component in components for row in islice(component.values(), _ROWS))
+    return any(row.active and _absolute_value(row.expr) is not None for row in rows)
+
+
 def _of_absolute_value(component: Any, argument: Any, objective: bool) -> Finding:
     parts = (
         "In an objective that falls with it, split the quantity: two controls with bounds=(0, None) whose difference "
@@ -54,7 +60,9 @@ def _of_absolute_value(component: Any, argument: Any, objective: bool) -> Findin
         f"'{component.name}' holds abs(...) of {_shortened(argument)}, which has no derivative at zero, where optima "
         "tend to be.",
         (component.name,),
-        f"{parts}On a phase, b.size = rcp.mechanics.AbsoluteValue(lambda b, t: ...) states it exactly, and "
+        f"{parts}pyo.TransformationFactory('pyrobocop.absolute_values_to_complementarity').apply_to(model) puts two "
+        "such parts in place of every absolute value. On a phase, b.size = "
+        "rcp.mechanics.AbsoluteValue(lambda b, t: ...) states it exactly, and "
         "sqrt(x**2 + 1e-6) rounds it off.",
     )
 
@@ -81,19 +89,12 @@ def _absolute_value(expression: Any) -> Any:
     while stack and looked_at < _LOOKED_AT:
         node = stack.pop()
         looked_at += 1
-        if node.__class__ in native_types or not node.is_expression_type():
+        if node.__class__ in native_types or not node.is_expression_type() or is_smooth_product(node):
             continue
-        if isinstance(node, AbsExpression) and holds_variable(node.arg(0)) and _may_be_zero(node.arg(0)):
+        if has_kink(node):
             return node.arg(0)
         stack.extend(node.args)
     return None
-
-
-def _may_be_zero(argument: Any) -> bool:
-    if not is_plain_variable(argument):
-        return True
-    lower, upper = argument.bounds
-    return (lower is None or lower <= 0.0) and (upper is None or upper >= 0.0)
 
 
 def _shortened(expression: Any, most: int = 60) -> str:

@@ -87,6 +87,8 @@ def solve(
     Models without pairs are solved by one run, "solve". Where it fails, further strategies follow until one gives a
     solution by recomputed residuals; together they may take twice its iterations, each at most 500:
 
+    * "absolute values as pairs": where the model holds absolute values, a copy with their two parts is solved; in a
+      model with pairs this comes last;
     * "tighter": from a point that is solved by Ipopt's scaled tolerances only, with smaller ones;
     * "own units": with Ipopt's scaling instead of that by typical sizes;
     * "simulated": from the motion of the phases under the controls of the initial guess;

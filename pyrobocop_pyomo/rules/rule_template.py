@@ -51,9 +51,7 @@ _EXPRESSIONS: dict[str, Callable[..., Any]] = {
     **{name: getattr(functions_of_pyomo, name, abs) for name in NUMPY_NAMES},
     **comparisons(lambda first, second: None),
     "<=<=": inequality,
-    "choose": lambda condition, then, otherwise: (
-        (then if condition else otherwise) if isinstance(condition, bool) else Expr_if(condition, then, otherwise)
-    ),
+    "choose": lambda condition, then, otherwise: Expr_if(condition, then, otherwise),
     "call": lambda output, *arguments: (
         output.evaluate(arguments)
         if all(argument.__class__ in numvalue.native_numeric_types for argument in arguments)

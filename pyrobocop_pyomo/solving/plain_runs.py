@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import EvaluationError, PyRobocopError
+from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.modeling.variable_values import Values
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.programs.scaled_program import ScaledProgram
@@ -18,14 +18,13 @@ from .curvature import direction_of_descent
 from .found_points import FoundPoints
 from .ipopt_options import NEARLY_THERE, TIGHTER_TOLERANCES
 from .iterate_log import IterateLog
-from .iterates import Iterate, Quality, StopReason
+from .iterates import Iterate, StopReason
 from .polished_runs import PolishedRuns
-from .progress import Progress
 from .second_tries import ITERATIONS_OF_ONE
 from .settings import Settings
-from .solve_result import SolveResult
-from .starts import coarser_copy, put_start, take_values_of_copy
-from .strategies import ADAPTIVE, BEYOND_SADDLE, SIMULATED, SOLVE, StartingPoint, Strategy
+from .solved_copies import SolvedCopies
+from .starts import put_start
+from .strategies import BEYOND_SADDLE, SIMULATED, SOLVE, StartingPoint, Strategy
 from .workplaces import Workplace
 
 logger = logging.getLogger(__name__)
@@ -47,8 +46,7 @@ class PlainRuns:
     log : IterateLog
     found : FoundPoints
     runs : PolishedRuns
-    solve_copy : callable
-        ``solve_copy(copy, settings)`` solves another model.
+    copies : SolvedCopies
     """
 
     def __init__(
@@ -58,10 +56,10 @@ class PlainRuns:
         log: IterateLog,
         found: FoundPoints,
         runs: PolishedRuns,
-        solve_copy: Callable[[Any, Settings], SolveResult],
+        copies: SolvedCopies,
     ) -> None:
         self._model, self._settings, self._log, self._found = model, settings, log, found
-        self._runs, self._solve_copy = runs, solve_copy
+        self._runs, self._copies = runs, copies
 
     def run(self, place: Workplace, strategy: Strategy, keep: Callable[[Iterate], None]) -> Iterate | None:
         """Run a strategy, and go on from where it ends at a saddle; None where it has no start, or no program.
@@ -73,6 +71,9 @@ class PlainRuns:
         keep : callable
             Is given a point on the way that another run starts from.
         """
+        if strategy.start is StartingPoint.ABSOLUTE_VALUES:
+            place.values.write(place.start)
+            return self._copies.with_absolute_values_split()
         iterate = self._run(place, strategy, keep)
         return None if iterate is None else self._beyond_saddles(place, iterate, keep, MOST_SADDLES)
 
@@ -150,7 +151,7 @@ class PlainRuns:
 
     def _put_start(self, place: Workplace, strategy: Strategy) -> bool:
         if strategy.start is StartingPoint.COARSE_MESH:
-            return self._start_on_coarser_copy()
+            return self._copies.start_on_fewer_elements()
         if strategy.start is not StartingPoint.BEST:
             return put_start(self._model, strategy)
         best = self._found.best
@@ -173,24 +174,3 @@ class PlainRuns:
         keep(iterate)
         on = replace(strategy, options={**NEARLY_THERE, **strategy.options})
         return self._runs.run(place, on, "solve from there")
-
-    def _start_on_coarser_copy(self) -> bool:
-        """Solve a copy with fewer elements; its answer is the start. The copy keeps the user's variables out of it."""
-        copy = coarser_copy(self._model)
-        if copy is None:
-            return False
-        options = self._settings.options.with_default({"max_iter": ITERATIONS_OF_ONE})
-        settings = replace(self._settings, options=options, strategies=(SOLVE, ADAPTIVE), progress=Progress(False))
-        try:
-            result = self._solve_copy(copy, settings)
-        except PyRobocopError as error:
-            logger.info("'%s': no answer on fewer elements: %s", self._model.name, error)
-            return False
-        for step in result.steps:
-            self._log.steps.append(replace(step, label="coarse mesh", number=len(self._log.steps)))
-        if result.stop_reason.is_final:
-            self._found.cut = result.stop_reason
-        if result.quality is Quality.INFEASIBLE or self._found.cut is not None:
-            return False
-        take_values_of_copy(self._model, copy)
-        return True

@@ -31,6 +31,7 @@ from .run_remarks import doubts_on_pairs, doubts_on_point, remarks_on_runs
 from .second_tries import SecondTries, with_pairs, without_pairs
 from .settings import Settings
 from .solve_result import SolveResult
+from .solved_copies import SolvedCopies
 from .strategies import DEFAULT_SEQUENCE, OTHER_STARTS, OTHER_STARTS_WITHOUT_PAIRS, OTHER_WAYS, SOLVE, TIGHT, Strategy
 from .strategy_runs import StrategyRuns
 from .violations import (
@@ -79,6 +80,7 @@ class _Procedure:
         self._places = Workplaces(model, settings, self._guess)
         self._exploration = Exploration(settings.exploration, self._started)
         self._tried: set[str] = set()
+        self._copies = SolvedCopies(model, self._values, settings, self._log, self._found, solve_model)
         self._runs = StrategyRuns(
             model,
             settings,
@@ -88,7 +90,7 @@ class _Procedure:
             self._guess,
             self._places,
             self._exploration,
-            solve_model,
+            self._copies,
             has_pairs=self._has_pairs,
         )
 
@@ -138,6 +140,12 @@ class _Procedure:
             self._go_other_ways()
             if self._found.best is not None and self._found.cut is not StopReason.INTERRUPTED:
                 self._classify(self._found.best)
+        # A copy is made when the relaxation is taken back.
+        if self._has_pairs and self._settings.strategies is None and not self._found.are_enough():
+            self._guess.write_start()
+            split = self._copies.with_absolute_values_split()
+            if split is not None:
+                self._found.keep(split)
 
     def _go_through_those_for_pairs(self) -> None:
         chosen = self._settings.strategies

@@ -11,6 +11,7 @@ from pyrobocop_pyomo.mpcc.active_set import Certificate
 
 from .iterates import Iterate
 from .side_sizes import SMALLEST_SIZE
+from .strategies import ABSOLUTE_VALUES
 
 
 def remarks_on_runs(steps: Iterable[Iterate], certificate: Certificate) -> Iterator[str]:
@@ -23,6 +24,12 @@ def remarks_on_runs(steps: Iterable[Iterate], certificate: Certificate) -> Itera
         Of the result.
     """
     steps = list(steps)
+    if any(step.label == ABSOLUTE_VALUES.name and step.converged for step in steps):
+        yield (
+            "Absolute values have no derivative at zero: a copy with their two parts was solved, as "
+            "pyrobocop.absolute_values_to_complementarity makes it. Stationarity is that of the copy, all else that of "
+            "the model."
+        )
     undecided = [step.label for step in steps if "undecided" in step.label]
     if undecided and certificate is Certificate.UNKNOWN:
         yield (

@@ -11,6 +11,7 @@ from pyrobocop_pyomo.mpcc.active_set import Certificate
 from .iterates import Iterate, StopReason
 from .settings import Settings
 from .strategies import (
+    ABSOLUTE_VALUES,
     ADAPTIVE,
     DEFAULT_SEQUENCE,
     ELASTIC_ROWS,
@@ -34,7 +35,6 @@ _HOPELESS = (
     IpoptStatus.INVALID_PROBLEM,
     IpoptStatus.INVALID_OPTION,
     IpoptStatus.OUT_OF_MEMORY,
-    IpoptStatus.INTERNAL_ERROR,
 )
 _FOLLOWING = {StopReason.INFEASIBLE: TRIES_IF_INFEASIBLE, StopReason.DIVERGED: TRIES_IF_DIVERGING}
 
@@ -77,9 +77,12 @@ class SecondTries:
             return ()  # the same starts lead to the same saddle, and what follows one was tried
         if not self._settings.second_tries:
             # Other starts are the caller's; the point itself, solved with smaller tolerances, is no other start.
-            return (TIGHTER,) if self._first.converged else ()
+            # Neither are absolute values in two parts.
+            return (ABSOLUTE_VALUES, TIGHTER) if self._first.converged else (ABSOLUTE_VALUES,)
         if status in _HOPELESS or (status is IpoptStatus.ITERATION_LIMIT and "max_iter" in user):
             return ()
+        if status is IpoptStatus.INTERNAL_ERROR:
+            return (ABSOLUTE_VALUES,)  # the executable says no more where a step to a kink fails
         if status is IpoptStatus.TOO_FEW_FREEDOMS:
             return (ELASTIC_ROWS,)
         reason = self._first.stop_reason
@@ -92,7 +95,7 @@ class SecondTries:
         # The caller's options win: a strategy that only sets them would be the first run again.
         return tuple(
             strategy
-            for strategy in following
+            for strategy in (ABSOLUTE_VALUES, *following)
             if (not strategy.options or any(name not in user for name in strategy.options))
             and not (strategy is OWN_UNITS and not self._scaled)  # how the first run went
         )

@@ -21,6 +21,7 @@ class StartingPoint(enum.Enum):
     SIMULATED = "the motion under the controls of the initial guess"
     COARSE_MESH = "the answer on fewer elements"
     INSIDE_BOUNDS = "the middle of the bounds"
+    ABSOLUTE_VALUES = "the answer with absolute values in two parts"
     RANDOM = "random values around the initial guess"
 
 
@@ -122,6 +123,8 @@ COARSE_MESH = Strategy("coarse mesh", None, for_pairs=False, start=StartingPoint
 ADAPTIVE = Strategy("adaptive", None, for_pairs=False, options={"mu_strategy": "adaptive"})
 STRAIGHT_LINES = Strategy("straight lines", None, for_pairs=False, start=StartingPoint.STRAIGHT_LINES)
 INSIDE_BOUNDS = Strategy("inside bounds", None, for_pairs=False, start=StartingPoint.INSIDE_BOUNDS)
+# Where the model holds absolute values, before all others: no other start gives these a derivative.
+ABSOLUTE_VALUES = Strategy("absolute values as pairs", None, for_pairs=False, start=StartingPoint.ABSOLUTE_VALUES)
 SECOND_TRIES = (OWN_UNITS, SIMULATED, ELASTIC_ROWS, COARSE_MESH, ADAPTIVE, STRAIGHT_LINES, INSIDE_BOUNDS)
 
 # Beyond a solution of a model without pairs, where exploring is requested.
@@ -134,7 +137,10 @@ OTHER_STARTS_WITHOUT_PAIRS = (
 # From beside a point that is stationary and no minimum; it follows by itself, and is none to choose.
 BEYOND_SADDLE = Strategy("beyond a saddle", None, for_pairs=False, options={**NEARLY_THERE, "max_iter": 500})
 
-STRATEGIES = {strategy.name: strategy for strategy in (*DEFAULT_SEQUENCE, *OTHER_STARTS, SOLVE, TIGHTER, *SECOND_TRIES)}
+STRATEGIES = {
+    strategy.name: strategy
+    for strategy in (*DEFAULT_SEQUENCE, *OTHER_STARTS, SOLVE, ABSOLUTE_VALUES, TIGHTER, *SECOND_TRIES)
+}
 
 
 def as_strategies(choices: str | Strategy | Iterable[str | Strategy]) -> tuple[Strategy, ...]:

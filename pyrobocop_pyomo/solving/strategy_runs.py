@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -21,7 +20,7 @@ from .plain_runs import PlainRuns
 from .polish import Exploration
 from .polished_runs import PolishedRuns
 from .settings import Settings
-from .solve_result import SolveResult
+from .solved_copies import SolvedCopies
 from .starts import put_start
 from .strategies import BARRIER, CONTINUATION, PROJECTION, SOLVE, StartingPoint, Strategy
 from .workplaces import Workplace, Workplaces
@@ -43,8 +42,7 @@ class StrategyRuns:
     guess : InitialGuess
     places : Workplaces
     exploration : Exploration
-    solve_copy : callable
-        ``solve_copy(copy, settings)`` solves another model.
+    copies : SolvedCopies
     has_pairs : bool
         Whether the user has stated any.
     """
@@ -59,14 +57,14 @@ class StrategyRuns:
         guess: InitialGuess,
         places: Workplaces,
         exploration: Exploration,
-        solve_copy: Callable[[Any, Settings], SolveResult],
+        copies: SolvedCopies,
         *,
         has_pairs: bool,
     ) -> None:
         self._model, self._settings, self._log, self._found = model, settings, log, found
         self._guess, self._places, self._has_pairs, self._sign = guess, places, has_pairs, check.sign
         self._polished = PolishedRuns(settings, log, guess.variables, found, check.sign, exploration)
-        self._plain = PlainRuns(model, settings, log, found, self._polished, solve_copy)
+        self._plain = PlainRuns(model, settings, log, found, self._polished, copies)
 
     def run(self, strategy: Strategy) -> Iterate | None:
         """Run a strategy on the first backend that can evaluate the model where it leads.

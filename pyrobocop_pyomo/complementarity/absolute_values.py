@@ -1,0 +1,182 @@
+"""The transformation `pyrobocop.absolute_values_to_complementarity`: absolute values become two parts, reversibly."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from pyomo.core.base import TransformationFactory
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.objective import Objective
+from pyomo.core.base.var import Var
+from pyomo.core.expr.numeric_expr import (
+    AbsExpression,
+    DivisionExpression,
+    NegationExpression,
+    ProductExpression,
+    SumExpression,
+)
+from pyomo.core.expr.numvalue import native_types, value
+from pyomo.core.expr.visitor import replace_expressions
+
+from pyrobocop_pyomo.modeling.expressions import holds_variable, is_plain_variable, same_expression
+from pyrobocop_pyomo.modeling.shared_nodes import nodes_of
+
+from .component import Complementarity
+from .replaced_rows import RowReplacement, index_without_time, targets_option
+from .statement import complements
+from .switched_products import interval_of, without_number
+
+
+@dataclass
+class _Part:
+    """What is known of one absolute value.
+
+    Attributes
+    ----------
+    argument : expression
+    family : tuple
+        Equal for absolute values that state the same at different times.
+    needs_pair : bool
+        Whether some row or objective does not push both parts down.
+    """
+
+    argument: Any
+    family: tuple[Any, ...]
+    needs_pair: bool = False
+
+
+def has_kink(node: Any) -> bool:
+    """Whether a node of an expression is an absolute value of something that holds a variable and may be zero."""
+    if not (isinstance(node, AbsExpression) and holds_variable(node.arg(0))):
+        return False
+    if not is_plain_variable(node.arg(0)):
+        return True
+    lower, upper = node.arg(0).bounds
+    return (lower is None or lower <= 0.0) and (upper is None or upper >= 0.0)
+
+
+def is_smooth_product(node: Any) -> bool:
+    """Whether a node is ``e * abs(e)``, as in a drag: it has a continuous derivative, ``2 * abs(e)``."""
+    if not isinstance(node, ProductExpression):
+        return False
+    first, second = map(without_number, node.args)
+    return any(
+        isinstance(one, AbsExpression) and same_expression(without_number(other), without_number(one.arg(0)))
+        for one, other in ((first, second), (second, first))
+    )
+
+
+@TransformationFactory.register(
+    "pyrobocop.absolute_values_to_complementarity", doc="Turn absolute values into their two parts, reversibly."
+)
+class AbsoluteValuesToComplementarity(RowReplacement):
+    r"""Replace ``abs(e)`` by ``p + n`` with ``e == p - n`` and ``0 <= p _|_ n >= 0``.
+
+    An absolute value has no derivative where its argument is zero, which is where optima tend to be, and Ipopt does
+    not end there. Its two parts have derivatives everywhere.
+
+    The pair is left out where nothing gains by a sum above ``abs(e)``: where the absolute value enters only minimised
+    objectives and upper bounds, each time with a factor that is not negative (or maximised objectives and lower bounds,
+    with one that is not positive). By ``e == p - n`` and ``p, n >= 0`` the sum is at least ``abs(e)``, and with any sum
+    above it the smaller one does as well: the best objective and the points of the user's variables that can be reached
+    are the same. Where an objective has a positive factor c, the multipliers of ``p >= 0`` and ``n >= 0`` add up to
+    2 c at every stationary point, so one of the parts is zero there. Factors may hold variables with a sign by
+    their bounds, such as a free duration; parameters count with their present values.
+
+    Absolute values whose argument is one variable with bounds beyond zero stay, as do products ``e * abs(e)``, which
+    have a continuous derivative.
+
+    Option of ``apply_to`` and ``create_using``: ``targets`` (blocks, constraints, objectives, or single ones of them;
+    default all). Rows and objectives keep their names and get another expression; those in disjuncts are left alone.
+    The parts start at those of the values on the model.
+    """
+
+    CONFIG = targets_option("pyrobocop.absolute_values_to_complementarity", "constraints, objectives or single rows")
+    ctypes = (Constraint, Objective)
+    block_name = "absolute_values_as_pairs"
+    generated = "parts in place of absolute values"
+
+    def _fill(self, block: Any, rows: list[Any]) -> list[tuple[Any, Any]]:
+        parts: dict[int, _Part] = {}  # by the argument: equal ones of one variable share their parts
+        places: dict[int, list[int]] = {}
+        found = []
+        for row in rows:
+            uses = list(_uses(row))
+            for count, (node, needs_pair) in enumerate(uses):
+                argument = node.arg(0)
+                family = (row.parent_component().name, index_without_time(row.index()), count)
+                part = parts.setdefault(id(argument), _Part(argument, family))
+                part.needs_pair |= needs_pair
+                places.setdefault(id(argument), []).append(id(node))
+            if uses:
+                found.append(row)
+        known = list(parts.values())
+        block.positive, block.negative = (Var(range(len(known)), bounds=(0, None)) for _ in range(2))
+        sums = {node: block.positive[i] + block.negative[i] for i, key in enumerate(parts) for node in places[key]}
+        for i, part in enumerate(known):
+            start = value(part.argument, exception=False)
+            if start is not None:
+                block.positive[i].value, block.negative[i].value = max(start, 0.0), max(-start, 0.0)
+        block.difference = Constraint(
+            range(len(known)),
+            rule=lambda b, i: _replaced(known[i].argument, sums) == b.positive[i] - b.negative[i],
+        )
+        paired = [i for i, part in enumerate(known) if part.needs_pair]
+        if paired:
+            block.pairs = Complementarity(
+                paired,
+                rule=lambda b, i: complements(b.positive[i], b.negative[i]),
+                family=lambda b, i: known[i].family,
+            )
+        return [(row, _replaced(row.expr, sums)) for row in found]
+
+    def _nothing_found(self, where: str) -> str:
+        return f"no active row or objective in {where} holds abs(...) of an expression that may be zero."
+
+
+def _replaced(expression: Any, sums: dict[int, Any]) -> Any:
+    plain = expression.__class__ in native_types or not expression.is_expression_type()
+    return expression if plain else replace_expressions(expression, sums)
+
+
+def _uses(row: Any) -> Iterator[tuple[Any, bool]]:
+    """The absolute values of a row or an objective, each with whether a sum of parts above it could be of use."""
+    objective = row.ctype is Objective
+    body = row.expr if objective else row.body
+    if not any(map(has_kink, nodes_of(body))):
+        return
+    if objective:
+        sign = 1 if row.is_minimizing() else -1
+    else:
+        sign = int(row.has_ub()) - int(row.has_lb())
+    # A sign says what a larger node does: 1 costs, -1 gains, 0 is not known.
+    stack, seen = [(body, sign)], {}
+    while stack:
+        node, sign = stack.pop()
+        if node.__class__ in native_types or not node.is_expression_type() or (id(node), sign) in seen:
+            continue
+        seen[id(node), sign] = node  # a temporary node has to live on to keep its id
+        if has_kink(node):
+            yield node, sign <= 0
+            sign = 0
+        elif is_smooth_product(node):
+            continue
+        if isinstance(node, ProductExpression):
+            first, second = node.args
+            stack += [(second, sign and sign * _sign_of(first)), (first, sign and sign * _sign_of(second))]
+        elif isinstance(node, DivisionExpression):
+            stack += [(node.arg(1), 0), (node.arg(0), sign and sign * _sign_of(node.arg(1)))]
+        else:
+            if isinstance(node, NegationExpression):
+                sign = -sign
+            elif not (isinstance(node, SumExpression) or node.is_named_expression_type()):
+                sign = 0
+            stack += [(argument, sign) for argument in reversed(node.args)]
+
+
+def _sign_of(factor: Any) -> int:
+    """1 where a factor is never negative, -1 where it is never positive, 0 where nothing is known."""
+    least, most = interval_of(factor)
+    return 1 if least >= 0.0 else -1 if most <= 0.0 else 0

@@ -1,0 +1,165 @@
+"""Transformations that say rows or objectives in another way, on a block of their own, and take it back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from pyomo.common.autoslots import AutoSlots
+from pyomo.common.config import ConfigDict, ConfigValue
+from pyomo.common.modeling import unique_component_name
+from pyomo.core.base import Transformation
+from pyomo.core.base.block import Block
+
+from pyrobocop_pyomo.errors import ComplementarityError
+from pyrobocop_pyomo.modeling.activity import deactivate
+
+from .preconditions import refuse_foreign_token, refuse_unusable
+
+
+class ReplacementRecord(AutoSlots.Mixin):
+    """Private data of a generated block.
+
+    Attributes
+    ----------
+    rows : list of (ConstraintData or ObjectiveData, expression or None) or None
+        What was replaced, with what it held before; None for an expression that was deactivated as it is. None in all
+        on a block that this package did not generate.
+    """
+
+    __slots__ = ("rows",)
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[Any, Any]] | None = None
+
+
+Block.register_private_data_initializer(ReplacementRecord)
+
+
+@dataclass(frozen=True, eq=False)
+class ReplacementToken:
+    """What ``revert`` of a transformation needs to undo one application.
+
+    Attributes
+    ----------
+    model : Block
+        The model that was transformed.
+    block : Block
+        Holds what was generated.
+    """
+
+    model: Any
+    block: Any
+
+
+def targets_option(name: str, kinds: str) -> ConfigDict:
+    """The options of a transformation that takes ``targets``."""
+    options = ConfigDict(name)
+    options.declare("targets", ConfigValue(default=None, description=f"Blocks, {kinds} to take; default all."))
+    return options
+
+
+class RowReplacement(Transformation):
+    """What such transformations share: targets, the block, the record and the way back.
+
+    Subclasses say what they make of the rows. A model that is refused stays as it was.
+    """
+
+    CONFIG: ClassVar[ConfigDict]
+    ctypes: ClassVar[tuple[type, ...]]
+    block_name: ClassVar[str]
+    generated: ClassVar[str]  # in words, for messages
+
+    def _apply_to(self, model: Any, **options: Any) -> ReplacementToken:
+        config = self.CONFIG({**options.pop("options", {}), **options})
+        refuse_unusable(model)
+        block = Block(concrete=True)
+        replaced = self._fill(block, list(self._rows(model, config.targets)))
+        if not replaced:
+            where = "it" if config.targets is None else "the targets"
+            raise ComplementarityError(f"'{model.name}': {self._nothing_found(where)}")
+        model.add_component(unique_component_name(model, self.block_name), block)
+        _record_of(block).rows = [(row, None if new is None else row.expr) for row, new in replaced]
+        deactivate(row for row, new in replaced if new is None)
+        for row, new in replaced:
+            if new is not None:
+                row.set_value(new)
+        return ReplacementToken(model, block)
+
+    def _fill(self, block: Any, rows: list[Any]) -> list[tuple[Any, Any]]:
+        """Put on the block what stands for some of the rows.
+
+        Returns
+        -------
+        list of (ConstraintData or ObjectiveData, expression or None)
+            Those rows, with what they hold from now on; None for one to deactivate.
+        """
+        raise NotImplementedError
+
+    def _nothing_found(self, where: str) -> str:
+        raise NotImplementedError
+
+    def revert(self, model: Any, token: ReplacementToken | None = None) -> None:
+        """Undo one application, or all of them.
+
+        Parameters
+        ----------
+        model : Block
+            The model that `apply_to` was called with.
+        token : ReplacementToken, optional
+            What `apply_to` returned. Without it everything on this model is undone, which also serves a clone.
+
+        Raises
+        ------
+        ComplementarityError
+            If there is nothing to undo, or if the token is used up or belongs to another model.
+        """
+        refuse_foreign_token(model, token)
+        present = list(self._generated_on(model))
+        wanted = present if token is None else [block for block in present if block is token.block]
+        if not wanted:
+            raise ComplementarityError(
+                f"'{model.name}': nothing to revert; it has no {self.generated}, or was reverted before."
+            )
+        for block in reversed(wanted):  # the last one holds what the first one made of a row
+            rows = rows_of_block(block)
+            model.del_component(block)
+            for row, expression in rows or ():
+                if expression is None:
+                    row.activate()
+                else:
+                    row.set_value(expression)
+
+    def _rows(self, model: Any, targets: Sequence[Any] | None) -> Iterator[Any]:
+        if targets is None:
+            targets = [model]
+        for target in targets:
+            if target.ctype is Block:
+                yield from target.component_data_objects(self.ctypes, active=True, descend_into=Block)
+            elif target.ctype in self.ctypes:
+                single = target.parent_component() is not target
+                yield from (row for row in ([target] if single else target.values()) if row.active)
+            else:
+                kinds = " nor an ".join(kind.__name__.lower() for kind in self.ctypes)
+                raise ComplementarityError(f"'{target.name}': is neither a block nor a {kinds}; give such as targets.")
+
+    def _generated_on(self, model: Any) -> Iterator[Any]:
+        for block in list(model.component_objects(Block, descend_into=False)):
+            # The name is looked at first so that no private data appear on blocks of the user.
+            if block.local_name.startswith(self.block_name) and not block.is_indexed() and rows_of_block(block):
+                yield block
+
+
+def index_without_time(index: Any) -> Any:
+    """What is left of an index without its first part, which is the time in a phase and usually elsewhere."""
+    return index[1:] if isinstance(index, tuple) else ()
+
+
+def rows_of_block(block: Any) -> list[tuple[Any, Any]] | None:
+    """What a generated block stands for; see `ReplacementRecord`."""
+    return _record_of(block).rows
+
+
+def _record_of(block: Any) -> ReplacementRecord:
+    return block.private_data()

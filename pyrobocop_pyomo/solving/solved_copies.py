@@ -1,0 +1,122 @@
+"""Copies of a model that are solved on the way, in another form or on another mesh; the user's variables stay out."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from pyomo.core.base import TransformationFactory
+from pyomo.core.base.suffix import Suffix
+
+from pyrobocop_pyomo.diagnosis.difficult_forms import holds_absolute_value
+from pyrobocop_pyomo.errors import PyRobocopError
+from pyrobocop_pyomo.modeling.variable_values import VariableValues
+from pyrobocop_pyomo.mpcc.active_set import Certificate
+
+from .found_points import FoundPoints
+from .iterate_log import IterateLog
+from .iterates import Iterate, Quality
+from .progress import Progress
+from .second_tries import ITERATIONS_OF_ONE
+from .settings import Settings
+from .solve_result import SolveResult
+from .starts import coarser_copy, take_values_of_copy
+from .strategies import ABSOLUTE_VALUES, ADAPTIVE, COARSE_MESH, SOLVE, Strategy
+
+logger = logging.getLogger(__name__)
+
+
+class SolvedCopies:
+    """The copies of one solve.
+
+    Parameters
+    ----------
+    model : Block
+    values : VariableValues
+        Its free variables.
+    settings : Settings
+    log : IterateLog
+        Has the runs of copies too, under the names of their strategies.
+    found : FoundPoints
+        Is told where time runs out.
+    solve_copy : callable
+        ``solve_copy(copy, settings)`` solves another model.
+    """
+
+    def __init__(
+        self,
+        model: Any,
+        values: VariableValues,
+        settings: Settings,
+        log: IterateLog,
+        found: FoundPoints,
+        solve_copy: Callable[[Any, Settings], SolveResult],
+    ) -> None:
+        self._model, self._values, self._settings, self._log = model, values, settings, log
+        self._found, self._solve_copy = found, solve_copy
+
+    def start_on_fewer_elements(self) -> bool:
+        """Solve a copy with fewer elements; its answer is put on the model, as a start. False where there is none."""
+        copy = coarser_copy(self._model)
+        result = None if copy is None else self._answer(copy, COARSE_MESH, (SOLVE, ADAPTIVE))
+        if result is None or result.quality is Quality.INFEASIBLE or self._found.cut is not None:
+            return False
+        take_values_of_copy(self._model, copy)
+        return True
+
+    def with_absolute_values_split(self) -> Iterate | None:
+        """Solve a copy with its absolute values in two parts; its answer is one of the model, and is checked there.
+
+        Returns
+        -------
+        Iterate or None
+            None where there are no absolute values, or the model is part of another one.
+        """
+        if self._model.model() is not self._model or not holds_absolute_value(self._model):
+            return None
+        split = TransformationFactory("pyrobocop.absolute_values_to_complementarity")
+        copy = split.create_using(self._model)
+        result = self._answer(copy, ABSOLUTE_VALUES, None)
+        if result is None:
+            return None
+        take_values_of_copy(self._model, copy)
+        best = replace(
+            result.best,
+            label=ABSOLUTE_VALUES.name,
+            strategy=ABSOLUTE_VALUES.name,
+            number=len(self._log.steps) - len(result.steps) + result.best_step,
+            delta=None,
+            values=self._values.read(),
+            load_suffixes=lambda: _take_suffixes(self._model, copy),
+        )
+        if not self._log.pairs and best.certificate is Certificate.PROVEN:
+            best = replace(best, certificate=Certificate.UNKNOWN)  # which is of pairs, and the model has none
+        best = self._log.checked(best)
+        self._settings.progress.line(best.line(pairs=bool(self._log.pairs)))
+        return best
+
+    def _answer(self, copy: Any, strategy: Strategy, strategies: tuple[Strategy, ...] | None) -> SolveResult | None:
+        """Solve a copy, and log its runs as those of a strategy; None where it cannot be solved at all."""
+        options = self._settings.options.with_default({"max_iter": ITERATIONS_OF_ONE})
+        settings = replace(self._settings, options=options, strategies=strategies, progress=Progress(False))
+        try:
+            result = self._solve_copy(copy, settings)
+        except PyRobocopError as error:
+            logger.info("'%s': no answer of the copy for '%s': %s", self._model.name, strategy.name, error)
+            return None
+        for step in result.steps:
+            self._log.steps.append(replace(step, label=strategy.name, number=len(self._log.steps)))
+        if result.stop_reason.is_final:
+            self._found.cut = result.stop_reason
+        return result
+
+
+def _take_suffixes(model: Any, copy: Any) -> None:
+    """What the solve of a copy has written to its suffixes, for the components that the model has too."""
+    for suffix in model.component_objects(Suffix, active=True):
+        for part, number in copy.find_component(suffix).items():
+            own = None if part is None else model.find_component(part)
+            if suffix.import_enabled() and own is not None:
+                suffix[own] = number

@@ -1,0 +1,176 @@
+"""Models with absolute values are solved as they stand: known optima, and the model stays the user's."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from complementarity.harness import nl_text, state
+from mpcc_catalogue.point_check import check_point
+
+import pyrobocop_pyomo as rcp
+
+pytestmark = pytest.mark.ipopt
+
+TWO_PARTS = "absolute values as pairs"
+
+
+def least_fuel(elements: int = 20, scheme: str = "implicit_euler") -> pyo.ConcreteModel:
+    """A mass moves by 1 in 3 seconds, from rest to rest, with forces of at most 1: full thrust, none, full thrust."""
+    m = pyo.ConcreteModel(name="least fuel")
+    m.b = b = rcp.PhaseBlock(duration=3.0, elements=elements, scheme=scheme)
+    b.x, b.v = rcp.State(initial=0, final=1), rcp.State(initial=0, final=0)
+    b.u = rcp.Control(bounds=(-1, 1))
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
+    m.fuel = pyo.Objective(expr=b.integral(lambda b, t: abs(b.u[t])))
+    return m
+
+
+# Thrust for s seconds at either end moves the mass by s (3 - s) = 1.
+LEAST_FUEL = 3 - 5**0.5
+
+
+def test_least_fuel_is_thrust_rest_thrust() -> None:
+    m = least_fuel(elements=60)
+    before = state(m)
+    result = rcp.solve(m, progress=False)
+    assert result.solved, str(result)
+    assert result.strategy == TWO_PARTS
+    assert state(m) == before
+    assert result.objective == pytest.approx(pyo.value(m.fuel), abs=1e-12)
+    assert result.objective == pytest.approx(LEAST_FUEL, rel=5e-3)
+    assert check_point(m).violation <= 1e-6
+    forces = m.b.trajectory()["u"][1:]
+    # A linear program with two conditions at the end: no more than two forces are between.
+    assert np.count_nonzero(np.abs(forces - np.round(forces)) > 1e-4) <= 2
+    assert list(dict.fromkeys(np.round(forces[np.abs(forces - np.round(forces)) <= 1e-4]))) == [1.0, 0.0, -1.0]
+
+
+@pytest.mark.parametrize("scheme", ["radau", "gauss", "implicit_euler"])
+def test_the_optimum_does_not_depend_on_who_splits(scheme: str) -> None:
+    m, stated = least_fuel(scheme=scheme), least_fuel(scheme=scheme)
+    pyo.TransformationFactory("pyrobocop.absolute_values_to_complementarity").apply_to(stated)
+    results = [rcp.solve(each, progress=False) for each in (m, stated)]
+    assert all(result.solved for result in results)
+    assert results[0].objective == pytest.approx(results[1].objective, rel=1e-6)
+
+
+BACKENDS = [
+    pytest.param("asl", marks=pytest.mark.asl),
+    pytest.param("casadi", marks=pytest.mark.casadi),
+    pytest.param("vectorised", marks=pytest.mark.casadi),
+    pytest.param("executable", marks=pytest.mark.executable),
+]
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("start", [-3.0, 0.5, 2.0])
+def test_a_distance_as_objective(start: float, backend: str) -> None:
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var(initialize=start)
+    m.cost = pyo.Objective(expr=abs(m.x - 0.5))
+    result = rcp.solve(m, backend=backend, progress=False)
+    assert result.solved, str(result)
+    assert m.x.value == pytest.approx(0.5, abs=1e-6)
+    assert result.objective == abs(m.x.value - 0.5)
+
+
+def test_a_distance_in_a_cost_over_time() -> None:
+    """The state goes to 0.5 as fast as it can, and stays: the integral is 1/8."""
+    m = pyo.ConcreteModel()
+    m.b = b = rcp.PhaseBlock(duration=2.0, elements=20)
+    b.x, b.u = rcp.State(initial=0), rcp.Control(bounds=(-1, 1))
+    b.ode(lambda b, t: {b.x: b.u[t]})
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: abs(b.x[t] - 0.5)))
+    result = rcp.solve(m, progress=False)
+    assert result.solved, str(result)
+    assert result.objective == pytest.approx(0.125, abs=1e-6)
+    assert any("no derivative at zero" in remark for remark in result.remarks)
+
+
+def test_rows_that_say_more_than_a_derivative_can() -> None:
+    """The points of ``|x| + |y| == 1`` nearest to (0, 3) and farthest from the origin: corners."""
+    m = pyo.ConcreteModel()
+    m.x, m.y = pyo.Var(initialize=0.3), pyo.Var(initialize=0.2)
+    m.diamond = pyo.Constraint(expr=abs(m.x) + abs(m.y) == 1)
+    m.cost = pyo.Objective(expr=m.x**2 + (m.y - 3) ** 2)
+    text = nl_text(m)
+    result = rcp.solve(m, progress=False)
+    assert result.solved, str(result)
+    assert (m.x.value, m.y.value) == pytest.approx((0.0, 1.0), abs=1e-5)
+    assert check_point(m).violation <= 1e-6
+    assert nl_text(m).count("\n") == text.count("\n")
+
+
+@pytest.mark.heavy
+def test_least_fuel_with_a_floor_that_stops_the_mass() -> None:
+    """Thrust for s seconds, and the floor is hit after 3: ``s (3 - s / 2) = 1``, and the pairs are certified."""
+    m = pyo.ConcreteModel(name="onto the floor")
+    m.b = b = rcp.PhaseBlock(duration=3.0, elements=20, scheme="implicit_euler")
+    b.x, b.v = rcp.State(initial=1, final=0), rcp.State(initial=0, final=0)
+    b.u, b.force = rcp.Control(bounds=(-1, 1)), rcp.Control(bounds=(0, None))
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] + b.force[t]})
+    b.complementarity(lambda b, t: rcp.complements(b.x[t] >= 0, b.force[t] >= 0))
+    m.fuel = pyo.Objective(expr=b.integral(lambda b, t: abs(b.u[t])))
+    before = state(m)
+    result = rcp.solve(m, progress=False)
+    assert result.solved, str(result)
+    assert result.strategy == TWO_PARTS
+    assert state(m) == before
+    assert result.objective == pytest.approx(3 - 7**0.5, rel=0.05)
+    point = check_point(m)
+    assert point.violation <= 1e-6
+    assert point.natural <= 1e-6
+
+
+def test_suffixes_have_the_multipliers_of_the_rows() -> None:
+    """One more unit of distance costs the fuel that a finite difference says."""
+
+    def solved(distance: float) -> tuple[Any, float]:
+        m = pyo.ConcreteModel()
+        m.x, m.y = pyo.Var(initialize=2.0), pyo.Var(initialize=1.0)
+        m.far = pyo.Constraint(expr=m.x + 2 * m.y == distance)
+        m.cost = pyo.Objective(expr=abs(m.x) + 3 * abs(m.y - 0.1))
+        m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
+        result = rcp.solve(m, progress=False)
+        assert result.solved, str(result)
+        assert result.strategy == TWO_PARTS
+        return m.dual[m.far], result.objective
+
+    (dual, cost), (_, more) = solved(5.0), solved(5.1)
+    assert dual == pytest.approx((more - cost) / 0.1, abs=1e-5)
+
+
+def test_a_model_without_absolute_values_has_no_such_try() -> None:
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var(initialize=1.0, bounds=(0.5, None))
+    m.row = pyo.Constraint(expr=m.x * abs(m.x) <= -1)
+    m.pieces = pyo.Constraint([1, 2], rule=lambda m, i: abs(m.x - i) >= 2 if i == 1 else m.x <= i)
+    m.pieces[1].deactivate()
+    m.cost = pyo.Objective(expr=m.x)
+    result = rcp.solve(m, progress=False, strategies=(TWO_PARTS, "elastic rows"))
+    assert not result.solved
+    assert TWO_PARTS not in [step.label for step in result.steps]
+
+
+@pytest.mark.slow
+def test_the_shortest_way_over_a_wall_by_its_parts() -> None:
+    """The total change of height is twice what the cart has to rise, whenever it does so."""
+    m = pyo.ConcreteModel(name="over a wall")
+    m.move = b = rcp.PhaseBlock(duration=2.0, elements=10)
+    b.x, b.y = rcp.State(initial=0, final=4), rcp.State(initial=0, final=0)
+    b.vx, b.vy = rcp.Control(bounds=(-4, 4)), rcp.Control(bounds=(-4, 4))
+    b.ode(lambda b, t: {b.x: b.vx[t], b.y: b.vy[t]})
+    m.way = pyo.Objective(expr=b.integral(lambda b, t: abs(b.vx[t]) + abs(b.vy[t])))
+    b.avoid = rcp.ObstacleAvoidanceBlock(
+        b.time,
+        bodies={"cart": rcp.Body(rcp.Polytope.box(0.4, 0.4), pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t], 0.0))},
+        obstacles={"wall": rcp.Polytope.box(0.8, 2, center=(2, -0.5))},
+        clearance=0.05,
+    )
+    result = rcp.solve(m, progress=False)
+    assert result.solved, str(result)
+    assert result.safe
+    assert result.objective == pytest.approx(4 + 2 * (0.5 + 0.2 + 0.05), abs=1e-2)
