@@ -51,7 +51,6 @@ _EXPRESSIONS: dict[str, Callable[..., Any]] = {
     **{name: getattr(functions_of_pyomo, name, abs) for name in NUMPY_NAMES},
     **comparisons(lambda first, second: None),
     "<=<=": inequality,
-    "choose": lambda condition, then, otherwise: Expr_if(condition, then, otherwise),
     "call": lambda output, *arguments: (
         output.evaluate(arguments)
         if all(argument.__class__ in numvalue.native_numeric_types for argument in arguments)
@@ -143,7 +142,12 @@ class Place:
 
     def of(self, component: Any) -> Any:
         """A block or component of the model as it is seen from here."""
-        return component if self._signals is None else proxy_of(component, self._signals)
+        return component if self.is_on_model else proxy_of(component, self._signals)
+
+    @property
+    def is_on_model(self) -> bool:
+        """Whether the model itself is there, and no proxy of it."""
+        return self._signals is None
 
     @property
     def time(self) -> Any:
@@ -152,7 +156,7 @@ class Place:
 
     def scalar(self, leaf: Any) -> Any:
         """A variable, parameter or named expression that does not depend on ``t``."""
-        if self._signals is None or not hasattr(leaf, "parent_component"):
+        if self.is_on_model or not hasattr(leaf, "parent_component"):
             return leaf
         component = leaf.parent_component()
         if component is None or component.is_indexed() or component.parent_block() is None:
@@ -290,14 +294,21 @@ class _Program(StraightLine):
     """Makes the expressions of a place: the lines are operations on whatever stands there."""
 
     def __init__(self, outputs: list[Any], time: TimeTemplate) -> None:
-        self._time = time
-        super().__init__(outputs, (), _EXPRESSIONS)
+        self._time, self._is_on_model = time, True
+        super().__init__(outputs, (), {**_EXPRESSIONS, "choose": self._choose})
         self._readers = [self._reader(leaf) for leaf in self.others]
 
     def at(self, place: Place) -> list[Any]:
         """The outputs where `others` are what is read at a place."""
         self._held[:] = [read(place) for read in self._readers]
+        self._is_on_model = place.is_on_model
         return self()
+
+    def _choose(self, condition: Any, then: Any, otherwise: Any) -> Any:
+        """In rows, the side that the time decides; elsewhere the choice stays one, for whoever looks at times around."""
+        if self._is_on_model and condition.__class__ is bool:
+            return then if condition else otherwise
+        return Expr_if(condition, then, otherwise)
 
     def _is_leaf(self, node: Any) -> bool:
         # A named expression stays by name: it may be given another value.
@@ -386,12 +397,20 @@ def _same(first: Any, second: Any) -> bool:
     return _same_values(first, second)
 
 
+class _DecidedChoices(ExpressionEvaluator):
+    """Evaluates choices, too, whose condition is decided already: at one time, one by the time is."""
+
+    def of(self, node: Any) -> Any:
+        """Value of an expression, or of a condition."""
+        return node if node.__class__ is bool else super().of(node)
+
+
 def _same_values(first: Any, second: Any) -> bool:
     """Whether two expressions have the same value whatever their variables are, as far as two trials tell."""
     variables = list(chain(variables_in(first), variables_in(second)))
     for trial in (0.31, 0.73):
         leaves = {id(variable): trial + 0.61803 * (i + 1) % 1.0 for i, variable in enumerate(variables)}
-        known = ExpressionEvaluator(leaves)
+        known = _DecidedChoices(leaves)
         try:
             values = [known.of(expression) for expression in (first, second)]
         except (ArithmeticError, ValueError):

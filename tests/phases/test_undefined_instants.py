@@ -50,7 +50,13 @@ def test_verification_names_expression_rule_and_time(state: Any, words: str) -> 
         b.trajectory().verify()
 
 
-@pytest.mark.parametrize(("state", "words"), [(with_root, "sqrt"), (with_algebraic, "log")])
+def with_algebraic_in_motion(m: Any, b: Any) -> None:
+    b.z = rcp.Algebraic()
+    b.ode(lambda b, t: {b.x: b.u[t] + 1e-9 * b.z[t]})
+    b.residual(lambda b, t: b.z[t] == pyo.log(b.x[t] + 0.1), name="level")
+
+
+@pytest.mark.parametrize(("state", "words"), [(with_root, "sqrt"), (with_algebraic_in_motion, "log")])
 def test_reintegration_names_what_the_plan_itself_does_not_define(state: Any, words: str) -> None:
     b = falling(state)
     trajectory = b.trajectory()
@@ -63,3 +69,8 @@ def test_reintegration_names_what_the_plan_itself_does_not_define(state: Any, wo
 def test_diagnose_names_the_expression(state: Any, words: str) -> None:
     b = falling(state)
     assert f": {words}(...) of p.x[1." in str(rcp.diagnose(b.model()))
+
+
+def test_reintegration_does_not_ask_what_the_motion_does_not_read() -> None:
+    b = falling(with_algebraic)
+    assert b.element_errors(b.trajectory()) == pytest.approx(0.0, abs=1e-9)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from collections import Counter
 from typing import Any
 
@@ -180,3 +181,27 @@ def test_solving_verifying_simulating_and_reintegrating_ask_no_rule_again() -> N
     b.reintegrate()
     assert np.isfinite(b.element_errors()).all()
     assert max(calls["rule"], limits["rule"], costs["rule"]) <= 2
+
+
+@pytest.mark.parametrize(
+    "backend",
+    [
+        pytest.param("asl", marks=pytest.mark.asl),
+        *(pytest.param(b, marks=pytest.mark.casadi) for b in ("casadi", "vectorised")),
+    ],
+)
+def test_a_choice_by_the_time_is_the_side_that_holds_at_each_point(backend):
+    m = pyo.ConcreteModel()
+    m.b = b = rcp.PhaseBlock(duration=2.0, elements=20)
+    b.x = rcp.State(initial=0)
+    b.u = rcp.Control(bounds=(-1, 1))
+    b.ode(
+        lambda b, t: {
+            b.x: pyo.Expr_if(IF=pyo.inequality(None, t, 1.0), THEN=1.0 + b.u[t], ELSE=b.u[t] - pyo.sin(b.x[t]))
+        }
+    )
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
+    assert rcp.solve(m, backend=backend, progress=False).solved
+    assert b.x[1.0].value == pytest.approx(1.0, abs=1e-7)
+    # From there the exact motion is tan(x / 2) = tan(1 / 2) exp(1 - t).
+    assert b.x[2.0].value == pytest.approx(2 * math.atan(math.tan(0.5) * math.exp(-1.0)), abs=1e-7)
