@@ -142,7 +142,7 @@ class Place:
 
     def of(self, component: Any) -> Any:
         """A block or component of the model as it is seen from here."""
-        return component if self.is_on_model else proxy_of(component, self._signals)
+        return component if self._signals is None else proxy_of(component, self._signals)
 
     @property
     def is_on_model(self) -> bool:
@@ -156,7 +156,7 @@ class Place:
 
     def scalar(self, leaf: Any) -> Any:
         """A variable, parameter or named expression that does not depend on ``t``."""
-        if self.is_on_model or not hasattr(leaf, "parent_component"):
+        if self._signals is None or not hasattr(leaf, "parent_component"):
             return leaf
         component = leaf.parent_component()
         if component is None or component.is_indexed() or component.parent_block() is None:
@@ -305,7 +305,7 @@ class _Program(StraightLine):
         return self()
 
     def _choose(self, condition: Any, then: Any, otherwise: Any) -> Any:
-        """In rows, the side that the time decides; elsewhere the choice stays one, for whoever looks at times around."""
+        """In rows, the side that the time decides; between the points a proof looks at the times around."""
         if self._is_on_model and condition.__class__ is bool:
             return then if condition else otherwise
         return Expr_if(condition, then, otherwise)
