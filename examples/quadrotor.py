@@ -1,7 +1,7 @@
 """Fly a quadrotor from rest to rest at another place, with little effort.
 
 Position with z downwards, yaw, pitch and roll, velocity and body rates; the controls are thrust and three torques. The
-published moments of inertia are ten times those of the literature on this quadrotor, a mistake in the exponent that is
+published moments of inertia are ten times those of the literature on this quadrotor. The exponent is wrong, and
 kept for comparison; ``build(inertia="literature")`` takes the smaller ones.
 
 Raghunathan, Jha & Romeres, PYROBOCOP: Python-based Robotic Control & Optimization Package for Manipulation,

@@ -53,7 +53,7 @@ def _mpec_choice(side: Any, other: Any, source: Any) -> str | None:
     """Which bounds of a plain variable count.
 
     In `pyomo.mpec` only those that are written out do. Where they suffice, a plain variable on the other side is
-    free and its bounds are just bounds; where they do not, `pyomo.mpec` would refuse, and its own ones are taken.
+    free and its bounds do not take part; where they do not, `pyomo.mpec` would refuse, and its own ones are taken.
     """
     if is_plain_variable(side) and (
         other.__class__ is EqualityExpression

@@ -71,7 +71,7 @@ def four_bounds(first: Any, second: Any, pair: Any) -> ComplementarityError:
     return ComplementarityError(
         f"'{pair.name}': sides '{first}' and '{second}' have four finite bounds, where two are needed. A range "
         "lower <= F <= upper stands against a free side: pass first_bound= or second_bound='free' for a plain variable "
-        "whose bounds are just bounds, or make the bounds of that side a Constraint."
+        "whose bounds do not take part in the pair, or make the bounds of that side a Constraint."
     )
 
 

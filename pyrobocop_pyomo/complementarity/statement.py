@@ -39,7 +39,7 @@ def complements(
         the other bound of the range is then a constraint of its own.
     first_bound, second_bound : {None, "lower", "upper", "free"}
         Which bound of a plain variable is meant; needed only where it has two finite ones. "free": none of them,
-        they are just bounds, and the other side is a range or an equality.
+        these bounds do not take part, and the other side is a range or an equality.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def either_zero(first: Any, second: Any, *, first_bound: str | None = None) -> C
     first : relational expression or variable
         With one finite bound, as in `complements`.
     second : variable or expression
-        Its own bounds are just bounds.
+        Its own bounds do not take part in the pair.
     first_bound : {None, "lower", "upper"}
         Which bound is meant of a first side that is a plain variable with two.
 

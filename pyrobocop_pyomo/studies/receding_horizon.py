@@ -75,7 +75,7 @@ class HorizonStep(Presented):
 
     @cached_property
     def plan(self) -> Trajectory:
-        """The new plan; its time counts from now. After a failure, what is left of the plan before."""
+        """The new plan; its time counts from now. After a failure, the rest of the previous plan."""
         return self.make_plan()
 
     @property
@@ -176,7 +176,7 @@ class RecedingHorizon:
             Ipopt's first barrier parameter, from the second step on: smaller is closer to the last plan. With
             `exact_pairs`, that of the relaxed problem, in all steps.
         time_limit : float, optional
-            Seconds, for this step. Without a new plan by then, what is left of the plan before is given.
+            Seconds, for this step. Without a new plan by then, the rest of the previous plan is given.
 
         Returns
         -------
