@@ -161,6 +161,11 @@ class IterateLog:
         self.seconds = 0.0
 
     @property
+    def iterations(self) -> int:
+        """Those of Ipopt, in all runs so far."""
+        return sum(step.iterations for step in self.steps)
+
+    @property
     def pairs(self) -> Sequence[CanonicalPair]:
         """The pairs that are checked."""
         return self._pairs

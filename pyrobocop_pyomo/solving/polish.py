@@ -6,7 +6,7 @@ import contextlib
 import functools
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -114,21 +114,21 @@ class Exploration:
         return self.budget(pairs) > 0.0 and self.work_within(pairs, iterations) >= 1.0
 
     @contextlib.contextmanager
-    def counted(self, iterations: Callable[[], int]) -> Iterator[None]:
+    def counted(self, log: IterateLog) -> Iterator[None]:
         """Count what is done meanwhile as exploring.
 
         Parameters
         ----------
-        iterations : callable
-            Gives those of Ipopt in all runs so far.
+        log : IterateLog
+            Of all runs of the solve.
         """
-        started, before, explored = time.perf_counter(), iterations(), self.explored_iterations
+        started, before, explored = time.perf_counter(), log.iterations, self.explored_iterations
         seconds = self.seconds
         try:
             yield
         finally:
             # What explores branches in between has counted itself.
-            taken = iterations() - before - (self.explored_iterations - explored)
+            taken = log.iterations - before - (self.explored_iterations - explored)
             self.seconds = seconds + time.perf_counter() - started
             self.work += taken
             self.explored_iterations += taken
@@ -240,7 +240,7 @@ class Polish:
         prepare()
         budget = self._exploration.budget(self._program.pairs)
         deadline = self._settings.deadline.within(budget)
-        iterations = self._iterations()
+        iterations = self._log.iterations
         work = self._exploration.work_within(self._program.pairs, iterations)
         if deadline.has_passed or work < 1.0:
             return iterate
@@ -254,7 +254,7 @@ class Polish:
         finally:
             self._exploration.seconds += time.perf_counter() - started
             self._exploration.work += work - self._search.work_left if np.isfinite(work) else 0.0
-            self._exploration.explored_iterations += self._iterations() - iterations
+            self._exploration.explored_iterations += self._log.iterations - iterations
             self._search.work_left = np.inf
         return iterate if found is start else self._examined(iterate, found, start)
 
@@ -398,9 +398,6 @@ class Polish:
             known = self._solved.get(id(at), (None, None))[0]
             step = Iterate(label=label, delta=None, mu=None, status=None, iterations=0, seconds=seconds)
             self._log.add(step, at=known)
-
-    def _iterations(self) -> int:
-        return sum(step.iterations for step in self._log.steps)
 
     def _linear_seconds(self) -> float:
         seconds, self._search.linear_seconds = self._search.linear_seconds, 0.0

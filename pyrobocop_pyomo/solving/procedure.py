@@ -167,7 +167,7 @@ class _Procedure:
         """Beyond a certified point: other ways down, then other starts, as long as there is a budget and it pays."""
         pairs, found, without_gain = self._places.pairs, self._found, 0
         requested, before, ends = self._settings.exploration is not None, found.best, []
-        if self._settings.strategies is not None or not (requested or (pairs and self._iterations() <= SHORT_SOLVE)):
+        if self._settings.strategies is not None or not (requested or (pairs and self._log.iterations <= SHORT_SOLVE)):
             return
         for strategy in OTHER_WAYS if pairs else OTHER_STARTS_WITHOUT_PAIRS if self._settings.second_tries else ():
             best = found.best
@@ -177,12 +177,12 @@ class _Procedure:
                 break
             if without_gain == (REQUESTED_PATIENCE if requested else PATIENCE):
                 break
-            if not self._exploration.may_go_on(pairs, self._iterations()):
+            if not self._exploration.may_go_on(pairs, self._log.iterations):
                 break
             if strategy.name in self._tried:
                 continue
             self._classify(best)  # another relaxation takes away the rows whose multipliers this asks for
-            with self._exploration.counted(self._iterations):
+            with self._exploration.counted(self._log):
                 iterate = self._try(strategy)
             ends.append(f"'{strategy.name}' " + (f"{iterate.objective:.6g}" if iterate is not None else "no point"))
             without_gain = without_gain + 1 if found.best is best else 0
@@ -194,9 +194,6 @@ class _Procedure:
                 f"Objectives of other ways and starts, beside {before.objective:.6g} of '{before.strategy}'{relaxed}: "
                 f"{', '.join(ends)}. exploration= asks for more of them."
             )
-
-    def _iterations(self) -> int:
-        return sum(step.iterations for step in self._log.steps)
 
     def _go_through_those_without_pairs(self) -> None:
         """One run; where it fails, what else may lead to a solution."""

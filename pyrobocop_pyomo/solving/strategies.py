@@ -99,7 +99,6 @@ OTHER_STARTS = (
 )
 
 
-# Beyond a certified point: other ways down from the initial guess and other starts, as long as exploring pays.
 def _random_starts(strategy: Strategy) -> tuple[Strategy, ...]:
     """The strategy from each random start."""
     return tuple(
@@ -108,6 +107,7 @@ def _random_starts(strategy: Strategy) -> tuple[Strategy, ...]:
     )
 
 
+# Beyond a certified point: other ways down from the initial guess and other starts, as long as exploring pays.
 _RANDOM = _random_starts(BARRIER)
 _ADAPTIVE = replace(BARRIER, name="adaptive, with pairs", options={"mu_strategy": "adaptive"})
 OTHER_WAYS = (CONTINUATION, *_RANDOM[:3], ELASTIC, _ADAPTIVE, *_RANDOM[3:])
