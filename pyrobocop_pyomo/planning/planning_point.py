@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
 
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
-from pyrobocop_pyomo.motion.equations_motion import phases_of_motion
+from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.phases.remeshing import remesh_phases
 
 
@@ -16,20 +15,16 @@ class PlanningPoint:
     Parameters
     ----------
     model : Block
-    blocks : iterable of ObstacleAvoidanceBlockData and ContainmentData
-        Those whose phases may get other meshes.
     """
 
-    def __init__(self, model: Any, blocks: Iterable[Any]) -> None:
+    def __init__(self, model: Any) -> None:
         self._values = VariableValues.of_free(model)
         # By component and index as well: on another mesh and back, variables at times in between are new ones.
         self._named = [
             (variable.parent_component(), variable.index(), number)
             for variable, number in self._values.by_variable.items()
         ]
-        self._meshes = {
-            id(phase): (phase, phase.grid.mesh) for block in blocks for phase in phases_of_motion(block.motion)
-        }
+        self._meshes = {id(phase): (phase, phase.grid.mesh) for phase in phases_of(model.model())}
 
     def restore(self) -> bool:
         """Put values and meshes back; returns whether a mesh was another one, so that separations are new."""
