@@ -19,6 +19,19 @@ from .jump_times import jump_fractions
 MOST_PARTS = 4
 
 
+@dataclass(frozen=True)
+class MeshTolerances:
+    """What errors may be, relative to sizes: of the motion, of limits that are passed, and of the objective."""
+
+    motion: float
+    limits: float
+    objective: float
+
+    def scaled(self, factor: float) -> MeshTolerances:
+        """That many times as much."""
+        return MeshTolerances(factor * self.motion, factor * self.limits, factor * self.objective)
+
+
 @dataclass(frozen=True, eq=False)
 class MeshErrors:
     """Errors of the elements of one answer, by the names of its phases.
@@ -26,8 +39,9 @@ class MeshErrors:
     Attributes
     ----------
     of_motion : dict of str to array, shape (N,)
-        How far states are from the motion of the equations at the end of each element, and how far limits are passed
-        inside it, relative to sizes.
+        How far states are from the motion of the equations at the end of each element, relative to sizes.
+    of_limits : dict of str to array, shape (N,)
+        How far bounds and path inequalities of states are passed inside each element, relative to sizes.
     of_objective : dict of str to array, shape (N,)
         What each element adds to the error of the objective, as a part of its size; phases of which that is not known
         are missing.
@@ -37,37 +51,46 @@ class MeshErrors:
     """
 
     of_motion: Mapping[str, Array]
+    of_limits: Mapping[str, Array]
     of_objective: Mapping[str, Array]
     objective: float
 
     @classmethod
     def of(cls, estimate: DiscretisationEstimate, of_motion: Mapping[str, Array] | None = None) -> MeshErrors:
         """What an estimate says; errors of the motion are its own unless others are given."""
-        found = dict(of_motion or {})
-        for name, phase in estimate.phases.items():
-            known = [of for of in (found.get(name, phase.motion), phase.excesses) if of is not None]
-            if known:
-                found[name] = np.max(known, axis=0)
+        phases = estimate.phases
+        if of_motion is None:
+            of_motion = {name: of.motion for name, of in phases.items() if of.motion is not None}
+        of_limits = {name: of.excesses for name, of in phases.items() if of.excesses is not None}
         size = max(abs(estimate.objective), ZERO_OBJECTIVE)
-        parts = {name: of.objective / size for name, of in estimate.phases.items() if of.objective is not None}
+        parts = {name: of.objective / size for name, of in phases.items() if of.objective is not None}
         error = estimate.relative_objective_error
-        return cls(found, parts, math.nan if error is None else error)
+        return cls(of_motion, of_limits, parts, math.nan if error is None else error)
 
     @property
     def motion(self) -> float:
-        """The largest error of any element; NaN where none is known."""
-        return max((float(of.max(initial=0.0)) for of in self.of_motion.values()), default=math.nan)
+        """The largest error of the motion in any element; NaN where none is known."""
+        return _largest(self.of_motion)
 
-    def excess(self, motion: float, objective: float) -> float:
-        """How many times the larger of both errors is what is allowed; NaN where neither is known."""
-        return float(np.fmax(self.motion / motion, self.objective / objective))
+    @property
+    def limits(self) -> float:
+        """The most by which a limit is passed in any element; NaN where that is not known."""
+        return _largest(self.of_limits)
+
+    def ratio(self, tolerances: MeshTolerances) -> float:
+        """How many times the largest error is what it may be; NaN where none is known."""
+        found = (
+            self.motion / tolerances.motion,
+            self.limits / tolerances.limits,
+            self.objective / tolerances.objective,
+        )
+        return float(np.fmax.reduce(found))
 
     def finer(
         self,
         meshes: Mapping[Any, Mesh],
         trajectories: Mapping[str, Trajectory],
-        motion: float,
-        objective: float,
+        tolerances: MeshTolerances,
         keep: Mapping[str, Collection[float]] | None = None,
         most_parts: int = MOST_PARTS,
     ) -> dict[str, Mesh]:
@@ -79,8 +102,7 @@ class MeshErrors:
             Those of this answer.
         trajectories : dict of str to Trajectory
             The answer; where a control jumps, a boundary is put.
-        motion, objective : float
-            Tolerances of the two.
+        tolerances : MeshTolerances
         keep : mapping of str to collection of float, optional
             Boundaries that stay, so that others may go; all by default.
         most_parts : int
@@ -89,7 +111,7 @@ class MeshErrors:
         return {
             name: remesh(
                 mesh,
-                self._shares(name, mesh.elements, motion, objective),
+                self._shares(name, mesh.elements, tolerances),
                 1.0,
                 trajectories[name].grid.scheme.order,
                 most_parts=most_parts,
@@ -99,10 +121,17 @@ class MeshErrors:
             for name, mesh in meshes.items()
         }
 
-    def _shares(self, name: str, elements: int, motion: float, objective: float) -> Array:
+    def _shares(self, name: str, elements: int, tolerances: MeshTolerances) -> Array:
         """Each element's errors as multiples of what it may have."""
-        shares = self.of_motion.get(name, np.zeros(elements)) / motion
+        none = np.zeros(elements)
+        shares = np.maximum(
+            self.of_motion.get(name, none) / tolerances.motion, self.of_limits.get(name, none) / tolerances.limits
+        )
         if name in self.of_objective:
             count = sum(len(of) for of in self.of_objective.values())
-            shares = np.maximum(shares, self.of_objective[name] * count / objective)
+            shares = np.maximum(shares, self.of_objective[name] * count / tolerances.objective)
         return shares
+
+
+def _largest(of: Mapping[str, Array]) -> float:
+    return max((float(errors.max(initial=0.0)) for errors in of.values()), default=math.nan)

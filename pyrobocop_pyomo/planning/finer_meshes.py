@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.discretisation import MeshErrors
+from pyrobocop_pyomo.discretisation import MeshErrors, MeshTolerances
 from pyrobocop_pyomo.errors import PyRobocopError, RemeshingError
+from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.numerics import Mesh
 from pyrobocop_pyomo.numerics.remeshing import remesh
 from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.phases.remeshing import remesh_phases, why_not_remeshed
 from pyrobocop_pyomo.solving.ipopt_options import NEARLY_THERE
-from pyrobocop_pyomo.solving.iterates import Quality, StopReason
+from pyrobocop_pyomo.solving.iterates import Iterate, Quality, StopReason
+from pyrobocop_pyomo.solving.procedure import solve_model
 from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 from pyrobocop_pyomo.solving.strategies import SOLVE
@@ -25,7 +27,7 @@ from .planning_point import PlanningPoint
 
 logger = logging.getLogger(__name__)
 
-# The largest error of the motion that is allowed, as a multiple of that of the objective.
+# The largest error of the motion that is allowed, as a multiple of those of the objective and of limits.
 MOTION = 10.0
 # What is aimed at: estimates are right within a factor, and one solve more costs more than some elements.
 AIMED = 0.3
@@ -33,82 +35,84 @@ AIMED = 0.3
 MOST_MESHES, MOST_TIMES, MOST_ELEMENTS = 8, 8, 1000
 # Iterations times elements of all of them: a multiple of that of the first solve, or a small problem's.
 EFFORT, SMALL_EFFORT = 10, 30_000
-# Of one solve, which starts from the answer on the mesh before but may be unlucky: as a multiple of its iterations.
-_FEWEST, _MORE = 300, 3
+# Iterations of one solve, or as many as before: it starts from the answer on the mesh before but may be unlucky.
+_FEWEST = 300
 # An objective on a finer mesh that is worse by more than this many estimated errors is that of another local optimum.
 _TRUST = 10.0
 
 
-def solve_on_finer_meshes(
-    model: Any, first: SolveResult, tolerance: float, settings: Settings, solve: Callable[[Settings], SolveResult]
-) -> SolveResult:
-    """Refine the meshes of all phases and solve again, warm, until the errors of the answer are within a tolerance.
+class FinerMeshes:
+    """The meshes of one solve, which get finer until the errors of its answer are within a tolerance.
 
     Parameters
     ----------
     model : Block
-        Holds the answer of `first`.
-    first : SolveResult
+        Its values are the initial guess.
     tolerance : float
-        Of the objective, as a part of its size; the motion may err by `MOTION` times as much of each state's size.
+        Of the objective and of limits of states, as parts of their sizes; the motion may err by `MOTION` times as much.
     settings : Settings
-    solve : callable
-        Solves the model as it stands, with other settings.
-
-    Returns
-    -------
-    SolveResult
-        The best answer, which the model holds; `first` itself where its mesh is fine enough, or cannot be told from.
     """
-    phases = phases_of(model)
-    if not phases or first.residuals or not first.solved:
-        return first
-    return _Refinement(model, phases, first, tolerance, settings, solve).best()
 
+    def __init__(self, model: Any, tolerance: float, settings: Settings) -> None:
+        self._model, self._settings, self._phases = model, settings, phases_of(model)
+        self._tolerances = MeshTolerances(MOTION * tolerance, tolerance, tolerance)
+        self._guess = VariableValues.of_free(model) if self._phases else None
+        self._remark = ""
 
-class _Refinement:
-    """The meshes of one solve."""
-
-    def __init__(
-        self,
-        model: Any,
-        phases: list[Any],
-        first: SolveResult,
-        tolerance: float,
-        settings: Settings,
-        solve: Callable[[Settings], SolveResult],
-    ) -> None:
-        self._model, self._phases, self._settings, self._solve = model, phases, settings, solve
-        self._objective, self._motion = tolerance, MOTION * tolerance
+    def solve(self) -> SolveResult:
+        """Solve the model, and again on finer meshes, warm; the model holds the best answer, which is returned."""
+        first = solve_model(self._model, self._settings)
+        if self._guess is None or first.residuals or not first.solved:
+            return first
+        if not self._errors(first).ratio(self._tolerances) > 1.0:  # or not known
+            return first
         self._results = [first]
         self._first_elements = self._elements()
         self._left = max(SMALL_EFFORT, EFFORT * self._first_elements * first.iterations)
-        self._first_boundaries = {phase.name: frozenset(phase.grid.mesh.boundaries) for phase in phases}
-        self._remark = ""
+        self._first_boundaries = {phase.name: frozenset(phase.grid.mesh.boundaries) for phase in self._phases}
+        answer = self._guess.read()
+        self._guess.restore()
+        self._start = PlanningPoint(self._model)
+        self._guess.write(answer)
+        return self._joined(self._refined(first))
 
-    def best(self) -> SolveResult:
-        """Go on until the tolerance is met, no mesh is better, or the effort is spent."""
-        best, halved = self._results[0], False
+    def _refined(self, best: SolveResult) -> SolveResult:
+        """Go on until the tolerances are met, no mesh is better, or the effort is spent."""
+        halved = False
         while True:
-            errors = MeshErrors.of(best.discretisation)
-            if not errors.excess(self._motion, self._objective) > 1.0:  # or not known
-                break
+            errors = self._errors(best)
+            if not errors.ratio(self._tolerances) > 1.0:
+                return best
             meshes = self._halves() if halved else self._finer(errors)
-            if meshes is None:
-                break
             point = PlanningPoint(self._model)
-            finer = self._solved_on(meshes, best)
-            if finer is None:
-                break
-            self._results.append(finer)
+            if meshes is None or not self._remeshed(meshes):
+                return best
+            try:
+                finer = self._solved(best, NEARLY_THERE)
+                if not self._replaces(finer, best) and not halved and not finer.stop_reason.is_final:
+                    self._start.restore()
+                    remesh_phases(self._of_phases(meshes))
+                    finer = self._solved(best, {})
+            except BaseException as error:
+                point.restore()
+                if not isinstance(error, PyRobocopError):
+                    raise
+                logger.info("'%s' cannot be solved on a finer mesh: %s", self._model.name, error)
+                return best
             if self._replaces(finer, best):
                 best, halved = finer, False
                 continue
             point.restore()
             if halved or finer.stop_reason.is_final:
-                break
+                return best
             halved = True  # another mesh, near to the last one that was solved
-        return self._joined(best)
+
+    @staticmethod
+    def _errors(result: SolveResult) -> MeshErrors:
+        return MeshErrors.of(result.discretisation)
+
+    def _of_phases(self, meshes: dict[str, Mesh]) -> dict[Any, Mesh]:
+        return {phase: meshes[phase.name] for phase in self._phases}
 
     def _elements(self) -> int:
         return sum(phase.grid.mesh.elements for phase in self._phases)
@@ -116,16 +120,13 @@ class _Refinement:
     def _finer(self, errors: MeshErrors) -> dict[str, Mesh] | None:
         meshes = {phase.name: phase.grid.mesh for phase in self._phases}
         trajectories = {phase.name: phase.trajectory() for phase in self._phases}
-        tolerances = AIMED * self._motion, AIMED * self._objective
-        return self._allowed(errors.finer(meshes, trajectories, *tolerances, keep=self._first_boundaries))
+        aimed = self._tolerances.scaled(AIMED)
+        return self._allowed(errors.finer(meshes, trajectories, aimed, keep=self._first_boundaries))
 
     def _halves(self) -> dict[str, Mesh] | None:
         meshes = {phase.name: phase.grid.mesh for phase in self._phases}
         return self._allowed(
-            {
-                name: remesh(mesh, np.full(mesh.elements, np.inf), 1.0, 1, most_parts=2)
-                for name, mesh in meshes.items()
-            }
+            {name: remesh(mesh, np.full(mesh.elements, np.inf), 1.0, 1, most_parts=2) for name, mesh in meshes.items()}
         )
 
     def _allowed(self, meshes: dict[str, Mesh]) -> dict[str, Mesh] | None:
@@ -136,22 +137,26 @@ class _Refinement:
             return None
         return None if meshes == {phase.name: phase.grid.mesh for phase in self._phases} else meshes
 
-    def _solved_on(self, meshes: dict[str, Mesh], before: SolveResult) -> SolveResult | None:
-        """The answer on other meshes; None where the phases cannot have them, or nothing can be solved there."""
-        phases = {phase.name: phase for phase in self._phases}
+    def _remeshed(self, meshes: dict[str, Mesh]) -> bool:
+        """Whether the phases can have these meshes; they have them then."""
         try:
             for phase in self._phases:
                 if (reason := why_not_remeshed(phase)) is not None:
                     raise RemeshingError(reason)
-            remesh_phases({phases[name]: mesh for name, mesh in meshes.items()})
+            remesh_phases(self._of_phases(meshes))
         except PyRobocopError as error:
             self._remark = f"The mesh stays as it is: {error}"
-            return None
+            return False
+        return True
+
+    def _solved(self, before: SolveResult, options: Mapping[str, Any]) -> SolveResult:
+        """The answer from the values on the model."""
         count = self._elements()
-        iterations = min(max(_FEWEST, _MORE * before.iterations), self._left // count)
-        again = replace(SOLVE, name="finer mesh", options={**NEARLY_THERE, "max_iter": iterations})
-        result = self._solve(replace(self._settings, strategies=(again,)))
+        iterations = max(1, min(max(_FEWEST, before.iterations), self._left // count))
+        again = replace(SOLVE, name="finer mesh", options={**options, "max_iter": iterations})
+        result = solve_model(self._model, replace(self._settings, strategies=(again,)))
         self._left -= count * result.iterations
+        self._results.append(result)
         logger.info("'%s' on %d elements: %s", self._model.name, count, result.one_line())
         return result
 
@@ -159,30 +164,29 @@ class _Refinement:
         """Whether an answer is no worse than that on the mesh before, which may have flattered itself."""
         if finer.quality is not Quality.OPTIMAL:
             return False
-        errors = [MeshErrors.of(result.discretisation) for result in (finer, before)]
+        errors = self._errors(finer), self._errors(before)
         explained = sum(
             np.nan_to_num(of.objective) * abs(result.objective)
             for of, result in zip(errors, (finer, before), strict=True)
         )
         worse = finer.standing.cost - before.standing.cost
-        inexact = errors[1].excess(self._motion, np.inf) > 1.0  # the motion before was none of the equations
+        inexact = errors[1].motion > self._tolerances.motion  # the motion before was none of the equations
         return inexact or not worse > _TRUST * explained
 
     def _joined(self, best: SolveResult) -> SolveResult:
         """The best answer, with the steps of all, and what became of the mesh."""
         first, results = self._results[0], self._results
         remarks = [*best.remarks, *([self._remark] if self._remark else [])]
-        if len(results) == 1:
-            return replace(first, remarks=tuple(remarks))
         elements = self._elements()
-        if best is first:
+        if best is first and len(results) > 1:
             remarks.append(f"Finer meshes than that of {elements} elements led to nothing better.")
-        else:
+        elif best is not first:
             remarks.append(
-                f"The mesh was refined from {self._first_elements} to {elements} elements, where the estimated errors "
-                f"of the first answer, {first.objective:.6g}, called for it (mesh_tolerance={self._objective:g})."
+                f"The mesh was refined from {self._first_elements} to {elements} elements: the first answer, "
+                f"{first.objective:.6g}, was not exact enough (mesh_tolerance={self._tolerances.objective:g})."
             )
-        steps, number = [], 0
+        steps: list[Iterate] = []
+        number = 0
         for result in results:
             if result is best:
                 number = len(steps) + result.best.number

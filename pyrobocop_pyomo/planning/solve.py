@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from numbers import Real
 from typing import Any, TextIO
 
@@ -37,7 +36,7 @@ from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 from pyrobocop_pyomo.solving.strategies import Strategy, as_strategies
 
-from .finer_meshes import solve_on_finer_meshes
+from .finer_meshes import FinerMeshes
 from .integer_controls import open_choices, solve_with_integer_controls
 from .safe_planning import SafePlanning, avoidance_blocks, containments
 
@@ -242,10 +241,9 @@ def solve(
             # Where no plan is found, the recovery has other starts.
             without = replace(settings, second_tries=False)
             return SafePlanning(model, blocks, regions, without, equations=equations).plan()
-        first = solve_model(model, settings)
         if mesh_tolerance is None or choices:
-            return first
-        return solve_on_finer_meshes(model, first, mesh_tolerance, settings, partial(solve_model, model))
+            return solve_model(model, settings)
+        return FinerMeshes(model, mesh_tolerance, settings).solve()
 
     if choices:
         result = solve_with_integer_controls(model, choices, as_it_stands, settings.deadline)

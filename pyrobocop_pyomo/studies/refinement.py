@@ -15,19 +15,27 @@ from pyomo.core.base.block import Block
 from pyomo.core.base.componentuid import ComponentUID
 from pyomo.core.base.var import Var
 
-from pyrobocop_pyomo.discretisation import MeshErrors
+from pyrobocop_pyomo.discretisation import MeshErrors, MeshTolerances
 from pyrobocop_pyomo.errors import ModelError, SolveFailed, TrajectoryError
 from pyrobocop_pyomo.modeling.activity import is_inside
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.numerics import Array, Mesh, remesh
 from pyrobocop_pyomo.phases import PhaseBlockData, phases_of, remesh_phases
-from pyrobocop_pyomo.planning.solve import solve
 from pyrobocop_pyomo.solving import Quality, SolveResult
 from pyrobocop_pyomo.solving.iterates import StopReason
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .outcomes import COMMON_COLUMNS, Column, Outcome, StudyResult, seconds_left, table_header, table_row
+from .outcomes import (
+    COMMON_COLUMNS,
+    Column,
+    Outcome,
+    StudyResult,
+    seconds_left,
+    solve_as_given,
+    table_header,
+    table_row,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -309,8 +317,7 @@ def solve_refined(
             meshes = found.of_mesh.finer(
                 meshes,
                 found.trajectories,
-                tolerance,
-                objective_tolerance,
+                MeshTolerances(tolerance, tolerance, objective_tolerance),
                 keep=first_boundaries if join else None,
                 most_parts=most_parts,
             )
@@ -400,7 +407,7 @@ def _solve_on(
 
     def solved(model: Any, limits: Mapping[str, Any]) -> SolveResult:
         limit = seconds_left(deadline.within(time_limit))
-        return solve(model, **{**options, **limits, "time_limit": limit})
+        return solve_as_given(model, **{**options, **limits, "time_limit": limit})
 
     model = builder.model(meshes)
     if coarser is not None:
@@ -415,7 +422,7 @@ def _solve_on(
     phases = {name: builder.phase(model, name) for name in builder.names}
     trajectories = {name: phase.trajectory() for name, phase in phases.items()}
     errors: dict[str, Array] = {}
-    of_mesh = MeshErrors({}, {}, math.nan)
+    of_mesh = MeshErrors({}, {}, {}, math.nan)
     if result.quality is not Quality.INFEASIBLE:
         relative = {}
         for name, phase in phases.items():
@@ -427,7 +434,7 @@ def _solve_on(
         of_mesh = MeshErrors.of(result.discretisation, relative)
     step = RefinementStep(
         sum(mesh.elements for mesh in meshes.values()),
-        of_mesh.motion,
+        float(np.fmax(of_mesh.motion, of_mesh.limits)),
         of_mesh.objective,
         result=result,
         seconds=time.perf_counter() - started,
