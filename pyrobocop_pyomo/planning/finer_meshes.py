@@ -31,8 +31,8 @@ logger = logging.getLogger(__name__)
 MOTION = 10.0
 # What is aimed at: estimates are right within a factor, and one solve more costs more than some elements.
 AIMED = 0.3
-# So many meshes follow the first one, with as many times its elements, and as many in all.
-MOST_MESHES, MOST_TIMES, MOST_ELEMENTS = 8, 8, 1000
+# So many meshes follow the first one, with as many times its elements, or as many in a small problem; at most so many.
+MOST_MESHES, MOST_TIMES, SMALL_ELEMENTS, MOST_ELEMENTS = 8, 8, 200, 1000
 # Iterations times elements of all of them: a multiple of that of the first solve, or a small problem's.
 EFFORT, SMALL_EFFORT = 10, 30_000
 # Iterations of one solve, or as many as before: it starts from the answer on the mesh before but may be unlucky.
@@ -132,7 +132,7 @@ class FinerMeshes:
     def _allowed(self, meshes: dict[str, Mesh]) -> dict[str, Mesh] | None:
         """The meshes, unless they are too many or too fine."""
         count = sum(mesh.elements for mesh in meshes.values())
-        most = min(MOST_TIMES * self._first_elements, MOST_ELEMENTS)
+        most = min(max(MOST_TIMES * self._first_elements, SMALL_ELEMENTS), MOST_ELEMENTS)
         if len(self._results) > MOST_MESHES or count > most or self._left < count or self._settings.deadline.has_passed:
             return None
         return None if meshes == {phase.name: phase.grid.mesh for phase in self._phases} else meshes
