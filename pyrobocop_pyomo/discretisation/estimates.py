@@ -42,7 +42,7 @@ class PhaseEstimate(Presented):
     objective : array, shape (N,), or None
         What each element adds to the error of the objective, estimated; not negative.
     remarks : tuple of str
-        What is not known, and why; and which states pass their bounds between the points of the mesh.
+        What is not known, and why.
     net : float or None
         What all elements together add to the error of the objective, estimated; errors of different signs cancel.
     passed : float
@@ -54,6 +54,8 @@ class PhaseEstimate(Presented):
         looked at: other controls between the points meet them.
     relative_excesses : array, shape (N,), or None
         The same as a part of the size also where that is below one.
+    bounds_passed : str
+        Which states pass their bounds between the points of the mesh, as a sentence; empty where none does.
     """
 
     name: str
@@ -67,6 +69,7 @@ class PhaseEstimate(Presented):
     passed: float = 0.0
     excesses: Array | None = None
     relative_excesses: Array | None = None
+    bounds_passed: str = ""
 
     @property
     def elements(self) -> int | None:
@@ -137,7 +140,13 @@ class DiscretisationEstimate(Presented):
     @property
     def remarks(self) -> tuple[str, ...]:
         """What is not known, and why; and which states pass their bounds between the points of the mesh."""
-        return tuple(remark for phase in self.phases.values() for remark in phase.remarks)
+        unknown = tuple(remark for phase in self.phases.values() for remark in phase.remarks)
+        return (*unknown, *self.bounds_passed)
+
+    @property
+    def bounds_passed(self) -> tuple[str, ...]:
+        """A sentence for each phase with states that pass their bounds between the points of the mesh."""
+        return tuple(phase.bounds_passed for phase in self.phases.values() if phase.bounds_passed)
 
     @property
     def is_large(self) -> bool:

@@ -71,7 +71,7 @@ def _first_line(result: SolveResult) -> str:
     elif mesh.phases or violation > 0.0:
         exact.append(f"{'equations' if mesh.phases else 'constraints'} to {max(violation, 1e-16):.0e}")
     if not result.residuals and (error := mesh.relative_objective_error) is not None:
-        exact.append(f"mesh error {percent(error)}")
+        exact.append(f"mesh error {percent(error)} on {sum(of.elements or 0 for of in mesh.phases.values())} elements")
     done = f"objective {result.objective:.6g}, {iterations}, {result.seconds:.2g} s"
     return f"{result.name}: {_verdict(result)}. {'; '.join((done, ', '.join(exact))) if exact else done}"
 
@@ -105,11 +105,14 @@ def _estimate(result: SolveResult) -> DiscretisationEstimate:
 def _doubts(result: SolveResult) -> Iterable[str]:
     for doubt in result.doubts:
         yield f"DOUBTFUL: {doubt.message} {doubt.remedy}"
+    if result.rounding is not None:
+        yield str(result.rounding)
     if result.changed:
         yield f"CHANGED: {result.changed}"
     mesh = _estimate(result)
     if mesh.is_large:
         yield f"COARSE MESH: {mesh.in_words()}"
+    yield from mesh.bounds_passed
     if result.advice_on_motion:
         yield result.advice_on_motion
 
