@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 MOST_LINES = 8
 # Of a line that is shown; `report()` has all of it.
-MOST_CHARACTERS = 240
+MOST_CHARACTERS = 400
 # So many violated components, and so many of what stands against a solution, are named.
 SHOWN_VIOLATIONS, SHOWN_OBSTRUCTIONS = 2, 3
 # A remark that begins so is about a point that is not the answer.

@@ -318,11 +318,8 @@ def test_without_an_objective_too_many_equations_are_counted_and_named() -> None
     m.none = pyo.Constraint(expr=m.level[0, 0] == 1)  # all of it is fixed: judged by its values
     result = rcp.solve(m, progress=False)
     (doubt,) = result.doubts
-    assert (
-        str(result)
-        .splitlines()[1]
-        .startswith("DOUBTFUL: there is no objective, and 13 equations hold only 12 variables")
-    )
+    second = str(result).splitlines()[1]
+    assert second.startswith("DOUBTFUL: there is no objective, and 13 equations hold only 12 variables")
     assert set(doubt.components) == {"more", "flow", "rate_disc_eq"}  # nothing of the other two tanks
     m.more.deactivate()
     assert doubts_before_solve(m) == ()
