@@ -106,7 +106,7 @@ def test_the_best_faces_are_those_that_solving_one_by_one_finds() -> None:
     sequences = rcp.studies.mode_sequences(
         ["left", "bottom"], range(1, 3), allowed=lambda before, after: before != after
     )
-    times = {sequence: rcp.solve(pushing.build(sequence, elements=6)) for sequence in sequences}
+    times = {sequence: rcp.solve(pushing.build(sequence, elements=6), mesh_tolerance=None) for sequence in sequences}
     ranking = rcp.studies.solve_sequences(lambda sequence: pushing.build(sequence, elements=6), sequences)
     best = min((s for s in sequences if times[s].solved), key=lambda s: times[s].objective)
     assert ranking[0].sequence == best

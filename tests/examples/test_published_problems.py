@@ -29,7 +29,7 @@ def best_branch(m: pyo.ConcreteModel) -> float:
     for choice in itertools.product((0, 1), repeat=len(pairs)):
         for pair, side in zip(pairs, choice, strict=True):
             pair[side].fix(0)
-        result = rcp.solve(m, progress=False)
+        result = rcp.solve(m, progress=False, mesh_tolerance=None)
         if result.solved:
             found.append(result.objective)
         for pair in pairs:

@@ -125,14 +125,14 @@ def test_the_numbers_are_those_of_the_file_and_not_of_the_solver(
     """A solver that claims another point to be optimal is found out."""
     folder = folder_with(["box"], tmp_path / "some")
     sweep_module = importlib.import_module("pyrobocop_pyomo.studies.case_solver")
-    solve = sweep_module.solve
+    solve = sweep_module.solve_as_given
 
     def lying(model: Any, **options: Any) -> Any:
         result = solve(model, **options)
         model.x["1"].set_value(0.0)  # y, while x stays at 2
         return result
 
-    monkeypatch.setattr(sweep_module, "solve", lying)
+    monkeypatch.setattr(sweep_module, "solve_as_given", lying)
     (outcome,) = solve_files(folder)
     assert outcome.verdict == "optimal"
     assert outcome.numbers["natural"] == pytest.approx(0.5)

@@ -36,7 +36,7 @@ def pair(goal: float) -> Any:
 
 def test_success_is_one_line_with_the_errors_of_equations_and_mesh() -> None:
     (line,) = str(rcp.solve(cart())).splitlines()
-    assert line.startswith("cart: solved. objective 1.5, 1 iteration, ")
+    assert line.startswith("cart: solved. objective 1.5, ")
     assert "equations to " in line
     assert "mesh error " in line
     assert "on 10 elements" in line
@@ -50,7 +50,7 @@ def test_pairs_are_counted_and_certified_in_the_same_line() -> None:
 @pytest.mark.parametrize(
     ("model", "options", "words"),
     [
-        (lambda: cart(force=1.0), {}, ["NOT SOLVED, and proven to have no solution", "not met: ", "- 'p.u' "]),
+        (lambda: cart(force=0.5), {}, ["NOT SOLVED, and proven to have no solution", "not met: ", "- 'p.u' "]),
         (cart, {"options": {"max_iter": 0}}, ["the iteration limit was reached", "max_iter"]),
     ],
 )

@@ -166,7 +166,7 @@ def test_what_makes_no_sense_is_refused_before_any_solve(
     def never(*_: Any, **__: Any) -> None:
         raise AssertionError
 
-    monkeypatch.setattr(case_solver, "solve", never)
+    monkeypatch.setattr(case_solver, "solve_as_given", never)
     monkeypatch.chdir(tmp_path)
     m = spring()
     before = facts(m)
