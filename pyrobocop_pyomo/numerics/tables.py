@@ -84,10 +84,11 @@ class _Interpolant:
 
     def derivatives(self, by: tuple[int, ...], order: int, points: Array) -> Array:
         """All derivatives of an order of the one by inputs, shape (points, inputs, ...)."""
-        found = np.empty((points.shape[0], *[points.shape[1]] * order))
+        found, every = np.empty((points.shape[0], *[points.shape[1]] * order)), slice(None)
         for inputs in product(range(points.shape[1]), repeat=order):
             known = tuple(sorted(inputs))  # which comes first
-            found[(..., *inputs)] = found[(..., *known)] if known != inputs else self.derivative((*by, *inputs), points)
+            same = known != inputs
+            found[(every, *inputs)] = found[(every, *known)] if same else self.derivative((*by, *inputs), points)
         return found
 
     @property
