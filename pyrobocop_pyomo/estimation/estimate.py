@@ -14,10 +14,9 @@ from pyrobocop_pyomo.errors import EstimationError, NotIdentifiable
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.phases import note_outcome
-from pyrobocop_pyomo.planning.solve import solve
 from pyrobocop_pyomo.solving import Quality, SolveResult
 from pyrobocop_pyomo.solving.progress import Progress
-from pyrobocop_pyomo.studies.outcomes import seconds_left
+from pyrobocop_pyomo.studies.outcomes import seconds_left, solve_as_given
 from pyrobocop_pyomo.studies.sweep import SweepResult, sweep
 
 from .estimation_result import EstimationResult
@@ -181,16 +180,16 @@ def _check_arguments(starts: Any, spread: Any, confidence: Any, unidentifiable: 
 def _fit(problem: EstimationProblem, deadline: Deadline, options: dict[str, Any]) -> SolveResult:
     """Fit from the guess; where that leads nowhere, from the motion that the guess of the parameters gives."""
     start = VariableValues.of_all(problem.model)
-    first = solve(problem.model, **{**options, "time_limit": seconds_left(deadline)})
+    first = solve_as_given(problem.model, **{**options, "time_limit": seconds_left(deadline)})
     if first.solved or first.stop_reason.is_final:
         return first
     found = VariableValues.of_all(problem.model)
     start.restore()
     with problem.simulated():
         barrier = {"strategies": ("barrier",), **options, "time_limit": seconds_left(deadline)}
-        simulated = solve(problem.model, **barrier)
+        simulated = solve_as_given(problem.model, **barrier)
     if simulated.quality is not Quality.INFEASIBLE and not deadline.has_passed:
-        second = solve(problem.model, **{**options, "time_limit": seconds_left(deadline)})
+        second = solve_as_given(problem.model, **{**options, "time_limit": seconds_left(deadline)})
         if second.standing.is_better_than(first.standing):
             return second
     found.restore()

@@ -11,9 +11,8 @@ from pyrobocop_pyomo.diagnosis.findings import Finding, Severity, Subject
 from pyrobocop_pyomo.errors import ModelError, PyRobocopError
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.planning.solve import solve
 from pyrobocop_pyomo.solving import Quality
-from pyrobocop_pyomo.studies.outcomes import seconds_left
+from pyrobocop_pyomo.studies.outcomes import seconds_left, solve_as_given
 
 from .problem import EstimationProblem
 from .statistics import UNSEEN, unseen_combinations
@@ -68,7 +67,7 @@ def _unseen_at(
             unknown.put(number)
         with problem.simulated():
             barrier = {"strategies": ("barrier",), **options, "time_limit": seconds_left(deadline)}
-            result = solve(problem.model, **barrier)
+            result = solve_as_given(problem.model, **barrier)
         solved = result.quality is not Quality.INFEASIBLE
         why = result.stop_reason.value
     except ModelError:

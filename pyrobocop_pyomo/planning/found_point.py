@@ -31,7 +31,7 @@ class PointOnModel:
 
     def __init__(self, model: BlockData) -> None:
         self._values = VariableValues.of_free(model)
-        self.suffixes = [(suffix, ComponentMap(suffix.items())) for suffix in _imported(model)]
+        self.suffixes = [(suffix, ComponentMap(suffix.items())) for suffix in imported_suffixes(model)]
 
     @property
     def values(self) -> ComponentMap:
@@ -109,7 +109,7 @@ class FoundPoint(SolutionLoader):
 @contextmanager
 def multipliers_imported(model: BlockData) -> Iterator[None]:
     """Declare the usual import suffixes where nothing has their names; afterwards they are gone."""
-    present = {suffix.local_name for suffix in _imported(model)}
+    present = {suffix.local_name for suffix in imported_suffixes(model)}
     added = []
     for name in _ALWAYS_IMPORTED:
         if name not in present and model.component(name) is None and not hasattr(model, name):
@@ -122,7 +122,7 @@ def multipliers_imported(model: BlockData) -> Iterator[None]:
             model.del_component(name)
 
 
-def _imported(model: BlockData) -> list[Suffix]:
+def imported_suffixes(model: BlockData) -> list[Suffix]:
     """Suffixes for import, those nearest to the root first."""
     found = model.component_objects(
         Suffix, active=True, descend_into=True, descent_order=TraversalStrategy.BreadthFirstSearch

@@ -1,35 +1,31 @@
-"""`PlanningPoint`: the values on a model together with the meshes that they stand on."""
+"""`PlanningPoint`: values and multipliers on a model together with the meshes that they stand on."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping
 from typing import Any
 
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
-from pyrobocop_pyomo.motion.equations_motion import phases_of_motion
+from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.phases.remeshing import remesh_phases
+
+from .found_point import imported_suffixes
 
 
 class PlanningPoint:
-    """Values of the free variables of a model, to be put back later, on whatever mesh its phases are by then.
+    """Values of free variables and imported suffixes of a model, to be put back later, whatever its meshes are then.
 
     Parameters
     ----------
     model : Block
-    blocks : iterable of ObstacleAvoidanceBlockData and ContainmentData
-        Those whose phases may get other meshes.
     """
 
-    def __init__(self, model: Any, blocks: Iterable[Any]) -> None:
+    def __init__(self, model: Any) -> None:
         self._values = VariableValues.of_free(model)
-        # By component and index as well: on another mesh and back, variables at times in between are new ones.
-        self._named = [
-            (variable.parent_component(), variable.index(), number)
-            for variable, number in self._values.by_variable.items()
-        ]
-        self._meshes = {
-            id(phase): (phase, phase.grid.mesh) for block in blocks for phase in phases_of_motion(block.motion)
-        }
+        # By component and index as well: on another mesh and back, variables and rows at times in between are new ones.
+        self._named = _named(self._values.by_variable)
+        self._suffixes = [(suffix, _named(suffix)) for suffix in imported_suffixes(model)]
+        self._meshes = {id(phase): (phase, phase.grid.mesh) for phase in phases_of(model.model())}
 
     def restore(self) -> bool:
         """Put values and meshes back; returns whether a mesh was another one, so that separations are new."""
@@ -41,4 +37,20 @@ class PlanningPoint:
         for component, index, number in self._named:
             if component.parent_block() is not None and index in component and not component[index].fixed:
                 component[index].set_value(number, skip_validation=True)
+        for suffix, entries in self._suffixes:
+            suffix.clear()
+            suffix.update(
+                (component[index], entry)
+                for component, index, entry in entries
+                if component.parent_block() is not None and index in component
+            )
         return True
+
+
+def _named(entries: Mapping[Any, Any]) -> list[tuple[Any, Any, Any]]:
+    """Component, index and entry of each part of a model that has an entry."""
+    return [
+        (part.parent_component(), part.index(), entry)
+        for part, entry in entries.items()
+        if hasattr(part, "parent_component") and part.parent_component() is not None
+    ]

@@ -137,7 +137,7 @@ def way_back(
     model: Any, blocks: list[ObstacleAvoidanceBlockData], regions: list[ContainmentData]
 ) -> Callable[[], None]:
     """What puts back the point, meshes, margins and norms of now; planes that are new by then start at the point."""
-    point = PlanningPoint(model, [*blocks, *regions])
+    point = PlanningPoint(model)
     margins = [{index: value(block.margin[index]) for index in block.separations} for block in blocks]
     norms = [block.record.norm_now for block in blocks]
     room = [{time: value(region.margin[time]) for time in region.times} for region in regions]

@@ -84,7 +84,7 @@ class Recovery:
         self, model: Any, blocks: list[ObstacleAvoidanceBlockData], regions: list[ContainmentData], planning: Solves
     ) -> None:
         self._model, self._blocks, self._regions, self._planning = model, blocks, regions, planning
-        self._initial = PlanningPoint(model, [*blocks, *regions])
+        self._initial = PlanningPoint(model)
         self._directions = {block: dict(block.record.directions) for block in blocks}
         self._was_cut_short = False
 
@@ -152,7 +152,7 @@ class Recovery:
 
     def _leads_along_paths(self, cars: Sequence[tuple[ObstacleAvoidanceBlockData, Any]], clearances: float) -> bool:
         """Whether a search finds a path for a car; it is on the model then, as its initial guess."""
-        last, found = PlanningPoint(self._model, [*self._blocks, *self._regions]), False
+        last, found = PlanningPoint(self._model), False
         self._initial.restore()
         for block, car in cars:
             try:
@@ -171,7 +171,7 @@ class Recovery:
         The guess says how fast it goes and where it starts and ends. Where it runs into everything (`freely`), the best
         motion without obstacles says so better, if that is found at once.
         """
-        last = PlanningPoint(self._model, [*self._blocks, *self._regions])
+        last = PlanningPoint(self._model)
         self._initial.restore()
         if freely:
             self._planning.solve_without_obstacles()

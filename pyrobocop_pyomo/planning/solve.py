@@ -36,6 +36,7 @@ from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 from pyrobocop_pyomo.solving.strategies import Strategy, as_strategies
 
+from .finer_meshes import FinerMeshes
 from .integer_controls import open_choices, solve_with_integer_controls
 from .safe_planning import SafePlanning, avoidance_blocks, containments
 
@@ -76,6 +77,7 @@ def solve(
     progress: bool | Progress | None = None,
     equations: bool = True,
     scaling: bool | None = None,
+    mesh_tolerance: float | None = 1e-3,
 ) -> SolveResult:
     """Solve a model with complementarity pairs: relax, continue, polish, certify, and report.
 
@@ -167,6 +169,12 @@ def solve(
         default so, except with obstacles and regions, whose rows are of size one where lengths are.
         Values, residuals and multipliers come back in the model's units. A suffix ``scaling_factor`` of the model
         wins for what it names; with Ipopt's option ``nlp_scaling_method`` only that option scales.
+    mesh_tolerance : float, optional
+        Where the estimated error of the objective is above this part of its size, or that of the motion above ten times
+        as much of a state's size, the meshes of all phases get finer, in place, and the model is solved again from
+        there; see `SolveResult.discretisation`. Up to eight times the elements, and about ten times the effort of the
+        first solve. Not with pairs, obstacles (whose meshes follow from what is proven), and integer controls. None
+        keeps the meshes as they are.
 
     Returns
     -------
@@ -210,6 +218,8 @@ def solve(
     )
     if exploration is not None and not exploration >= 0.0:
         raise ValueError(f"exploration = {exploration!r}; expected a multiple of the solve's time, 0 or more.")
+    if mesh_tolerance is not None and not (isinstance(mesh_tolerance, Real) and float(mesh_tolerance) > 0.0):
+        raise ValueError(f"mesh_tolerance = {mesh_tolerance!r}; expected a number above 0, such as 1e-3, or None.")
     for phase in phases_of(model):
         phase.check()
     refuse_inconsistent_units(model)
@@ -224,14 +234,17 @@ def solve(
         check_fixed_inside(region, feasibility_tolerance)
         check_contained_motion(region)
 
+    choices = open_choices(model)
+
     def as_it_stands() -> SolveResult:
         if blocks or regions:
             # Where no plan is found, the recovery has other starts.
             without = replace(settings, second_tries=False)
             return SafePlanning(model, blocks, regions, without, equations=equations).plan()
-        return solve_model(model, settings)
+        if mesh_tolerance is None or choices:
+            return solve_model(model, settings)
+        return FinerMeshes(model, mesh_tolerance, settings).solve()
 
-    choices = open_choices(model)
     if choices:
         result = solve_with_integer_controls(model, choices, as_it_stands, settings.deadline)
     else:

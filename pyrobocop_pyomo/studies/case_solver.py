@@ -22,7 +22,6 @@ from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import Values
 from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
-from pyrobocop_pyomo.planning.solve import solve
 from pyrobocop_pyomo.programs.casadi_program import casadi_available
 from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason
 from pyrobocop_pyomo.solving.ipopt_options import IpoptOptions
@@ -31,7 +30,7 @@ from pyrobocop_pyomo.solving.persistent_solve import PersistentSolve, is_certifi
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.settings import Settings
 
-from .outcomes import Column, Outcome, seconds_left
+from .outcomes import Column, Outcome, seconds_left, solve_as_given
 from .sweep_cases import SweepCase, put_mapping
 
 Put = Callable[[Any, Any], object]
@@ -262,7 +261,7 @@ class CaseSolver:
         found = state.read() if warm is not None else []
         self._leave()
         state.write(initial)
-        cold = solve(self.model, **{**self._options, "time_limit": seconds_left(deadline)})
+        cold = solve_as_given(self.model, **{**self._options, "time_limit": seconds_left(deadline)})
         if warm is None or warm.quality is Quality.INFEASIBLE or not warm.standing.is_better_than(cold.standing):
             return cold, False
         state.write(found)

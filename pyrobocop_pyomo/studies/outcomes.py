@@ -106,6 +106,11 @@ def seconds_left(deadline: Deadline) -> float | None:
     return None if deadline.left is None else max(deadline.left, 1e-3)
 
 
+def solve_as_given(model: Any, **options: Any) -> SolveResult:
+    """Solve one problem of a study on the meshes that it has: what is compared stands on the same ones."""
+    return solve(model, **{"mesh_tolerance": None, **options})
+
+
 def result_or_error(
     model: Any, options: Mapping[str, Any], progress: Progress | bool = False
 ) -> tuple[SolveResult | None, str]:
@@ -117,7 +122,7 @@ def result_or_error(
         With which no other problem of the study could do better.
     """
     try:
-        return solve(model, progress=progress, **options), ""
+        return solve_as_given(model, progress=progress, **options), ""
     except (ModelError, SolverNotFoundError):
         raise
     except PyRobocopError as error:

@@ -15,20 +15,27 @@ from pyomo.core.base.block import Block
 from pyomo.core.base.componentuid import ComponentUID
 from pyomo.core.base.var import Var
 
-from pyrobocop_pyomo.discretisation.estimates import ZERO_OBJECTIVE
+from pyrobocop_pyomo.discretisation import MeshErrors, MeshTolerances
 from pyrobocop_pyomo.errors import ModelError, SolveFailed, TrajectoryError
 from pyrobocop_pyomo.modeling.activity import is_inside
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.numerics import Array, Mesh, remesh
 from pyrobocop_pyomo.phases import PhaseBlockData, phases_of, remesh_phases
-from pyrobocop_pyomo.planning.solve import solve
 from pyrobocop_pyomo.solving import Quality, SolveResult
 from pyrobocop_pyomo.solving.iterates import StopReason
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .jump_times import jump_fractions
-from .outcomes import COMMON_COLUMNS, Column, Outcome, StudyResult, seconds_left, table_header, table_row
+from .outcomes import (
+    COMMON_COLUMNS,
+    Column,
+    Outcome,
+    StudyResult,
+    seconds_left,
+    solve_as_given,
+    table_header,
+    table_row,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -80,8 +87,7 @@ class RefinementStep(Outcome):
         """How many times the larger of the two errors is what is allowed; infinite after a failure."""
         if not self.feasible or math.isnan(self.element_error):
             return math.inf
-        of_objective = 0.0 if math.isnan(self.objective_error) else self.objective_error / objective_tolerance
-        return max(self.element_error / tolerance, of_objective)
+        return float(np.fmax(self.element_error / tolerance, self.objective_error / objective_tolerance))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -308,15 +314,13 @@ def solve_refined(
                 for name, mesh in best[1].items()
             }
         else:
-            meshes = {
-                name: remesh(
-                    meshes[name], found.shares(name, tolerance, objective_tolerance), 1.0,
-                    builder.phase(found.model, name).grid.scheme.order,
-                    most_parts=most_parts, keep=first_boundaries[name] if join else None,
-                    jumps=jump_fractions(found.trajectories[name]),
-                )
-                for name in meshes
-            }  # fmt: skip
+            meshes = found.of_mesh.finer(
+                meshes,
+                found.trajectories,
+                MeshTolerances(tolerance, tolerance, objective_tolerance),
+                keep=first_boundaries if join else None,
+                most_parts=most_parts,
+            )
         if end is None and sum(finer.elements for finer in meshes.values()) > most_elements:
             end = RefinementEnd.ELEMENT_LIMIT
         if end is not None:
@@ -374,30 +378,20 @@ def _replaces(step: RefinementStep, before: RefinementStep, tolerance: float, ob
 class _Answer:
     """A solved model, the trajectories of its phases, and the errors of their elements.
 
-    Those in `relative` are relative to the sizes of states and hold what limits are passed by, those in `of_objective`
-    are relative to the size of the objective.
+    Those in `of_mesh` are relative to sizes.
     """
 
     model: Any
     trajectories: Mapping[str, Trajectory]
     errors: Mapping[str, Array]
-    relative: Mapping[str, Array]
-    of_objective: Mapping[str, Array]
+    of_mesh: MeshErrors
     result: SolveResult
 
     def knows(self, objective_tolerance: float) -> bool:
         """Whether all errors that have a tolerance are known, in all phases."""
         of_phases = self.result.discretisation.phases
         every = all(name in of_phases and of_phases[name].excesses is not None for name in self.trajectories)
-        return every and (objective_tolerance == math.inf or set(self.of_objective) == set(self.trajectories))
-
-    def shares(self, name: str, tolerance: float, objective_tolerance: float) -> Array:
-        """Of one phase: each element's errors as multiples of what it may have."""
-        shares = self.relative[name] / tolerance
-        if name in self.of_objective:
-            count = sum(len(errors) for errors in self.of_objective.values())
-            shares = np.maximum(shares, self.of_objective[name] * count / objective_tolerance)
-        return shares
+        return every and (objective_tolerance == math.inf or set(self.of_mesh.of_objective) == set(self.trajectories))
 
 
 def _solve_on(
@@ -413,7 +407,7 @@ def _solve_on(
 
     def solved(model: Any, limits: Mapping[str, Any]) -> SolveResult:
         limit = seconds_left(deadline.within(time_limit))
-        return solve(model, **{**options, **limits, "time_limit": limit})
+        return solve_as_given(model, **{**options, **limits, "time_limit": limit})
 
     model = builder.model(meshes)
     if coarser is not None:
@@ -428,32 +422,24 @@ def _solve_on(
     phases = {name: builder.phase(model, name) for name in builder.names}
     trajectories = {name: phase.trajectory() for name, phase in phases.items()}
     errors: dict[str, Array] = {}
-    relative: dict[str, Array] = {}
-    of_objective: dict[str, Array] = {}
-    objective_error = math.nan
+    of_mesh = MeshErrors({}, {}, {}, math.nan)
     if result.quality is not Quality.INFEASIBLE:
+        relative = {}
         for name, phase in phases.items():
             trajectory = trajectories[name]
             found = phase.reintegrate(trajectory)
             sizes = {state: max(1.0, float(np.abs(values).max())) for state, values in trajectory.states.items()}
             errors[name] = found.end_errors(found.local, trajectory)
             relative[name] = found.end_errors(found.local, trajectory, sizes)
-        estimate = result.discretisation
-        for name, of_phase in estimate.phases.items():
-            if of_phase.excesses is not None:
-                relative[name] = np.maximum(relative[name], of_phase.excesses)
-        if estimate.relative_objective_error is not None:
-            objective_error = estimate.relative_objective_error
-            size = max(abs(result.objective), ZERO_OBJECTIVE)
-            of_objective = {
-                name: of_phase.objective / size
-                for name, of_phase in estimate.phases.items()
-                if of_phase.objective is not None
-            }
-    worst = max((float(of_phase.max()) for of_phase in relative.values()), default=math.nan)
-    count = sum(mesh.elements for mesh in meshes.values())
-    step = RefinementStep(count, worst, objective_error, result=result, seconds=time.perf_counter() - started)
-    return step, _Answer(model, trajectories, errors, relative, of_objective, result)
+        of_mesh = MeshErrors.of(result.discretisation, relative)
+    step = RefinementStep(
+        sum(mesh.elements for mesh in meshes.values()),
+        float(np.fmax(of_mesh.motion, of_mesh.limits)),
+        of_mesh.objective,
+        result=result,
+        seconds=time.perf_counter() - started,
+    )
+    return step, _Answer(model, trajectories, errors, of_mesh, result)
 
 
 def _limits(coarser: _Answer, options: Mapping[str, Any]) -> dict[str, Any]:

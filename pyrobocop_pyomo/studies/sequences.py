@@ -16,12 +16,11 @@ from pyrobocop_pyomo.ipopt.backends import best_backend
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.phases import note_outcome
-from pyrobocop_pyomo.planning.solve import solve
 from pyrobocop_pyomo.solving import StopReason
 from pyrobocop_pyomo.solving.iterate_log import ModelCheck
 from pyrobocop_pyomo.solving.progress import Progress
 
-from .outcomes import Column, Outcome, StudyResult, ranked, seconds_left
+from .outcomes import Column, Outcome, StudyResult, ranked, seconds_left, solve_as_given
 
 ModeSequence = tuple[str, ...]
 Allowed = Callable[[str, str], bool] | Mapping[str, Iterable[str]]
@@ -295,7 +294,7 @@ class _SequenceSolver:
         try:
             model = self._build(sequence)
             limit = seconds_left(deadline.within(self._time_limit))
-            result = solve(model, **{"progress": self.progress(number), **self._options, "time_limit": limit})
+            result = solve_as_given(model, **{"progress": self.progress(number), **self._options, "time_limit": limit})
         except SolverNotFoundError:
             raise
         except Exception as error:  # whatever goes wrong with one sequence must not lose the others
