@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import partial
-from itertools import product
+from itertools import combinations_with_replacement, product
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -84,12 +84,10 @@ class _Interpolant:
 
     def derivatives(self, by: tuple[int, ...], order: int, points: Array) -> Array:
         """All derivatives of an order of the one by inputs, shape (points, inputs, ...)."""
-        found, every = np.empty((points.shape[0], *[points.shape[1]] * order)), slice(None)
-        for inputs in product(range(points.shape[1]), repeat=order):
-            known = tuple(sorted(inputs))  # which comes first
-            same = known != inputs
-            found[(every, *inputs)] = found[(every, *known)] if same else self.derivative((*by, *inputs), points)
-        return found
+        inputs = range(points.shape[1])
+        known = {some: self.derivative((*by, *some), points) for some in combinations_with_replacement(inputs, order)}
+        every = [known[tuple(sorted(some))] for some in product(inputs, repeat=order)]
+        return np.stack(every, axis=1).reshape(points.shape[0], *[len(inputs)] * order)
 
     @property
     def _linear_inputs(self) -> int:
