@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -35,10 +35,11 @@ logger = logging.getLogger(__name__)
 
 # Elements of a first mesh: so many times the user's, and at most so many in a model.
 MOST_TIMES, MOST_ELEMENTS = 8, 1000
-# Instants at which functions are sampled: for each element that there may be; rules that have to know the time as a
-# number are asked at fewer ones.
+# Instants at which functions are sampled: for each element that there may be, and at most so many numbers.
 _SAMPLES, _FEWEST, _MOST_NUMBERS = 16, 2000, 400_000
-_SAMPLES_BY_INSTANT, _JUMPS_BY_INSTANT, _MOST_BY_INSTANT = 1200, 100, 300
+# Rules that have to know the time as a number are called at each instant: first at a few ones, and if they change with
+# the time at some for each element. Jumps are looked for at few places, and not at all with many elements.
+_FIRST_BY_INSTANT, _SAMPLES_BY_INSTANT, _JUMPS_BY_INSTANT, _MOST_BY_INSTANT = 23, 8, 60, 100
 # From so much of a function's departure from its mean on, what a mesh does not see is another problem.
 UNSEEN = 0.3
 # Values that states and controls are held at: where between their bounds, or how far from the guess.
@@ -47,20 +48,40 @@ _TRIALS = ((0.5, 0.0), (0.31, 0.37), (0.83, -0.61))
 _WIDE = 10.0
 
 
-@dataclass(frozen=True)
 class FirstMeshes:
-    """What became of the meshes.
+    """What became of the meshes of some phases.
 
     Attributes
     ----------
-    remarks : tuple of str
-        What was changed and why.
-    unseen : tuple of str
-        What the points of a mesh that stays do not see.
+    remarks : list of str
+        What was changed, and why.
     """
 
-    remarks: tuple[str, ...] = ()
-    unseen: tuple[str, ...] = ()
+    def __init__(self) -> None:
+        self.remarks: list[str] = []
+        self._watched: list[tuple[_Stated, str]] = []
+
+    def follow(self, phase: Any, most: int) -> None:
+        """Give one phase a mesh of at most so many elements that sees what is stated over its times."""
+        elements, found = phase.grid.mesh.elements, _Stated(phase)
+        if found.is_autonomous:
+            return
+        reason = found.remesh(most)
+        now = phase.grid.mesh.elements
+        if found.stands is not found.as_declared:
+            self.remarks.append(
+                f"The mesh of '{phase.name}' has {now} elements in place of {elements}: {found.words()}."
+            )
+        if found.stands.missed > UNSEEN:
+            self._watched.append((found, reason))
+
+    def unseen(self) -> list[str]:
+        """What the meshes that the phases have now do not see, in words."""
+        found = []
+        for stated, reason in self._watched:
+            if (missed := stated.missed()) is not None:
+                found.append(f"phase '{stated.phase.name}': its points miss much of {missed}. {reason}")
+        return found
 
 
 def mesh_from_statement(phases: Sequence[Any]) -> FirstMeshes:
@@ -74,44 +95,19 @@ def mesh_from_statement(phases: Sequence[Any]) -> FirstMeshes:
     phases : sequence of PhaseBlock
         Of one model, with their initial guesses.
     """
-    remarks, unseen = [], []
-    total = sum(phase.grid.mesh.elements for phase in phases)
+    meshes = FirstMeshes()
     for phase in phases:
-        elements = phase.grid.mesh.elements
-        most = min(MOST_TIMES * elements, elements + MOST_ELEMENTS - total)
-        if phase.record.discrete_states or phase.record.free_widths or phase.record.statements_of("complementarity"):
+        record = phase.record
+        others = sum(other.grid.mesh.elements for other in phases) - record.grid.mesh.elements
+        most = min(MOST_TIMES * record.grid.mesh.elements, MOST_ELEMENTS - others)
+        fixed = record.discrete_states or record.free_widths or record.statements_of("complementarity")
+        if fixed or most <= record.grid.mesh.elements:
             continue
         try:
-            found = _Stated(phase)
-            if found.is_autonomous:
-                continue
-            # What is sampled lies beyond tables here and there.
-            with tables_continued(), np.errstate(all="ignore"):
-                made = found.meshes(most)
-        except (PyRobocopError, ArithmeticError, ValueError, LookupError, TypeError, AttributeError) as error:
-            logger.info("phase '%s': its first mesh is as declared: %s", phase.name, error)
-            continue
-        reason = _reason_to_stay(phase) if made[0].mesh != phase.grid.mesh else None
-        for resolution in made if reason is None else ():
-            try:
-                remesh_phases({phase: resolution.mesh})
-            except PyRobocopError as error:
-                reason = str(error)
-                continue
-            reason, stands = None, resolution
-            break
-        else:
-            stands = found.as_it_is
-        now = phase.grid.mesh.elements
-        total += now - elements
-        if stands is not found.as_it_is:
-            why = found.words(found.as_it_is, stands)
-            remarks.append(f"The mesh of '{phase.name}' has {now} elements in place of {elements}: {why}.")
-        worst = None if stands is None else stands.worst
-        if stands is not None and worst is not None and stands.errors[worst] > UNSEEN:
-            why = f"{now} elements are {MOST_TIMES} times those declared." if reason is None else reason
-            unseen.append(f"phase '{phase.name}': its points miss much of {found.described(stands, worst)}. {why}")
-    return FirstMeshes(tuple(remarks), tuple(unseen))
+            meshes.follow(phase, most)
+        except Exception as error:  # a rule that was written for single instants may raise anything elsewhere
+            logger.info("phase '%s': its first mesh is as declared (%s)", phase.name, error)
+    return meshes
 
 
 def _reason_to_stay(phase: Any) -> str | None:
@@ -129,17 +125,17 @@ class _Stated:
     """What the rules and bounds of a phase say of the time."""
 
     def __init__(self, phase: Any) -> None:
-        self._phase, self._record = phase, phase.record
-        self._grid = real_grid(phase, self._record)
-        record = self._record
-        self._formulas = FormulasWithDelays(phase, record, record.grid, self._grid, by_instant=True)
+        self.phase, self._record = phase, phase.record
+        record, self._indices = phase.record, phase.grid.mesh.boundaries
+        self._grid = real_grid(phase, record)
+        by_instant = phase.grid.mesh.elements <= _MOST_BY_INSTANT
+        self._formulas = FormulasWithDelays(phase, record, record.grid, self._grid, by_instant=by_instant)
         self._labels: list[str] = []
         self._expressions: list[Any] = []
         for statement in (*record.statements, *record.integrals):
             self._ask(statement)
         self._bounds = {name: of for name, of in record.declarations.items() if callable(of.bounds)}
         self._delayed = self._formulas.delayed_variables
-        self.as_it_is: Resolution | None = None
 
     def _ask(self, statement: Statement) -> None:
         kind = statement.kind
@@ -160,27 +156,44 @@ class _Stated:
     @property
     def is_autonomous(self) -> bool:
         """Whether nothing depends on the time."""
+        if self._formulas.asks_by_instant:
+            return not self._sampled(_FIRST_BY_INSTANT).vary
         return not self._expressions and not self._bounds
 
-    def meshes(self, most: int) -> list[Resolution]:
-        """Meshes that resolve what is stated, the best first; the last one keeps all boundaries where none need go."""
-        grid, by_instant = self._record.grid, self._formulas.asks_by_instant
-        start, end = grid.mesh.boundaries[0], grid.mesh.boundaries[-1]
-        samples = max(_FEWEST, _SAMPLES * min(most, MOST_ELEMENTS))
-        samples = max(min(samples, _MOST_NUMBERS // max(len(self._expressions), 1)), 64)
+    def _sampled(self, samples: int) -> FunctionsOfTime:
+        return FunctionsOfTime(self._values(), self._indices[0], self._indices[-1], samples)
+
+    def remesh(self, most: int) -> str:
+        """Give the phase a mesh that resolves what is stated; why it has no finer one is returned."""
+        grid, by_instant = self.phase.grid, self._formulas.asks_by_instant
+        samples = max(min(max(_FEWEST, _SAMPLES * most), _MOST_NUMBERS // max(len(self._expressions), 1)), 200)
         if by_instant:
-            most = min(most, max(_MOST_BY_INSTANT, grid.mesh.elements))
-            samples = min(samples, _SAMPLES_BY_INSTANT)
-        functions = FunctionsOfTime(self._values(), start, end, samples)
-        jumps = _JUMPS_BY_INSTANT if by_instant else MOST_ELEMENTS
-        self.as_it_is = functions.resolution(grid.mesh, grid.scheme)
-        self._labels += [f"bounds of '{name}'" for name in self._bounds]
-        firsts = [mesh_of_delays(grid.mesh, self._delays(), most), grid.mesh]
-        found = [
-            functions.resolving(mesh, grid.scheme, most, most_jumps=jumps, move=move)
-            for mesh, move in ((firsts[0], True), (firsts[1], True), (firsts[1], False))
-        ]
-        return [one for i, one in enumerate(found) if one.mesh not in [other.mesh for other in found[:i]]]
+            samples = max(200, _SAMPLES_BY_INSTANT * grid.mesh.elements)
+        self._functions = self._sampled(samples)
+        self.as_declared = self.stands = self._functions.resolution(grid.mesh, grid.scheme)
+        of_delays = mesh_of_delays(grid.mesh, self._delays(), most)
+        reason = f"It has {most} elements, of which there would have to be more."
+        for mesh, move in ((of_delays, True), (grid.mesh, True), (grid.mesh, False)):
+            jumps = _JUMPS_BY_INSTANT if by_instant else MOST_ELEMENTS
+            found = self._functions.resolving(mesh, grid.scheme, most, most_jumps=jumps, move=move)
+            if found.mesh == grid.mesh:
+                break
+            if (refused := _reason_to_stay(self.phase)) is not None:
+                return refused
+            try:
+                remesh_phases({self.phase: found.mesh})
+            except PyRobocopError as error:
+                reason = str(error)
+                continue
+            self.stands = found
+            break
+        return reason
+
+    def missed(self) -> str | None:
+        """What the mesh of the phase misses, in words."""
+        grid = self.phase.grid
+        self.stands = self._functions.resolution(grid.mesh, grid.scheme, self.stands.jumps)
+        return self._described(self.stands) if self.stands.missed > UNSEEN else None
 
     def _delays(self) -> list[float]:
         per_index = 1.0
@@ -203,32 +216,31 @@ class _Stated:
         held = [{name: self._held(name, *trial) for name in names} for trial in _TRIALS]
 
         def values(times: Array) -> Array:
-            clock = np.interp(times, record.grid.mesh.boundaries, self._grid.mesh.boundaries)
+            clock = np.interp(times, self._indices, self._grid.mesh.boundaries)
             found = np.full((len(lines) + len(self._bounds), len(held), times.size), np.nan)
             for k, of in enumerate(held):
                 zeros = np.zeros(times.size)
                 arguments = [of[name] + zeros for name in names] + [times, clock] + [zeros + 1.0 for _ in slopes]
                 arguments += [self._past(variable.index(), of, clock) for variable in self._delayed]
                 for j, line in enumerate(lines):
-                    try:
+                    # What is held somewhere lies beyond a table here and there, or where a function has no value.
+                    with tables_continued(), np.errstate(all="ignore"), suppress(ArithmeticError, ValueError):
                         found[j, k] = line(*arguments)[0]
-                    except (ArithmeticError, ValueError):
-                        continue  # such a value has no place in this function
             for j, (name, declaration) in enumerate(self._bounds.items(), len(lines)):
                 sides = [declaration.bounds_at(time, name) for time in times.tolist()]
                 found[j] = [sum(side or 0.0 for side in pair) for pair in sides]
-            return found
+            return np.where(np.isfinite(found).all(axis=-1, keepdims=True), found, np.nan)
 
         return values
 
     def _held(self, name: str, part: float, away: float) -> float:
         """A value that a variable is held at: near the guess, or within bounds that are near to each other."""
         declaration = self._record.declarations[name]
-        lower, upper = declaration.bounds_at(self._record.grid.mesh.boundaries[0], name)
+        lower, upper = declaration.bounds_at(self._indices[0], name)
         if isinstance(declaration, Parameter):
-            variables = [self._phase.component(name)]
+            variables = [self.phase.component(name)]
         else:
-            variables = self._record.nodes(name).variables(self._phase)
+            variables = self._record.nodes(name).variables(self.phase)
         known = np.array([variable.value for variable in variables if variable.value is not None] or [0.0])
         guess, extent = float(np.median(known)), float(np.ptp(known))
         size = max(abs(guess), extent)
@@ -250,20 +262,21 @@ class _Stated:
 
     # ---------------------------------------------------------------- words
 
-    def words(self, before: Resolution, after: Resolution) -> str:
-        """Why a mesh was changed."""
-        if after.jumps:
-            count = len(after.jumps)
+    def words(self) -> str:
+        """Why the mesh was changed."""
+        if self.stands.jumps:
+            count = len(self.stands.jumps)
             return f"what is stated jumps at {count} instant{'s' if count > 1 else ''}, where boundaries are now"
-        worst = before.worst
-        if worst is not None and before.errors[worst] > TOLERANCE:
-            return self.described(before, worst)
+        if self.as_declared.missed > TOLERANCE:
+            return self._described(self.as_declared)
         return "values at earlier times are then values at points of the mesh"
 
-    def described(self, resolution: Resolution, worst: int) -> str:
-        """One of the functions, in words."""
+    def _described(self, resolution: Resolution) -> str:
+        """The function that is resolved least."""
+        worst = int(np.nanargmax(resolution.errors))
+        label = [*self._labels, *(f"bounds of '{name}'" for name in self._bounds)][worst]
         turns = int(resolution.turns[worst])
-        return f"{self._labels[worst]}, which turns {turns} times over the phase" if turns > 1 else self._labels[worst]
+        return f"{label}, which turns {turns} times over the phase" if turns > 1 else label
 
 
 def _parts(result: Any) -> dict[str, Any]:

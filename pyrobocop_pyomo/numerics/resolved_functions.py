@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from itertools import pairwise
 
 import numpy as np
 
@@ -54,9 +54,9 @@ class Resolution:
     jumps: tuple[float, ...]
 
     @property
-    def worst(self) -> int | None:
-        """The function that is resolved least; None where all are constant."""
-        return None if np.isnan(self.errors).all() else int(np.nanargmax(self.errors))
+    def missed(self) -> float:
+        """The largest of the errors."""
+        return float(np.nan_to_num(self.errors).max(initial=0.0))
 
 
 class FunctionsOfTime:
@@ -97,7 +97,9 @@ class FunctionsOfTime:
         turns = np.max((steps[..., 1:] * steps[..., :-1] < 0).sum(axis=-1), axis=1)
         return Resolution(mesh, errors, turns, tuple(jumps))
 
-    def resolving(self, mesh: Mesh, scheme: Scheme, most: int, *, most_jumps: int = 1000, move: bool = True) -> Resolution:
+    def resolving(
+        self, mesh: Mesh, scheme: Scheme, most: int, *, most_jumps: int = 1000, move: bool = True
+    ) -> Resolution:
         """The mesh with boundaries at jumps, and with elements halved until it resolves the functions.
 
         Parameters
@@ -125,7 +127,7 @@ class FunctionsOfTime:
             count = min(int(np.searchsorted(-left, -0.7 * TOLERANCE)) + 1, room)
             halved = set(order[:count].tolist())
             boundaries = [mesh.boundaries[0]]
-            for i, (before, after) in enumerate(zip(mesh.boundaries, mesh.boundaries[1:], strict=False)):
+            for i, (before, after) in enumerate(pairwise(mesh.boundaries)):
                 boundaries += [0.5 * (before + after), after] if i in halved else [after]
             mesh = Mesh(tuple(boundaries))
         return self.resolution(mesh, scheme, jumps)
@@ -137,7 +139,7 @@ class FunctionsOfTime:
         boundaries = np.array(mesh.boundaries)
         # One value says nothing of a function between its points: the start counts as well, a hair after a jump.
         nodes = scheme.c if scheme.stages > 1 else np.array([1e-6, max(float(scheme.c[0]), 1e-3)])
-        unknown = [i for i, ends in enumerate(zip(boundaries, boundaries[1:])) if ends not in self._known]  # noqa: B905
+        unknown = [i for i, ends in enumerate(pairwise(boundaries)) if ends not in self._known]
         if unknown:
             starts, widths = boundaries[unknown], np.diff(boundaries)[unknown]
             at_nodes = self._values((starts[:, None] + widths[:, None] * nodes).ravel())
@@ -145,17 +147,20 @@ class FunctionsOfTime:
             places = np.searchsorted(self._times, boundaries)
             for k, i in enumerate(unknown):
                 some = slice(places[i], places[i + 1])
-                matrix = evaluation_matrix(nodes, (self._times[some] - boundaries[i]) / (boundaries[i + 1] - boundaries[i]))
+                matrix = evaluation_matrix(
+                    nodes, (self._times[some] - boundaries[i]) / (boundaries[i + 1] - boundaries[i])
+                )
                 distances = np.abs(self._sampled[..., some] - at_nodes[..., k, :] @ matrix.T)
                 self._known[boundaries[i], boundaries[i + 1]] = distances @ self._weights[some]
-        errors = np.stack([self._known[ends] for ends in zip(boundaries, boundaries[1:])], axis=-1)  # noqa: B905
+        errors = np.stack([self._known[ends] for ends in pairwise(boundaries)], axis=-1)
         return np.asarray(errors / self._scale[..., None])
 
     @staticmethod
     def _median(errors: Array) -> Array:
         """Over the trials, shape (functions, ...) of (functions, trials, ...)."""
         known = np.isfinite(errors).any(axis=1)
-        return np.where(known, np.nanmedian(np.where(known[:, None], errors, 0.0), axis=1), np.nan)
+        middle = np.nanmedian(np.where(np.expand_dims(known, 1), errors, 0.0), axis=1)
+        return np.where(known, middle, np.nan)
 
     def _largest(self, errors: Array) -> Array:
         """Of all functions, per element."""

@@ -247,7 +247,7 @@ def solve(
             return solve_model(model, settings)
         first = mesh_from_statement(phases_of(model))
         result = FinerMeshes(model, mesh_tolerance, settings).solve()
-        return replace(result, remarks=(*first.remarks, *result.remarks), doubts=(*_doubts(first), *result.doubts))
+        return replace(result, remarks=(*first.remarks, *result.remarks), doubts=(*_unseen(first), *result.doubts))
 
     if choices:
         result = solve_with_integer_controls(model, choices, as_it_stands, settings.deadline)
@@ -267,9 +267,9 @@ def solve(
     return result
 
 
-def _doubts(first: FirstMeshes) -> list[Finding]:
+def _unseen(first: FirstMeshes) -> list[Finding]:
     remedy = "Declare more elements, or a mesh= with boundaries where it changes."
-    return [Finding(Severity.WARNING, Subject.DATA, unseen, (), remedy) for unseen in first.unseen]
+    return [Finding(Severity.WARNING, Subject.DATA, unseen, (), remedy) for unseen in first.unseen()]
 
 
 def _check_limits(time_limit: Any, feasibility_tolerance: Any, complementarity_tolerance: Any) -> None:
