@@ -69,9 +69,8 @@ class FirstMeshes:
         reason = found.remesh(most)
         now = phase.grid.mesh.elements
         if found.stands is not found.as_declared:
-            self.remarks.append(
-                f"The mesh of '{phase.name}' has {now} elements in place of {elements}: {found.words()}."
-            )
+            moved = "other boundaries" if now == elements else f"{now} elements in place of {elements}"
+            self.remarks.append(f"The mesh of '{phase.name}' has {moved}: {found.words()}.")
         if found.stands.missed > UNSEEN:
             self._watched.append((found, reason))
 

@@ -19,7 +19,7 @@ from .lagrange import evaluation_matrix
 from .mesh import Mesh
 from .schemes import Scheme
 
-# How far functions may be from the polynomials, as a part of their distance from their means, both integrated: four
+# How far functions may be from the polynomials, as a part of their distance from their means, both integrated: three
 # elements for each period of a sine with three points each.
 TOLERANCE = 0.03
 # A function departs from its mean by at least this part of its size: a ripple below it does not count.
@@ -27,7 +27,7 @@ _RIPPLE = 0.05
 # A jump is a change by this part of the range from one sample to the next, half of which is left at the same instant.
 _JUMP, _LEFT = 0.05, 0.5
 # How close in time the two sides of a jump are followed, as a part of the horizon.
-_SAME = 1e-9
+_SAME = 2e-12
 # A boundary that is so near to a jump, as a part of the elements beside it, moves there.
 _NEAR = 1e-3
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
@@ -113,10 +113,7 @@ class FunctionsOfTime:
         move : bool
             Whether boundaries may move to jumps that are near to them. The others stay in any case.
         """
-        jumps: list[float] = []
-        if self._largest(self._element_errors(mesh, scheme)).sum() > TOLERANCE:
-            jumps = self._jumps(scheme, min(most_jumps, most - mesh.elements))
-            mesh, jumps = _with_boundaries(mesh, jumps, move)
+        mesh, jumps = _with_boundaries(mesh, self._jumps(scheme, min(most_jumps, most - mesh.elements)), move)
         while (room := most - mesh.elements) > 0:
             errors = self._largest(self._element_errors(mesh, scheme))
             if errors.sum() <= TOLERANCE:
