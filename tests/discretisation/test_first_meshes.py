@@ -1,4 +1,4 @@
-"""Before a solve, a mesh is made fine enough for what the statement says of the time; what does not depend on it stays."""
+"""Before a solve a mesh is made fine enough for what the statement says of the time; where it says nothing, it stays."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def scalar(rate: Callable[[Any, Any], Any], elements: int = 8, duration: Any = 4
         lambda b, t: b.u[t] - b.x[t] ** 3,
         lambda b, t: b.u[t] + pyo.sin(200 * b.x[t]),
         lambda b, t: b.u[t] + 2 * t - t**2,  # the polynomials hold it
-        lambda b, t: b.u[t] if isinstance(t, float) else b.u[t],  # a rule that wants numbers, and does not use them
+        lambda b, t: b.u[t] if float(t) >= 0 else -b.u[t],  # has to know the time, and says the same at all times
     ],
 )
 def test_what_does_not_vary_between_the_points_keeps_its_mesh(rate: Callable[[Any, Any], Any]) -> None:
@@ -148,27 +148,25 @@ def test_a_rule_of_numbers_is_seen_like_the_same_rule_in_symbols() -> None:
     assert in_numbers.p.grid.mesh.elements == pytest.approx(in_symbols.p.grid.mesh.elements, rel=0.2)
 
 
-def test_tables_bounds_limits_and_costs_are_seen() -> None:
+@pytest.mark.parametrize("where", ["integral", "constraint", "bounds", "residual"])
+def test_tables_in_costs_limits_bounds_and_residuals_are_seen(where: str) -> None:
     hours = np.arange(0.0, 49.0)
     prices = 0.2 + 0.1 * np.sin(hours * 2 * np.pi / 6)
-    for where in ("cost", "constraint", "bounds", "residual"):
-        m = pyo.ConcreteModel()
-        m.p = b = rcp.PhaseBlock(duration=48.0, elements=10)
-        table = rcp.Table(hours, prices, name="price")
-        b.x = rcp.State(initial=0.0)
-        b.u = rcp.Control(bounds=(lambda t: (0.0, float(table(t)))) if where == "bounds" else (0, 1))
-        b.ode(lambda b, t: {b.x: b.u[t]})
-        price = table if where != "bounds" else lambda t: 0.0
-        if where == "constraint":
-            b.constraint(lambda b, t: b.u[t] <= price(t))
-        if where == "residual":
-            b.z = rcp.Algebraic()
-            b.residual(lambda b, t: b.z[t] == price(t) * b.u[t])
-        cost = price if where == "cost" else lambda t: 1.0
-        m.cost = pyo.Objective(expr=b.integral(lambda b, t, cost=cost: cost(t) * b.u[t]))
-        meshes = mesh_from_statement([m.p])
-        assert errors_between(m, lambda t: prices.mean() + 0.1 * np.sin(t * 2 * np.pi / 6)) < 0.005, where
-        assert where.removesuffix("cost") in meshes.remarks[0]
+    table = rcp.Table(hours, prices, name="price")
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(duration=48.0, elements=10)
+    b.x = rcp.State(initial=0.0)
+    b.u = rcp.Control(bounds=(lambda t: (0.0, float(table(t)))) if where == "bounds" else (0, 1))
+    b.ode(lambda b, t: {b.x: b.u[t]})
+    if where == "constraint":
+        b.constraint(lambda b, t: b.u[t] <= table(t))
+    if where == "residual":
+        b.z = rcp.Algebraic()
+        b.residual(lambda b, t: b.z[t] == table(t) * b.u[t])
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] * (table(t) if where == "integral" else 1.0)))
+    meshes = mesh_from_statement([m.p])
+    assert errors_between(m, lambda t: 0.2 + 0.1 * np.sin(t * 2 * np.pi / 6)) < 0.005
+    assert where in meshes.remarks[0]
 
 
 def test_a_forcing_is_seen_where_the_duration_is_to_be_found_as_far_as_the_guess_goes() -> None:

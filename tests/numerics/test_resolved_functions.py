@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from pyrobocop_pyomo.numerics import Mesh, find_scheme
 from pyrobocop_pyomo.numerics.resolved_functions import TOLERANCE, FunctionsOfTime, Resolution, mesh_of_delays
 
-
 RADAU, EULER = find_scheme("radau", 3), find_scheme("implicit_euler")
 
 
