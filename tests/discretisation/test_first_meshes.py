@@ -1,4 +1,4 @@
-"""Before a solve a mesh is made fine enough for what the statement says of the time; where it says nothing, it stays."""
+"""Before a solve a mesh is made fine enough for what the statement says of the time."""
 
 from __future__ import annotations
 
