@@ -175,7 +175,8 @@ def solve(
         Where the estimated error of the objective is above this part of its size, or that of the motion above ten times
         as much of a state's size, the meshes of all phases get finer, in place, and the model is solved again from
         there; see `SolveResult.discretisation`. Up to eight times the elements, and about ten times the effort of the
-        first solve. Not with pairs, obstacles (whose meshes follow from what is proven), and integer controls. None
+        first solve. Before the first solve, they are made fine enough for what is stated over time, such as periods
+        and jumps. Not with pairs, obstacles (whose meshes follow from what is proven), and integer controls. None
         keeps the meshes as they are.
 
     Returns
