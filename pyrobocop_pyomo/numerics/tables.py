@@ -7,6 +7,8 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import partial
+from itertools import combinations_with_replacement, product
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -43,7 +45,7 @@ def tables_continued() -> Iterator[None]:
 
 
 class _Interpolant:
-    """What `Table` evaluates: value, first and second derivatives at many points."""
+    """What tables evaluate: a spline and its derivatives at many points, also beyond its edges."""
 
     _FEWEST: ClassVar = {"cubic": 4, "natural": 3, "quintic": 6, "monotone": 2}
 
@@ -64,38 +66,28 @@ class _Interpolant:
                 coefficients = np.moveaxis(along.c, 0, axis)  # SciPy keeps the axis of a spline in front
             self._spline = scipy.interpolate.NdBSpline(tuple(knots), coefficients, degree)
 
-    def value(self, points: Array) -> Array:
-        at, beyond, _ = self._places(points)
-        found = self._derivative(at)
+    def derivative(self, by: tuple[int, ...], points: Array) -> Array:
+        """The derivative by inputs, one after the other; without any, the value."""
+        at, beyond, inside = self._places(points)
+        moved = np.prod(inside[:, by], axis=1)
+        factor = moved if by or self._outside == "constant" else np.ones(len(points))
+        if self._outside == "linear":
+            # Where one of the inputs is outside, the tangent has its slope: that of the edge at the other ones.
+            for i in set(by):
+                others = [j for j in by if j != i]
+                if len(others) == len(by) - 1:
+                    factor = factor + (1.0 - inside[:, i]) * np.prod(inside[:, others], axis=1)
+        found = self._derivative(at, *by) * factor
         for i in range(self._linear_inputs):
-            found = found + self._derivative(at, i) * beyond[:, i]
+            found = found + moved * self._derivative(at, i, *by) * beyond[:, i]
         return np.asarray(found)
 
-    def jacobian(self, points: Array) -> Array:
-        at, beyond, inside = self._places(points)
-        columns = []
-        for j in range(points.shape[1]):
-            slope = self._derivative(at, j) * (1.0 if self._outside != "constant" else inside[:, j])
-            for i in range(self._linear_inputs):
-                slope = slope + inside[:, j] * self._derivative(at, i, j) * beyond[:, i]
-            columns.append(slope)
-        return np.stack(columns, axis=1)
-
-    def hessian(self, points: Array) -> Array:
-        at, beyond, inside = self._places(points)
-        count = points.shape[1]
-        found = np.empty((points.shape[0], count, count))
-        for j in range(count):
-            for k in range(j + 1):
-                both = inside[:, j] * inside[:, k]
-                curvature = self._derivative(at, j, k) * both
-                if self._outside == "linear":
-                    # With one input outside, the slope by it changes with the other one.
-                    curvature = curvature + self._derivative(at, j, k) * (inside[:, j] != inside[:, k])
-                    for i in range(count):
-                        curvature = curvature + both * self._derivative(at, i, j, k) * beyond[:, i]
-                found[:, j, k] = found[:, k, j] = curvature
-        return found
+    def derivatives(self, by: tuple[int, ...], order: int, points: Array) -> Array:
+        """All derivatives of an order of the one by inputs, shape (points, inputs, ...)."""
+        inputs = range(points.shape[1])
+        known = {some: self.derivative((*by, *some), points) for some in combinations_with_replacement(inputs, order)}
+        every = [known[tuple(sorted(some))] for some in product(inputs, repeat=order)]
+        return np.stack(every, axis=1).reshape(points.shape[0], *[len(inputs)] * order)
 
     @property
     def _linear_inputs(self) -> int:
@@ -127,11 +119,44 @@ class _Interpolant:
         return np.asarray(self._spline(at, nu=orders, extrapolate=True))
 
 
-class Table(Function):
+class _Spline(Function):
+    """An interpolant, or one of its derivatives, for expressions, numbers and arrays."""
+
+    def __init__(self, interpolant: _Interpolant, by: tuple[int, ...], **options: Any) -> None:
+        self._interpolant, self._by = interpolant, by
+        self.lower, self.upper = interpolant.lower, interpolant.upper
+        functions = [partial(interpolant.derivatives, by, order) for order in range(3)]
+        super().__init__(*functions, inputs=interpolant.inputs, check_derivatives=False, **options)
+
+    def values_at(self, point: Sequence[float]) -> Array:
+        """The value at one point, shape (1,)."""
+        # What is remembered of the last point may not be legal there a moment later.
+        return self.values(np.array([point], dtype=float))[0] if _CONTINUED.get() else super().values_at(point)
+
+    def __call__(self, *arguments: Any) -> Any:
+        """The function at these arguments: an expression, a number, or for arrays of numbers an array of their shape.
+
+        Raises
+        ------
+        FunctionError
+            When their count is wrong, or one of them is no number of Pyomo's.
+        """
+        if any(_is_numeric_array(a) for a in arguments) and len(arguments) == self.lower.size:
+            try:
+                arrays = np.broadcast_arrays(*(np.asarray(a, dtype=float) for a in arguments))
+            except (TypeError, ValueError) as error:
+                raise FunctionError(f"'{self.name}': {error}. Give arrays of one shape, or expressions.") from None
+            points = np.stack([array.ravel() for array in arrays], axis=1)
+            return self.values(points)[:, 0].reshape(arrays[0].shape)
+        return super().__call__(*arguments)
+
+
+class Table(_Spline):
     """A table of numbers as a smooth function of one or two inputs, for expressions, numbers and arrays.
 
     The function goes through all points of the table. As any `Function` it is legal wherever Pyomo's expressions are,
-    has exact first and second derivatives, and is evaluated for all points of a model at once.
+    has exact first and second derivatives, and is evaluated for all points of a model at once. `derivative` gives its
+    slopes as functions of the same kind.
 
     Parameters
     ----------
@@ -220,22 +245,56 @@ class Table(Function):
                 + (" Transpose them." if values.shape == shape[::-1] else "")
             )
         interpolant = _Interpolant(name, names, grids, values, kind, outside)
-        self.lower, self.upper = interpolant.lower, interpolant.upper
-        super().__init__(
-            interpolant.value,
-            interpolant.jacobian,
-            interpolant.hessian,
-            inputs=names,
-            name=name,
-            units=units,
-            input_units=input_units,
-            check_derivatives=False,
-        )
+        super().__init__(interpolant, (), name=name, units=units, input_units=input_units)
+        self._derivatives: dict[int, _Spline] = {}
 
-    def values_at(self, point: Sequence[float]) -> Array:
-        """The value at one point, shape (1,)."""
-        # What is remembered of the last point may not be legal there a moment later.
-        return self.values(np.array([point], dtype=float))[0] if _CONTINUED.get() else super().values_at(point)
+    def derivative(self, *arguments: Any, by: int | str | None = None) -> Any:
+        """The derivative by one of the inputs, at arguments as those of a call: the spline's own, not a difference.
+
+        Parameters
+        ----------
+        *arguments : variables, expressions, parameters, numbers or arrays of numbers
+            As the table itself takes them. Beyond the table the derivative is that of the continuation.
+        by : int or str, optional
+            The input, by its number or its name; needed where there are two.
+
+        Returns
+        -------
+        expression, number or array
+            In the units of the table over those of the input, where it has both.
+
+        Raises
+        ------
+        FunctionError
+            When it has no such input, or as for a call.
+        EvaluationError
+            When it is evaluated beyond the table, where that is refused.
+
+        Examples
+        --------
+        >>> import pyrobocop_pyomo as rcp
+        >>> cube = rcp.Table([0, 1, 2, 3, 4], [0, 1, 8, 27, 64])
+        >>> round(cube.derivative(1.5), 6)  # 3 * 1.5 ** 2
+        6.75
+        """
+        names = self._interpolant.inputs
+        if by is None and len(names) == 1:
+            by = 0
+        if by not in names and by not in range(len(names)):
+            raise FunctionError(
+                f"'{self.name}': its derivative is requested by {by!r}; give by={' or by='.join(map(repr, names))}."
+            )
+        i = names.index(by) if isinstance(by, str) else int(by)  # type: ignore[arg-type]
+        if i not in self._derivatives:
+            units, of_inputs = self._outputs[0].units, self.input_units
+            self._derivatives[i] = _Spline(
+                self._interpolant,
+                (i,),
+                name=f"{self.name}.derivative" + (f"_by_{names[i].replace(' ', '_')}" if len(names) > 1 else ""),
+                units=None if units is None or of_inputs is None or of_inputs[i] is None else units / of_inputs[i],
+                input_units=of_inputs,
+            )
+        return self._derivatives[i](*arguments)
 
     @classmethod
     def from_csv(cls, path: str | Path, **options: Any) -> Table:
@@ -265,23 +324,6 @@ class Table(Function):
             return cls(body[:, 0], body[:, 1], **options)
         head = _entries(path, 1, ["0", *lines[0][1:]], len(lines[0]))
         return cls(body[:, 0], head[1:], body[:, 1:], **options)
-
-    def __call__(self, *arguments: Any) -> Any:
-        """The table at these arguments: an expression, a number, or for arrays of numbers an array of their shape.
-
-        Raises
-        ------
-        FunctionError
-            When their count is wrong, or one of them is no number of Pyomo's.
-        """
-        if any(_is_numeric_array(a) for a in arguments) and len(arguments) == self.lower.size:
-            try:
-                arrays = np.broadcast_arrays(*(np.asarray(a, dtype=float) for a in arguments))
-            except (TypeError, ValueError) as error:
-                raise FunctionError(f"'{self.name}': {error}. Give arrays of one shape, or expressions.") from None
-            points = np.stack([array.ravel() for array in arrays], axis=1)
-            return self.values(points)[:, 0].reshape(arrays[0].shape)
-        return super().__call__(*arguments)
 
 
 def _is_numeric_array(argument: Any) -> bool:

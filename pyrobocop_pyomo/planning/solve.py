@@ -10,7 +10,9 @@ from typing import Any, TextIO
 
 from pyrobocop_pyomo.complementarity import Schedule
 from pyrobocop_pyomo.diagnosis.before_solve import doubts_before_solve
+from pyrobocop_pyomo.diagnosis.findings import Finding, Severity, Subject
 from pyrobocop_pyomo.diagnosis.statements import refuse_inconsistent_units, refuse_misplaced
+from pyrobocop_pyomo.discretisation.first_meshes import FirstMeshes, mesh_from_statement
 from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import Backend, available_backends, best_backend
 from pyrobocop_pyomo.ipopt.c_output import standard_output
@@ -173,7 +175,8 @@ def solve(
         Where the estimated error of the objective is above this part of its size, or that of the motion above ten times
         as much of a state's size, the meshes of all phases get finer, in place, and the model is solved again from
         there; see `SolveResult.discretisation`. Up to eight times the elements, and about ten times the effort of the
-        first solve. Not with pairs, obstacles (whose meshes follow from what is proven), and integer controls. None
+        first solve. Before the first solve, they are made fine enough for what is stated over time, such as periods
+        and jumps. Not with pairs, obstacles (whose meshes follow from what is proven), and integer controls. None
         keeps the meshes as they are.
 
     Returns
@@ -243,7 +246,9 @@ def solve(
             return SafePlanning(model, blocks, regions, without, equations=equations).plan()
         if mesh_tolerance is None or choices:
             return solve_model(model, settings)
-        return FinerMeshes(model, mesh_tolerance, settings).solve()
+        first = mesh_from_statement(phases_of(model))
+        result = FinerMeshes(model, mesh_tolerance, settings).solve()
+        return replace(result, remarks=(*first.remarks, *result.remarks), doubts=(*_unseen(first), *result.doubts))
 
     if choices:
         result = solve_with_integer_controls(model, choices, as_it_stands, settings.deadline)
@@ -261,6 +266,11 @@ def solve(
     )
     note_outcome(model, result.outcome)
     return result
+
+
+def _unseen(first: FirstMeshes) -> list[Finding]:
+    remedy = "Declare more elements, or a mesh= with boundaries where it changes."
+    return [Finding(Severity.WARNING, Subject.DATA, unseen, (), remedy) for unseen in first.unseen()]
 
 
 def _check_limits(time_limit: Any, feasibility_tolerance: Any, complementarity_tolerance: Any) -> None:

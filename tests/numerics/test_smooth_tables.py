@@ -47,6 +47,67 @@ def test_points_and_derivatives(kind, outside):
         table.check_derivatives(points)
 
 
+@given(coefficients=st.lists(st.floats(-2, 2), min_size=4, max_size=4), seed=st.integers(0, 100))
+@settings(max_examples=15, deadline=None)
+def test_derivatives_of_polynomials_come_out_exactly(coefficients, seed):
+    first = np.polynomial.Polynomial(coefficients)
+    second = np.polynomial.Polynomial(coefficients[::-1])
+    numbers = np.random.default_rng(seed)
+    x, y = numbers.uniform(0, 3, 20), numbers.uniform(-1, 2.5, 20)
+    scale = 1 + np.abs(np.outer(first(GRID), second(OTHER))).max()
+    assert np.allclose(rcp.Table(GRID, first(GRID)).derivative(x), first.deriv()(x), atol=1e-8 * scale)
+    product = rcp.Table(GRID, OTHER, np.outer(first(GRID), second(OTHER)), inputs=["x", "y"])
+    assert np.allclose(product.derivative(x, y, by=0), first.deriv()(x) * second(y), atol=1e-8 * scale)
+    assert np.allclose(product.derivative(x, y, by="y"), first(x) * second.deriv()(y), atol=1e-8 * scale)
+
+
+@pytest.mark.parametrize("outside", ["error", "linear", "constant"])
+@pytest.mark.parametrize("kind", ["cubic", "natural", "quintic", "monotone"])
+def test_a_derivative_is_the_slope_and_has_derivatives_itself(kind, outside):
+    numbers = np.random.default_rng(5)
+    reach = 0.0 if outside == "error" else 1.0
+    table = rcp.Table(GRID, np.sin(GRID) + 0.1 * GRID**2, kind=kind, outside=outside)
+    points = numbers.uniform(-reach, 3 + reach, (25, 1))
+    assert np.allclose(table.derivative(points[:, 0]), table.jacobians(points)[:, 0, 0], atol=1e-12)
+    step = 1e-6
+    middle = points[(np.abs(points[:, :1] - GRID) > 1e-3).all(axis=1), 0]
+    differences = (table(middle + step) - table(middle - step)) / (2 * step)
+    assert np.allclose(table.derivative(middle), differences, atol=1e-6)
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var(initialize=1.0)
+    table.derivative(m.x)._fcn.function.check_derivatives(points)
+    if kind != "monotone":
+        products = np.outer(np.sin(GRID), np.cos(OTHER)) + GRID[:, None]
+        surface = rcp.Table(GRID, OTHER, products, kind=kind, outside=outside)
+        points = numbers.uniform([-reach, -1 - reach], [3 + reach, 2.5 + reach], (25, 2))
+        for i in range(2):
+            assert np.allclose(surface.derivative(*points.T, by=i), surface.jacobians(points)[:, 0, i], atol=1e-12)
+            surface.derivative(m.x, m.x, by=i)._fcn.function.check_derivatives(points)
+
+
+def test_derivatives_by_name_by_number_and_by_neither():
+    table = rcp.Table(GRID, OTHER, np.outer(GRID, OTHER), inputs=["mach", "altitude"], name="thrust")
+    assert table.derivative(1.0, 2.0, by="altitude") == table.derivative(1.0, 2.0, by=1) == pytest.approx(1.0)
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var(initialize=1.0)
+    assert str(table.derivative(m.x, 2.0, by="mach")) == "thrust.derivative_by_mach(x, 2.0)"
+    for by in (None, "height", 2):
+        with pytest.raises(FunctionError, match="'thrust': its derivative is requested by .*; give by='mach'"):
+            table.derivative(1.0, 2.0, by=by)
+    with pytest.raises(EvaluationError, match="mach = 3.5 is outside of the table"):
+        table.derivative(3.5, 2.0, by="mach")
+    copy = pickle.loads(pickle.dumps(table))
+    assert copy.derivative(1.0, 2.0, by="mach") == pytest.approx(2.0)
+
+
+def test_a_derivative_has_the_units_of_a_slope():
+    units = pyo.units
+    way = rcp.Table([0, 1, 2, 3], [0, 1, 4, 9], units=units.m, input_units=[units.s])
+    m = pyo.ConcreteModel()
+    m.t = pyo.Var(initialize=1.0, units=units.s)
+    assert str(units.get_units(way.derivative(m.t))) == "m/s"
+
+
 @given(st.lists(st.floats(0, 5), min_size=len(GRID), max_size=len(GRID)))
 @settings(max_examples=25, deadline=None)
 def test_monotone_data_make_a_monotone_curve(steps):
@@ -132,3 +193,18 @@ def test_a_table_in_a_solve(backend):
     m.row = pyo.Constraint(expr=m.x + m.y >= -5)
     rcp.solve(m, **({} if backend is None else {"backend": backend}))
     assert (m.x.value, m.y.value) == pytest.approx((1.2, 0.7), abs=1e-6)
+
+
+@pytest.mark.ipopt
+@pytest.mark.parametrize(
+    "backend", [pytest.param(None, id="default"), pytest.param("asl", marks=pytest.mark.asl),
+                pytest.param("casadi", marks=pytest.mark.casadi), "vectorised"],
+)  # fmt: skip
+def test_where_the_derivative_of_a_table_is_zero_the_table_has_its_least_value(backend):
+    table = rcp.Table(GRID, (GRID - 1.2) ** 2 * (1 + 0.1 * GRID), kind="quintic")
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var(bounds=(0, 3), initialize=2.5)
+    m.row = pyo.Constraint(expr=table.derivative(m.x) == 0)
+    m.cost = pyo.Objective(expr=(m.x - 2.0) ** 2)
+    assert rcp.solve(m, **({} if backend is None else {"backend": backend})).solved
+    assert m.x.value == pytest.approx(1.2, abs=1e-6)

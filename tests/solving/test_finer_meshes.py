@@ -59,7 +59,8 @@ def test_three_digits_are_right_and_the_result_says_on_which_mesh(exact: float) 
     assert result.solved
     assert result.objective == pytest.approx(exact, rel=1e-3)
     assert not result.discretisation.is_large
-    assert any(f"from 4 to {m.p.grid.mesh.elements} elements" in remark for remark in result.remarks)
+    assert m.p.grid.mesh.elements > 4
+    assert any(f"{m.p.grid.mesh.elements} elements" in remark for remark in result.remarks)
     assert result.best_step == len(result.steps) - 1
     assert [step.number for step in result.steps] == list(range(len(result.steps)))
 
@@ -142,9 +143,9 @@ def test_pairs_keep_the_mesh() -> None:
 
 
 def test_what_cannot_be_solved_on_a_finer_mesh_leaves_the_answer(monkeypatch: pytest.MonkeyPatch) -> None:
-    m = forced()
+    m = bryson_denham(1 / 9, 5)
     m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
-    alone = rcp.solve(forced(), mesh_tolerance=None).objective
+    alone = rcp.solve(bryson_denham(1 / 9, 5), mesh_tolerance=None).objective
 
     def fails(*_: Any) -> Any:
         raise EvaluationError("no value there")
@@ -152,8 +153,8 @@ def test_what_cannot_be_solved_on_a_finer_mesh_leaves_the_answer(monkeypatch: py
     monkeypatch.setattr(FinerMeshes, "_solved", fails)
     result = rcp.solve(m)
     assert result.solved
-    assert m.p.grid.mesh.elements == 4
-    assert pyo.value(m.cost) == pytest.approx(alone, rel=1e-8)
+    assert m.p.grid.mesh.elements == 5
+    assert pyo.value(m.effort) == pytest.approx(alone, rel=1e-8)
     assert all(row.model() is m for row in m.dual)
     assert len(m.dual) >= len(list(m.p.x_collocation))
 
