@@ -19,6 +19,7 @@ from .found_points import FoundPoints
 from .ipopt_options import NEARLY_THERE, TIGHTER_TOLERANCES
 from .iterate_log import IterateLog
 from .iterates import Iterate, StopReason
+from .polish import Exploration
 from .polished_runs import PolishedRuns
 from .second_tries import ITERATIONS_OF_ONE
 from .settings import Settings
@@ -47,6 +48,7 @@ class PlainRuns:
     found : FoundPoints
     runs : PolishedRuns
     copies : SolvedCopies
+    exploration : Exploration
     """
 
     def __init__(
@@ -57,9 +59,10 @@ class PlainRuns:
         found: FoundPoints,
         runs: PolishedRuns,
         copies: SolvedCopies,
+        exploration: Exploration,
     ) -> None:
         self._model, self._settings, self._log, self._found = model, settings, log, found
-        self._runs, self._copies = runs, copies
+        self._runs, self._copies, self._exploration = runs, copies, exploration
 
     def run(self, place: Workplace, strategy: Strategy, keep: Callable[[Iterate], None]) -> Iterate | None:
         """Run a strategy, and go on from where it ends at a saddle; None where it has no start, or no program.
@@ -81,10 +84,13 @@ class PlainRuns:
         self, place: Workplace, iterate: Iterate, keep: Callable[[Iterate], None], left: int
     ) -> Iterate:
         """The point on the model, or a better one that runs lead to from it where it is stationary and no minimum."""
+        known = self._found.best
+        if known is not None and not self._found.is_better(iterate, known):
+            return iterate  # whatever it is
         starts = self._starts_beyond(place, iterate)
         if not starts:
             return iterate
-        saddle, known = replace(iterate, certificate=Certificate.DESCENT), self._found.best
+        saddle = replace(iterate, certificate=Certificate.DESCENT)
         if left == 0 or (known is not None and not self._found.is_better(saddle, known)):
             return saddle
         keep(saddle)
@@ -126,7 +132,7 @@ class PlainRuns:
             place.values.write(place.start)
             if not self._put_start(place, strategy):
                 return None
-        if strategy.start in (StartingPoint.COARSE_MESH, StartingPoint.BEST):
+        if strategy.start in (StartingPoint.COARSE_MESH, StartingPoint.OTHER_OPTIMUM, StartingPoint.BEST):
             tolerances = TIGHTER_TOLERANCES if strategy.start is StartingPoint.BEST else {}
             strategy = replace(strategy, options={**NEARLY_THERE, **tolerances, **strategy.options})
         if strategy.elastic_rows:
@@ -152,13 +158,15 @@ class PlainRuns:
     def _put_start(self, place: Workplace, strategy: Strategy) -> bool:
         if strategy.start is StartingPoint.COARSE_MESH:
             return self._copies.start_on_fewer_elements()
-        if strategy.start is not StartingPoint.BEST:
+        if strategy.start not in (StartingPoint.BEST, StartingPoint.MIRRORED, StartingPoint.OTHER_OPTIMUM):
             return put_start(self._model, strategy)
         best = self._found.best
         if best is None or best.values is None:
             return False
         place.values.write(best.values)
-        return True
+        if strategy.start is StartingPoint.OTHER_OPTIMUM:
+            return self._copies.start_at_other_optimum(self._exploration.work_within(0, self._log.iterations))
+        return strategy.start is StartingPoint.BEST or put_start(self._model, strategy)
 
     def _run_elastic(self, place: Workplace, strategy: Strategy, keep: Callable[[Iterate], None]) -> Iterate | None:
         """Let rows be violated at a price; from where that ends, go on with the rows as they are."""

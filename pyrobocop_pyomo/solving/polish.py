@@ -52,6 +52,9 @@ EXPLORED_SECONDS = 1.0
 # one, but so many in any case: unlike seconds, these are the same on every machine.
 EXPLORED_WORK = 300
 EXPLORED_WORK_SHARE = 1.0
+# Without pairs, of the size of the user's mesh: most solves take 20 to 100, as one other start does.
+PLAIN_WORK = 60
+PLAIN_WORK_SHARE = 0.5
 # Objectives that differ by less, relative to their size, are those of one solution, relaxed and exact.
 SAME_COST = 1e-6
 # For a linear program where Ipopt did not solve the branch: what the program says of such a point is rarely of use.
@@ -68,6 +71,8 @@ class Exploration:
         How long it may take, as a multiple of the time that the rest of the solve took so far; see `EXPLORED_PAIRS`.
     started : float
         When the solve started, on the clock `time.perf_counter`.
+    most_work : float or None
+        Iterations that other starts of a model without pairs may take, where that is known; see `PLAIN_WORK`.
     seconds : float
         Elapsed in exploring.
     work : float
@@ -82,6 +87,7 @@ class Exploration:
 
     factor: float | None
     started: float
+    most_work: float | None = None
     seconds: float = 0.0
     work: float = 0.0
     explored_iterations: int = 0
@@ -89,7 +95,9 @@ class Exploration:
     unsolved: set[bytes] = field(default_factory=set)
 
     def budget(self, pairs: int) -> float:
-        """Seconds that may be spent from now on in a problem with so many pairs."""
+        """Seconds that may be spent from now on in a problem with so many pairs; by default any number without them."""
+        if not pairs and self.factor is None:
+            return np.inf
         elsewhere = time.perf_counter() - self.started - self.seconds
         factor = self._share(pairs)
         least = EXPLORED_SECONDS if self.factor is None else 0.0
@@ -107,6 +115,8 @@ class Exploration:
         if self.factor is not None:
             return np.inf
         elsewhere = iterations - self.explored_iterations
+        if not pairs:
+            return (self.most_work or max(PLAIN_WORK, PLAIN_WORK_SHARE * elsewhere)) - self.work
         return self._share(pairs) * max(EXPLORED_WORK, EXPLORED_WORK_SHARE * elsewhere) - self.work
 
     def may_go_on(self, pairs: int, iterations: int) -> bool:

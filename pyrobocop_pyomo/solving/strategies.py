@@ -23,6 +23,10 @@ class StartingPoint(enum.Enum):
     INSIDE_BOUNDS = "the middle of the bounds"
     ABSOLUTE_VALUES = "the answer with absolute values in two parts"
     RANDOM = "random values around the initial guess"
+    RANDOM_MOTION = "the motion under random controls"
+    RANDOM_CONTROLS = "random controls, and states on straight lines between their ends"
+    MIRRORED = "the motion under the controls of the answer, on the other side of their bounds or of zero"
+    OTHER_OPTIMUM = "a better answer on fewer elements, from other starts"
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,8 @@ class Strategy:
         Without pairs: whether every row may be violated first, at a price.
     draw : int
         Of a random start: which one.
+    most_iterations : int, optional
+        Of one run, whatever the caller's options say.
     """
 
     name: str
@@ -64,6 +70,7 @@ class Strategy:
     start: StartingPoint = StartingPoint.INITIAL_GUESS
     elastic_rows: bool = False
     draw: int = 0
+    most_iterations: int | None = None
 
 
 # So many starts are drawn at most.
@@ -99,12 +106,11 @@ OTHER_STARTS = (
 )
 
 
-def _random_starts(strategy: Strategy) -> tuple[Strategy, ...]:
-    """The strategy from each random start."""
-    return tuple(
-        replace(strategy, name=f"random start {k}", start=StartingPoint.RANDOM, draw=k)
-        for k in range(1, RANDOM_STARTS + 1)
-    )
+def _random_starts(
+    strategy: Strategy, start: StartingPoint = StartingPoint.RANDOM, name: str = "random start"
+) -> tuple[Strategy, ...]:
+    """The strategy from each random start of a kind."""
+    return tuple(replace(strategy, name=f"{name} {k}", start=start, draw=k) for k in range(1, RANDOM_STARTS + 1))
 
 
 # Beyond a certified point: other ways down from the initial guess and other starts, as long as exploring pays.
@@ -127,12 +133,24 @@ INSIDE_BOUNDS = Strategy("inside bounds", None, for_pairs=False, start=StartingP
 ABSOLUTE_VALUES = Strategy("absolute values as pairs", None, for_pairs=False, start=StartingPoint.ABSOLUTE_VALUES)
 SECOND_TRIES = (OWN_UNITS, SIMULATED, ELASTIC_ROWS, COARSE_MESH, ADAPTIVE, STRAIGHT_LINES, INSIDE_BOUNDS)
 
-# Beyond a solution of a model without pairs, where exploring is requested.
+# Beyond a solution of a model without pairs. Each kind leads to optima that the others miss: where the motion under
+# any controls is tame, simulated ones find most; where it is not, states on lines do.
+_ONE_RUN = replace(SOLVE, most_iterations=WARM_ITERATIONS)
+_OF_EACH_KIND = zip(
+    _random_starts(_ONE_RUN, StartingPoint.RANDOM_MOTION, "random motion"),
+    _random_starts(_ONE_RUN, StartingPoint.RANDOM_CONTROLS, "random controls"),
+    _random_starts(_ONE_RUN),
+    strict=True,
+)
+MIRRORED = replace(_ONE_RUN, name="mirrored", start=StartingPoint.MIRRORED)
 OTHER_STARTS_WITHOUT_PAIRS = (
+    MIRRORED,
+    *next(_OF_EACH_KIND),
     SIMULATED,
     STRAIGHT_LINES,
-    *_random_starts(replace(SOLVE, options={"max_iter": WARM_ITERATIONS})),
+    *(strategy for kinds in _OF_EACH_KIND for strategy in kinds),
 )
+OTHER_OPTIMUM = Strategy("other optimum", None, for_pairs=False, start=StartingPoint.OTHER_OPTIMUM)
 
 # From beside a point that is stationary and no minimum; it follows by itself, and is none to choose.
 BEYOND_SADDLE = Strategy("beyond a saddle", None, for_pairs=False, options={**NEARLY_THERE, "max_iter": 500})

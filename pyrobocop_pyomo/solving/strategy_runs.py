@@ -64,7 +64,7 @@ class StrategyRuns:
         self._model, self._settings, self._log, self._found = model, settings, log, found
         self._guess, self._places, self._has_pairs, self._sign = guess, places, has_pairs, check.sign
         self._polished = PolishedRuns(settings, log, guess.variables, found, check.sign, exploration)
-        self._plain = PlainRuns(model, settings, log, found, self._polished, copies)
+        self._plain = PlainRuns(model, settings, log, found, self._polished, copies, exploration)
 
     def run(self, strategy: Strategy) -> Iterate | None:
         """Run a strategy on the first backend that can evaluate the model where it leads.
