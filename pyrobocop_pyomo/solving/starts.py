@@ -13,6 +13,7 @@ from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.modeling.variable_values import VariableValues, within_bounds
 from pyrobocop_pyomo.phases import Control, State, phases_of
 from pyrobocop_pyomo.phases.remeshing import remesh_phases, why_not_remeshed
+from pyrobocop_pyomo.phases.rough_motion import put_rough_motion
 from pyrobocop_pyomo.phases.simulation import SimulationOptions, simulate
 
 from .random_starts import RandomStarts
@@ -22,7 +23,6 @@ logger = logging.getLogger(__name__)
 
 # A start need not be exact, and a stiff motion must not take long (LSODA would not stop where an exception is raised).
 SIMULATED_BY = SimulationOptions(method="RK45", rtol=1e-5, atol=1e-7, most_evaluations=5000)
-ROUGHLY = SimulationOptions(method="RK23", rtol=1e-2, atol=1e-3, most_evaluations=2000)
 RANDOM_SEED = 0  # a solve that is repeated draws the same starts
 # A copy has so many times fewer elements, and no fewer than this.
 COARSER, LEAST_COARSE_ELEMENTS = 4, 4
@@ -79,7 +79,7 @@ def put_start(model: Any, strategy: Strategy) -> bool:
         _put_on_straight_lines(model, keep_guesses=False)
         return _put_random_controls(model, strategy.draw)
     if start is StartingPoint.RANDOM_MOTION:
-        return _put_random_controls(model, strategy.draw) and _simulate(model, ROUGHLY)
+        return _put_random_controls(model, strategy.draw) and _move_roughly(model)
     if start is StartingPoint.MIRRORED:
         return _mirror_controls(model)
     if start is StartingPoint.STRAIGHT_LINES:
@@ -191,7 +191,7 @@ def _mirror_controls(model: Any) -> bool:
                 variable.set_value(within_bounds(2.0 * middle - variable.value, variable), skip_validation=True)
                 mirrored = True
     if mirrored:
-        _simulate(model, ROUGHLY)
+        _move_roughly(model)
     return mirrored
 
 
@@ -199,13 +199,21 @@ def _controls(model: Any) -> list[Any]:
     return [phase.component(name) for phase in phases_of(model) for name in phase.record.names(Control)]
 
 
-def _simulate(model: Any, options: SimulationOptions = SIMULATED_BY) -> bool:
+def _move_roughly(model: Any) -> bool:
+    """Let states follow the controls; returns whether those of any phase can."""
+    for variable in model.component_data_objects(Var, active=True):
+        if variable.value is None:
+            variable.set_value(within_bounds(0.0, variable), skip_validation=True)
+    return any([put_rough_motion(phase) for phase in phases_of(model)])
+
+
+def _simulate(model: Any) -> bool:
     """Let each phase move under its controls; returns whether any phase could."""
     before, simulated = VariableValues.of_free(model), False
     _put_on_straight_lines(model, keep_guesses=True)
     for phase in phases_of(model):
         try:
-            trajectory = simulate(phase, phase.record, {}, {}, options)
+            trajectory = simulate(phase, phase.record, {}, {}, SIMULATED_BY)
             if all(map(_is_moderate, trajectory.states.values())):
                 phase.initialize(trajectory)
                 simulated = True
