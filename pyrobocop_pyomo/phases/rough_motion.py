@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from pyomo.core.base.var import Var
+from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.modeling.variable_values import values_restored
@@ -49,7 +50,7 @@ def put_rough_motion(block: Any) -> bool:
         return False
     for name, values in zip(record.names_of_states, motion.T.tolist(), strict=True):
         for variable, number in zip(record.nodes(name).variables(block), values, strict=True):
-            if not variable.fixed:
+            if variable.is_variable_type() and not variable.fixed:  # a moving end is an expression
                 variable.set_value(number, skip_validation=True)
     return True
 
@@ -66,7 +67,7 @@ def _motion(block: Any, record: PhaseRecord) -> Array | None:
     signals = {}
     for name in record.names_of_signals:
         nodes = record.nodes(name)
-        values = np.array([float(variable.value) for variable in nodes.variables(block)])
+        values = np.array([float(value(variable)) for variable in nodes.variables(block)])
         signals[name] = nodes.at_points(values)[indices.stage_positions]
     state = initial_states(block, record, {})
     motion = np.full((len(indices.times), state.size), np.nan)

@@ -128,7 +128,7 @@ class PlainRuns:
         return starts
 
     def _run(self, place: Workplace, strategy: Strategy, keep: Callable[[Iterate], None]) -> Iterate | None:
-        if strategy is not SOLVE:
+        if strategy.name != SOLVE.name:
             place.values.write(place.start)
             if not self._put_start(place, strategy):
                 return None
@@ -137,7 +137,7 @@ class PlainRuns:
             strategy = replace(strategy, options={**NEARLY_THERE, **tolerances, **strategy.options})
         if strategy.elastic_rows:
             return self._run_elastic(place, strategy, keep)
-        if strategy is SOLVE and self._settings.strategies is None and self._settings.second_tries:
+        if strategy.name == SOLVE.name and self._settings.strategies is None and self._settings.second_tries:
             simulated = self._run_simulated_first(place)
             if simulated is not None and (self._found.is_certified(simulated) or simulated.stop_reason.is_final):
                 return simulated

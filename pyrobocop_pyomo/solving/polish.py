@@ -52,9 +52,10 @@ EXPLORED_SECONDS = 1.0
 # one, but so many in any case: unlike seconds, these are the same on every machine.
 EXPLORED_WORK = 300
 EXPLORED_WORK_SHARE = 1.0
-# Without pairs, of the size of the user's mesh: most solves take 20 to 100, as one other start does.
-PLAIN_WORK = 60
-PLAIN_WORK_SHARE = 0.5
+# Without pairs: so many iterations and a share of those so far, on the user's mesh. From so many variables on, where
+# iterations take most of the time, fewer, but not less than a part.
+PLAIN_WORK, PLAIN_WORK_SHARE = 100, 0.5
+SMALL_PROGRAM, LEAST_PART = 500, 0.25
 # Objectives that differ by less, relative to their size, are those of one solution, relaxed and exact.
 SAME_COST = 1e-6
 # For a linear program where Ipopt did not solve the branch: what the program says of such a point is rarely of use.
@@ -72,7 +73,7 @@ class Exploration:
     started : float
         When the solve started, on the clock `time.perf_counter`.
     most_work : float or None
-        Iterations that other starts of a model without pairs may take, where that is known; see `PLAIN_WORK`.
+        Iterations that other starts of a model without pairs may take; see `plain_work`.
     seconds : float
         Elapsed in exploring.
     work : float
@@ -116,7 +117,7 @@ class Exploration:
             return np.inf
         elsewhere = iterations - self.explored_iterations
         if not pairs:
-            return (self.most_work or max(PLAIN_WORK, PLAIN_WORK_SHARE * elsewhere)) - self.work
+            return (np.inf if self.most_work is None else self.most_work) - self.work
         return self._share(pairs) * max(EXPLORED_WORK, EXPLORED_WORK_SHARE * elsewhere) - self.work
 
     def may_go_on(self, pairs: int, iterations: int) -> bool:
@@ -145,6 +146,19 @@ class Exploration:
 
     def _share(self, pairs: int) -> float:
         return min(1.0, max(0.0, 2.0 - pairs / EXPLORED_PAIRS)) if self.factor is None else self.factor
+
+
+def plain_work(variables: int, iterations: int) -> float:
+    """Iterations that other starts of a model without pairs may take by default.
+
+    Parameters
+    ----------
+    variables : int
+    iterations : int
+        Of Ipopt, so far.
+    """
+    part = max(LEAST_PART, min(1.0, SMALL_PROGRAM / max(1, variables)))
+    return part * (PLAIN_WORK + PLAIN_WORK_SHARE * iterations)
 
 
 class Polish:

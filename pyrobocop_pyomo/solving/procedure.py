@@ -27,11 +27,11 @@ from .initial_guess import InitialGuess
 from .ipopt_options import WARM_ITERATIONS
 from .iterate_log import IterateLog, ModelCheck
 from .iterates import Iterate, Quality, StopReason
-from .polish import Exploration
+from .polish import Exploration, plain_work
 from .relaxed_model import forget_removed
 from .result_findings import ModelReference
 from .run_remarks import doubts_on_pairs, doubts_on_point, remarks_on_runs
-from .second_tries import SecondTries, with_pairs, without_pairs
+from .second_tries import SecondTries, first_run, with_pairs, without_pairs
 from .settings import Settings
 from .solve_result import SolveResult
 from .solved_copies import SolvedCopies
@@ -64,7 +64,7 @@ SHORT_SOLVE = 300
 # Exploring ends after so many other ways and starts in a row that led to nothing better: by default, and on request.
 PATIENCE, REQUESTED_PATIENCE = 3, 8
 # Without pairs and by default, of one start; with less, few starts come to an end.
-START_ITERATIONS, LEAST_ITERATIONS = 100, 20
+START_ITERATIONS, LEAST_ITERATIONS = 100, 30
 # So many components that are not met are named where the first run gave up.
 SHOWN_AT_FIRST = 3
 
@@ -216,12 +216,14 @@ class _Procedure:
 
     def _other_starts(self, *, requested: bool) -> Iterator[Strategy]:
         """For a solved model without pairs, on fewer elements where there are many; none where it is convex."""
-        if not self._settings.second_tries or not self._exploration.may_go_on(0, self._log.iterations):
+        place, exploration = self._places.place, self._exploration
+        if place is None or not self._settings.second_tries or exploration.factor == 0.0:
             return
-        place = self._places.place
-        compiled = None if place is None else place.session.compiled()
+        compiled = place.session.compiled()
         if compiled is None or is_convex(compiled.nlp, compiled.current_point()):
             return
+        if exploration.most_work is None:
+            exploration.most_work = plain_work(compiled.nlp.n, self._log.iterations)
         coarse = self._copies.has_fewer_elements()
         if coarse:
             yield replace(OTHER_OPTIMUM, most_iterations=self._iterations_of_start(requested=requested))
@@ -239,7 +241,7 @@ class _Procedure:
     def _go_through_those_without_pairs(self) -> None:
         """One run; where it fails, what else may lead to a solution."""
         chosen = self._settings.strategies
-        for strategy in (SOLVE,) if chosen is None else without_pairs(chosen):
+        for strategy in (first_run(self._settings),) if chosen is None else without_pairs(chosen):
             self._try(strategy)
             if self._found.are_enough():
                 return

@@ -132,24 +132,21 @@ INSIDE_BOUNDS = Strategy("inside bounds", None, for_pairs=False, start=StartingP
 # Where the model holds absolute values, before all others: no other start gives these a derivative.
 ABSOLUTE_VALUES = Strategy("absolute values as pairs", None, for_pairs=False, start=StartingPoint.ABSOLUTE_VALUES)
 SECOND_TRIES = (OWN_UNITS, SIMULATED, ELASTIC_ROWS, COARSE_MESH, ADAPTIVE, STRAIGHT_LINES, INSIDE_BOUNDS)
+# Its remaining iterations, where nothing else succeeded.
+SOLVE_TO_THE_END = replace(SOLVE, name="solve to the end")
 
 # Beyond a solution of a model without pairs. Each kind leads to optima that the others miss: where the motion under
 # any controls is tame, simulated ones find most; where it is not, states on lines do.
 _ONE_RUN = replace(SOLVE, most_iterations=WARM_ITERATIONS)
-_OF_EACH_KIND = zip(
-    _random_starts(_ONE_RUN, StartingPoint.RANDOM_MOTION, "random motion"),
-    _random_starts(_ONE_RUN, StartingPoint.RANDOM_CONTROLS, "random controls"),
-    _random_starts(_ONE_RUN),
-    strict=True,
-)
+_MOTIONS = _random_starts(_ONE_RUN, StartingPoint.RANDOM_MOTION, "random motion")
+_CONTROLS = _random_starts(_ONE_RUN, StartingPoint.RANDOM_CONTROLS, "random controls")
+_VALUES = _random_starts(_ONE_RUN)
 MIRRORED = replace(_ONE_RUN, name="mirrored", start=StartingPoint.MIRRORED)
-OTHER_STARTS_WITHOUT_PAIRS = (
-    MIRRORED,
-    *next(_OF_EACH_KIND),
-    SIMULATED,
-    STRAIGHT_LINES,
-    *(strategy for kinds in _OF_EACH_KIND for strategy in kinds),
-)
+_FIRST = (MIRRORED, *_MOTIONS[:2], _CONTROLS[0], _MOTIONS[2], _CONTROLS[1], _VALUES[0], SIMULATED, STRAIGHT_LINES)
+_LATER = (one for kinds in zip(_MOTIONS[3:], _CONTROLS[2:], _VALUES[1:], strict=False) for one in kinds)
+OTHER_STARTS_WITHOUT_PAIRS = (*_FIRST, *_LATER)
+# Short runs, for where a guess is symmetric: from the middle of what stands in the way no side is downhill.
+SIDE_STARTS = (_CONTROLS[0], _VALUES[0])
 OTHER_OPTIMUM = Strategy("other optimum", None, for_pairs=False, start=StartingPoint.OTHER_OPTIMUM)
 
 # From beside a point that is stationary and no minimum; it follows by itself, and is none to choose.
