@@ -63,8 +63,9 @@ logger = logging.getLogger(__name__)
 SHORT_SOLVE = 300
 # Exploring ends after so many other ways and starts in a row that led to nothing better: by default, and on request.
 PATIENCE, REQUESTED_PATIENCE = 3, 8
-# Without pairs and by default, of one start; with less, few starts come to an end.
-START_ITERATIONS, LEAST_ITERATIONS = 100, 30
+# Without pairs and by default: a third of what all starts may take, within these; with less than the least, few come to
+# an end.
+FEW_ITERATIONS, MANY_ITERATIONS, LEAST_ITERATIONS = 60, 100, 30
 # So many components that are not met are named where the first run gave up.
 SHOWN_AT_FIRST = 3
 
@@ -192,7 +193,7 @@ class _Procedure:
                 break
             if pairs and best.certificate is not Certificate.PROVEN:
                 break
-            if (pairs or requested) and without_gain == (REQUESTED_PATIENCE if requested else PATIENCE):
+            if without_gain == (PATIENCE if pairs and not requested else REQUESTED_PATIENCE):
                 break
             if not self._exploration.may_go_on(pairs, self._log.iterations):
                 break
@@ -236,7 +237,9 @@ class _Procedure:
     def _iterations_of_start(self, *, requested: bool) -> int:
         if requested:
             return WARM_ITERATIONS
-        return int(min(START_ITERATIONS, self._exploration.work_within(0, self._log.iterations)))
+        exploration = self._exploration
+        share = min(MANY_ITERATIONS, max(FEW_ITERATIONS, (exploration.most_work or 0.0) / 3.0))
+        return int(min(share, exploration.work_within(0, self._log.iterations)))
 
     def _go_through_those_without_pairs(self) -> None:
         """One run; where it fails, what else may lead to a solution."""

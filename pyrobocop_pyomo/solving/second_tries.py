@@ -95,13 +95,13 @@ class SecondTries:
         reason = self._first.stop_reason
         sides = tuple(replace(strategy, most_iterations=SIDE_ITERATIONS) for strategy in SIDE_STARTS)
         following = _FOLLOWING.get(reason, (*SECOND_TRIES, *sides))
-        if status is IpoptStatus.ITERATION_LIMIT:
-            following = (*sides, *SECOND_TRIES)
         stuck = reason is not StopReason.DIVERGED and self._first.excess(self._settings.tolerances) <= 1.0
         if self._first.converged or stuck:
             # Ipopt's tolerances are relative to its scaling; the residuals are not. A run that came to a feasible
             # point and no further often ends there within a few iterations of new multipliers.
             following = (TIGHTER, *following)
+        if status is IpoptStatus.ITERATION_LIMIT:
+            following = (*sides, *following)  # which has them once more, for other failures
         # The caller's options win: a strategy that only sets them would be the first run again.
         return tuple(
             strategy

@@ -142,8 +142,8 @@ _MOTIONS = _random_starts(_ONE_RUN, StartingPoint.RANDOM_MOTION, "random motion"
 _CONTROLS = _random_starts(_ONE_RUN, StartingPoint.RANDOM_CONTROLS, "random controls")
 _VALUES = _random_starts(_ONE_RUN)
 MIRRORED = replace(_ONE_RUN, name="mirrored", start=StartingPoint.MIRRORED)
-_FIRST = (MIRRORED, *_MOTIONS[:2], _CONTROLS[0], _MOTIONS[2], _CONTROLS[1], _VALUES[0], SIMULATED, STRAIGHT_LINES)
-_LATER = (one for kinds in zip(_MOTIONS[3:], _CONTROLS[2:], _VALUES[1:], strict=False) for one in kinds)
+_FIRST = (MIRRORED, *_MOTIONS[:3], _CONTROLS[0], _VALUES[0], SIMULATED, STRAIGHT_LINES)
+_LATER = (one for kinds in zip(_MOTIONS[3:], _CONTROLS[1:], _VALUES[1:], strict=False) for one in kinds)
 OTHER_STARTS_WITHOUT_PAIRS = (*_FIRST, *_LATER)
 # Short runs, for where a guess is symmetric: from the middle of what stands in the way no side is downhill.
 SIDE_STARTS = (_CONTROLS[0], _VALUES[0])
