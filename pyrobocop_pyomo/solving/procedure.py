@@ -65,7 +65,7 @@ SHORT_SOLVE = 300
 PATIENCE, REQUESTED_PATIENCE = 3, 8
 # Without pairs and by default: a third of what all starts may take, within these; with less than the least, few come to
 # an end.
-FEW_ITERATIONS, MANY_ITERATIONS, LEAST_ITERATIONS = 60, 100, 30
+FEW_ITERATIONS, MANY_ITERATIONS, LEAST_ITERATIONS = 50, 100, 25
 # So many components that are not met are named where the first run gave up.
 SHOWN_AT_FIRST = 3
 

@@ -174,7 +174,7 @@ def _has_guess(phase: Any, name: str) -> bool:
 
 def _put_random_controls(model: Any, draw: int) -> bool:
     """Draw controls within their bounds; returns whether there are any."""
-    free = {id(control): 1.0 for control in _controls(model) if any(not member.fixed for member in control.values())}
+    free = {id(control): 1.0 for control in _controls(model) if any(not member.is_fixed() for member in control.values())}
     if free:
         RandomStarts(model, RANDOM_SEED, free).put(draw)
     return bool(free)
@@ -185,7 +185,7 @@ def _mirror_controls(model: Any) -> bool:
     mirrored = False
     for control in _controls(model):
         for variable in control.values():
-            if not variable.fixed and variable.value is not None:
+            if variable.is_variable_type() and not variable.fixed and variable.value is not None:
                 lower, upper = variable.bounds
                 middle = 0.0 if lower is None or upper is None else 0.5 * (lower + upper)
                 variable.set_value(within_bounds(2.0 * middle - variable.value, variable), skip_validation=True)
