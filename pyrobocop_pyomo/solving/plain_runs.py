@@ -33,6 +33,13 @@ logger = logging.getLogger(__name__)
 # What a unit of violation costs with elastic rows, in slopes of the objective: above what multipliers may be expected
 # to be.
 PENALTY = 1e3
+# Starts from where little is left to do.
+NEAR_A_SOLUTION = (
+    StartingPoint.COARSE_MESH,
+    StartingPoint.OTHER_OPTIMUM,
+    StartingPoint.BEST,
+    StartingPoint.REACHED,
+)
 # A run that goes on from a saddle starts so far from it, in sizes of the variables; so many saddles are left.
 STEP_FROM_SADDLE, MOST_SADDLES = 0.1, 5
 
@@ -93,7 +100,8 @@ class PlainRuns:
         saddle = replace(iterate, certificate=Certificate.DESCENT)
         if left == 0 or (known is not None and not self._found.is_better(saddle, known)):
             return saddle
-        keep(saddle)
+        if not self._found.is_certified(known):
+            keep(saddle)
         for start in starts:
             place.values.write(start)
             try:
@@ -128,11 +136,11 @@ class PlainRuns:
         return starts
 
     def _run(self, place: Workplace, strategy: Strategy, keep: Callable[[Iterate], None]) -> Iterate | None:
-        if strategy.name != SOLVE.name:
+        if strategy.name != SOLVE.name and strategy.start is not StartingPoint.REACHED:
             place.values.write(place.start)
             if not self._put_start(place, strategy):
                 return None
-        if strategy.start in (StartingPoint.COARSE_MESH, StartingPoint.OTHER_OPTIMUM, StartingPoint.BEST):
+        if strategy.start in NEAR_A_SOLUTION:
             tolerances = TIGHTER_TOLERANCES if strategy.start is StartingPoint.BEST else {}
             strategy = replace(strategy, options={**NEARLY_THERE, **tolerances, **strategy.options})
         if strategy.elastic_rows:

@@ -201,7 +201,7 @@ class _Procedure:
                 continue
             self._classify(best)  # another relaxation takes away the rows whose multipliers this asks for
             with self._exploration.counted(self._log):
-                iterate = self._try(strategy)
+                iterate = self._try(strategy, certified=not pairs)
             ends.append(f"'{strategy.name}' " + (f"{iterate.objective:.6g}" if iterate is not None else "no point"))
             if iterate is None:
                 missing.add(strategy.start)
@@ -262,12 +262,26 @@ class _Procedure:
             if self._found.are_enough():
                 return
 
-    def _try(self, strategy: Strategy) -> Iterate | None:
-        """Run a strategy, and return where it ended; what an earlier one found stays whatever happens."""
+    def _try(self, strategy: Strategy, *, certified: bool = False) -> Iterate | None:
+        """Run a strategy, and return where it ended; what an earlier one found stays whatever happens.
+
+        Parameters
+        ----------
+        strategy : Strategy
+        certified : bool
+            Whether to go on from a better point that is not certified, and to keep none that is not.
+        """
         found = self._found
         self._tried.add(strategy.name)
         try:
             iterate = self._runs.run(strategy)
+            if certified and iterate is not None and not found.is_certified(iterate):
+                if found.best is None or not found.is_better(iterate, found.best) or found.are_cut():
+                    return iterate
+                going_on = replace(strategy, start=StartingPoint.REACHED, most_iterations=WARM_ITERATIONS)
+                iterate = self._runs.run(going_on) or iterate
+                if not found.is_certified(iterate):
+                    return iterate
         except KeyboardInterrupt:
             if found.best is None:
                 raise

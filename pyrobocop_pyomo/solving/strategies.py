@@ -26,6 +26,7 @@ class StartingPoint(enum.Enum):
     RANDOM_MOTION = "the motion under random controls"
     RANDOM_CONTROLS = "random controls, and states on straight lines between their ends"
     MIRRORED = "the motion under the controls of the answer, on the other side of their bounds or of zero"
+    REACHED = "where the run before ended"
     OTHER_OPTIMUM = "a better answer on fewer elements, from other starts"
 
 
