@@ -281,9 +281,7 @@ def two_wells(elements=40):
     b.x, b.v = rcp.State(initial=-1), rcp.State(initial=0)
     b.u = rcp.Control()
     b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
-    m.cost = pyo.Objective(
-        expr=b.integral(lambda b, t: (b.x[t] ** 2 - 1) ** 2 - 0.5 * b.x[t] + 0.5 * b.u[t] ** 2)
-    )
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: (b.x[t] ** 2 - 1) ** 2 - 0.5 * b.x[t] + 0.5 * b.u[t] ** 2))
     return m
 
 

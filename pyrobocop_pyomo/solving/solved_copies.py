@@ -137,9 +137,7 @@ class SolvedCopies:
     ) -> SolveResult | None:
         """Solve a copy, and log its runs as those of a strategy; None where it cannot be solved at all."""
         options = self._settings.options.with_default({"max_iter": ITERATIONS_OF_ONE})
-        settings = replace(
-            self._settings, options=options, strategies=strategies, progress=Progress(False), **changes
-        )
+        settings = replace(self._settings, options=options, strategies=strategies, progress=Progress(False), **changes)
         try:
             result = self._solve_copy(copy, settings)
         except PyRobocopError as error:

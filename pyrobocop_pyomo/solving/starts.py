@@ -174,7 +174,9 @@ def _has_guess(phase: Any, name: str) -> bool:
 
 def _put_random_controls(model: Any, draw: int) -> bool:
     """Draw controls within their bounds; returns whether there are any."""
-    free = {id(control): 1.0 for control in _controls(model) if any(not member.is_fixed() for member in control.values())}
+    free = {
+        id(control): 1.0 for control in _controls(model) if any(not member.is_fixed() for member in control.values())
+    }
     if free:
         RandomStarts(model, RANDOM_SEED, free).put(draw)
     return bool(free)
