@@ -174,7 +174,7 @@ def _has_guess(phase: Any, name: str) -> bool:
 
 def _put_random_controls(model: Any, draw: int) -> bool:
     """Draw controls within their bounds; returns whether there are any."""
-    free = {
+    free: dict[int | None, float] = {
         id(control): 1.0 for control in _controls(model) if any(not member.is_fixed() for member in control.values())
     }
     if free:
@@ -206,7 +206,8 @@ def _move_roughly(model: Any) -> bool:
     for variable in model.component_data_objects(Var, active=True):
         if variable.value is None:
             variable.set_value(within_bounds(0.0, variable), skip_validation=True)
-    return any([put_rough_motion(phase) for phase in phases_of(model)])
+    moved = [put_rough_motion(phase) for phase in phases_of(model)]
+    return any(moved)
 
 
 def _simulate(model: Any) -> bool:
