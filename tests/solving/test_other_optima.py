@@ -17,6 +17,7 @@ from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.solving import procedure
 from pyrobocop_pyomo.solving.convexity import is_convex
 from pyrobocop_pyomo.solving.ipopt_options import IpoptOptions
+from pyrobocop_pyomo.solving.polish import plain_work
 
 pytestmark = pytest.mark.casadi
 
@@ -157,6 +158,11 @@ def test_pyomo_s_solver_looks_as_well_unless_it_is_told_not_to() -> None:
 @pytest.mark.executable
 def test_the_executable_looks_as_well() -> None:
     assert rcp.solve(round_a_hill(8), backend="executable").objective < 30.0
+
+
+@given(st.integers(1, 10**6), st.integers(0, 10**4))
+def test_the_effort_of_other_starts_follows_the_formula_of_the_page(n: int, k: int) -> None:
+    assert plain_work(n, k) == pytest.approx(max(1 / 4, min(1.0, 500 / n)) * (60 + 0.4 * k))
 
 
 @given(st.lists(st.floats(-2.0, 2.0), min_size=3, max_size=3), st.booleans())
