@@ -54,7 +54,7 @@ EXPLORED_WORK = 300
 EXPLORED_WORK_SHARE = 1.0
 # Without pairs: so many iterations and a share of those so far, on the user's mesh. From so many variables on, where
 # iterations take most of the time, fewer, but not less than a part.
-PLAIN_WORK, PLAIN_WORK_SHARE = 60, 0.4
+PLAIN_WORK, PLAIN_WORK_SHARE = 80, 0.4
 SMALL_PROGRAM, LEAST_PART = 500, 0.25
 # Objectives that differ by less, relative to their size, are those of one solution, relaxed and exact.
 SAME_COST = 1e-6

@@ -162,7 +162,7 @@ def test_the_executable_looks_as_well() -> None:
 
 @given(st.integers(1, 10**6), st.integers(0, 10**4))
 def test_the_effort_of_other_starts_follows_the_formula_of_the_page(n: int, k: int) -> None:
-    assert plain_work(n, k) == pytest.approx(max(1 / 4, min(1.0, 500 / n)) * (60 + 0.4 * k))
+    assert plain_work(n, k) == pytest.approx(max(1 / 4, min(1.0, 500 / n)) * (80 + 0.4 * k))
 
 
 @given(st.lists(st.floats(-2.0, 2.0), min_size=3, max_size=3), st.booleans())
