@@ -88,8 +88,9 @@ def solve(
     where it is not lifted. Where all strategies end infeasible from the initial guess, two follow from elsewhere:
     "simulated, with pairs" and "straight lines, with pairs".
 
-    Models without pairs are solved by one run, "solve". Where it fails, further strategies follow until one gives a
-    solution by recomputed residuals; together they may take twice its iterations, each at most 500:
+    Models without pairs are solved by one run, "solve". Where it fails or takes more than 500 iterations, further
+    strategies follow until one gives a solution by recomputed residuals; together they may take twice its iterations,
+    and at least 1500, each at most 500:
 
     * "absolute values as pairs": where the model holds absolute values, a copy with their two parts is solved; in a
       model with pairs this comes last;
@@ -100,7 +101,15 @@ def solve(
       variables, or equations that follow from each other, is solved by this one;
     * "coarse mesh": from the answer on a quarter of the elements;
     * "adaptive": with Ipopt's adaptive barrier parameter;
-    * "straight lines", "inside bounds": from states on lines between their ends, and from the middle of all bounds.
+    * "straight lines", "inside bounds": from states on lines between their ends, and from the middle of all bounds;
+    * "random controls 1", "random start 1": short runs from beside a guess that may be symmetric; first of all after
+      500 iterations, and then, where nothing helps, "solve to the end" has the rest of Ipopt's limit.
+
+    A solution of a model with phases is a local one, so that a few other starts follow (see `exploration`), unless its
+    rows are linear and its objective is quadratic and convex: the motion under mirrored controls of the answer
+    ("mirrored"), under random controls ("random motion 1", ...), random controls with states on lines ("random
+    controls 1", ...), random values ("random start 1", ...). The best certified point wins. From 80 elements in a phase
+    on, they run on a quarter of the elements, and only a better answer there leads on, as "other optimum".
 
     After local infeasibility only "own units", "simulated", "elastic rows" and "straight lines"
     follow; after a limit that the caller set by ``options={"max_iter": ...}``, none. With obstacles, the recovery has
@@ -145,7 +154,9 @@ def solve(
         ``float("inf")`` for no limit but `time_limit`. It ends after eight ways and starts in a row without a better
         point. By default 1 up to 100 pairs, and at least a second; then less, and 0 from 200 pairs; not more
         iterations than those so far, or 300; and, after a solve of at most 300 iterations, three ways and starts.
-        Without pairs, a number asks for other starts: simulated, on straight lines, and random ones.
+        Without pairs, in models with phases, by default 80 iterations and 0.4 times those so far, less from 500
+        variables on, down to a quarter. A number asks for more starts, as long as eight in a row lead to nothing
+        better, in any model without pairs. 0 ends the solve with its first solution.
     backend : Backend or str, optional
         Which Ipopt: ``"in process"`` (the best derivatives present), ``"asl"``, ``"casadi"``, ``"vectorised"`` or
         ``"executable"``. By default ``"vectorised"`` for models with obstacles and for those whose nonlinear

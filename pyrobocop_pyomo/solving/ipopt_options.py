@@ -90,15 +90,18 @@ class IpoptOptions:
     Attributes
     ----------
     user, strategy, default : mapping
+    most_iterations : int or None
+        The smaller limit counts: this one, or that of the layers.
     """
 
     user: Mapping[str, Any] = field(default_factory=dict)
     strategy: Mapping[str, Any] = field(default_factory=dict)
     default: Mapping[str, Any] = field(default_factory=lambda: DEFAULT)
+    most_iterations: int | None = None
 
-    def with_strategy(self, options: Mapping[str, Any]) -> IpoptOptions:
+    def with_strategy(self, options: Mapping[str, Any], most_iterations: int | None = None) -> IpoptOptions:
         """The same with another layer of a strategy."""
-        return replace(self, strategy=dict(options))
+        return replace(self, strategy=dict(options), most_iterations=most_iterations)
 
     def with_default(self, options: Mapping[str, Any]) -> IpoptOptions:
         """The same with further defaults."""
@@ -109,4 +112,6 @@ class IpoptOptions:
         resolved = dict(self.default)
         for layer in (*purposes, self.strategy, self.user):
             resolved.update(layer)
+        if self.most_iterations is not None:
+            resolved["max_iter"] = min(resolved["max_iter"], self.most_iterations)
         return resolved

@@ -19,6 +19,7 @@ from .found_points import FoundPoints
 from .ipopt_options import NEARLY_THERE, TIGHTER_TOLERANCES
 from .iterate_log import IterateLog
 from .iterates import Iterate, StopReason
+from .polish import Exploration
 from .polished_runs import PolishedRuns
 from .second_tries import ITERATIONS_OF_ONE
 from .settings import Settings
@@ -32,6 +33,13 @@ logger = logging.getLogger(__name__)
 # What a unit of violation costs with elastic rows, in slopes of the objective: above what multipliers may be expected
 # to be.
 PENALTY = 1e3
+# Starts from where little is left to do.
+NEAR_A_SOLUTION = (
+    StartingPoint.COARSE_MESH,
+    StartingPoint.OTHER_OPTIMUM,
+    StartingPoint.BEST,
+    StartingPoint.REACHED,
+)
 # A run that goes on from a saddle starts so far from it, in sizes of the variables; so many saddles are left.
 STEP_FROM_SADDLE, MOST_SADDLES = 0.1, 5
 
@@ -47,6 +55,7 @@ class PlainRuns:
     found : FoundPoints
     runs : PolishedRuns
     copies : SolvedCopies
+    exploration : Exploration
     """
 
     def __init__(
@@ -57,9 +66,10 @@ class PlainRuns:
         found: FoundPoints,
         runs: PolishedRuns,
         copies: SolvedCopies,
+        exploration: Exploration,
     ) -> None:
         self._model, self._settings, self._log, self._found = model, settings, log, found
-        self._runs, self._copies = runs, copies
+        self._runs, self._copies, self._exploration = runs, copies, exploration
 
     def run(self, place: Workplace, strategy: Strategy, keep: Callable[[Iterate], None]) -> Iterate | None:
         """Run a strategy, and go on from where it ends at a saddle; None where it has no start, or no program.
@@ -81,13 +91,17 @@ class PlainRuns:
         self, place: Workplace, iterate: Iterate, keep: Callable[[Iterate], None], left: int
     ) -> Iterate:
         """The point on the model, or a better one that runs lead to from it where it is stationary and no minimum."""
+        known = self._found.best
+        if known is not None and not self._found.is_better(iterate, known):
+            return iterate  # whatever it is
         starts = self._starts_beyond(place, iterate)
         if not starts:
             return iterate
-        saddle, known = replace(iterate, certificate=Certificate.DESCENT), self._found.best
+        saddle = replace(iterate, certificate=Certificate.DESCENT)
         if left == 0 or (known is not None and not self._found.is_better(saddle, known)):
             return saddle
-        keep(saddle)
+        if not self._found.is_certified(known):
+            keep(saddle)
         for start in starts:
             place.values.write(start)
             try:
@@ -122,16 +136,16 @@ class PlainRuns:
         return starts
 
     def _run(self, place: Workplace, strategy: Strategy, keep: Callable[[Iterate], None]) -> Iterate | None:
-        if strategy is not SOLVE:
+        if strategy.name != SOLVE.name and strategy.start is not StartingPoint.REACHED:
             place.values.write(place.start)
             if not self._put_start(place, strategy):
                 return None
-        if strategy.start in (StartingPoint.COARSE_MESH, StartingPoint.BEST):
+        if strategy.start in NEAR_A_SOLUTION:
             tolerances = TIGHTER_TOLERANCES if strategy.start is StartingPoint.BEST else {}
             strategy = replace(strategy, options={**NEARLY_THERE, **tolerances, **strategy.options})
         if strategy.elastic_rows:
             return self._run_elastic(place, strategy, keep)
-        if strategy is SOLVE and self._settings.strategies is None and self._settings.second_tries:
+        if strategy.name == SOLVE.name and self._settings.strategies is None and self._settings.second_tries:
             simulated = self._run_simulated_first(place)
             if simulated is not None and (self._found.is_certified(simulated) or simulated.stop_reason.is_final):
                 return simulated
@@ -152,13 +166,15 @@ class PlainRuns:
     def _put_start(self, place: Workplace, strategy: Strategy) -> bool:
         if strategy.start is StartingPoint.COARSE_MESH:
             return self._copies.start_on_fewer_elements()
-        if strategy.start is not StartingPoint.BEST:
+        if strategy.start not in (StartingPoint.BEST, StartingPoint.MIRRORED, StartingPoint.OTHER_OPTIMUM):
             return put_start(self._model, strategy)
         best = self._found.best
         if best is None or best.values is None:
             return False
         place.values.write(best.values)
-        return True
+        if strategy.start is StartingPoint.OTHER_OPTIMUM:
+            return self._copies.start_at_other_optimum(self._exploration.work_within(0, self._log.iterations))
+        return strategy.start is StartingPoint.BEST or put_start(self._model, strategy)
 
     def _run_elastic(self, place: Workplace, strategy: Strategy, keep: Callable[[Iterate], None]) -> Iterate | None:
         """Let rows be violated at a price; from where that ends, go on with the rows as they are."""

@@ -52,6 +52,10 @@ EXPLORED_SECONDS = 1.0
 # one, but so many in any case: unlike seconds, these are the same on every machine.
 EXPLORED_WORK = 300
 EXPLORED_WORK_SHARE = 1.0
+# Without pairs: so many iterations and a share of those so far, on the user's mesh. From so many variables on, where
+# iterations take most of the time, fewer, but not less than a part.
+PLAIN_WORK, PLAIN_WORK_SHARE = 80, 0.4
+SMALL_PROGRAM, LEAST_PART = 500, 0.25
 # Objectives that differ by less, relative to their size, are those of one solution, relaxed and exact.
 SAME_COST = 1e-6
 # For a linear program where Ipopt did not solve the branch: what the program says of such a point is rarely of use.
@@ -68,6 +72,8 @@ class Exploration:
         How long it may take, as a multiple of the time that the rest of the solve took so far; see `EXPLORED_PAIRS`.
     started : float
         When the solve started, on the clock `time.perf_counter`.
+    most_work : float or None
+        Iterations that other starts of a model without pairs may take; see `plain_work`.
     seconds : float
         Elapsed in exploring.
     work : float
@@ -82,6 +88,7 @@ class Exploration:
 
     factor: float | None
     started: float
+    most_work: float | None = None
     seconds: float = 0.0
     work: float = 0.0
     explored_iterations: int = 0
@@ -89,7 +96,9 @@ class Exploration:
     unsolved: set[bytes] = field(default_factory=set)
 
     def budget(self, pairs: int) -> float:
-        """Seconds that may be spent from now on in a problem with so many pairs."""
+        """Seconds that may be spent from now on in a problem with so many pairs; by default any number without them."""
+        if not pairs and self.factor is None:
+            return np.inf
         elsewhere = time.perf_counter() - self.started - self.seconds
         factor = self._share(pairs)
         least = EXPLORED_SECONDS if self.factor is None else 0.0
@@ -107,6 +116,8 @@ class Exploration:
         if self.factor is not None:
             return np.inf
         elsewhere = iterations - self.explored_iterations
+        if not pairs:
+            return (np.inf if self.most_work is None else self.most_work) - self.work
         return self._share(pairs) * max(EXPLORED_WORK, EXPLORED_WORK_SHARE * elsewhere) - self.work
 
     def may_go_on(self, pairs: int, iterations: int) -> bool:
@@ -135,6 +146,19 @@ class Exploration:
 
     def _share(self, pairs: int) -> float:
         return min(1.0, max(0.0, 2.0 - pairs / EXPLORED_PAIRS)) if self.factor is None else self.factor
+
+
+def plain_work(variables: int, iterations: int) -> float:
+    """Iterations that other starts of a model without pairs may take by default.
+
+    Parameters
+    ----------
+    variables : int
+    iterations : int
+        Of Ipopt, so far.
+    """
+    part = max(LEAST_PART, min(1.0, SMALL_PROGRAM / max(1, variables)))
+    return part * (PLAIN_WORK + PLAIN_WORK_SHARE * iterations)
 
 
 class Polish:

@@ -182,4 +182,4 @@ class PolishedRuns:
         if self._settings.strategies is None and share is not None:
             # A problem that takes longer rarely gets anywhere; the next strategy does.
             options = {"max_iter": share, **options}
-        return place.options(self._settings).with_strategy(options)
+        return place.options(self._settings).with_strategy(options, strategy.most_iterations)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -20,19 +21,31 @@ from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
 from pyrobocop_pyomo.phases import phases_of
 
+from .convexity import is_convex
 from .found_points import FoundPoints
 from .initial_guess import InitialGuess
+from .ipopt_options import WARM_ITERATIONS
 from .iterate_log import IterateLog, ModelCheck
 from .iterates import Iterate, Quality, StopReason
-from .polish import Exploration
+from .polish import Exploration, plain_work
 from .relaxed_model import forget_removed
 from .result_findings import ModelReference
 from .run_remarks import doubts_on_pairs, doubts_on_point, remarks_on_runs
-from .second_tries import SecondTries, with_pairs, without_pairs
+from .second_tries import SecondTries, first_run, with_pairs, without_pairs
 from .settings import Settings
 from .solve_result import SolveResult
 from .solved_copies import SolvedCopies
-from .strategies import DEFAULT_SEQUENCE, OTHER_STARTS, OTHER_STARTS_WITHOUT_PAIRS, OTHER_WAYS, SOLVE, TIGHT, Strategy
+from .strategies import (
+    DEFAULT_SEQUENCE,
+    OTHER_OPTIMUM,
+    OTHER_STARTS,
+    OTHER_STARTS_WITHOUT_PAIRS,
+    OTHER_WAYS,
+    SOLVE,
+    TIGHT,
+    StartingPoint,
+    Strategy,
+)
 from .strategy_runs import StrategyRuns
 from .violations import (
     GROWING,
@@ -50,6 +63,9 @@ logger = logging.getLogger(__name__)
 SHORT_SOLVE = 300
 # Exploring ends after so many other ways and starts in a row that led to nothing better: by default, and on request.
 PATIENCE, REQUESTED_PATIENCE = 3, 8
+# Without pairs and by default: a third of what all starts may take, within these; with less than the least, few come to
+# an end.
+FEW_ITERATIONS, MANY_ITERATIONS, LEAST_ITERATIONS = 50, 100, 25
 # So many components that are not met are named where the first run gave up.
 SHOWN_AT_FIRST = 3
 
@@ -78,7 +94,7 @@ class _Procedure:
         self._guess = InitialGuess(model, self._values)
         self._found = FoundPoints(settings, self._check.sign)
         self._places = Workplaces(model, settings, self._guess)
-        self._exploration = Exploration(settings.exploration, self._started)
+        self._exploration = Exploration(settings.exploration, self._started, settings.explored_work)
         self._tried: set[str] = set()
         self._copies = SolvedCopies(model, self._values, settings, self._log, self._found, solve_model)
         self._runs = StrategyRuns(
@@ -166,25 +182,29 @@ class _Procedure:
     def _go_other_ways(self) -> None:
         """Beyond a certified point: other ways down, then other starts, as long as there is a budget and it pays."""
         pairs, found, without_gain = self._places.pairs, self._found, 0
+        missing: set[StartingPoint] = set()  # kinds of starts that this model has not
         requested, before, ends = self._settings.exploration is not None, found.best, []
-        if self._settings.strategies is not None or not (requested or (pairs and self._log.iterations <= SHORT_SOLVE)):
+        by_default = self._log.iterations <= SHORT_SOLVE if pairs else bool(phases_of(self._model))
+        if self._settings.strategies is not None or not (requested or by_default):
             return
-        for strategy in OTHER_WAYS if pairs else OTHER_STARTS_WITHOUT_PAIRS if self._settings.second_tries else ():
+        for strategy in OTHER_WAYS if pairs else self._other_starts(requested=requested):
             best = found.best
             if best is None or not found.is_certified(best) or found.are_cut():
                 break
             if pairs and best.certificate is not Certificate.PROVEN:
                 break
-            if without_gain == (REQUESTED_PATIENCE if requested else PATIENCE):
+            if without_gain == (PATIENCE if pairs and not requested else REQUESTED_PATIENCE):
                 break
             if not self._exploration.may_go_on(pairs, self._log.iterations):
                 break
-            if strategy.name in self._tried:
+            if strategy.name in self._tried or strategy.start in missing:
                 continue
             self._classify(best)  # another relaxation takes away the rows whose multipliers this asks for
             with self._exploration.counted(self._log):
-                iterate = self._try(strategy)
+                iterate = self._try(strategy, certified=not pairs)
             ends.append(f"'{strategy.name}' " + (f"{iterate.objective:.6g}" if iterate is not None else "no point"))
+            if iterate is None:
+                missing.add(strategy.start)
             without_gain = without_gain + 1 if found.best is best else 0
             if not without_gain:
                 self._runs.explore()
@@ -195,10 +215,36 @@ class _Procedure:
                 f"{', '.join(ends)}. exploration= asks for more of them."
             )
 
+    def _other_starts(self, *, requested: bool) -> Iterator[Strategy]:
+        """For a solved model without pairs, on fewer elements where there are many; none where it is convex."""
+        place, exploration = self._places.place, self._exploration
+        if place is None or not self._settings.second_tries or exploration.factor == 0.0:
+            return
+        compiled = place.session.compiled()
+        if compiled is None or is_convex(compiled.nlp, compiled.current_point()):
+            return
+        if exploration.most_work is None:
+            exploration.most_work = plain_work(compiled.nlp.n, self._log.iterations)
+        coarse = self._copies.has_fewer_elements()
+        if coarse:
+            yield replace(OTHER_OPTIMUM, most_iterations=self._iterations_of_start(requested=requested))
+        for strategy in OTHER_STARTS_WITHOUT_PAIRS if requested or not coarse else ():
+            most = self._iterations_of_start(requested=requested)
+            if most < LEAST_ITERATIONS:
+                return
+            yield replace(strategy, most_iterations=most)
+
+    def _iterations_of_start(self, *, requested: bool) -> int:
+        if requested:
+            return WARM_ITERATIONS
+        exploration = self._exploration
+        share = min(MANY_ITERATIONS, max(FEW_ITERATIONS, (exploration.most_work or 0.0) / 3.0))
+        return int(min(share, exploration.work_within(0, self._log.iterations)))
+
     def _go_through_those_without_pairs(self) -> None:
         """One run; where it fails, what else may lead to a solution."""
         chosen = self._settings.strategies
-        for strategy in (SOLVE,) if chosen is None else without_pairs(chosen):
+        for strategy in (first_run(self._settings),) if chosen is None else without_pairs(chosen):
             self._try(strategy)
             if self._found.are_enough():
                 return
@@ -216,12 +262,26 @@ class _Procedure:
             if self._found.are_enough():
                 return
 
-    def _try(self, strategy: Strategy) -> Iterate | None:
-        """Run a strategy, and return where it ended; what an earlier one found stays whatever happens."""
+    def _try(self, strategy: Strategy, *, certified: bool = False) -> Iterate | None:
+        """Run a strategy, and return where it ended; what an earlier one found stays whatever happens.
+
+        Parameters
+        ----------
+        strategy : Strategy
+        certified : bool
+            Whether to go on from a better point that is not certified, and to keep none that is not.
+        """
         found = self._found
         self._tried.add(strategy.name)
         try:
             iterate = self._runs.run(strategy)
+            if certified and iterate is not None and not found.is_certified(iterate):
+                if found.best is None or not found.is_better(iterate, found.best) or found.are_cut():
+                    return iterate
+                going_on = replace(strategy, start=StartingPoint.REACHED, most_iterations=WARM_ITERATIONS)
+                iterate = self._runs.run(going_on) or iterate
+                if not found.is_certified(iterate):
+                    return iterate
         except KeyboardInterrupt:
             if found.best is None:
                 raise

@@ -17,8 +17,10 @@ from .strategies import (
     ELASTIC_ROWS,
     OWN_UNITS,
     SECOND_TRIES,
+    SIDE_STARTS,
     SIMULATED,
     SOLVE,
+    SOLVE_TO_THE_END,
     STRAIGHT_LINES,
     TIGHTER,
     Strategy,
@@ -26,6 +28,8 @@ from .strategies import (
 
 # All that follows may take twice the iterations of the run that failed, but these in any case; one strategy, so many.
 LATER_ITERATIONS, LEAST_LATER_ITERATIONS, ITERATIONS_OF_ONE = 2.0, 1500, 500
+# The first run has so many before others are tried, and goes to its end after them; a start at the side takes few.
+FIRST_ITERATIONS, SIDE_ITERATIONS = 500, 100
 # Where the run ended locally infeasible, there may be no solution: only these follow.
 TRIES_IF_INFEASIBLE = (OWN_UNITS, SIMULATED, ELASTIC_ROWS, STRAIGHT_LINES)
 # Where variables grow without end, rows that give way would let them grow the more.
@@ -64,12 +68,15 @@ class SecondTries:
 
     def __iter__(self) -> Iterator[Strategy]:
         """The strategies that are left, each with its limit of iterations."""
-        for strategy in self._chosen():
+        chosen = self._chosen()
+        for strategy in chosen:
             left = max(LEAST_LATER_ITERATIONS, int(LATER_ITERATIONS * self._first.iterations)) - self.spent
             if left <= 0:
-                return
+                break
             limit = min(ITERATIONS_OF_ONE, left)
             yield replace(strategy, options={"max_iter": limit, **strategy.options})
+        if chosen and self._first.status is IpoptStatus.ITERATION_LIMIT:
+            yield SOLVE_TO_THE_END
 
     def _chosen(self) -> tuple[Strategy, ...]:
         user, status = self._settings.options.user, self._first.status
@@ -86,12 +93,15 @@ class SecondTries:
         if status is IpoptStatus.TOO_FEW_FREEDOMS:
             return (ELASTIC_ROWS,)
         reason = self._first.stop_reason
-        following = _FOLLOWING.get(reason, SECOND_TRIES)
+        sides = tuple(replace(strategy, most_iterations=SIDE_ITERATIONS) for strategy in SIDE_STARTS)
+        following = _FOLLOWING.get(reason, (*SECOND_TRIES, *sides))
         stuck = reason is not StopReason.DIVERGED and self._first.excess(self._settings.tolerances) <= 1.0
         if self._first.converged or stuck:
             # Ipopt's tolerances are relative to its scaling; the residuals are not. A run that came to a feasible
             # point and no further often ends there within a few iterations of new multipliers.
             following = (TIGHTER, *following)
+        if status is IpoptStatus.ITERATION_LIMIT:
+            following = (*sides, *following)  # which has them once more, for other failures
         # The caller's options win: a strategy that only sets them would be the first run again.
         return tuple(
             strategy
@@ -99,6 +109,11 @@ class SecondTries:
             if (not strategy.options or any(name not in user for name in strategy.options))
             and not (strategy is OWN_UNITS and not self._scaled)  # how the first run went
         )
+
+
+def first_run(settings: Settings) -> Strategy:
+    """The run from the initial guess; a long one is cut short where others follow."""
+    return replace(SOLVE, small_problem_iterations=FIRST_ITERATIONS) if settings.second_tries else SOLVE
 
 
 def may_be_scaled(settings: Settings) -> bool:

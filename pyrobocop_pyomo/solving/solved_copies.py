@@ -14,16 +14,17 @@ from pyrobocop_pyomo.diagnosis.difficult_forms import holds_absolute_value
 from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.mpcc.active_set import Certificate
+from pyrobocop_pyomo.phases import phases_of
 
-from .found_points import FoundPoints
+from .found_points import SAME_OBJECTIVE, FoundPoints
 from .iterate_log import IterateLog
 from .iterates import Iterate, Quality
 from .progress import Progress
 from .second_tries import ITERATIONS_OF_ONE
 from .settings import Settings
 from .solve_result import SolveResult
-from .starts import coarser_copy, take_values_of_copy
-from .strategies import ABSOLUTE_VALUES, ADAPTIVE, COARSE_MESH, SOLVE, Strategy
+from .starts import EXPLORED_ELEMENTS, coarser_copy, elements_of_copy, take_values_of_copy
+from .strategies import ABSOLUTE_VALUES, ADAPTIVE, COARSE_MESH, OTHER_OPTIMUM, SOLVE, Strategy
 
 logger = logging.getLogger(__name__)
 
@@ -66,6 +67,40 @@ class SolvedCopies:
         take_values_of_copy(self._model, copy)
         return True
 
+    def has_fewer_elements(self) -> bool:
+        """Whether other starts are tried on fewer elements: where these are enough to tell optima of the problem."""
+        return bool(elements_of_copy(self._model, EXPLORED_ELEMENTS))
+
+    def start_at_other_optimum(self, work: float) -> bool:
+        """Try other starts on a copy with fewer elements; where they lead to a better answer, put it on the model.
+
+        The copy is solved from the answer on the model first: fewer elements may flatter the objective.
+
+        Parameters
+        ----------
+        work : float
+            Iterations that it may take, of the model's size.
+
+        Returns
+        -------
+        bool
+            Whether there is a better answer.
+        """
+        copy = coarser_copy(self._model, EXPLORED_ELEMENTS)
+        if copy is None:
+            return False
+        share = _elements(copy) / _elements(self._model)
+        result = self._answer(copy, OTHER_OPTIMUM, None, exploration=None, explored_work=work / share)
+        if result is None or self._found.cut is not None:
+            return False
+        first = result.steps[0]
+        gain = abs(first.objective - result.objective) > SAME_OBJECTIVE * max(1.0, abs(first.objective))
+        # Of two solutions the copy has kept the better one.
+        if result.quality is not Quality.OPTIMAL or result.best_step == 0 or not (gain or not first.converged):
+            return False
+        take_values_of_copy(self._model, copy)
+        return True
+
     def with_absolute_values_split(self) -> Iterate | None:
         """Solve a copy with its absolute values in two parts; its answer is one of the model, and is checked there.
 
@@ -97,10 +132,12 @@ class SolvedCopies:
         self._settings.progress.line(best.line(pairs=bool(self._log.pairs)))
         return best
 
-    def _answer(self, copy: Any, strategy: Strategy, strategies: tuple[Strategy, ...] | None) -> SolveResult | None:
+    def _answer(
+        self, copy: Any, strategy: Strategy, strategies: tuple[Strategy, ...] | None, **changes: Any
+    ) -> SolveResult | None:
         """Solve a copy, and log its runs as those of a strategy; None where it cannot be solved at all."""
         options = self._settings.options.with_default({"max_iter": ITERATIONS_OF_ONE})
-        settings = replace(self._settings, options=options, strategies=strategies, progress=Progress(False))
+        settings = replace(self._settings, options=options, strategies=strategies, progress=Progress(False), **changes)
         try:
             result = self._solve_copy(copy, settings)
         except PyRobocopError as error:
@@ -111,6 +148,11 @@ class SolvedCopies:
         if result.stop_reason.is_final:
             self._found.cut = result.stop_reason
         return result
+
+
+def _elements(model: Any) -> int:
+    """Of all phases together."""
+    return sum(phase.grid.mesh.elements for phase in phases_of(model))
 
 
 def _take_suffixes(model: Any, copy: Any) -> None:

@@ -11,8 +11,9 @@ from pyomo.core.base.var import Var
 from pyrobocop_pyomo.diagnosis.undefined_rows import move_into_domain, named_undefined_rows
 from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.modeling.variable_values import VariableValues, within_bounds
-from pyrobocop_pyomo.phases import State, phases_of
+from pyrobocop_pyomo.phases import Control, State, phases_of
 from pyrobocop_pyomo.phases.remeshing import remesh_phases, why_not_remeshed
+from pyrobocop_pyomo.phases.rough_motion import put_rough_motion
 from pyrobocop_pyomo.phases.simulation import SimulationOptions, simulate
 
 from .random_starts import RandomStarts
@@ -25,6 +26,8 @@ SIMULATED_BY = SimulationOptions(method="RK45", rtol=1e-5, atol=1e-7, most_evalu
 RANDOM_SEED = 0  # a solve that is repeated draws the same starts
 # A copy has so many times fewer elements, and no fewer than this.
 COARSER, LEAST_COARSE_ELEMENTS = 4, 4
+# Optima of a coarser mesh may be none of the problem.
+EXPLORED_ELEMENTS = 20
 
 
 def defined_start(model: Any) -> str:
@@ -72,6 +75,13 @@ def put_start(model: Any, strategy: Strategy) -> bool:
     if start is StartingPoint.RANDOM:
         RandomStarts(model, RANDOM_SEED, {None: 1.0}).put(strategy.draw)
         return True
+    if start is StartingPoint.RANDOM_CONTROLS:
+        _put_on_straight_lines(model, keep_guesses=False)
+        return _put_random_controls(model, strategy.draw)
+    if start is StartingPoint.RANDOM_MOTION:
+        return _put_random_controls(model, strategy.draw) and _move_roughly(model)
+    if start is StartingPoint.MIRRORED:
+        return _mirror_controls(model)
     if start is StartingPoint.STRAIGHT_LINES:
         return _put_on_straight_lines(model, keep_guesses=False)
     if start is StartingPoint.SIMULATED:
@@ -81,12 +91,22 @@ def put_start(model: Any, strategy: Strategy) -> bool:
     return start is StartingPoint.INITIAL_GUESS
 
 
-def coarser_copy(model: Any) -> Any | None:
-    """A copy with a quarter of the elements in each long phase; None where there is none or it cannot be made."""
+def coarser_copy(model: Any, least: int = LEAST_COARSE_ELEMENTS) -> Any | None:
+    """A copy with a quarter of the elements in each long phase; None where there is none or it cannot be made.
+
+    Parameters
+    ----------
+    model : Block
+    least : int
+        Elements that a phase with fewer has, at least.
+    """
+    return copy_with_fewer_elements(model, elements_of_copy(model, least))
+
+
+def elements_of_copy(model: Any, least: int) -> dict[Any, int]:
+    """Of the phases that have fewer in a coarser copy."""
     elements = {phase: phase.grid.mesh.elements for phase in phases_of(model)}
-    return copy_with_fewer_elements(
-        model, {phase: n // COARSER for phase, n in elements.items() if n >= COARSER * LEAST_COARSE_ELEMENTS}
-    )
+    return {phase: n // COARSER for phase, n in elements.items() if n >= COARSER * least}
 
 
 def copy_with_fewer_elements(model: Any, elements: Mapping[Any, int]) -> Any | None:
@@ -150,6 +170,44 @@ def _has_guess(phase: Any, name: str) -> bool:
         not variable.fixed and variable.value is not None and variable.value != within_bounds(default, variable)
         for variable in component.values()
     )
+
+
+def _put_random_controls(model: Any, draw: int) -> bool:
+    """Draw controls within their bounds; returns whether there are any."""
+    free: dict[int | None, float] = {
+        id(control): 1.0 for control in _controls(model) if any(not member.is_fixed() for member in control.values())
+    }
+    if free:
+        RandomStarts(model, RANDOM_SEED, free).put(draw)
+    return bool(free)
+
+
+def _mirror_controls(model: Any) -> bool:
+    """Turn controls to the other side, and let phases move under them where they can; whether there are any."""
+    mirrored = False
+    for control in _controls(model):
+        for variable in control.values():
+            if variable.is_variable_type() and not variable.fixed and variable.value is not None:
+                lower, upper = variable.bounds
+                middle = 0.0 if lower is None or upper is None else 0.5 * (lower + upper)
+                variable.set_value(within_bounds(2.0 * middle - variable.value, variable), skip_validation=True)
+                mirrored = True
+    if mirrored:
+        _move_roughly(model)
+    return mirrored
+
+
+def _controls(model: Any) -> list[Any]:
+    return [phase.component(name) for phase in phases_of(model) for name in phase.record.names(Control)]
+
+
+def _move_roughly(model: Any) -> bool:
+    """Let states follow the controls; returns whether those of any phase can."""
+    for variable in model.component_data_objects(Var, active=True):
+        if variable.value is None:
+            variable.set_value(within_bounds(0.0, variable), skip_validation=True)
+    moved = [put_rough_motion(phase) for phase in phases_of(model)]
+    return any(moved)
 
 
 def _simulate(model: Any) -> bool:

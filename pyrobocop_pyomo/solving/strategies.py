@@ -23,6 +23,11 @@ class StartingPoint(enum.Enum):
     INSIDE_BOUNDS = "the middle of the bounds"
     ABSOLUTE_VALUES = "the answer with absolute values in two parts"
     RANDOM = "random values around the initial guess"
+    RANDOM_MOTION = "the motion under random controls"
+    RANDOM_CONTROLS = "random controls, and states on straight lines between their ends"
+    MIRRORED = "the motion under the controls of the answer, on the other side of their bounds or of zero"
+    REACHED = "where the run before ended"
+    OTHER_OPTIMUM = "a better answer on fewer elements, from other starts"
 
 
 @dataclass(frozen=True)
@@ -51,6 +56,8 @@ class Strategy:
         Without pairs: whether every row may be violated first, at a price.
     draw : int
         Of a random start: which one.
+    most_iterations : int, optional
+        Of one run, whatever the caller's options say.
     """
 
     name: str
@@ -64,6 +71,7 @@ class Strategy:
     start: StartingPoint = StartingPoint.INITIAL_GUESS
     elastic_rows: bool = False
     draw: int = 0
+    most_iterations: int | None = None
 
 
 # So many starts are drawn at most.
@@ -99,12 +107,11 @@ OTHER_STARTS = (
 )
 
 
-def _random_starts(strategy: Strategy) -> tuple[Strategy, ...]:
-    """The strategy from each random start."""
-    return tuple(
-        replace(strategy, name=f"random start {k}", start=StartingPoint.RANDOM, draw=k)
-        for k in range(1, RANDOM_STARTS + 1)
-    )
+def _random_starts(
+    strategy: Strategy, start: StartingPoint = StartingPoint.RANDOM, name: str = "random start"
+) -> tuple[Strategy, ...]:
+    """The strategy from each random start of a kind."""
+    return tuple(replace(strategy, name=f"{name} {k}", start=start, draw=k) for k in range(1, RANDOM_STARTS + 1))
 
 
 # Beyond a certified point: other ways down from the initial guess and other starts, as long as exploring pays.
@@ -126,13 +133,22 @@ INSIDE_BOUNDS = Strategy("inside bounds", None, for_pairs=False, start=StartingP
 # Where the model holds absolute values, before all others: no other start gives these a derivative.
 ABSOLUTE_VALUES = Strategy("absolute values as pairs", None, for_pairs=False, start=StartingPoint.ABSOLUTE_VALUES)
 SECOND_TRIES = (OWN_UNITS, SIMULATED, ELASTIC_ROWS, COARSE_MESH, ADAPTIVE, STRAIGHT_LINES, INSIDE_BOUNDS)
+# Its remaining iterations, where nothing else succeeded.
+SOLVE_TO_THE_END = replace(SOLVE, name="solve to the end")
 
-# Beyond a solution of a model without pairs, where exploring is requested.
-OTHER_STARTS_WITHOUT_PAIRS = (
-    SIMULATED,
-    STRAIGHT_LINES,
-    *_random_starts(replace(SOLVE, options={"max_iter": WARM_ITERATIONS})),
-)
+# Beyond a solution of a model without pairs. Each kind leads to optima that the others miss: where the motion under
+# any controls is tame, simulated ones find most; where it is not, states on lines do.
+_ONE_RUN = replace(SOLVE, most_iterations=WARM_ITERATIONS)
+_MOTIONS = _random_starts(_ONE_RUN, StartingPoint.RANDOM_MOTION, "random motion")
+_CONTROLS = _random_starts(_ONE_RUN, StartingPoint.RANDOM_CONTROLS, "random controls")
+_VALUES = _random_starts(_ONE_RUN)
+MIRRORED = replace(_ONE_RUN, name="mirrored", start=StartingPoint.MIRRORED)
+_FIRST = (MIRRORED, *_MOTIONS[:3], _CONTROLS[0], _VALUES[0], SIMULATED, STRAIGHT_LINES)
+_LATER = (one for kinds in zip(_MOTIONS[3:], _CONTROLS[1:], _VALUES[1:], strict=False) for one in kinds)
+OTHER_STARTS_WITHOUT_PAIRS = (*_FIRST, *_LATER)
+# Short runs, for where a guess is symmetric: from the middle of what stands in the way no side is downhill.
+SIDE_STARTS = (_CONTROLS[0], _VALUES[0])
+OTHER_OPTIMUM = Strategy("other optimum", None, for_pairs=False, start=StartingPoint.OTHER_OPTIMUM)
 
 # From beside a point that is stationary and no minimum; it follows by itself, and is none to choose.
 BEYOND_SADDLE = Strategy("beyond a saddle", None, for_pairs=False, options={**NEARLY_THERE, "max_iter": 500})

@@ -64,7 +64,7 @@ class StrategyRuns:
         self._model, self._settings, self._log, self._found = model, settings, log, found
         self._guess, self._places, self._has_pairs, self._sign = guess, places, has_pairs, check.sign
         self._polished = PolishedRuns(settings, log, guess.variables, found, check.sign, exploration)
-        self._plain = PlainRuns(model, settings, log, found, self._polished, copies)
+        self._plain = PlainRuns(model, settings, log, found, self._polished, copies, exploration)
 
     def run(self, strategy: Strategy) -> Iterate | None:
         """Run a strategy on the first backend that can evaluate the model where it leads.
@@ -74,16 +74,18 @@ class StrategyRuns:
         Iterate or None
             None where the strategy has nothing to work on here.
         """
+        # What only explores is not worth another backend.
+        explores = not self._has_pairs and self._found.is_certified(self._found.best)
         try:
             iterate = self._run_here(strategy)
-            if iterate is None or iterate.converged:
+            if iterate is None or iterate.converged or explores:
                 return iterate
             # The executable does not say why it could not begin.
             if iterate.iterations == 0 and not iterate.stop_reason.is_final and self._guess.move():
                 self._places.restart()
                 return self.run(strategy)
         except EvaluationError as error:
-            return self._run_elsewhere(strategy, str(error))
+            return None if explores else self._run_elsewhere(strategy, str(error))
         if iterate.status is not IpoptStatus.INVALID_NUMBER or not self._places.has_other_backends:
             return iterate
         self.keep(iterate)

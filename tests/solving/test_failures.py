@@ -163,9 +163,9 @@ def test_a_path_of_data_ends_where_a_linear_program_was_interrupted(
 @pytest.mark.casadi
 @pytest.mark.parametrize("run", [1])
 def test_refinement_ends_with_the_mesh_that_was_interrupted(run: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert len(rcp.studies.solve_refined(swing, 1e-7, elements=5, progress=False)) > 2
+    assert len(rcp.studies.solve_refined(swing, 1e-7, elements=5, exploration=0, progress=False)) > 2
     runs = interrupt_run(monkeypatch, run)
-    found = rcp.studies.solve_refined(swing, 1e-7, elements=5, progress=False)
+    found = rcp.studies.solve_refined(swing, 1e-7, elements=5, exploration=0, progress=False)
     assert len(runs) == run + 1
     assert len(found) == run + 1
     assert found.end is rcp.studies.RefinementEnd.INTERRUPTED
