@@ -39,6 +39,7 @@ from pyrobocop_pyomo.solving.strategies import Strategy, as_strategies
 from .finer_meshes import FinerMeshes
 from .integer_controls import open_choices, solve_with_integer_controls
 from .safe_planning import SafePlanning, avoidance_blocks, containments
+from .switches_at_boundaries import SwitchesAtBoundaries
 
 # What other packages, and Ipopt, call it.
 _OTHER_WORDS = {
@@ -243,7 +244,8 @@ def solve(
             return SafePlanning(model, blocks, regions, without, equations=equations).plan()
         if mesh_tolerance is None or choices:
             return solve_model(model, settings)
-        return FinerMeshes(model, mesh_tolerance, settings).solve()
+        refined = FinerMeshes(model, mesh_tolerance, settings).solve()
+        return SwitchesAtBoundaries(model, settings).improved(refined) if refined.residuals else refined
 
     if choices:
         result = solve_with_integer_controls(model, choices, as_it_stands, settings.deadline)
