@@ -5,9 +5,11 @@ from __future__ import annotations
 import logging
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from pyomo.core.base.constraint import ConstraintList
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.complementarity import CanonicalPair, Crossed, active_pairs
@@ -16,8 +18,11 @@ from pyrobocop_pyomo.complementarity.grouping import PerPair, as_grouping
 from pyrobocop_pyomo.diagnosis import Finding, Severity, Subject
 from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.modeling.activity import is_inside
+from pyrobocop_pyomo.discretisation.estimates import ZERO_OBJECTIVE
+from pyrobocop_pyomo.discretisation.jump_times import jump_fractions
 from pyrobocop_pyomo.numerics import Array, Mesh
-from pyrobocop_pyomo.phases import phases_of
+from pyrobocop_pyomo.numerics.remeshing import remesh
+from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.phases.remeshing import free_element_widths, remesh_phases
 from pyrobocop_pyomo.solving.iterates import Iterate, Quality
 from pyrobocop_pyomo.solving.procedure import solve_model
@@ -25,7 +30,8 @@ from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 from pyrobocop_pyomo.solving.starts import take_values_of_copy
-from pyrobocop_pyomo.solving.strategies import TIGHT
+from pyrobocop_pyomo.solving.ipopt_options import NEARLY_THERE
+from pyrobocop_pyomo.solving.strategies import BARRIER, TIGHT
 
 from .planning_point import PlanningPoint
 
@@ -47,6 +53,13 @@ SMALL_MOTION_ERROR = 1e-2
 
 # Of the run on the user's model, from the answer with moving boundaries.
 AT_THE_ANSWER = {"mu_init": 1e-8, "bound_push": 1e-8, "bound_frac": 1e-8}
+
+# Of runs from the answer on other elements.
+WARM = replace(BARRIER, name="equal elements between switches", options={**NEARLY_THERE, "max_iter": 300})
+MOST_MESHES = 3
+# An objective that changes by less from one mesh to the next is exact; by more, it is not known. Relative.
+SMALL_CHANGE, LARGE_CHANGE = 1e-3, 1e-2
+EQUAL_WIDTHS = "equal_widths_between_switches"
 
 Family = tuple[str, Hashable, str]
 
@@ -89,14 +102,16 @@ class SwitchesAtBoundaries:
     def __init__(self, model: Any, settings: Settings) -> None:
         self._model, self._settings = model, settings
         self._phases = [phase for phase in phases_of(model) if _has_points_inside(phase)]
-        self._families = self._read() if self._phases else {}
+        self._families = _sides_of(model, self._phases) if self._phases else {}
 
     def improved(self, first: SolveResult) -> SolveResult:
         """The answer, or that on elements which end at its switches; doubtful where it has some inside of elements."""
-        switches = self._inside() if first.residuals and first.quality is Quality.OPTIMAL else {}
-        if not switches:
+        if not self._families or first.quality is not Quality.OPTIMAL:
             return first
-        remark, doubt = "", self._doubt(switches)
+        switches = self._inside()
+        if not switches and not any(jump_fractions(phase.trajectory()) for phase in self._phases):
+            return first
+        remark, doubts = "", (self._doubt(switches),) if switches else ()
         if self._may_try():
             point = PlanningPoint(self._model)
             try:
@@ -110,18 +125,10 @@ class SwitchesAtBoundaries:
                 point.restore()
                 raise
             point.restore()
-        remarks = (*first.remarks, remark) if remark else first.remarks
-        return replace(first, doubts=(*first.doubts, doubt), remarks=remarks)
+        remarks = (*first.remarks, remark) if remark and switches else first.remarks
+        return replace(first, doubts=(*first.doubts, *doubts), remarks=remarks)
 
     # ---------------------------------------------------------------- what switches where
-
-    def _read(self) -> dict[Family, _Sides]:
-        """The values of both sides of each family, point by point."""
-        found: dict[Family, list[CanonicalPair]] = {}
-        for pair in active_pairs(self._model):
-            if isinstance(pair.group, int) and any(is_inside(pair.source, p) for p in self._phases):
-                found.setdefault(_family(pair), []).append(pair)
-        return {family: _Sides(pairs) for family, pairs in found.items()}
 
     def _inside(self) -> dict[Family, list[int]]:
         """The elements in which a family is on both sides."""
@@ -166,23 +173,61 @@ class SwitchesAtBoundaries:
         free_element_widths(phases, FACTORS)
         grouping = CrossedBySides(left_ends={family: sides.left_end for family, sides in self._families.items()})
         settings = replace(self._settings, grouping=grouping, progress=Progress(False))
-        found = solve_model(copy, settings)
-        logger.info("'%s' with moving boundaries: %s", self._model.name, found.one_line())
+        results = [self._solved(copy, replace(settings, exploration=0.0))]
+        if (reason := self._reason_against(results[0], first)) is not None:
+            return None, f"With element boundaries that move to the switches, {reason}."
+        copy, change = self._with_equal_elements(copy, settings, results)
+        if copy is None or change > LARGE_CHANGE:
+            return None, "With equal elements between the switches, no solution was found that meshes agree on."
+        found = results[-1]
         if (reason := self._reason_against(found, first)) is not None:
             return None, f"With element boundaries that move to the switches, {reason}."
-        before = {phase.name: phase.grid.mesh.boundaries for phase in self._phases}
-        remesh_phases({phase: _moved(phase, twin) for phase, twin in zip(self._phases, phases, strict=True)})
+        twins = [copy.find_component(phase) for phase in self._phases]
+        remesh_phases({phase: _moved(phase, twin) for phase, twin in zip(self._phases, twins, strict=True)})
         take_values_of_copy(self._model, copy)
-        for phase, twin in zip(self._phases, phases, strict=True):
+        for phase, twin in zip(self._phases, twins, strict=True):
             _take_by_position(phase, twin)
         again = replace(TIGHT, name="switches at boundaries", options=AT_THE_ANSWER)
-        result = solve_model(self._model, replace(settings, strategies=(again,)))
-        logger.info("'%s' with moved boundaries: %s", self._model.name, result.one_line())
-        if result.quality is not Quality.OPTIMAL or abs(result.objective - found.objective) > OVERLAP * max(
-            abs(found.objective), 1e-8
-        ):
+        result = self._solved(self._model, replace(settings, strategies=(again,), exploration=0.0))
+        if result.quality is not Quality.OPTIMAL or _difference(result, found) > SMALL_CHANGE:
             return None, "Boundaries that were moved to the switches could not be kept."
-        return _joined(first, found, result, len(before)), ""
+        doubts = () if change <= SMALL_CHANGE else (_doubt_on_elements(change),)
+        return replace(_joined([first, *results, result]), doubts=(*result.doubts, *doubts)), ""
+
+    def _with_equal_elements(self, copy: Any, settings: Settings, results: list[SolveResult]) -> tuple[Any, float]:
+        """Solve on equal elements between switches, and on halves of these, until that makes no difference.
+
+        Elements of any width would be an optimiser's to gain by, where quadrature is worst.
+
+        Returns
+        -------
+        Block or None, float
+            The last copy that was solved; how much its objective differs from the one before.
+        """
+        solved, change = None, np.inf
+        warm = replace(settings, strategies=(WARM,), exploration=0.0)
+        for _ in range(MOST_MESHES):
+            if solved is not None:
+                copy = solved.clone()
+                copy.del_component(EQUAL_WIDTHS)
+            phases = [copy.find_component(phase) for phase in self._phases]
+            if solved is not None:
+                remesh_phases({twin: _halves(twin.grid.mesh) for twin in phases})
+            _keep_equal_widths(copy, phases, _Switched(copy, phases))
+            found = self._solved(copy, warm)
+            results.append(found)
+            if found.quality is not Quality.OPTIMAL:
+                results.pop()
+                break
+            solved, change = copy, _difference(found, results[-2])
+            if change <= SMALL_CHANGE or settings.deadline.has_passed:
+                break
+        return solved, change
+
+    def _solved(self, model: Any, settings: Settings) -> SolveResult:
+        result = solve_model(model, settings)
+        logger.info("'%s' with elements that end at switches: %s", model.name, result.one_line())
+        return result
 
     def _reason_against(self, found: SolveResult, first: SolveResult) -> str | None:
         if found.quality is not Quality.OPTIMAL:
@@ -214,6 +259,17 @@ class _Sides:
             return None
         return "first" if first <= JUMP or first <= second else "second"
 
+    def modes(self, elements: int) -> list[int]:
+        """Of each element: 1 where the first side is positive, -1 where the second one is, 0 where none is."""
+        sizes = np.abs(self._a).max(), np.abs(self._b).max()
+        found = [0] * elements
+        for element in np.unique(self._elements):
+            here = self._elements == element
+            a, b = self._a[here].max(), self._b[here].max()
+            if a > OVERLAP * sizes[0] or b > OVERLAP * sizes[1]:
+                found[int(element)] = 1 if a * sizes[1] > b * sizes[0] else -1
+        return found
+
     def mixed(self) -> list[int]:
         """Elements in which the first side is positive at one point and the second at another one."""
         sizes = np.abs(self._a).max(), np.abs(self._b).max()
@@ -225,6 +281,15 @@ class _Sides:
             if a[here].max() * b[here].max() > OVERLAP:
                 found.append(int(element))
         return found
+
+
+def _sides_of(model: Any, phases: Sequence[Any]) -> dict[Family, _Sides]:
+    """The values of both sides of each family of phases, point by point."""
+    found: dict[Family, list[CanonicalPair]] = {}
+    for pair in active_pairs(model):
+        if isinstance(pair.group, int) and any(is_inside(pair.source, phase) for phase in phases):
+            found.setdefault(_family(pair), []).append(pair)
+    return {family: _Sides(pairs) for family, pairs in found.items()}
 
 
 def _largest_change(values: Array) -> float:
@@ -252,7 +317,7 @@ def _has_points_inside(phase: Any) -> bool:
 def _moved(phase: Any, twin: Any) -> Mesh:
     """The mesh of a phase with the boundaries of its copy, which move."""
     first, last = (phase.grid.mesh.boundaries[i] for i in (0, -1))
-    inner = [first + (last - first) * float(value(twin.boundary[i])) for i in range(1, phase.grid.mesh.elements)]
+    inner = [first + (last - first) * float(value(twin.boundary[i])) for i in range(1, twin.grid.mesh.elements)]
     return Mesh((first, *inner, last))
 
 
@@ -275,13 +340,62 @@ def _numbered(results: Sequence[SolveResult]) -> Iterator[Iterate]:
             number += 1
 
 
-def _joined(first: SolveResult, found: SolveResult, result: SolveResult, phases: int) -> SolveResult:
+def _difference(result: SolveResult, other: SolveResult) -> float:
+    return abs(result.objective - other.objective) / max(abs(other.objective), ZERO_OBJECTIVE)
+
+
+def _doubt_on_elements(change: float) -> Finding:
+    message = f"Elements that end at the switches are few: on half as many the objective differs by {change:.1e} of it."
+    return Finding(Severity.WARNING, Subject.OUTCOME, message, (), "Give the phases more elements.")
+
+
+def _halves(mesh: Mesh) -> Mesh:
+    return remesh(mesh, np.full(mesh.elements, np.inf), 1.0, 1, most_parts=2)
+
+
+class _Switched:
+    """The element boundaries of phases at which a pair changes sides, or a control jumps."""
+
+    def __init__(self, model: Any, phases: Sequence[Any]) -> None:
+        self._at: dict[int, set[int]] = {id(phase): set() for phase in phases}
+        for phase in phases:
+            for sides in _sides_of(model, [phase]).values():
+                modes = sides.modes(phase.grid.mesh.elements)
+                self._at[id(phase)] |= {i for i in range(1, len(modes)) if modes[i] != modes[i - 1]}
+            trajectory = phase.trajectory()
+            for name in phase.record.names(Control):
+                values = trajectory.element_signals(name)
+                jumps = np.abs(values[1:, 0] - values[:-1, -1]) > JUMP * np.ptp(values)
+                self._at[id(phase)] |= {int(i) + 1 for i in np.flatnonzero(jumps)} if np.ptp(values) > 0.0 else set()
+
+    def of(self, phase: Any) -> set[int]:
+        """Numbers of the elements that begin with one."""
+        return self._at[id(phase)]
+
+
+def _keep_equal_widths(model: Any, phases: Sequence[Any], switched: _Switched) -> None:
+    """Make all elements between two switches equally wide, by rows, and interpolate the values."""
+    rows = ConstraintList()
+    model.add_component(EQUAL_WIDTHS, rows)
+    for phase in phases:
+        boundary, trajectory, count = phase.boundary, phase.trajectory(), phase.grid.mesh.elements
+        ends = [0, *sorted(switched.of(phase)), count]
+        for first, last in pairwise(ends):
+            left, right = value(boundary[first]), value(boundary[last])
+            for i in range(first + 1, last):
+                boundary[i].set_value(left + (right - left) * (i - first) / (last - first), skip_validation=True)
+                rows.add(boundary[i + 1] - boundary[i] == boundary[i] - boundary[i - 1])
+        phase.initialize(trajectory)
+
+
+def _joined(results: Sequence[SolveResult]) -> SolveResult:
     """The last answer, with the steps of all."""
-    steps = list(_numbered((first, found, result)))
-    best = replace(result.best, number=len(first.steps) + len(found.steps) + result.best.number)
+    first, result = results[0], results[-1]
+    number = sum(len(each.steps) for each in results[:-1]) + result.best.number
     remark = (
         f"Pairs changed sides inside of elements, where the first answer, {first.objective:.6g}, has an error of the "
-        "order of their width. The boundaries of the elements have moved to the switches "
-        '(grouping Crossed(left_end="first"); mesh_tolerance=None keeps the mesh).'
+        "order of their width. The boundaries of the elements have moved to the switches, and the elements between "
+        "are equal (mesh_tolerance=None keeps the mesh)."
     )
-    return replace(result, steps=steps, best=best, remarks=(*result.remarks, remark))
+    best = replace(result.best, number=number)
+    return replace(result, steps=list(_numbered(results)), best=best, remarks=(*result.remarks, remark))
