@@ -182,6 +182,8 @@ class SwitchesAtBoundaries:
         found = results[-1]
         if (reason := self._reason_against(found, first)) is not None:
             return None, f"With element boundaries that move to the switches, {reason}."
+        if not self._inside() and change <= SMALL_CHANGE and _difference(found, first) < SMALL_CHANGE / 10.0:
+            return first, ""  # other elements bring nothing
         twins = [copy.find_component(phase) for phase in self._phases]
         remesh_phases({phase: _moved(phase, twin) for phase, twin in zip(self._phases, twins, strict=True)})
         take_values_of_copy(self._model, copy)
