@@ -16,21 +16,21 @@ from pyrobocop_pyomo.complementarity import CanonicalPair, Crossed, active_pairs
 from pyrobocop_pyomo.complementarity.canonical import SidePart
 from pyrobocop_pyomo.complementarity.grouping import PerPair, as_grouping
 from pyrobocop_pyomo.diagnosis import Finding, Severity, Subject
-from pyrobocop_pyomo.errors import PyRobocopError
-from pyrobocop_pyomo.modeling.activity import is_inside
 from pyrobocop_pyomo.discretisation.estimates import ZERO_OBJECTIVE
 from pyrobocop_pyomo.discretisation.jump_times import jump_fractions
+from pyrobocop_pyomo.errors import PyRobocopError
+from pyrobocop_pyomo.modeling.activity import is_inside
 from pyrobocop_pyomo.numerics import Array, Mesh
 from pyrobocop_pyomo.numerics.remeshing import remesh
 from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.phases.remeshing import free_element_widths, remesh_phases
+from pyrobocop_pyomo.solving.ipopt_options import NEARLY_THERE
 from pyrobocop_pyomo.solving.iterates import Iterate, Quality
 from pyrobocop_pyomo.solving.procedure import solve_model
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 from pyrobocop_pyomo.solving.starts import take_values_of_copy
-from pyrobocop_pyomo.solving.ipopt_options import NEARLY_THERE
 from pyrobocop_pyomo.solving.strategies import BARRIER, TIGHT
 
 from .planning_point import PlanningPoint

@@ -94,7 +94,7 @@ def test_boundaries_that_begin_to_move_change_nothing_where_they_are(elements: i
     b.u = rcp.Control(initial_guess=lambda t: 2 - t)
     b.ode(lambda b, t: {b.x: b.u[t] * t + b.x[t]})
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] ** 2 + t * b.u[t]))
-    rows = [row for row in m.component_data_objects(pyo.Constraint, active=True)]
+    rows = list(m.component_data_objects(pyo.Constraint, active=True))
     before = [pyo.value(row.body) for row in rows], pyo.value(m.cost), list(b.time)
     free_element_widths([b], (0.5, 2.0))
     widths = {id(row) for row in b.boundary_width.values()}
