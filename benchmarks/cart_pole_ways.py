@@ -129,10 +129,10 @@ def as_phase(
     if backend == "executable":
         log = io.StringIO()
         with redirect_stdout(log):  # Ipopt's log tells how long Ipopt itself took
-            result = rcp.solve(m, backend=backend, tee=True, progress=False)
+            result = rcp.solve(m, backend=backend, tee=True, progress=False, mesh_tolerance=None)
         inside = _seconds_in_ipopt(log.getvalue())
     else:
-        result = rcp.solve(m, backend=backend, progress=False, options=options)
+        result = rcp.solve(m, backend=backend, progress=False, options=options, mesh_tolerance=None)
         inside = sum(step.seconds for step in result.steps)
     ended = time.perf_counter()
     free = sum(not v.fixed for v in m.component_data_objects(pyo.Var))

@@ -37,7 +37,7 @@ BEGIN, END = "<!-- table of estimates: begin -->", "<!-- table of estimates: end
 def objective(problem: EstimateProblem, **how: Any) -> tuple[float, float | None, str]:
     """The answer on a mesh, its estimated error, and the name of the scheme."""
     model = problem.build(**how)
-    result = rcp.solve(model, progress=False)
+    result = rcp.solve(model, progress=False, mesh_tolerance=None)
     name = rcp.phases_of(model)[0].grid.scheme.name
     if not result.solved:
         return result.objective, math.inf, name

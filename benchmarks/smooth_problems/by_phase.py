@@ -21,7 +21,7 @@ def solved_by_phase(problem: SmoothProblem, elements: int) -> Answer:
     build = runpy.run_path(str(EXAMPLES / f"{problem.name}.py"))["build"]
     started = time.process_time()
     m = build(elements=elements)
-    result = rcp.solve(m, progress=False)
+    result = rcp.solve(m, progress=False, mesh_tolerance=None)
     ended = time.process_time()
     (phase,) = rcp.phases_of(m)
     found = phase.trajectory()

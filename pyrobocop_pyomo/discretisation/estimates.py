@@ -52,6 +52,8 @@ class PhaseEstimate(Presented):
         How far each element passes bounds of states and path inequalities of states alone between the points, as a part
         of the size of what is limited, where that is above one. Those that controls or algebraics can meet are not
         looked at: other controls between the points meet them.
+    relative_excesses : array, shape (N,), or None
+        The same as a part of the size also where that is below one.
     """
 
     name: str
@@ -64,6 +66,7 @@ class PhaseEstimate(Presented):
     net: float | None = None
     passed: float = 0.0
     excesses: Array | None = None
+    relative_excesses: Array | None = None
 
     @property
     def elements(self) -> int | None:

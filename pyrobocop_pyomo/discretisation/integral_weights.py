@@ -64,14 +64,21 @@ def _slopes(expression: Any, members: Mapping[int, Sequence[Any]]) -> dict[int, 
     # members, which are long sums.
     mixtures = [np.sin(1.0 + np.arange(count)), 3.0 * np.cos(2.0 + np.arange(count))]
     samples = np.column_stack([np.zeros(count), np.eye(count), *mixtures])
-    with np.errstate(all="ignore"):
+
+    def values(samples: Any) -> Any:
         leaves = {id(member): row for member, row in zip(every, samples, strict=True)}
         try:
-            found = np.broadcast_to(ExpressionEvaluator(leaves, ARRAY_FUNCTIONS).of(expression), samples.shape[1])
+            return np.broadcast_to(ExpressionEvaluator(leaves, ARRAY_FUNCTIONS).of(expression), samples.shape[1])
         except (ArithmeticError, ValueError, TypeError):
-            found = np.full(samples.shape[1], np.nan)
+            return np.full(samples.shape[1], np.nan)
+
+    with np.errstate(all="ignore"):
+        # Beside large other terms a change by one would be lost.
+        scale = np.fmax(1.0, np.abs(values(samples[:, :1]))[0])
+        found = values(scale * samples)
         slopes = found[1 : count + 1] - found[0]
         left = found[count + 1 :] - found[0] - slopes @ samples[:, count + 1 :]
+        slopes = slopes / scale
         size = _AFFINE * (np.abs(found).max() + 1e-300)
     if np.isfinite(found).all() and np.abs(left).max() <= size:
         return {id(member): float(slope) for member, slope in zip(every, slopes, strict=True)}

@@ -152,17 +152,17 @@ class PhaseLagrangian:
             raise TrajectoryError("The estimate has no finite value at some point between those of the mesh.")
         return widths * net, np.maximum(widths * bound, passed), passed
 
-    def excesses(self) -> Array:
+    def excesses(self, smallest_size: float) -> Array:
         """How far each element passes inequalities of states alone between the points, shape ``(N,)``.
 
-        As a part of the size of what is limited, where that is above one. What is violated at points as well, where
-        the user may have set another bound, counts only for what is more.
+        As a part of the size of what is limited, where that is above the smallest one. What is violated at points as
+        well, where the user may have set another bound, counts only for what is more.
         """
         with np.errstate(all="ignore"):
             stages, between, _ = self._stages_and_between()
             worst = np.zeros(len(self._trajectory.grid.mesh.widths))
             for (at, *sides, _), (here, *others, _) in zip(stages.limited(), between.limited(), strict=True):
-                size = max(1.0, float(np.abs(at).max()))
+                size = max(smallest_size, float(np.abs(at).max()))
                 for sign, there, beyond in zip((-1.0, 1.0), sides, others, strict=True):
                     allowed = max(0.0, float((sign * (at - there)).max()))
                     worst = np.maximum(worst, ((sign * (here - beyond)).max(axis=0) - allowed) / size)

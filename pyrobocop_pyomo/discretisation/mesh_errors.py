@@ -57,11 +57,12 @@ class MeshErrors:
 
     @classmethod
     def of(cls, estimate: DiscretisationEstimate, of_motion: Mapping[str, Array] | None = None) -> MeshErrors:
-        """What an estimate says; errors of the motion are its own unless others are given."""
+        """What an estimate says; with errors of the motion from elsewhere, whose sizes are one or more as well."""
         phases = estimate.phases
+        limits = {name: of.excesses if of_motion else of.relative_excesses for name, of in phases.items()}
         if of_motion is None:
             of_motion = {name: of.motion for name, of in phases.items() if of.motion is not None}
-        of_limits = {name: of.excesses for name, of in phases.items() if of.excesses is not None}
+        of_limits = {name: of for name, of in limits.items() if of is not None}
         size = max(abs(estimate.objective), ZERO_OBJECTIVE)
         parts = {name: of.objective / size for name, of in phases.items() if of.objective is not None}
         error = estimate.relative_objective_error

@@ -126,11 +126,12 @@ class _Captured:
             net, flattered = float(nets.sum()), float(parts.sum())
         except Exception as error:  # as above
             remarks.append(f"phase '{name}': error of the objective not estimated. {_said(error)}")
-        excesses = None
+        excesses = relative_excesses = None
         try:
             self._refuse_other_rules()
             none = [0.0] * len(self.phase.record.integrals)
-            excesses = PhaseLagrangian(self.phase, self._trajectory, self._rows, none, self._sign).excesses()
+            limits = PhaseLagrangian(self.phase, self._trajectory, self._rows, none, self._sign)
+            excesses, relative_excesses = (limits.excesses(smallest) for smallest in (1.0, _SMALLEST_SCALE))
         except Exception as error:  # as above
             remarks.append(f"phase '{name}': what is passed between the points is not known. {_said(error)}")
         passed = bounds_passed(self.phase.record, self._trajectory)
@@ -139,7 +140,9 @@ class _Captured:
         if of_states:
             remarks.append(f"phase '{name}': {of_states}")
         order = self._trajectory.grid.scheme.order
-        return PhaseEstimate(name, order, motion, state, largest, objective, tuple(remarks), net, flattered, excesses)
+        return PhaseEstimate(
+            name, order, motion, state, largest, objective, tuple(remarks), net, flattered, excesses, relative_excesses
+        )
 
     def _refuse_other_rules(self) -> None:
         if self.phase.record.discrete_states:

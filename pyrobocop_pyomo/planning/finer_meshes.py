@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -14,14 +14,14 @@ from pyrobocop_pyomo.errors import PyRobocopError, RemeshingError
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.numerics import Mesh
 from pyrobocop_pyomo.numerics.remeshing import remesh
-from pyrobocop_pyomo.phases import phases_of
+from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.phases.remeshing import remesh_phases, why_not_remeshed
 from pyrobocop_pyomo.solving.ipopt_options import NEARLY_THERE
 from pyrobocop_pyomo.solving.iterates import Iterate, Quality, StopReason
 from pyrobocop_pyomo.solving.procedure import solve_model
 from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult
-from pyrobocop_pyomo.solving.strategies import SOLVE
+from pyrobocop_pyomo.solving.strategies import ABSOLUTE_VALUES, SOLVE
 
 from .planning_point import PlanningPoint
 
@@ -31,8 +31,8 @@ logger = logging.getLogger(__name__)
 MOTION = 10.0
 # What is aimed at: estimates are right within a factor, and one solve more costs more than some elements.
 AIMED = 0.3
-# So many meshes follow the first one, with as many times its elements, and as many in all.
-MOST_MESHES, MOST_TIMES, MOST_ELEMENTS = 8, 8, 1000
+# So many meshes follow the first one, with as many times its elements, or as many in a small problem; at most so many.
+MOST_MESHES, MOST_TIMES, SMALL_ELEMENTS, MOST_ELEMENTS = 8, 8, 200, 1000
 # Iterations times elements of all of them: a multiple of that of the first solve, or a small problem's.
 EFFORT, SMALL_EFFORT = 10, 30_000
 # Iterations of one solve, or as many as before: it starts from the answer on the mesh before but may be unlucky.
@@ -54,7 +54,8 @@ class FinerMeshes:
     """
 
     def __init__(self, model: Any, tolerance: float, settings: Settings) -> None:
-        self._model, self._settings, self._phases = model, settings, phases_of(model)
+        self._model, self._settings = model, settings
+        self._phases = [] if _state_their_meshes(phases_of(model)) else phases_of(model)
         self._tolerances = MeshTolerances(MOTION * tolerance, tolerance, tolerance)
         self._guess = VariableValues.of_free(model) if self._phases else None
         self._remark = ""
@@ -62,7 +63,8 @@ class FinerMeshes:
     def solve(self) -> SolveResult:
         """Solve the model, and again on finer meshes, warm; the model holds the best answer, which is returned."""
         first = solve_model(self._model, self._settings)
-        if self._guess is None or first.residuals or not first.solved:
+        through_pairs = first.residuals or first.strategy == ABSOLUTE_VALUES.name
+        if self._guess is None or through_pairs or not first.solved:
             return first
         if not self._errors(first).ratio(self._tolerances) > 1.0:  # or not known
             return first
@@ -132,7 +134,7 @@ class FinerMeshes:
     def _allowed(self, meshes: dict[str, Mesh]) -> dict[str, Mesh] | None:
         """The meshes, unless they are too many or too fine."""
         count = sum(mesh.elements for mesh in meshes.values())
-        most = min(MOST_TIMES * self._first_elements, MOST_ELEMENTS)
+        most = min(max(MOST_TIMES * self._first_elements, SMALL_ELEMENTS), MOST_ELEMENTS)
         if len(self._results) > MOST_MESHES or count > most or self._left < count or self._settings.deadline.has_passed:
             return None
         return None if meshes == {phase.name: phase.grid.mesh for phase in self._phases} else meshes
@@ -199,3 +201,9 @@ class FinerMeshes:
             remarks=tuple(remarks),
             stop_reason=results[-1].stop_reason if interrupted else best.stop_reason,
         )
+
+
+def _state_their_meshes(phases: Iterable[Any]) -> bool:
+    """Whether controls are held constant or straight over the elements: on other ones it would be another problem."""
+    controls = [of for phase in phases for of in phase.record.declarations.values() if isinstance(of, Control)]
+    return any(control.parametrization != "collocated" and control.knots is None for control in controls)

@@ -13,7 +13,7 @@ from .found_point import imported_suffixes
 
 
 class PlanningPoint:
-    """Values of the free variables and imported suffixes of a model, to be put back later, whatever its meshes are then.
+    """Values of free variables and imported suffixes of a model, to be put back later, whatever its meshes are then.
 
     Parameters
     ----------

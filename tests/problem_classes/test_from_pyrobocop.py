@@ -41,7 +41,8 @@ def test_a_class_is_the_native_model(problem, arguments, native):
     m, expected = rcp.from_pyrobocop(problem(), **arguments), native()
     m.phase.check()
     # Both on the mesh that is stated: a finer one that the motion of the equations asks for is made by the same code.
-    solution, of_native = rcp.solve(m, equations=False), rcp.solve(expected, equations=False)
+    stated = {"equations": False, "mesh_tolerance": None}
+    solution, of_native = rcp.solve(m, **stated), rcp.solve(expected, **stated)
     assert solution.solved
     assert of_native.solved
     assert solution.safe is of_native.safe
