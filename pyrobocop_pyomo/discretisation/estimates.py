@@ -10,7 +10,7 @@ import numpy as np
 
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases.bounds_between_points import WORTH_A_SENTENCE
-from pyrobocop_pyomo.presentation import Presented
+from pyrobocop_pyomo.presentation import Presented, percent
 
 # Relative to the objective, and to the size of each state: what is above is said before anything else.
 SMALL_OBJECTIVE_ERROR = 1e-3
@@ -42,7 +42,7 @@ class PhaseEstimate(Presented):
     objective : array, shape (N,), or None
         What each element adds to the error of the objective, estimated; not negative.
     remarks : tuple of str
-        What is not known, and why; and which states pass their bounds between the points of the mesh.
+        What is not known, and why.
     net : float or None
         What all elements together add to the error of the objective, estimated; errors of different signs cancel.
     passed : float
@@ -54,6 +54,8 @@ class PhaseEstimate(Presented):
         looked at: other controls between the points meet them.
     relative_excesses : array, shape (N,), or None
         The same as a part of the size also where that is below one.
+    bounds_passed : str
+        Which states pass their bounds between the points of the mesh, as a sentence; empty where none does.
     """
 
     name: str
@@ -67,6 +69,7 @@ class PhaseEstimate(Presented):
     passed: float = 0.0
     excesses: Array | None = None
     relative_excesses: Array | None = None
+    bounds_passed: str = ""
 
     @property
     def elements(self) -> int | None:
@@ -137,7 +140,13 @@ class DiscretisationEstimate(Presented):
     @property
     def remarks(self) -> tuple[str, ...]:
         """What is not known, and why; and which states pass their bounds between the points of the mesh."""
-        return tuple(remark for phase in self.phases.values() for remark in phase.remarks)
+        unknown = tuple(remark for phase in self.phases.values() for remark in phase.remarks)
+        return (*unknown, *self.bounds_passed)
+
+    @property
+    def bounds_passed(self) -> tuple[str, ...]:
+        """A sentence for each phase with states that pass their bounds between the points of the mesh."""
+        return tuple(phase.bounds_passed for phase in self.phases.values() if phase.bounds_passed)
 
     @property
     def is_large(self) -> bool:
@@ -175,13 +184,12 @@ class DiscretisationEstimate(Presented):
         parts = []
         error, relative = self.objective_error, self.relative_objective_error
         if error is not None and relative is not None:
-            size = f" ({100 * relative:.1g} %)" if math.isfinite(relative) else ""
-            parts.append(f"objective {error:.1e}{size}")
+            parts.append(f"objective {error:.1e} ({percent(relative)})")
         elif self.phases:
             parts.append("objective not known")
         worst = max((p for p in self.phases.values() if p.relative is not None), key=_relative, default=None)
         if worst is not None:
-            parts.append(f"motion {worst.largest:.1e} at '{worst.name}.{worst.state}' ({100 * _relative(worst):.1g} %)")
+            parts.append(f"motion {worst.largest:.1e} at '{worst.name}.{worst.state}' ({percent(_relative(worst))})")
         elif self.phases:
             parts.append("motion not known")
         if self.excess is not None and self.excess > WORTH_A_SENTENCE:
@@ -195,6 +203,21 @@ class DiscretisationEstimate(Presented):
         count, now = self.elements_for(), sum(phase.elements or 0 for phase in self.phases.values())
         more = "more elements" if count is None or count <= now else f"about {count} elements in place of {now}"
         return f"The mesh is coarse: take {more}, or rcp.studies.solve_refined."
+
+    def in_words(self) -> str:
+        """What is large, and how many elements would do; empty where nothing is."""
+        if not self.is_large:
+            return ""
+        off = []
+        objective = self.relative_objective_error
+        if objective is not None and not objective <= SMALL_OBJECTIVE_ERROR:
+            off.append(f"the objective may be off by {percent(objective)}")
+        for phase in self.phases.values():
+            if phase.relative is not None and not phase.relative <= SMALL_MOTION_ERROR:
+                off.append(f"'{phase.name}.{phase.state}' by {percent(phase.relative)} from one element to the next")
+        count, now = self.elements_for(), sum(phase.elements or 0 for phase in self.phases.values())
+        remedy = "more are needed" if count is None or count <= now else f"about {count} would do"
+        return f"on {now} elements {', '.join(off)}; {remedy}"
 
     def __str__(self) -> str:
         return "\n".join(line for line in (self.sentence(), self.advice(), *self.remarks) if line)

@@ -137,12 +137,11 @@ class _Captured:
         passed = bounds_passed(self.phase.record, self._trajectory)
         # A control with a value at each point passes its bounds wherever it is on one of them: verify() tells that.
         of_states = sentence_on_bounds({name: one for name, one in passed.items() if not one.is_control})
-        if of_states:
-            remarks.append(f"phase '{name}': {of_states}")
         order = self._trajectory.grid.scheme.order
         return PhaseEstimate(
-            name, order, motion, state, largest, objective, tuple(remarks), net, flattered, excesses, relative_excesses
-        )
+            name, order, motion, state, largest, objective, tuple(remarks), net, flattered, excesses, relative_excesses,
+            f"phase '{name}': {of_states}" if of_states else "",
+        )  # fmt: skip
 
     def _refuse_other_rules(self) -> None:
         if self.phase.record.discrete_states:

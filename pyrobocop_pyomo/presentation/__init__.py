@@ -2,6 +2,7 @@
 
 from .html import Html, disclosed_text, facts_table, page, paragraph, table
 from .presented import Presented, as_html, one_line
+from .shares import percent
 from .thumbnails import outline_picture, path_picture, sparkline
 
 __all__ = [
@@ -15,6 +16,7 @@ __all__ = [
     "page",
     "paragraph",
     "path_picture",
+    "percent",
     "sparkline",
     "table",
 ]

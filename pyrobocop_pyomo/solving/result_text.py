@@ -91,7 +91,7 @@ def long_report(
         How many pairs to show in each list.
     """
     if not pairs:
-        return f"{summary}\n\nThe model has no complementarity pairs."
+        return summary
     kind = "not examined" if multipliers is None else multipliers.kind.value
     parts = [
         summary,

@@ -27,6 +27,7 @@ from .pair_report import ActiveSide, PairReport, pair_reports
 from .result_findings import ModelReference, findings_of_outcome
 from .result_pictures import draw_history, draw_pairs, draw_plan, draw_products
 from .result_text import advice_on_motion, long_report, pair_sentence, pair_table
+from .short_text import short_text
 from .violations import Violation
 
 # So many components that are not met are named in a text.
@@ -279,14 +280,15 @@ class SolveResult(Presented):
         return pandas.DataFrame(rows, index=pandas.RangeIndex(1, len(rows) + 1, name="step"))
 
     def report(self, worst: int = 5) -> str:
-        """All that is known: counts per component, stationarity, certificate, the worst pairs, the runs.
+        """All that is known: verdict, errors of the mesh, residuals, runs; of pairs, counts, certificate and the worst.
 
         Parameters
         ----------
         worst : int
             How many pairs to show in each list.
         """
-        return long_report(str(self), self.pairs, self.multipliers, self.certificate, self.decided_pairs, worst)
+        summary = self._everything()
+        return long_report(summary, self.pairs, self.multipliers, self.certificate, self.decided_pairs, worst)
 
     def plot(self, figure: Any = None) -> Any:
         """Draw what came out, and the way there; returns a figure.
@@ -345,10 +347,10 @@ class SolveResult(Presented):
             assert self.safety is not None
             raise SolveFailed(
                 f"'{self.name}': {self.quality.value} But the motion is not safe. "
-                f"{advice_on_motion(self.safety)}\n{self.safety}",
+                f"{self.advice_on_motion}\n{self.safety}",
                 self,
             )
-        motion = "" if self.safety is None or self._was_safe else f" {advice_on_motion(self.safety)}"
+        motion = self.advice_on_motion and f" {self.advice_on_motion}"
         unmet = "".join(f" {violation}." for violation in self.violations[:SHOWN_VIOLATIONS])
         raise SolveFailed(
             f"'{self.name}': {self._why_it_ended} {self._verdict} Best point, kept on the model (step "
@@ -375,6 +377,16 @@ class SolveResult(Presented):
         pairs = f", max a*b {self.largest_product:.1e}, max min(a, b) {self.largest_natural_residual:.1e}"
         stationarity = "" if self.stationarity is None else f", stationarity {self.stationarity:.1e}"
         return f"constraints {self.constraint_violation:.1e}{of_scale}{pairs if self.residuals else ''}{stationarity}"
+
+    @property
+    def changed(self) -> str:
+        """What is said where a motion was proven and the model has other values by now; empty otherwise."""
+        return CHANGED if self._has_changed else ""
+
+    @property
+    def advice_on_motion(self) -> str:
+        """What a motion that is not safe lacks, and what may help; empty where it is safe, or there is none."""
+        return "" if self.safety is None or self._was_safe else advice_on_motion(self.safety)
 
     @property
     def _motion(self) -> str:
@@ -415,10 +427,13 @@ class SolveResult(Presented):
             facts_table(facts),
             *([table(("not met, the worst of each component",), unmet)] if unmet else []),
             *([table(("what stands against it",), against)] if against else []),
-            disclosed_text("as text", str(self)),
+            disclosed_text("report", self.report()),
         ]
 
     def __str__(self) -> str:
+        return short_text(self)
+
+    def _everything(self) -> str:
         # A mesh is judged where there is an answer: not where rows are violated, nor on the way to infinity.
         judged = self.quality is not Quality.INFEASIBLE and self.stop_reason is not StopReason.DIVERGED
         mesh = self.discretisation if judged else DiscretisationEstimate(self.objective, {})

@@ -69,15 +69,15 @@ def _judged(problem: Problem, spoilt: Spoilt, seed: int) -> tuple[Verdict, str]:
     except Exception as error:
         return Verdict.FAULT, f"{type(error).__name__}: {error}"
     if not getattr(result, "solved", True):
-        return Verdict.NOT_SOLVED, str(result)
+        return Verdict.NOT_SOLVED, result.report()
     if getattr(result, "doubts", ()) or "NOT SAFE" in _first_line(result):
-        return Verdict.NAMED, str(result)
+        return Verdict.NAMED, result.report()
     complaint = _complaint(problem, spoilt, result, seed)
     if complaint is None:
         return Verdict.AGREED, _first_line(result)
     # Where the mesh was too coarse before, that is no word on what was spoilt.
-    if "COARSE MESH" in _first_line(result) and "COARSE MESH" not in _first_line(problem.answer):
-        return Verdict.NAMED, str(result)
+    if "COARSE MESH" in str(result) and "COARSE MESH" not in str(problem.answer):
+        return Verdict.NAMED, result.report()
     return Verdict.FAULT, complaint
 
 

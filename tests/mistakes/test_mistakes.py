@@ -52,7 +52,7 @@ def test_a_solve_names_what_is_wrong_and_its_remedy_leads_to_a_solution(name: st
         text = str(error)
     else:
         assert not result.solved
-        text = str(result)
+        text = result.report()
     says(text, mistake.words)
     m = pyo.ConcreteModel(name="cart")
     options = mistake.state(m, True) or {}

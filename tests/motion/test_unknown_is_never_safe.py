@@ -65,7 +65,7 @@ def test_equations_that_are_known_at_their_points_only(drift: State, prepare: Ca
     result = rcp.solve(m, progress=False)
     assert result.safe is False
     assert not result.solved
-    assert str(result).startswith("NOT SAFE")
+    assert "NOT SAFE" in str(result)
     assert "the motion of its equations is not known" in str(result.safety).splitlines()[0]
     assert len(result.rounds) == 1  # no other plan could be proven better
     with pytest.raises(SolveFailed, match="not known"):
@@ -131,7 +131,7 @@ def test_what_was_safe_is_not_known_once_the_model_has_changed() -> None:
     assert result.safe is True
     m.wind = 0.4
     assert result.safe is None
-    assert str(result).startswith("CHANGED")
+    assert "CHANGED" in str(result)
     assert "changed" in result.one_line()
     assert result.safety.safe  # the record of what was
     m.wind = 0.1

@@ -77,5 +77,5 @@ def test_the_error_of_a_stiff_motion_is_known() -> None:
     error = result.discretisation.motion_error
     assert error is not None
     assert error < 1e-4
-    assert "not known" not in str(result)
+    assert "not known" not in result.report()
     assert b.trajectory().verify().element_error < 1e-4

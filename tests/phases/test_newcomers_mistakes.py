@@ -132,4 +132,4 @@ def test_a_constant_that_is_no_number_is_named(backend):
     m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
     result = rcp.solve(m, backend=backend)
     assert not result.solved
-    assert "the number nan, in right-hand side of 'velocity' of phase 'p' at t = " in str(result)
+    assert "the number nan, in right-hand side of 'velocity' of phase 'p' at t = " in result.report()

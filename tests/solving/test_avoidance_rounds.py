@@ -108,8 +108,8 @@ def test_rounds_are_told_and_the_last_rows_hold_at_the_answer() -> None:
     assert result.safe
     assert len(result.rounds) > 1
     for each in result.rounds:
-        assert each.purpose in str(result)
-    assert "shortfall" in str(result)
+        assert each.purpose in result.report()
+    assert "shortfall" in result.report()
     assert not result.rounds[0].safe
     assert result.rounds[-1].safe
     assert closest(m, [WALL]) >= 0.05 - 0.0005 - 1e-9

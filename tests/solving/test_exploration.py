@@ -129,7 +129,7 @@ def test_linear_programs_and_explored_runs_are_steps_with_seconds(capsys: pytest
     assert any(label.startswith("explore") for label in labels(result))
     assert all(step.seconds > 0.0 for step in explored(result))
     assert all(step.options for step in explored(result) if step.status is not None)
-    assert "explore" in str(result)
+    assert "explore" in result.report()
     assert "explore" in shown.out + shown.err
 
 
@@ -142,7 +142,7 @@ def test_linear_programs_of_the_certificate_are_steps_with_seconds(monkeypatch: 
     assert all(step.seconds > 0.0 for step in certificates)
     assert result.certificate is Certificate.PROVEN
     assert result.steps[result.best_step].label.startswith("certificate") is False
-    assert "certificate" in str(result)
+    assert "certificate" in result.report()
 
 
 def test_steps_without_ipopt_are_in_every_table() -> None:

@@ -45,7 +45,7 @@ def test_fishing_is_rounded_within_the_bound_and_comes_near_its_relaxation() -> 
         assert control.gap <= control.bound == pytest.approx(6.0 / elements)
         assert rounding.objective == pytest.approx(pyo.value(m.cost))
         assert rounding.relaxed_objective <= rounding.objective
-        assert "integral gap" in str(result)
+        assert "integral gap" in result.report()
         assert m.go.trajectory().verify().largest_violation < 1e-6
         objectives.append(rounding)
     assert objectives[1].relaxed_objective == pytest.approx(1.34408, rel=1e-3)

@@ -157,7 +157,7 @@ def test_rows_without_value_and_time_that_is_up_give_nothing():
 def test_a_result_names_what_holds_it_and_giving_way_leads_to_a_solution():
     result = rcp.solve(cart())
     assert result.least_violation.is_proof
-    text = str(result)
+    text = result.report()
     assert "no values meet them together" in text
     assert "\n  'p.u' " in text
     assert "another initial guess" not in text  # none would help

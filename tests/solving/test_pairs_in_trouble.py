@@ -41,7 +41,7 @@ def test_a_side_that_can_have_no_value_where_the_rows_hold_is_a_failed_result():
     m.cost = pyo.Objective(expr=(m.x - 4) ** 2 + (m.y - 2) ** 2)
     result = rcp.solve(m)
     assert result.quality is Quality.INFEASIBLE
-    assert "sqrt(...) of x = -1" in str(result)
+    assert "sqrt(...) of x = -1" in result.report()
     assert result.table()
     assert result.report()
 
@@ -64,7 +64,7 @@ def test_bounds_that_make_both_sides_positive_are_an_infeasible_problem(kind: st
     result = rcp.solve(m)
     assert result.quality is Quality.INFEASIBLE
     assert result.stop_reason is StopReason.INFEASIBLE
-    assert "pair 'pair': sides 1 and 1" in str(result)
+    assert "pair 'pair': sides 1 and 1" in result.report()
 
 
 def two_variables(m):
@@ -99,8 +99,8 @@ def test_an_objective_that_falls_without_end_has_no_solution(state_pair, maximis
     result = rcp.solve(m)
     assert not result.solved
     assert result.stop_reason is StopReason.DIVERGED
-    assert "What grows: " in str(result)
-    assert "'y' (" in str(result)
+    assert "What grows: " in result.report()
+    assert "'y' (" in result.report()
     # What is left on the model is the optimum of the branch that is bounded, where any run has found it.
     if any(step.converged for step in result.steps):
         assert abs(m.y.value) < 1.0

@@ -65,8 +65,8 @@ def test_the_report_counts_and_names(result):
     assert result.certificate.value in text
     assert result.multipliers is not None
     assert result.multipliers.kind.value in text
-    assert str(result) in text
-    assert len(str(result).splitlines()) <= 5 + len(result.steps)
+    assert len(str(result).splitlines()) == 1
+    assert result.steps_table() in text
 
 
 @pytest.mark.casadi
@@ -100,7 +100,8 @@ def test_a_model_without_pairs_has_a_report_as_well():
     m.cost = pyo.Objective(expr=(m.x - 1) ** 2)
     found = rcp.solve(m)
     assert (found.pairs, found.biactive) == ([], [])
-    assert "no complementarity pairs" in found.report()
+    assert str(found).startswith("plain: solved. objective 0, ")
+    assert "stationarity" in found.report()
     if optional_imports.pandas_available:
         assert len(found.to_pandas()) == 0
 

@@ -53,7 +53,7 @@ def test_a_region_that_is_left_between_the_points_is_no_plan() -> None:
     result = rcp.solve(m)
     assert not result.safe
     assert not result.solved
-    assert "side" in str(result)
+    assert "side" in result.report()
     with pytest.raises(rcp.errors.SolveFailed):
         result.raise_for_status()
 

@@ -46,7 +46,7 @@ def test_a_start_without_a_value_is_moved_and_named(backend: str) -> None:
     result = rcp.solve(m, backend=backend, exploration=float("inf"))
     assert result.solved
     assert result.objective == pytest.approx(1.01283, abs=2e-4)
-    assert "could not be evaluated: division by climb.height" in str(result)
+    assert "could not be evaluated: division by climb.height" in result.report()
     assert "in right-hand side of 'speed' of phase 'climb' at t = " in result.remarks[0]
     assert "element 0" in result.remarks[0]
 
@@ -59,7 +59,7 @@ def test_what_cannot_be_moved_ends_in_a_result_that_names_it() -> None:
     m.cost = pyo.Objective(expr=m.y**2)
     result = rcp.solve(m)
     assert result.quality is rcp.Quality.INFEASIBLE
-    assert "log(...) of x = -1, in constraint 'row'" in str(result)
+    assert "log(...) of x = -1, in constraint 'row'" in result.report()
     assert m.x.value == -1.0
     with pytest.raises(rcp.errors.SolveFailed, match=r"log\(\.\.\.\) of x = -1"):
         result.raise_for_status()

@@ -59,4 +59,4 @@ def test_rounded_control_that_cannot_meet_a_bound_is_not_explained_by_its_relaxa
     assert not result.solved
     assert result.rounding is not None
     assert result.least_violation is None
-    assert "more elements or more switches" in str(result)
+    assert "more elements or more switches" in result.report()
