@@ -81,8 +81,10 @@ def add_boundaries(block: Any, record: PhaseRecord, factors: Bounds, label: str)
             f"{label}: free_element_widths = {factors!r}; expected (smallest, largest) factor of each element's "
             "width with 0 < smallest <= 1 <= largest, for example (0.2, 3)."
         )
+    first, length = mesh.boundaries[0], mesh.boundaries[-1] - mesh.boundaries[0]
     boundaries = Var(
-        RangeSet(0, mesh.elements), bounds=(0, 1), initialize=dict(enumerate(mesh.boundaries)),
+        RangeSet(0, mesh.elements), bounds=(0, 1),
+        initialize={i: (time - first) / length for i, time in enumerate(mesh.boundaries)},
         doc="element boundaries in normalised time",
     )  # fmt: skip
     place(block, record, "boundary", boundaries)
@@ -95,7 +97,7 @@ def add_boundaries(block: Any, record: PhaseRecord, factors: Bounds, label: str)
     rows = place(
         block, record, "boundary_width", Constraint(RangeSet(0, mesh.elements - 1) if mesh.elements > 1 else [])
     )
-    for i, width in enumerate(mesh.widths.tolist()):
+    for i, width in enumerate((mesh.widths / length).tolist()):
         rows.add(i, (lower * width, block.boundary[i + 1] - block.boundary[i], upper * width))
 
 
@@ -132,11 +134,11 @@ def real_time(block: Any, record: PhaseRecord, index: float | TimeIndex) -> Any:
     t = point_of(index)
     if not record.normalised:
         return with_units(record, t)
-    if t.__class__ in native_numeric_types and t == 0:
+    boundaries = record.grid.mesh.boundaries
+    if t.__class__ in native_numeric_types and t == boundaries[0]:
         return block.start  # plus nothing: 0 * duration would be a term that some file formats lose
     if not record.free_widths:
         return block.start + block.duration * t
-    boundaries = record.grid.mesh.boundaries
     i = max(bisect_right(boundaries, t) - 1, 0)
     if t == boundaries[i]:
         return block.start + block.duration * block.boundary[i]

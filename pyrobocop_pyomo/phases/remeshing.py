@@ -8,7 +8,7 @@ still reads a variable that is gone then is a reason to take everything back.
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from pyomo.common.gc_manager import PauseGC
@@ -19,7 +19,7 @@ from pyrobocop_pyomo.modeling.in_place_changes import InPlaceChanges
 from pyrobocop_pyomo.numerics import Grid
 
 from .captured_widths import captured_width
-from .declarations import Control, has_lost_bounds
+from .declarations import Bounds, Control, has_lost_bounds
 from .followers import Followers
 from .horizon import make_mesh
 from .restatement import Restatement
@@ -74,6 +74,45 @@ def remesh_phases(meshes: Mapping[Any, Any]) -> None:
         for name in phase.record.names(Control):  # knots have to be element boundaries
             phase.record.declarations[name].nodes(name, grid, f"phase '{phase.name}': control '{name}'")
     warned = [(phase, reason) for phase, _ in asked if (reason := captured_width(phase.record)) is not None]
+    _restate(model, asked)
+    for phase, reason in warned:
+        logger.warning("phase '%s': %s", phase.name, reason)
+
+
+def free_element_widths(phases: Iterable[Any], factors: Bounds) -> None:
+    """Let the element boundaries of phases be found, in place, as if they had been built with free element widths.
+
+    Time indices stay as they are: they name the points and are no times any more, which `PhaseBlock.time_at` gives.
+
+    Parameters
+    ----------
+    phases : iterable of PhaseBlock
+        Of one model. Those whose boundaries move already stay as they are.
+    factors : (smallest, largest)
+        Of each element's width.
+
+    Raises
+    ------
+    RemeshingError
+        Naming what cannot follow. Phases may be left half way then: this is for copies.
+    """
+    asked = [(phase, phase.grid) for phase in phases if not phase.record.free_widths]
+    for phase, _ in asked:
+        reason = _own_reason(phase) or captured_width(phase.record)
+        moving = [name for name, of in phase.record.declarations.items() if callable(getattr(of, "bounds", None))]
+        if moving:
+            reason = f"phase '{phase.name}': the bounds of '{moving[0]}' are given by the times of its points."
+        if reason is not None:
+            raise RemeshingError(reason)
+    for phase, _ in asked:
+        phase.record.normalised = phase.record.free_widths = True
+        phase.record.width_factors = factors
+    if asked:
+        _restate(asked[0][0].model(), asked)
+
+
+def _restate(model: Any, asked: list[tuple[Any, Grid]]) -> None:
+    """Make everything that was stated over the times of phases anew, on the grids that they get."""
     with PauseGC(), InPlaceChanges() as changes:
         restated = [Restatement(phase, grid, changes) for phase, grid in asked]
         followers = Followers(model, restated, changes)
@@ -96,8 +135,6 @@ def remesh_phases(meshes: Mapping[Any, Any]) -> None:
                 f"{type(error).__name__}: {error}."
             ) from error
         changes.finish(model)
-    for phase, reason in warned:
-        logger.warning("phase '%s': %s", phase.name, reason)
 
 
 def why_not_remeshed(phase: Any) -> str | None:

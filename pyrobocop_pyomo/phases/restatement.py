@@ -73,7 +73,8 @@ class Restatement:
                 self._remember(name)
         for name in record.kept_derivatives:
             self._remember(f"{name}_derivative")
-        self._boundaries = list(block.boundary.values()) if record.free_widths else []
+        standing = block.component("boundary")  # none yet where they begin to move
+        self._boundaries = [] if standing is None else list(standing.values())
         self._weights: dict[Any, Array] = {}
         self._placed: set[str] = set()
         self._pending = list(record.statements)
@@ -211,6 +212,8 @@ class Restatement:
 
     def keep_boundaries(self) -> None:
         """Let element boundaries that stay be the variables that they were; others lie on a line between these."""
+        if not self._boundaries:
+            return
         component, old = self.block.boundary, self.before.grid.mesh.boundaries
         number_of = {time: i for i, time in enumerate(old)}
         values = np.interp(self.grid.mesh.boundaries, old, [variable.value for variable in self._boundaries])

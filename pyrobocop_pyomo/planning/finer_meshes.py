@@ -16,7 +16,7 @@ from pyrobocop_pyomo.numerics import Mesh
 from pyrobocop_pyomo.numerics.remeshing import remesh
 from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.phases.remeshing import remesh_phases, why_not_remeshed
-from pyrobocop_pyomo.solving.ipopt_options import NEARLY_THERE
+from pyrobocop_pyomo.solving.ipopt_options import FINER_MESH
 from pyrobocop_pyomo.solving.iterates import Iterate, Quality, StopReason
 from pyrobocop_pyomo.solving.procedure import solve_model
 from pyrobocop_pyomo.solving.settings import Settings
@@ -90,7 +90,7 @@ class FinerMeshes:
             if meshes is None or not self._remeshed(meshes):
                 return best
             try:
-                finer = self._solved(best, NEARLY_THERE)
+                finer = self._solved(best, FINER_MESH)
                 if not self._replaces(finer, best) and not halved and not finer.stop_reason.is_final:
                     self._start.restore()
                     remesh_phases(self._of_phases(meshes))

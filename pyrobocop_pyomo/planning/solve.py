@@ -41,6 +41,7 @@ from pyrobocop_pyomo.solving.strategies import Strategy, as_strategies
 from .finer_meshes import FinerMeshes
 from .integer_controls import open_choices, solve_with_integer_controls
 from .safe_planning import SafePlanning, avoidance_blocks, containments
+from .switches_at_boundaries import SwitchesAtBoundaries
 
 # What other packages, and Ipopt, call it.
 _OTHER_WORDS = {
@@ -259,6 +260,8 @@ def solve(
             return solve_model(model, settings)
         first = mesh_from_statement(phases_of(model))
         result = FinerMeshes(model, mesh_tolerance, settings).solve()
+        if result.residuals:
+            result = SwitchesAtBoundaries(model, settings).improved(result)
         return replace(result, remarks=(*first.remarks, *result.remarks), doubts=(*_unseen(first), *result.doubts))
 
     if choices:

@@ -72,6 +72,9 @@ SOLVE_AGAIN = {"mu_init": 1e-3, "bound_push": 1e-4, "bound_frac": 1e-4}
 FROM_COARSE_MESH = {"mu_init": 1e-6, "bound_push": 1e-6, "bound_frac": 1e-6}
 # From where elastic rows or fewer elements have led: near a solution, but not at it.
 NEARLY_THERE = {"mu_init": 1e-3, "bound_push": 1e-4, "bound_frac": 1e-4}
+# The answer on a coarser mesh, interpolated. Multipliers of bounds are those that belong to the barrier parameter,
+# and those of rows follow from them; with all of them 1, a start forgets which bounds hold.
+FINER_MESH = {**FROM_COARSE_MESH, "bound_mult_init_method": "mu-based"}
 # What is solved by Ipopt's scaled tolerances, to be solved by those of the residuals as they are.
 TIGHTER_TOLERANCES = {"tol": 1e-10, "constr_viol_tol": 1e-8, "s_max": 1e8, "bound_relax_factor": 1e-10}
 # A scaled program: typical sizes may be far above those of the solution, and tolerances relative to them be loose.

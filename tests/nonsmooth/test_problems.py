@@ -149,7 +149,7 @@ def test_the_best_answer_of_all_strategies_wins() -> None:
     objectives = {}
     for strategies in ("barrier", "continuation", None):
         model = problem.build(20)
-        result = rcp.solve(model, strategies=strategies, progress=False)
+        result = rcp.solve(model, strategies=strategies, progress=False, mesh_tolerance=None)
         assert result.solved
         assert problem.assess(model).solved
         objectives[strategies] = result.objective

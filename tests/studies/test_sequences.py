@@ -314,7 +314,7 @@ def test_a_script_without_a_main_guard_is_told_so(tmp_path: Path) -> None:
 
 @pytest.mark.casadi
 def test_a_safe_plan_comes_before_a_cheaper_one_that_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
-    solved = sequences.solve
+    solved = sequences.solve_as_given
 
     def judged(model: Any, **options: Any) -> Any:
         result = solved(model, **options)
