@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import importlib
 import sys
+from math import log, pi
 from pathlib import Path
 from typing import Any
 
-from . import chemistry, flight, small
+from . import aloft, chemistry, flight, plants, populations, small, switching
 from .problem import TextbookProblem
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "textbook"
@@ -21,6 +22,8 @@ def example(name: str, source: str, elements: int | None = None, *phases: str, *
     return TextbookProblem(name, source, module.PUBLISHED, module.build, elements, phases, **more)
 
 
+THRESHOLD = 0.07 / 0.21  # of the healthy, below which the ill become fewer
+SMALLEST_PEAK = (1 - THRESHOLD - THRESHOLD * log((1 - 1e-6) / THRESHOLD)) / (1 + 0.07 * 28)
 PROBLEMS = (
     example("alp_rider", "Betts", 100),
     example("ascent", "Benson; GPOPS", 10, "six", "three", "main", "last"),
@@ -64,4 +67,24 @@ PROBLEMS = (
     TextbookProblem("stirred_tank", "Luus", 0.13309, chemistry.stirred_tank),
     TextbookProblem("tumour", "Ledzewicz & Schaettler; Betts", 7571.6712, small.tumour, 20),
     TextbookProblem("two_link_robot", "Luus; PSOPT", 2.98364, flight.two_link_robot, 20),
+    TextbookProblem("batch_fermentor", "Cuthrell & Biegler", 87.99, plants.batch_fermentor, computed=True),
+    TextbookProblem("bifunctional_catalyst", "Luus & Bojkov", 0.0100942, plants.bifunctional_catalyst, computed=True),
+    TextbookProblem("chattering", "Fuller; mintOC", 1.52845e-5, switching.chattering, computed=True),
+    TextbookProblem("dynamic_soaring", "Zhao; GPOPS-II", 0.0586, aloft.dynamic_soaring, computed=True),
+    TextbookProblem("epidemic_peak", "Molina & Rapaport", SMALLEST_PEAK, populations.epidemic_peak),
+    TextbookProblem("greenhouse", "van Straten; PROPT", -14.5, plants.greenhouse, computed=True),
+    TextbookProblem("induced_protein", "Lee & Ramirez; GPOPS-II", 6.1516, plants.induced_protein, computed=True),
+    TextbookProblem("marine_stages", "COPS 3", 1.97462e7, populations.marine_stages),
+    TextbookProblem("methanol", "COPS 3", 9.02229e-3, populations.methanol),
+    TextbookProblem("oscillator_to_rest", "Pontryagin et al.", 8.0, switching.oscillator_to_rest, computed=True),
+    TextbookProblem("singular_oscillator", "Vossen", 0.757618, switching.singular_oscillator, computed=True),
+    TextbookProblem("sounding_rocket", "Betts", 18550.872, aloft.sounding_rocket, None, "boost", "singular", "coast"),
+    TextbookProblem("space_station", "Betts; GPOPS-II", 3.586751, aloft.space_station),
+    TextbookProblem("tanks_in_a_row", "Dadebo & Luus", 0.0253, plants.tanks_in_a_row, computed=True),
+    TextbookProblem("third_order_limit", "Robbins; BOCOP", 20.0, switching.third_order_limit, computed=True),
+    TextbookProblem("triple_integrator", "Luus; PROPT", 1.2521, switching.triple_integrator, computed=True),
+    TextbookProblem("turn_around", "Dubins", 7 * pi / 3, switching.turn_around),
+    TextbookProblem("two_masses", "Liu & Wie", 4.218, switching.two_masses, computed=True),
+    TextbookProblem("two_oscillators", "Nishida et al.; Luus", 1.0006, switching.two_oscillators, computed=True),
+    TextbookProblem("vaccination", "Neilan & Lenhart", 40.0, populations.vaccination, computed=True),
 )
