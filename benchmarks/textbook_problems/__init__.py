@@ -22,6 +22,7 @@ def example(name: str, source: str, elements: int | None = None, *phases: str, *
     return TextbookProblem(name, source, module.PUBLISHED, module.build, elements, phases, **more)
 
 
+ROCKET_PHASES = ("boost", "singular", "coast")
 THRESHOLD = 0.07 / 0.21  # of the healthy, below which the ill become fewer
 SMALLEST_PEAK = (1 - THRESHOLD - THRESHOLD * log((1 - 1e-6) / THRESHOLD)) / (1 + 0.07 * 28)
 PROBLEMS = (
@@ -78,7 +79,7 @@ PROBLEMS = (
     TextbookProblem("methanol", "COPS 3", 9.02229e-3, populations.methanol),
     TextbookProblem("oscillator_to_rest", "Pontryagin et al.", 8.0, switching.oscillator_to_rest, computed=True),
     TextbookProblem("singular_oscillator", "Vossen", 0.757618, switching.singular_oscillator, computed=True),
-    TextbookProblem("sounding_rocket", "Betts", 18550.872, aloft.sounding_rocket, None, "boost", "singular", "coast"),
+    TextbookProblem("sounding_rocket", "Betts", 18550.872, aloft.sounding_rocket, None, ROCKET_PHASES),
     TextbookProblem("space_station", "Betts; GPOPS-II", 3.586751, aloft.space_station),
     TextbookProblem("tanks_in_a_row", "Dadebo & Luus", 0.0253, plants.tanks_in_a_row, computed=True),
     TextbookProblem("third_order_limit", "Robbins; BOCOP", 20.0, switching.third_order_limit, computed=True),

@@ -137,7 +137,7 @@ def space_station(mesh=None, elements=None):
     ]  # fmt: skip
     b.rate = rcp.State(index=3, initial=rate, bounds=(-2e-3, 2e-3), initial_guess=rate)
     b.attitude = rcp.State(index=3, initial=attitude, bounds=(-1, 1), initial_guess=attitude)
-    b.momentum = rcp.State(index=3, initial=5000, bounds=(-15000, 15000), initial_guess=5000)
+    b.momentum = rcp.State(index=3, initial=5000, final=0, bounds=(-15000, 15000), initial_guess=5000)
     b.torque = rcp.Control(index=3, bounds=(-150, 150))
     inverse = np.linalg.inv(np.array(INERTIA)).tolist()
 

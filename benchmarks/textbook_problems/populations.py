@@ -59,7 +59,7 @@ def marine_stages(mesh=None, elements=None):
     m = pyo.ConcreteModel(name="marine population dynamics")
     times = [0.5 * k for k in range(len(STAGES))]
     m.sea = b = rcp.PhaseBlock(duration=times[-1], mesh=times if mesh is None else mesh)
-    b.x = rcp.State(index=8, initial_guess=lambda s: STAGES[round(20 * s)])
+    b.x = rcp.State(index=8, initial_guess=lambda t: STAGES[round(2 * t)])
     b.growth, b.death = rcp.Parameter(index=7, bounds=(0, None)), rcp.Parameter(index=8, bounds=(0, None))
 
     @b.ode
@@ -102,7 +102,7 @@ def vaccination(mesh=None, elements=None):
 
 
 def epidemic_peak(mesh=None, elements=None):
-    """The smallest peak for limited measures: Molina & Rapaport, Automatica 146 (2022) 110596, with a formula for it."""
+    """The smallest peak for limited measures: Molina & Rapaport, Automatica 146 (2022) 110596, with a formula."""
     m = pyo.ConcreteModel(name="peak of an epidemic")
     m.p = b = rcp.PhaseBlock(duration=300, mesh=mesh, elements=elements)
     b.healthy, b.ill = rcp.State(initial=1 - 1e-6, initial_guess=1), rcp.State(initial=1e-6)

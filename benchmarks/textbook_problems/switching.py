@@ -38,7 +38,7 @@ def singular_oscillator(mesh=None, elements=None):
     b.x, b.v = rcp.State(initial=0), rcp.State(initial=1)
     b.u = rcp.Control(bounds=(-1, 1))
     b.ode(lambda b, t: {b.x: b.v[t], b.v: -b.x[t] + b.v[t] * (1 - b.x[t] ** 2) + b.u[t]})
-    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] ** 2 + b.v[t] ** 2))
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: (b.x[t] ** 2 + b.v[t] ** 2) / 2))
     return m
 
 
