@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
-from .stated_before import STATEMENTS as STATED_BEFORE
+from . import motions, oscillators, passages, processes, stated_before
 
-STATEMENTS = (*STATED_BEFORE,)
+STATEMENTS = tuple(
+    statement
+    for family in (stated_before, motions, oscillators, passages, processes)
+    for statement in family.STATEMENTS
+)
