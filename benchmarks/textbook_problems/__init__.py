@@ -72,6 +72,7 @@ PROBLEMS = (
     TextbookProblem("bifunctional_catalyst", "Luus & Bojkov", 0.0100942, plants.bifunctional_catalyst, computed=True),
     TextbookProblem("chattering", "Fuller; mintOC", 1.52845e-5, switching.chattering, computed=True),
     TextbookProblem("dynamic_soaring", "Zhao; GPOPS-II", 0.0586, aloft.dynamic_soaring, computed=True),
+    TextbookProblem("electric_vehicle", "Petit & Sciarretta", 1.0, switching.electric_vehicle, computed=True),
     TextbookProblem("epidemic_peak", "Molina & Rapaport", SMALLEST_PEAK, populations.epidemic_peak),
     TextbookProblem("greenhouse", "van Straten; PROPT", -14.5, plants.greenhouse, computed=True),
     TextbookProblem("induced_protein", "Lee & Ramirez; GPOPS-II", 6.1516, plants.induced_protein, computed=True),
@@ -86,6 +87,5 @@ PROBLEMS = (
     TextbookProblem("triple_integrator", "Luus; PROPT", 1.2521, switching.triple_integrator, computed=True),
     TextbookProblem("turn_around", "Dubins", 7 * pi / 3, switching.turn_around),
     TextbookProblem("two_masses", "Liu & Wie", 4.218, switching.two_masses, computed=True),
-    TextbookProblem("two_oscillators", "Nishida et al.; Luus", 1.0006, switching.two_oscillators, computed=True),
     TextbookProblem("vaccination", "Neilan & Lenhart", 40.0, populations.vaccination, computed=True),
 )

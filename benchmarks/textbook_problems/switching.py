@@ -1,4 +1,4 @@
-"""Controls that jump from limit to limit, chatter or are singular, and a state that touches its limit."""
+"""Small mechanics: controls that jump, chatter or are singular, a state that touches its limit, a hilly road."""
 
 from __future__ import annotations
 
@@ -39,23 +39,6 @@ def singular_oscillator(mesh=None, elements=None):
     b.u = rcp.Control(bounds=(-1, 1))
     b.ode(lambda b, t: {b.x: b.v[t], b.v: -b.x[t] + b.v[t] * (1 - b.x[t] ** 2) + b.u[t]})
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: (b.x[t] ** 2 + b.v[t] ** 2) / 2))
-    return m
-
-
-def two_oscillators(mesh=None, elements=None):
-    """One bounded control calms two damped oscillators: Nishida et al. 1976; Luus 2000; the manual of PROPT."""
-    m = pyo.ConcreteModel(name="two oscillators")
-    m.p = b = rcp.PhaseBlock(duration=4.2, mesh=mesh, elements=elements)
-    b.x = rcp.State(index=4, initial=10)
-    b.u = rcp.Control(bounds=(-1, 1))
-
-    @b.ode
-    def oscillators(b, t):
-        (x, y, z, w), u = b.x[t], b.u[t]
-        return {b.x: [-0.5 * x + 5 * y, -5 * x - 0.5 * y + u, -0.6 * z + 10 * w, -10 * z - 0.6 * w + u]}
-
-    last = b.x[b.final_time]
-    m.left = pyo.Objective(expr=last @ last)
     return m
 
 
@@ -111,4 +94,22 @@ def third_order_limit(mesh=None, elements=None):
     b.u = rcp.Control(initial_guess=0.1)
     b.ode(lambda b, t: {b.x: b.v[t], b.v: b.a[t], b.a: b.u[t]})
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: 3 * b.x[t] + 0.5 * b.u[t] ** 2))
+    return m
+
+
+def electric_vehicle(mesh=None, elements=None):
+    """Over a hilly road with the least energy: Petit & Sciarretta 2011, doi:10.3182/20110828-6-IT-1002.01560."""
+    m = pyo.ConcreteModel(name="electric vehicle")
+    m.drive = b = rcp.PhaseBlock(duration=1, mesh=mesh, elements=elements)
+    b.x, b.v = rcp.State(initial=0, final=10), rcp.State(initial=0, final=0)
+    b.u = rcp.Control()
+    b.initialize_straight_lines()
+
+    @b.ode
+    def vehicle(b, t):
+        x, v = b.x[t], b.v[t]
+        slope = 3 + 0.4 * x - x**2 + 0.1 * x**3
+        return {b.x: v, b.v: b.u[t] - 1e-3 * v**2 - 0.1 - slope}
+
+    m.energy = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] * b.v[t] + b.u[t] ** 2))
     return m
