@@ -1,4 +1,4 @@
-"""Published problems of optimal control: those of ``examples/textbook`` and twenty more."""
+"""Published problems of optimal control: those of ``examples/textbook`` and forty more."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from . import chemistry, flight, small
+from . import chemistry, flight, motions, oscillators, passages, processes, small
 from .problem import TextbookProblem
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "textbook"
@@ -64,4 +64,44 @@ PROBLEMS = (
     TextbookProblem("stirred_tank", "Luus", 0.13309, chemistry.stirred_tank),
     TextbookProblem("tumour", "Ledzewicz & Schaettler; Betts", 7571.6712, small.tumour, 20),
     TextbookProblem("two_link_robot", "Luus; PSOPT", 2.98364, flight.two_link_robot, 20),
+    TextbookProblem("abort_landing", "Bulirsch et al.; Betts", 491.852, passages.abort_landing, computed=True),
+    TextbookProblem(
+        "brachistochrone_above_slope", "Betts", 0.32333117, motions.brachistochrone_above_slope, computed=True
+    ),
+    TextbookProblem(
+        "cannonball", "Falck et al.; dymos", 3183.3612, passages.cannonball, None, ("ascent", "descent"), True
+    ),
+    TextbookProblem(
+        "coulomb_friction", "Driessen & Sadegh; PSOPT", 2.1141447, motions.coulomb_friction, 40, computed=True
+    ),
+    TextbookProblem("delayed_oscillator", "Luus; PSOPT", 2.5257247, oscillators.delayed_oscillator, computed=True),
+    TextbookProblem("ethanol", "Chen & Hwang; Banga et al.", 20839.0, processes.ethanol, computed=True),
+    TextbookProblem("farthest_in_a_second", "dymos", 0.25, motions.farthest_in_a_second),
+    TextbookProblem("heat_diffusion", "Betts; PSOPT", 4.3703485e-5, processes.heat_diffusion, 20, computed=True),
+    TextbookProblem("heated_reentry", "Betts", 30.6255, passages.heated_reentry, 50, computed=True),
+    TextbookProblem("immunology", "Joshi; Betts", 29514.4478, oscillators.immunology),
+    TextbookProblem("mountain_car", "Moore; dymos", 102.36754, motions.mountain_car, computed=True),
+    TextbookProblem("path_tracking", "PROPT; PSOPT", 1.0416861, motions.path_tracking, None, ("along", "across"), True),
+    TextbookProblem("pendulum", "Bueskens & Gerdts; Betts", 12.8738889, motions.pendulum, computed=True),
+    TextbookProblem("penicillin", "Srinivasan et al.", 1.682, processes.penicillin, computed=True),
+    TextbookProblem("photochemical_tank", "Jensen; Bojkov et al.", 21.757, processes.photochemical_tank, computed=True),
+    TextbookProblem(
+        "rayleigh_with_mixed_limit",
+        "Maurer & Augustin",
+        44.804445,
+        oscillators.rayleigh_with_mixed_limit,
+        computed=True,
+    ),
+    TextbookProblem("short_wire", "dymos", 1.8076797, motions.short_wire, computed=True),
+    TextbookProblem(
+        "two_burns", "Enright & Conway; dymos", 0.39948783, passages.two_burns, None, ("burn", "coast", "arrive"), True
+    ),
+    TextbookProblem(
+        "van_der_pol_with_limit",
+        "Vassiliadis et al.; PROPT",
+        2.9538784,
+        oscillators.van_der_pol_with_limit,
+        computed=True,
+    ),
+    TextbookProblem("warm_rod", "Betts", 0.468159793, processes.warm_rod),
 )
