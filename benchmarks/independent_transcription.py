@@ -18,6 +18,7 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import casadi
@@ -101,7 +102,7 @@ class _ArcVariables:
         self.duration = casadi.MX.sym("T")
         self.begins = before.begins + before.duration if arc.follows and before is not None else casadi.MX(arc.start)
         at = nodes(degree)
-        places = np.concatenate([low + (high - low) * at[1:] for low, high in zip(mesh, mesh[1:], strict=False)])
+        places = np.concatenate([low + (high - low) * at[1:] for low, high in pairwise(mesh)])
         self.places = np.concatenate([[0.0], places])
         self.function = _function(arc, p.numel())
         t = self.begins + self.duration * casadi.DM(places).T
@@ -171,7 +172,7 @@ class _ArcVariables:
         derivatives = x_at @ differentiation(at)
         size = np.maximum(np.abs(states).max(axis=1), 1e-3 * self.scale)
         found = []
-        for k, (low, high) in enumerate(zip(self.mesh, self.mesh[1:], strict=False)):
+        for k, (low, high) in enumerate(pairwise(self.mesh)):
             x, u = states[:, k * d : (k + 1) * d + 1], controls[:, k * d : (k + 1) * d]
             t = begins + duration * (low + (high - low) * inner)
             given = np.repeat(p[:, None], len(inner), 1)
@@ -231,8 +232,8 @@ def optimum(statement: Statement, meshes: Sequence[np.ndarray], degree: int, war
         bounds = np.array(statement.condition_bounds, dtype=float)
         row_low.append(bounds[:, 0])
         row_high.append(bounds[:, 1])
-    sign = -1.0 if statement.maximise else 1.0
-    program = {"x": variables, "f": sign * statement.objective(ends, p), "g": casadi.vertcat(*rows)}
+    factor = (-1.0 if statement.maximise else 1.0) * statement.size
+    program = {"x": variables, "f": statement.objective(ends, p) / factor, "g": casadi.vertcat(*rows)}
     options: dict[str, Any] = {"tol": 1e-10, "constr_viol_tol": 1e-10, "print_level": 0, "sb": "yes", "max_iter": 3000}
     options |= {"acceptable_tol": 1e-8, "acceptable_iter": 30, "bound_relax_factor": 1e-11}
     options |= statement.options if warm is None else {"mu_init": 1e-5, "bound_push": 1e-6, "bound_frac": 1e-6}
@@ -249,7 +250,7 @@ def optimum(statement: Statement, meshes: Sequence[np.ndarray], degree: int, war
         errors.append(arc.errors(point, parameters, begins))
         begins += point[2]
     converged = solver.stats()["success"]
-    return Optimum(sign * float(found["f"]), converged, list(meshes), degree, points, parameters, errors)
+    return Optimum(factor * float(found["f"]), converged, list(meshes), degree, points, parameters, errors)
 
 
 def first_mesh(arc: Arc, elements: int) -> np.ndarray:

@@ -12,7 +12,9 @@ import pyrobocop_pyomo as rcp
 def brachistochrone_above_slope(mesh=None, elements=None):
     """The quickest slide that stays above a slope: Betts 2010, example 4.10, in feet."""
     m = pyo.ConcreteModel(name="brachistochrone above a slope")
-    m.slide = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.01, 10), initial_guess=1), mesh=mesh, elements=elements)
+    m.slide = b = rcp.PhaseBlock(
+        duration=rcp.Duration(bounds=(0.01, 10), initial_guess=1), mesh=mesh, elements=elements
+    )
     b.x, b.y = rcp.State(initial=0, final=1), rcp.State(initial=0, initial_guess=lambda s: 0.5 * s)
     b.v = rcp.State(initial=0, initial_guess=lambda s: 5 * s)
     b.angle = rcp.Control(initial_guess=0.5)

@@ -14,7 +14,7 @@ def rayleigh_with_mixed_limit(mesh=None, elements=None):
     b.y = rcp.State(index=2, initial=-5, initial_guess=-5)
     b.u = rcp.Control()
     b.ode(lambda b, t: {b.y: [b.y[1, t], -b.y[0, t] + b.y[1, t] * (1.4 - 0.14 * b.y[1, t] ** 2) + 4 * b.u[t]]})
-    b.constraint(lambda b, t: (-1, b.u[t] + b.y[0, t] / 6, 0))
+    b.constraint(lambda b, t: b.u[t] + b.y[0, t] / 6 <= 0)
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2 + b.y[0, t] ** 2))
     return m
 

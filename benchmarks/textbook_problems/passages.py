@@ -86,7 +86,7 @@ def two_burns(mesh=None, elements=None):
             b.spent = rcp.State(
                 initial=0 if first else None, initial_guess=lambda s, first=first: 0.1 * s + (0 if first else 0.1)
             )
-            b.pitch = rcp.Control(bounds=(radians(-30), radians(30)) if first else None)
+            b.pitch = rcp.Control(bounds=(radians(-30), radians(30)) if first else (None, None))
 
         @b.ode
         def orbit(b, t, burns=burns):
@@ -123,9 +123,7 @@ def wind(x):
     along_rate = by_place(3 * a * x**2 + 4 * b * x**3, 1 / 40, 3 * a * y**2 + 4 * b * y**3, 0)
     bump = -51 * pyo.exp(-c * z**4)
     up = by_place(d * x**3 + e * x**4, bump, d * y**3 + e * y**4, 0)
-    up_rate = by_place(
-        3 * d * x**2 + 4 * e * x**3, -4 * c * z**3 * bump, -3 * d * y**2 - 4 * e * y**3, 0
-    )
+    up_rate = by_place(3 * d * x**2 + 4 * e * x**3, -4 * c * z**3 * bump, -3 * d * y**2 - 4 * e * y**3, 0)
     return along, along_rate, up / 1000, up_rate / 1000
 
 
@@ -133,7 +131,7 @@ def abort_landing(mesh=None, elements=None):
     """The largest least altitude in a downburst: Bulirsch, Montrone & Pesch, JOTA 70 (1991) 1 and 223; Betts 2010."""
     m = pyo.ConcreteModel(name="abort landing in windshear")
     m.flight = b = rcp.PhaseBlock(duration=40, mesh=mesh, elements=elements)
-    b.x = rcp.State(initial=0, bounds=(0, 10000), initial_guess=lambda s: 10000 * s)
+    b.x = rcp.State(initial=0, bounds=(0, 10000), initial_guess=lambda t: 250 * t)
     b.h = rcp.State(initial=600, bounds=(0, None), initial_guess=600)
     b.v = rcp.State(initial=239.7, bounds=(1, None), initial_guess=239.7)
     b.path = rcp.State(initial=radians(-2.249), final=radians(7.431))

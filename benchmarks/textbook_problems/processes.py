@@ -130,11 +130,11 @@ def penicillin(mesh=None, elements=None):
     """A limited biomass: Srinivasan et al., Computers & Chem. Eng. 27 (2003) 27, doi:10.1016/S0098-1354(02)00117-5."""
     m = pyo.ConcreteModel(name="penicillin")
     m.reactor = b = rcp.PhaseBlock(duration=150, mesh=mesh, elements=elements)
-    b.cells = rcp.State(initial=1, bounds=(0, 3.7), initial_guess=lambda s: 1 + 2.7 * s)
+    b.cells = rcp.State(initial=1, bounds=(0, 3.7), initial_guess=lambda t: 1 + 2.7 * t / 150)
     b.substrate = rcp.State(initial=0.5, bounds=(0, None), initial_guess=0.5)
-    b.product = rcp.State(initial=0, bounds=(0, None), initial_guess=lambda s: 0.6 * s)
+    b.product = rcp.State(initial=0, bounds=(0, None), initial_guess=lambda t: 0.6 * t / 150)
     b.volume = rcp.State(initial=150, bounds=(0, None), initial_guess=150)
-    b.feed = rcp.Control(bounds=(0, 1), initial_guess=0.03)
+    b.feed = rcp.Control(bounds=(0, 1), initial_guess=lambda t: 0.03 + 0.06 * t / 150)
 
     @b.ode
     def fermentation(b, t):

@@ -62,7 +62,8 @@ PENDULUM = Statement(  # by the angle below the horizontal, which the Cartesian 
 
 def _tracked(here):
     return lambda t, x, u, p: sum(
-        weight * (x[i] - place) ** 2 for i, (weight, place) in enumerate(zip((100, 100, 500, 500), here(t), strict=True))
+        weight * (x[i] - place) ** 2
+        for i, (weight, place) in enumerate(zip((100, 100, 500, 500), here(t), strict=True))
     )
 
 

@@ -24,7 +24,7 @@ RAYLEIGH = Statement(
             first=[-5, -5],
             running=lambda t, x, u, p: u[0] ** 2 + x[0] ** 2,
             path=lambda t, x, u, p: [u[0] + x[0] / 6],
-            path_bounds=[(-1, 0)],
+            path_bounds=[(-inf, 0)],
         )
     ],
     objective=lambda ends, p: ends[0].integral,

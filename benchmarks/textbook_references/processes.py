@@ -49,6 +49,7 @@ HEAT_DIFFUSION = Statement(
     ],
     objective=lambda ends, p: ends[0].integral,
     elements=10,
+    size=1e-5,
 )
 INTERVALS = 20
 
@@ -170,7 +171,10 @@ PENICILLIN = Statement(
             states=[(0, 3.7), (0, inf), (0, inf), (0, inf)],
             controls=[(0, 1)],
             duration=150,
-            guess=lambda s: ([1 + 2.7 * s, 0.5, 0.6 * s, 150], [0.03]),
+            guess=lambda s: (  # grow as fast as possible to the limit, then starve along it
+                [min(np.exp(2.5 * s), 3.7), 0.5 if s < 0.52 else 0.01, 1.5 * s, 150 + 5 * s],
+                [0.0275 * np.exp(2.5 * s) if s < 0.52 else 0.012],
+            ),
             first=[1, 0.5, 0, 150],
             scale=[1, 1, 1, 100],
         )

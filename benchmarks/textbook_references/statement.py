@@ -89,6 +89,8 @@ class Statement:
     parameters : sequence of (lower, upper, guess)
     elements, degree : int
         Of the first mesh of each arc.
+    size : float
+        Of the objective: Ipopt's tolerance is absolute.
     options : dict
         Of Ipopt, for the first solve.
     """
@@ -102,4 +104,5 @@ class Statement:
     parameters: Sequence[tuple[float, float, float]] = ()
     elements: int = 20
     degree: int = 5
+    size: float = 1.0
     options: dict[str, Any] = field(default_factory=dict)

@@ -2,28 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import casadi
 from casadi import cos, pi, sin
 
 from .statement import FREE, Arc, Statement
 
-CHATTERING = Statement(
-    "chattering",
-    [
-        Arc(
-            lambda t, x, u, p: [x[1], 1 - 2 * u[0]],
-            states=[FREE, FREE],
-            controls=[(0, 1)],
-            duration=1,
-            guess=lambda s: ([0.01, 0], [0.5]),
-            first=[0.01, 0],
-            last=[0.01, 0],
-            running=lambda t, x, u, p: 1e5 * x[0] ** 2,
-            scale=[0.01, 0.1],
-        )
-    ],
-    objective=lambda ends, p: 1e-5 * ends[0].integral,
-)
 TRIPLE_INTEGRATOR = Statement(
     "triple_integrator",
     [
@@ -39,20 +24,37 @@ TRIPLE_INTEGRATOR = Statement(
     ],
     objective=lambda ends, p: ends[0].integral,
 )
+
+
+def _van_der_pol(control, first):
+    return Arc(
+        lambda t, x, u, p: [x[1], control(x) - x[0] + (1 - x[0] ** 2) * x[1]],
+        states=[FREE, FREE],
+        controls=[(0, 1)],  # without effect
+        duration=(1e-3, 4),
+        guessed_duration=1.3,
+        guess=lambda s: ([0.5, 0.5 - s], [0.5]),
+        first=first,
+        running=lambda t, x, u, p: 0.5 * (x[0] ** 2 + x[1] ** 2),
+        follows=not first,
+    )
+
+
+# On the singular arc the adjoint of the speed vanishes with its derivatives, which leaves v' = x.
 SINGULAR_OSCILLATOR = Statement(
     "singular_oscillator",
     [
-        Arc(
-            lambda t, x, u, p: [x[1], u[0] - x[0] + (1 - x[0] ** 2) * x[1]],
-            states=[FREE, FREE],
-            controls=[(-1, 1)],
-            duration=4,
-            guess=lambda s: ([0, 1 - s], [0]),
-            first=[0, 1],
-            running=lambda t, x, u, p: 0.5 * (x[0] ** 2 + x[1] ** 2),
-        )
+        _van_der_pol(lambda x: -1, [0, 1]),
+        _van_der_pol(lambda x: 1, []),
+        _van_der_pol(lambda x: 2 * x[0] - (1 - x[0] ** 2) * x[1], []),
     ],
-    objective=lambda ends, p: ends[0].integral,
+    objective=lambda ends, p: sum(arc.integral for arc in ends),
+    conditions=lambda ends, p: [
+        *(after.first[i] - before.last[i] for before, after in pairwise(ends) for i in range(2)),
+        ends[2].end,
+    ],
+    condition_bounds=[*[(0, 0)] * 4, (4, 4)],
+    elements=5,
 )
 OSCILLATOR_TO_REST = Statement(
     "oscillator_to_rest",
@@ -139,7 +141,6 @@ ELECTRIC_VEHICLE = Statement(
     objective=lambda ends, p: ends[0].integral,
 )
 STATEMENTS = (
-    CHATTERING,
     TRIPLE_INTEGRATOR,
     SINGULAR_OSCILLATOR,
     OSCILLATOR_TO_REST,
