@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from . import motions, oscillators, passages, processes, stated_before, switching
+from . import aloft, motions, oscillators, passages, plants, populations, processes, stated_before, switching
 
 STATEMENTS = tuple(
     statement
-    for family in (stated_before, motions, oscillators, passages, processes, switching)
+    for family in (stated_before, motions, oscillators, passages, processes, aloft, plants, populations, switching)
     for statement in family.STATEMENTS
 )

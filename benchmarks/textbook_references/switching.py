@@ -104,21 +104,41 @@ TURN_AROUND = Statement(
     ],
     objective=lambda ends, p: ends[0].end,
 )
+
+
+def _until_contact(duration, first, last):
+    return Arc(
+        lambda t, x, u, p: [x[1], x[2], u[0]],
+        states=[(0, casadi.inf), FREE, FREE],
+        controls=[FREE],
+        duration=(1e-3, 10),
+        guessed_duration=duration,
+        guess=lambda s: ([0.1, 0.1, 0.1], [0.1]),
+        first=first,
+        last=last,
+        running=lambda t, x, u, p: 3 * x[0] + 0.5 * u[0] ** 2,
+        follows=not first,
+    )
+
+
+# Each time between contacts is about a third of the one before; the fifth contact is followed by rest here, where
+# others would save less than the last digit.
 THIRD_ORDER_LIMIT = Statement(
     "third_order_limit",
     [
-        Arc(
-            lambda t, x, u, p: [x[1], x[2], u[0]],
-            states=[(0, casadi.inf), FREE, FREE],
-            controls=[FREE],
-            duration=10,
-            guess=lambda s: ([0.1, 0.1, 0.1], [0.1]),
-            first=[1, -2, 0],
-            last=[0, 0, 0],
-            running=lambda t, x, u, p: 3 * x[0] + 0.5 * u[0] ** 2,
-        )
+        _until_contact(1, [1, -2, 0], [0, 0]),
+        _until_contact(3, [], [0, 0]),
+        _until_contact(1, [], [0, 0]),
+        _until_contact(0.3, [], [0, 0]),
+        _until_contact(0.1, [], [0, 0, 0]),
     ],
-    objective=lambda ends, p: ends[0].integral,
+    objective=lambda ends, p: sum(arc.integral for arc in ends),
+    conditions=lambda ends, p: [
+        *(after.first[i] - before.last[i] for before, after in pairwise(ends) for i in range(3)),
+        ends[-1].end,
+    ],
+    condition_bounds=[*[(0, 0)] * 12, (0, 10)],
+    elements=3,
 )
 ELECTRIC_VEHICLE = Statement(
     "electric_vehicle",

@@ -1,0 +1,183 @@
+"""Fermentors, reactors in a row and a greenhouse."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import casadi
+import numpy as np
+from casadi import exp
+from textbook_problems.plants import CATALYST
+
+from .statement import FREE, Arc, Statement
+
+FROM_ZERO = (0, casadi.inf)
+
+
+def _induced(t, x, u, p):
+    flow, dose = (u[0] + u[1]) / x[0], x[4]
+    uptake = x[2] / (14.35 + x[2] + x[2] ** 2 / 111.5)
+    g1 = uptake * (x[5] + 0.22 * x[6] / (0.22 + dose))
+    g2 = 0.233 * uptake * ((0.0005 + dose) / (0.022 + dose))
+    g3 = 0.09 * dose / (0.034 + dose)
+    return [
+        u[0] + u[1],
+        g1 * x[1] - flow * x[1],
+        u[0] / x[0] * 100 - flow * x[2] - g1 * x[1] / 0.51,
+        g2 * x[1] - flow * x[3],
+        4 * u[1] / x[0] - flow * dose,
+        -g3 * x[5],
+        g3 * (1 - x[6]),
+    ]
+
+
+INDUCED_PROTEIN = Statement(
+    "induced_protein",
+    [
+        Arc(
+            _induced,
+            states=[(0.5, 50), *[(-0.01, 200)] * 6],
+            controls=[(0, 1), (0, 1)],
+            duration=10,
+            guess=lambda s: ([1 + 2 * s, 0.1 + 4 * s, 40, s, s, 1 - s / 2, s / 2], [0.3, 0.1]),
+            first=[1, 0.1, 40, 0, 0, 1, 0],
+            scale=[1, 1, 10, 1, 1, 1, 1],
+        )
+    ],
+    objective=lambda ends, p: ends[0].last[0] * ends[0].last[3],
+    maximise=True,
+)
+
+
+def _penicillin(t, x, u, p):
+    h1 = 0.11 * x[2] / (0.006 * x[0] + x[2])
+    h2 = 0.0055 * x[2] / (1e-4 + x[2] + 10 * x[2] ** 2)
+    flow = u[0] / 500 / x[3]
+    return [
+        h1 * x[0] - flow * x[0],
+        h2 * x[0] - 0.01 * x[1] - flow * x[1],
+        -h1 * x[0] / 0.47 - h2 * x[0] / 1.2 - 0.029 * x[0] * x[2] / (1e-4 + x[2]) + u[0] / x[3] * (1 - x[2] / 500),
+        u[0] / 500,
+    ]
+
+
+BATCH_FERMENTOR = Statement(
+    "batch_fermentor",
+    [
+        Arc(
+            _penicillin,
+            states=[(0, 40), (0, 20), (0, 25), (0, 10)],
+            controls=[(0, 50)],
+            duration=(50, 200),
+            guessed_duration=130,
+            guess=lambda s: ([1.5 + 25 * s, 8 * s, 1 - s, 7 + 3 * s], [11]),
+            first=[1.5, 0, 0, 7],
+            scale=[10, 1, 1, 10],
+        )
+    ],
+    objective=lambda ends, p: ends[0].last[1] * ends[0].last[3],
+    maximise=True,
+    size=100.0,
+    elements=40,
+)
+
+
+def _blended(t, x, u, p):
+    k = [casadi.polyval(casadi.SX(row[::-1]), u[0]) for row in np.array(CATALYST)]
+    flows = {  # from one to another
+        (0, 1): k[0], (1, 2): k[1], (1, 4): k[2], (4, 1): k[3], (4, 3): k[4], (3, 4): k[5], (5, 4): k[6],
+        (4, 5): k[7], (4, 6): k[8], (6, 4): k[9],
+    }  # fmt: skip
+    rates = [casadi.SX(0)] * 7
+    for (origin, to), rate in flows.items():
+        rates[origin], rates[to] = rates[origin] - rate * x[origin], rates[to] + rate * x[origin]
+    return rates
+
+
+def catalyst(blend):
+    """Many local optima: the best known ones begin with much of the second part."""
+    return Statement(
+        "bifunctional_catalyst",
+        [
+            Arc(
+                _blended,
+                states=[(-0.1, 1.1)] * 7,
+                controls=[(0.6, 0.9)],
+                duration=2000,
+                guess=lambda s: ([1 - s / 2, 0, s / 2, 0, 0, 0, 0.01 * s], [blend(s)]),
+                first=[1, 0, 0, 0, 0, 0, 0],
+                scale=[1, 0.1, 1, 0.1, 0.1, 0.1, 0.01],
+            )
+        ],
+        objective=lambda ends, p: ends[0].last[6],
+        maximise=True,
+        size=0.01,
+    )
+
+
+BIFUNCTIONAL_CATALYST = catalyst(lambda s: 0.67)
+PIECES = 5
+
+
+def _in_a_row(t, x, u, p):
+    rates = []
+    for k in range(PIECES):
+        a, b, c, d = (x[4 * k + i] for i in range(4))
+        late, late_hot = (x[4 * k - 4], x[4 * k - 3]) if k else (0.15, -0.03)
+        r1, r2 = (a + 0.5) * exp(25 * b / (b + 2)), (c + 0.25) * exp(25 * d / (d + 2))
+        rates += [0.5 - a - r1, r1 - (2 + u[2 * k]) * (b + 0.25)]
+        rates += [late - c - r2 + 0.25, late_hot - 2 * d - u[2 * k + 1] * (d + 0.25) + r2 - 0.25]
+    return rates
+
+
+TANKS_IN_A_ROW = Statement(
+    "tanks_in_a_row",
+    [
+        Arc(
+            _in_a_row,
+            states=[(-1, 1)] * (4 * PIECES),
+            controls=[(-0.5, 0.5)] * (2 * PIECES),
+            duration=0.4,
+            guess=lambda s: ([0] * (4 * PIECES), [0] * (2 * PIECES)),
+            first=[0.15, -0.03, 0.10, 0],
+            running=lambda t, x, u, p: casadi.sumsqr(x) + 0.1 * casadi.sumsqr(u),
+        )
+    ],
+    objective=lambda ends, p: ends[0].integral,
+    conditions=lambda ends, p: [
+        ends[0].first[4 * after + i] - ends[0].last[4 * before + i]
+        for before, after in pairwise(range(PIECES))
+        for i in range(4)
+    ],
+    condition_bounds=[(0, 0)] * (4 * PIECES - 4),
+    elements=4,
+    size=0.01,
+)
+HOURS = np.arange(-5, 246) / 5
+WAVE = np.sin(4 * np.pi * HOURS / 48 - 0.65 * np.pi)
+
+
+def _climate(t, x, u, p):
+    wave = casadi.pw_lin(t, HOURS, WAVE)
+    return [3e-6 / 40 * 800 * wave * x[1], 15 + 10 * wave - x[1] + 0.1 * u[0], 7.5e-2 / 220 * u[0]]
+
+
+GREENHOUSE = Statement(
+    "greenhouse",
+    [
+        Arc(
+            _climate,
+            states=[FREE] * 3,
+            controls=[(0, 10)],
+            duration=48,
+            guess=lambda s: ([0, 10, 0], [0]),
+            first=[0, 10, 0],
+            breaks=tuple(HOURS[6:-6] / 48),
+            scale=[0.01, 10, 0.1],
+        )
+    ],
+    objective=lambda ends, p: ends[0].last[2] - 3e4 / 220 * ends[0].last[0],
+    elements=1,
+    degree=3,
+)
+STATEMENTS = (INDUCED_PROTEIN, BATCH_FERMENTOR, BIFUNCTIONAL_CATALYST, TANKS_IN_A_ROW, GREENHOUSE)
