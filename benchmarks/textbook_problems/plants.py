@@ -1,4 +1,4 @@
-"""Fermentors, reactors in a row and a greenhouse."""
+"""Reactors and a greenhouse."""
 
 from __future__ import annotations
 
@@ -19,71 +19,6 @@ CATALYST = (  # of the rates k1 to k10: coefficients of 1, u, u^2 and u^3
     (-0.3950534, 1.679353, -1.777829, 0.4974987),
     (-2.504665e-5, 0.01005854, -0.01986696, 0.00983347),
 )
-
-
-def induced_protein(mesh=None, elements=None):
-    """Two feeds, the inducer for free: Lee & Ramirez 1994; Balsa-Canto et al. 2001, case study II; GPOPS-II."""
-    m = pyo.ConcreteModel(name="Lee-Ramirez bioreactor")
-    m.reactor = b = rcp.PhaseBlock(duration=10, mesh=mesh, elements=elements)
-    b.volume, b.cells = rcp.State(initial=1, initial_guess=1), rcp.State(initial=0.1, initial_guess=0.1)
-    b.nutrient, b.protein = rcp.State(initial=40, initial_guess=40), rcp.State(initial=0)
-    b.inducer = rcp.State(initial=0)
-    b.shock, b.recovery = rcp.State(initial=1, initial_guess=1), rcp.State(initial=0)
-    b.glucose_feed, b.inducer_feed = rcp.Control(bounds=(0, 1)), rcp.Control(bounds=(0, 1))
-
-    @b.ode
-    def reactor(b, t):
-        volume, cells, nutrient, inducer = b.volume[t], b.cells[t], b.nutrient[t], b.inducer[t]
-        glucose, induced = b.glucose_feed[t], b.inducer_feed[t]
-        dilution = (glucose + induced) / volume
-        uptake = nutrient / (14.35 + nutrient + nutrient**2 / 111.5)
-        growth = uptake * (b.shock[t] + b.recovery[t] * 0.22 / (0.22 + inducer))
-        production = 0.233 * uptake * (0.0005 + inducer) / (0.022 + inducer)
-        shock = 0.09 * inducer / (0.034 + inducer)
-        return {
-            b.volume: glucose + induced,
-            b.cells: (growth - dilution) * cells,
-            b.nutrient: 100 * glucose / volume - dilution * nutrient - growth * cells / 0.51,
-            b.protein: production * cells - dilution * b.protein[t],
-            b.inducer: 4 * induced / volume - dilution * inducer,
-            b.shock: -shock * b.shock[t],
-            b.recovery: shock * (1 - b.recovery[t]),
-        }
-
-    end = b.final_time
-    m.made = pyo.Objective(expr=b.protein[end] * b.volume[end], sense=pyo.maximize)
-    return m
-
-
-def batch_fermentor(mesh=None, elements=None):
-    """Penicillin in free time, stiff: Cuthrell & Biegler 1989, case III; Banga et al. 2005, case study I."""
-    m = pyo.ConcreteModel(name="batch fermentor")
-    time = rcp.Duration(bounds=(50, 200), initial_guess=100)
-    m.reactor = b = rcp.PhaseBlock(duration=time, mesh=mesh, elements=elements)
-    b.cells = rcp.State(initial=1.5, bounds=(0, 40), initial_guess=lambda s: 1.5 + 25 * s)
-    b.product = rcp.State(initial=0, initial_guess=lambda s: 8 * s)
-    b.substrate = rcp.State(initial=0, bounds=(0, 25))
-    b.volume = rcp.State(initial=7, bounds=(0, 10), initial_guess=lambda s: 7 + 3 * s)
-    b.feed = rcp.Control(bounds=(0, 50), initial_guess=15)
-
-    @b.ode
-    def fermentor(b, t):
-        cells, substrate, volume, feed = b.cells[t], b.substrate[t], b.volume[t], b.feed[t]
-        dilution = feed / (500 * volume)
-        growth = 0.11 * substrate / (0.006 * cells + substrate)
-        production = 0.0055 * substrate / (0.0001 + substrate * (1 + 10 * substrate))
-        kept = 0.029 * substrate / (0.0001 + substrate)
-        eaten = (growth / 0.47 + production / 1.2 + kept) * cells
-        return {
-            b.cells: (growth - dilution) * cells,
-            b.product: production * cells - 0.01 * b.product[t] - dilution * b.product[t],
-            b.substrate: feed / volume * (1 - substrate / 500) - eaten,
-            b.volume: feed / 500,
-        }
-
-    end = b.final_time
-    m.made = pyo.Objective(expr=b.product[end] * b.volume[end], sense=pyo.maximize)
-    return m
 
 
 def bifunctional_catalyst(mesh=None, elements=None):
@@ -159,4 +94,20 @@ def greenhouse(mesh=None, elements=None):
         }
 
     m.cost = pyo.Objective(expr=b.spent[b.final_time] - 3e4 / 220 * b.weight[b.final_time])
+    return m
+
+
+def long_reactor(mesh=None, elements=None):
+    """Two catalysts mixed along a reactor four times as long: Jackson, JOTA 2 (1968) 1; BOCOP, also the guess."""
+    m = pyo.ConcreteModel(name="long reactor")
+    m.reactor = b = rcp.PhaseBlock(duration=4, mesh=mesh, elements=elements)
+    b.x = rcp.State(index=3, initial=[1, 0, 0], bounds=(0, 1.1), initial_guess=0.1)
+    b.mixture = rcp.Control(bounds=(0, 1), initial_guess=0.1)
+
+    @b.ode
+    def reactions(b, t):
+        (x, y, _), u = b.x[t], b.mixture[t]
+        return {b.x: [-u * (x - 10 * y), u * (x - 10 * y) - (1 - u) * y, (1 - u) * y]}
+
+    m.product = pyo.Objective(expr=b.x[2, b.final_time], sense=pyo.maximize)
     return m

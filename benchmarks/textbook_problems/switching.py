@@ -113,3 +113,14 @@ def electric_vehicle(mesh=None, elements=None):
 
     m.energy = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] * b.v[t] + b.u[t] ** 2))
     return m
+
+
+def largest_area(mesh=None, elements=None):
+    """Dido's problem: the largest area between a coast and a rope of length pi; a half disc, pi / 2."""
+    m = pyo.ConcreteModel(name="Dido's problem")
+    m.rope = b = rcp.PhaseBlock(duration=pi, mesh=mesh, elements=elements)
+    b.x, b.y = rcp.State(initial=0), rcp.State(initial=0, final=0)
+    b.direction = rcp.Control(bounds=(-pi, pi))
+    b.ode(lambda b, t: {b.x: pyo.cos(b.direction[t]), b.y: pyo.sin(b.direction[t])})
+    m.area = pyo.Objective(expr=b.integral(lambda b, t: b.y[t] * pyo.cos(b.direction[t])), sense=pyo.maximize)
+    return m

@@ -7,7 +7,7 @@ import numpy as np
 from casadi import cos, pi, sin
 from textbook_problems.aloft import INERTIA
 
-from .statement import FREE, Arc, Statement
+from .statement import Arc, Statement
 
 TILT = 75 * pi / 180
 

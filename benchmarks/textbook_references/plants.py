@@ -1,4 +1,4 @@
-"""Fermentors, reactors in a row and a greenhouse."""
+"""Reactors and a greenhouse."""
 
 from __future__ import annotations
 
@@ -10,76 +10,6 @@ from casadi import exp
 from textbook_problems.plants import CATALYST
 
 from .statement import FREE, Arc, Statement
-
-FROM_ZERO = (0, casadi.inf)
-
-
-def _induced(t, x, u, p):
-    flow, dose = (u[0] + u[1]) / x[0], x[4]
-    uptake = x[2] / (14.35 + x[2] + x[2] ** 2 / 111.5)
-    g1 = uptake * (x[5] + 0.22 * x[6] / (0.22 + dose))
-    g2 = 0.233 * uptake * ((0.0005 + dose) / (0.022 + dose))
-    g3 = 0.09 * dose / (0.034 + dose)
-    return [
-        u[0] + u[1],
-        g1 * x[1] - flow * x[1],
-        u[0] / x[0] * 100 - flow * x[2] - g1 * x[1] / 0.51,
-        g2 * x[1] - flow * x[3],
-        4 * u[1] / x[0] - flow * dose,
-        -g3 * x[5],
-        g3 * (1 - x[6]),
-    ]
-
-
-INDUCED_PROTEIN = Statement(
-    "induced_protein",
-    [
-        Arc(
-            _induced,
-            states=[(0.5, 50), *[(-0.01, 200)] * 6],
-            controls=[(0, 1), (0, 1)],
-            duration=10,
-            guess=lambda s: ([1 + 2 * s, 0.1 + 4 * s, 40, s, s, 1 - s / 2, s / 2], [0.3, 0.1]),
-            first=[1, 0.1, 40, 0, 0, 1, 0],
-            scale=[1, 1, 10, 1, 1, 1, 1],
-        )
-    ],
-    objective=lambda ends, p: ends[0].last[0] * ends[0].last[3],
-    maximise=True,
-)
-
-
-def _penicillin(t, x, u, p):
-    h1 = 0.11 * x[2] / (0.006 * x[0] + x[2])
-    h2 = 0.0055 * x[2] / (1e-4 + x[2] + 10 * x[2] ** 2)
-    flow = u[0] / 500 / x[3]
-    return [
-        h1 * x[0] - flow * x[0],
-        h2 * x[0] - 0.01 * x[1] - flow * x[1],
-        -h1 * x[0] / 0.47 - h2 * x[0] / 1.2 - 0.029 * x[0] * x[2] / (1e-4 + x[2]) + u[0] / x[3] * (1 - x[2] / 500),
-        u[0] / 500,
-    ]
-
-
-BATCH_FERMENTOR = Statement(
-    "batch_fermentor",
-    [
-        Arc(
-            _penicillin,
-            states=[(0, 40), (0, 20), (0, 25), (0, 10)],
-            controls=[(0, 50)],
-            duration=(50, 200),
-            guessed_duration=130,
-            guess=lambda s: ([1.5 + 25 * s, 8 * s, 1 - s, 7 + 3 * s], [11]),
-            first=[1.5, 0, 0, 7],
-            scale=[10, 1, 1, 10],
-        )
-    ],
-    objective=lambda ends, p: ends[0].last[1] * ends[0].last[3],
-    maximise=True,
-    size=100.0,
-    elements=40,
-)
 
 
 def _blended(t, x, u, p):
@@ -180,4 +110,26 @@ GREENHOUSE = Statement(
     elements=1,
     degree=3,
 )
-STATEMENTS = (INDUCED_PROTEIN, BATCH_FERMENTOR, BIFUNCTIONAL_CATALYST, TANKS_IN_A_ROW, GREENHOUSE)
+
+
+def _tubular(t, x, u, p):
+    forth, last = u[0] * (x[0] - 10 * x[1]), (1 - u[0]) * x[1]
+    return [-forth, forth - last, last]
+
+
+LONG_REACTOR = Statement(
+    "long_reactor",
+    [
+        Arc(
+            _tubular,
+            states=[(-0.1, 1.1)] * 3,
+            controls=[(0, 1)],
+            duration=4,
+            guess=lambda s: ([1 - s, 0.1, s], [0.2]),
+            first=[1, 0, 0],
+        )
+    ],
+    objective=lambda ends, p: ends[0].last[2],
+    maximise=True,
+)
+STATEMENTS = (BIFUNCTIONAL_CATALYST, TANKS_IN_A_ROW, GREENHOUSE, LONG_REACTOR)

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-import casadi
 from textbook_problems.populations import METHANOL, STAGES
 
 from .statement import FREE, Arc, Statement
-
-FROM_ZERO = (0, casadi.inf)
 
 
 def _vaccinated(t, x, u, p):
