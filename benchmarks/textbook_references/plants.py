@@ -24,28 +24,29 @@ def _blended(t, x, u, p):
     return rates
 
 
-def catalyst(blend):
-    """Many local optima: the best known ones begin with much of the second part."""
-    return Statement(
-        "bifunctional_catalyst",
-        [
-            Arc(
-                _blended,
-                states=[(-0.1, 1.1)] * 7,
-                controls=[(0.6, 0.9)],
-                duration=2000,
-                guess=lambda s: ([1 - s / 2, 0, s / 2, 0, 0, 0, 0.01 * s], [blend(s)]),
-                first=[1, 0, 0, 0, 0, 0, 0],
-                scale=[1, 0.1, 1, 0.1, 0.1, 0.1, 0.01],
-            )
-        ],
-        objective=lambda ends, p: ends[0].last[6],
-        maximise=True,
-        size=0.01,
-    )
+def _best_known(s):
+    """Near the best policy of ten stages: 0.0100942, of hundreds of local optima."""
+    return [np.exp(-s / 4), 0.005, 0.2 * s, 0.002, 0.005, 0.15 * s, 0.01 * s], [0.675 if s < 0.3 else 0.9]
 
 
-BIFUNCTIONAL_CATALYST = catalyst(lambda s: 0.67)
+BIFUNCTIONAL_CATALYST = Statement(
+    "bifunctional_catalyst",
+    [
+        Arc(
+            _blended,
+            states=[(-0.1, 1.1)] * 7,
+            controls=[(0.6, 0.9)],
+            duration=2000,
+            guess=_best_known,
+            first=[1, 0, 0, 0, 0, 0, 0],
+            scale=[1, 0.1, 1, 0.1, 0.1, 0.1, 0.01],
+        )
+    ],
+    objective=lambda ends, p: ends[0].last[6],
+    maximise=True,
+    size=0.01,
+    options={"mu_init": 1e-4},
+)
 PIECES = 5
 
 
