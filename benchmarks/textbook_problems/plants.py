@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import ceil
+
 import numpy as np
 import pyomo.environ as pyo
 
@@ -22,15 +24,16 @@ CATALYST = (  # of the rates k1 to k10: coefficients of 1, u, u^2 and u^3
 
 
 def bifunctional_catalyst(mesh=None, elements=None):
-    """The blend along a reactor, with hundreds of local optima: Luus, Dittrich & Keil 1992; Luus & Bojkov 1994."""
+    """Ten blends along a reactor, hundreds of local optima: Luus, Dittrich & Keil 1992; Luus & Bojkov 1994."""
     m = pyo.ConcreteModel(name="bifunctional catalyst")
     m.reactor = b = rcp.PhaseBlock(duration=2000, mesh=mesh, elements=elements)
     b.x = rcp.State(index=7, initial=[1, 0, 0, 0, 0, 0, 0])
-    b.blend = rcp.Control(bounds=(0.6, 0.9), initial_guess=0.75)
+    b.blend = rcp.Parameter(index=10, bounds=(0.6, 0.9), initial_guess=0.75)
 
     @b.ode
     def reactions(b, t):
-        k = [sum(c * b.blend[t] ** i for i, c in enumerate(row)) for row in CATALYST]
+        blend = b.blend[max(0, ceil(t / 200 - 1e-9) - 1)]
+        k = [sum(c * blend**i for i, c in enumerate(row)) for row in CATALYST]
         x = b.x[t]
         return {
             b.x: [

@@ -7,46 +7,9 @@ from itertools import pairwise
 import casadi
 import numpy as np
 from casadi import exp
-from textbook_problems.plants import CATALYST
 
 from .statement import FREE, Arc, Statement
 
-
-def _blended(t, x, u, p):
-    k = [casadi.polyval(casadi.SX(row[::-1]), u[0]) for row in np.array(CATALYST)]
-    flows = {  # from one to another
-        (0, 1): k[0], (1, 2): k[1], (1, 4): k[2], (4, 1): k[3], (4, 3): k[4], (3, 4): k[5], (5, 4): k[6],
-        (4, 5): k[7], (4, 6): k[8], (6, 4): k[9],
-    }  # fmt: skip
-    rates = [casadi.SX(0)] * 7
-    for (origin, to), rate in flows.items():
-        rates[origin], rates[to] = rates[origin] - rate * x[origin], rates[to] + rate * x[origin]
-    return rates
-
-
-def _best_known(s):
-    """Near the best policy of ten stages: 0.0100942, of hundreds of local optima."""
-    return [np.exp(-s / 4), 0.005, 0.2 * s, 0.002, 0.005, 0.15 * s, 0.01 * s], [0.675 if s < 0.3 else 0.9]
-
-
-BIFUNCTIONAL_CATALYST = Statement(
-    "bifunctional_catalyst",
-    [
-        Arc(
-            _blended,
-            states=[(-0.1, 1.1)] * 7,
-            controls=[(0.6, 0.9)],
-            duration=2000,
-            guess=_best_known,
-            first=[1, 0, 0, 0, 0, 0, 0],
-            scale=[1, 0.1, 1, 0.1, 0.1, 0.1, 0.01],
-        )
-    ],
-    objective=lambda ends, p: ends[0].last[6],
-    maximise=True,
-    size=0.01,
-    options={"mu_init": 1e-4},
-)
 PIECES = 5
 
 
@@ -133,4 +96,4 @@ LONG_REACTOR = Statement(
     objective=lambda ends, p: ends[0].last[2],
     maximise=True,
 )
-STATEMENTS = (BIFUNCTIONAL_CATALYST, TANKS_IN_A_ROW, GREENHOUSE, LONG_REACTOR)
+STATEMENTS = (TANKS_IN_A_ROW, GREENHOUSE, LONG_REACTOR)
