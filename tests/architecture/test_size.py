@@ -27,7 +27,7 @@ TESTS = {
     ".": 83, "adversary": 1073, "architecture": 486, "benchmarks": 289, "car_paths": 619, "catalogue": 1067,
     "complementarity": 3333, "continuous": 1643, "diagnosis": 439, "discretisation": 436, "distributed": 1554,
     "docs": 1735, "estimation": 305, "examples": 817, "extension_templates": 181, "files": 632, "geometry": 963,
-    "harness": 841, "ipopt": 1150, "linear_solver": 531, "mechanics": 1635, "mistakes": 555, "modeling": 918,
+    "harness": 841, "ipopt": 1150, "linear_solver": 531, "mechanics": 1635, "mistakes": 559, "modeling": 918,
     "motion": 1652, "mpcc": 411, "mpcc_catalogue": 521, "native": 138, "nonsmooth": 186, "notebooks": 46,
     "numerics": 924, "obstacles": 2939, "phases": 5568, "plotting": 522, "presentation": 221, "problem_classes":
     1171, "programs": 1521, "robots": 175, "rules": 167, "solving": 5137, "studies": 1900, "trajectories": 370,
