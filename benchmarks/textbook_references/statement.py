@@ -1,4 +1,4 @@
-"""A problem of optimal control as CasADi functions, without a word about how it is solved."""
+"""A problem of optimal control as CasADi functions, independent of how it is solved."""
 
 from __future__ import annotations
 
