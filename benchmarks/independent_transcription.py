@@ -29,8 +29,7 @@ from textbook_references import STATEMENTS
 from textbook_references.statement import Arc, Ends, Statement
 
 AGREEMENT = 1e-6
-EQUATION_TOLERANCE = 1e-8
-ROUNDS, SMALLEST = 25, 1e-7  # of refinement; width of an element, as a fraction of its arc
+ROUNDS = 25  # of refinement, at most
 COLUMNS = [
     ("problem", "<26"), ("elements", ">8d"), ("optimum", ">17.11g"), ("finer", ">17.11g"), ("apart", ">8.0e"),
     ("in the table", ">15.10g"), ("off", ">8.0e"), ("CPU s", ">6.1f"), ("verdict", "<12"),
@@ -265,8 +264,8 @@ def refined(statement: Statement) -> tuple[Optimum, Optimum]:
     meshes = [first_mesh(arc, statement.elements) for arc in statement.arcs]
     found = optimum(statement, meshes, statement.degree)
     for _ in range(ROUNDS):
-        wide = [np.diff(mesh) > SMALLEST for mesh in meshes]
-        marks = [(errors > EQUATION_TOLERANCE) & w for errors, w in zip(found.errors, wide, strict=True)]
+        wide = [np.diff(mesh) > statement.width for mesh in meshes]
+        marks = [(errors > statement.error) & w for errors, w in zip(found.errors, wide, strict=True)]
         if not any(mark.any() for mark in marks):
             break
         meshes = [_halved(mesh, mark) for mesh, mark in zip(meshes, marks, strict=True)]

@@ -104,7 +104,7 @@ def by_refinement(problem: TextbookProblem, limit: float) -> Answer:
 
     def run() -> tuple[pyo.ConcreteModel, rcp.SolveResult, int]:
         first: Any = problem.elements
-        if problem.phases:
+        if problem.phases and first is not None:
             first = dict.fromkeys(problem.phases, first)
         refined = rcp.studies.solve_refined(
             problem.build, elements=first, phases=problem.phases or None, progress=False, time_limit=limit

@@ -117,7 +117,7 @@ def coulomb_friction(mesh=None, elements=None):
 
 
 def mountain_car(mesh=None, elements=None):
-    """A weak car rocks itself out of a valley: Moore 1990; Melnikov et al. 2014; an example of dymos, also the guess."""
+    """A weak car rocks itself out of a valley: Moore 1990; Melnikov et al. 2014; an example of dymos."""
     m = pyo.ConcreteModel(name="mountain car")
     time = rcp.Duration(bounds=(0.05, 10000), initial_guess=500)
     m.ride = b = rcp.PhaseBlock(duration=time, mesh=mesh, elements=elements)

@@ -20,7 +20,7 @@ def rayleigh_with_mixed_limit(mesh=None, elements=None):
 
 
 def van_der_pol_with_limit(mesh=None, elements=None):
-    """A limited speed: Vassiliadis, Sargent & Pantelides, Ind. Eng. Chem. Res. 33 (1994) 2123, also example of PROPT."""
+    """A limited speed: Vassiliadis, Sargent & Pantelides, Ind. Eng. Chem. Res. 33 (1994) 2123; PROPT."""
     m = pyo.ConcreteModel(name="van der Pol oscillator with a limit")
     m.p = b = rcp.PhaseBlock(duration=5, mesh=mesh, elements=elements)
     b.x, b.y = rcp.State(initial=0, bounds=(-0.4, None)), rcp.State(initial=1)

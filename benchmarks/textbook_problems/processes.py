@@ -9,7 +9,7 @@ import pyrobocop_pyomo as rcp
 
 
 def heat_diffusion(mesh=None, elements=None):
-    """Heat a bar at one end so that the other follows, on ten points: Betts 2001; the manual of PSOPT, also the guess."""
+    """Heat a bar at one end so that the other follows, on ten points: Betts 2001; the manual of PSOPT."""
     m = pyo.ConcreteModel(name="heat diffusion")
     count, rate = 10, -1.0
     places, width = np.linspace(0, 1, count), 1 / (count - 1)
@@ -50,7 +50,7 @@ def heat_diffusion(mesh=None, elements=None):
 
 
 def warm_rod(mesh=None, elements=None):
-    """Keep a rod above a moving limit from both ends, on twenty intervals: Betts 2010, heat diffusion with inequality."""
+    """Keep a rod above a moving limit from both ends, on 20 intervals: Betts 2010, heat diffusion with inequality."""
     m = pyo.ConcreteModel(name="heat diffusion with inequality")
     count = 20
     places, width = np.linspace(0, np.pi, count + 1), np.pi / count

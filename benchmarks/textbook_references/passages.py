@@ -237,5 +237,6 @@ ABORT_LANDING = Statement(
     parameters=[(0, 1000, 500)],
     elements=20,
     degree=4,
+    error=3e-5,
 )
 STATEMENTS = (HEATED_REENTRY, CANNONBALL, TWO_BURNS, ABORT_LANDING)

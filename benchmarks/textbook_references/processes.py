@@ -87,6 +87,7 @@ WARM_ROD = Statement(
     ],
     objective=lambda ends, p: ends[0].integral,
     degree=4,
+    error=1e-3,
 )
 _TANK = [0.1883, 0.2507, 0.0467, 0.0899, 0.1804, 0.1394, 0.1046, 0.0]
 
@@ -123,6 +124,7 @@ PHOTOCHEMICAL = Statement(
     maximise=True,
     elements=40,
     degree=4,
+    error=2e-5,
 )
 
 
@@ -153,6 +155,8 @@ ETHANOL = Statement(
     condition_bounds=[(0, 200)],
     elements=40,
     degree=4,
+    error=2e-7,
+    width=1e-6,
 )
 
 
@@ -183,5 +187,6 @@ PENICILLIN = Statement(
     maximise=True,
     elements=40,
     degree=4,
+    error=4e-4,
 )
 STATEMENTS = (HEAT_DIFFUSION, WARM_ROD, PHOTOCHEMICAL, ETHANOL, PENICILLIN)

@@ -1,4 +1,4 @@
-"""A problem of optimal control as CasADi functions, without a word about how it is solved."""
+"""A problem of optimal control as CasADi functions, independent of how it is solved."""
 
 from __future__ import annotations
 
@@ -91,6 +91,10 @@ class Statement:
         Of the first mesh of each arc.
     size : float
         Of the objective: Ipopt's tolerance is absolute.
+    error : float
+        Largest of the differential equations between the points, relative to the states' sizes, when refinement ends.
+    width : float
+        Smallest of an element, as a fraction of its arc.
     options : dict
         Of Ipopt, for the first solve.
     """
@@ -105,4 +109,6 @@ class Statement:
     elements: int = 20
     degree: int = 5
     size: float = 1.0
+    error: float = 1e-8
+    width: float = 1e-7
     options: dict[str, Any] = field(default_factory=dict)

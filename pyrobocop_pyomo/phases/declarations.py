@@ -372,7 +372,7 @@ def check_bounds(bounds: object, name: str, label: str) -> Bounds:
         lower, upper = (None if value is None else float(value) for value in bounds)  # type: ignore[attr-defined]
     except (TypeError, ValueError):
         raise DeclarationError(
-            f"{name}: {label} = {bounds!r}; expected a pair (lower, upper) of numbers or None."
+            f"{name}: {label} = {bounds!r}; expected a pair (lower, upper), each a number, or None for no bound."
         ) from None
     if any(value is not None and math.isnan(value) for value in (lower, upper)):
         raise DeclarationError(

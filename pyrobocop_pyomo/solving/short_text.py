@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from textwrap import shorten
-from typing import TYPE_CHECKING
+from typing import Any
 
 from pyrobocop_pyomo.discretisation import DiscretisationEstimate
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.presentation import percent
 
 from .iterates import Quality, StopReason
-
-if TYPE_CHECKING:
-    from .solve_result import SolveResult
 
 MOST_LINES = 8
 # Of a line that is shown; `report()` has all of it.
@@ -45,7 +42,7 @@ _REMEDIES = {
 }
 
 
-def short_text(result: SolveResult) -> str:
+def short_text(result: Any) -> str:
     """What a user needs to know first.
 
     Parameters
@@ -60,7 +57,7 @@ def short_text(result: SolveResult) -> str:
     return "\n".join(shorten(line, MOST_CHARACTERS, placeholder=" ...") for line in lines[:MOST_LINES])
 
 
-def _first_line(result: SolveResult) -> str:
+def _first_line(result: Any) -> str:
     mesh, violation = _estimate(result), result.constraint_violation
     iterations = f"{result.iterations} iteration{'' if result.iterations == 1 else 's'}"
     exact = []
@@ -76,7 +73,7 @@ def _first_line(result: SolveResult) -> str:
     return f"{result.name}: {_verdict(result)}. {'; '.join((done, ', '.join(exact))) if exact else done}"
 
 
-def _verdict(result: SolveResult) -> str:
+def _verdict(result: Any) -> str:
     ended = f": {_ENDS[result.stop_reason]}" if result.stop_reason in _ENDS else ""
     if result.quality is Quality.INFEASIBLE:
         least = result.least_violation
@@ -88,7 +85,7 @@ def _verdict(result: SolveResult) -> str:
     return "solved, and safe" if result.outcome != "NOT SAFE" else "solved, but NOT SAFE"
 
 
-def _pairs(result: SolveResult) -> str:
+def _pairs(result: Any) -> str:
     count = len(result.residuals)
     exact = result.largest_natural_residual
     met = "exact" if exact <= 1e-12 else f"to {exact:.0e}"
@@ -96,13 +93,13 @@ def _pairs(result: SolveResult) -> str:
     return pairs if result.quality is not Quality.OPTIMAL else f"{pairs}, {_NEARBY[result.certificate]}"
 
 
-def _estimate(result: SolveResult) -> DiscretisationEstimate:
+def _estimate(result: Any) -> DiscretisationEstimate:
     """Errors of the mesh, where there is an answer: not where rows are violated, nor on the way to infinity."""
     judged = result.quality is not Quality.INFEASIBLE and result.stop_reason is not StopReason.DIVERGED
     return result.discretisation if judged else DiscretisationEstimate(result.objective, {})
 
 
-def _doubts(result: SolveResult) -> Iterable[str]:
+def _doubts(result: Any) -> Iterable[str]:
     for doubt in result.doubts:
         yield f"DOUBTFUL: {doubt.message} {doubt.remedy}"
     if result.rounding is not None:
@@ -117,7 +114,7 @@ def _doubts(result: SolveResult) -> Iterable[str]:
         yield result.advice_on_motion
 
 
-def _failure(result: SolveResult) -> Iterable[str]:
+def _failure(result: Any) -> Iterable[str]:
     """What is not met, what stands against a solution, and one thing to do."""
     for violation in result.violations[:SHOWN_VIOLATIONS]:
         yield f"not met: {violation}"
@@ -129,7 +126,7 @@ def _failure(result: SolveResult) -> Iterable[str]:
     yield from _suggestion(result)
 
 
-def _suggestion(result: SolveResult) -> Iterable[str]:
+def _suggestion(result: Any) -> Iterable[str]:
     """One thing to do: what was noticed on the way, or what helps against how it ended."""
     noticed = [remark for remark in result.remarks if not remark.startswith(FIRST_RUN)]
     remedy = _REMEDIES.get(result.stop_reason)
