@@ -33,6 +33,8 @@ MOTION = 10.0
 AIMED = 0.3
 # So many meshes follow the first one, with as many times its elements, or as many in a small problem; at most so many.
 MOST_MESHES, MOST_TIMES, SMALL_ELEMENTS, MOST_ELEMENTS = 8, 8, 200, 1000
+# Up to so many elements may have no solution where twice as many have one.
+FEW_ELEMENTS = 20
 # Iterations times elements of all of them: a multiple of that of the first solve, or a small problem's.
 EFFORT, SMALL_EFFORT = 10, 30_000
 # Iterations of one solve, or as many as before: it starts from the answer on the mesh before but may be unlucky.
@@ -64,9 +66,10 @@ class FinerMeshes:
         """Solve the model, and again on finer meshes, warm; the model holds the best answer, which is returned."""
         first = solve_model(self._model, self._settings)
         through_pairs = first.residuals or first.strategy == ABSOLUTE_VALUES.name
-        if self._guess is None or through_pairs or not first.solved:
+        infeasible = first.stop_reason is StopReason.INFEASIBLE
+        if self._guess is None or through_pairs or not (first.solved or infeasible):
             return first
-        if not self._errors(first).ratio(self._tolerances) > 1.0:  # or not known
+        if first.solved and not self._errors(first).ratio(self._tolerances) > 1.0:  # or not known
             return first
         self._results = [first]
         self._first_elements = self._elements()
@@ -76,7 +79,25 @@ class FinerMeshes:
         self._guess.restore()
         self._start = PlanningPoint(self._model)
         self._guess.write(answer)
+        if infeasible:
+            return self._on_halves(first)
         return self._joined(self._refined(first))
+
+    def _on_halves(self, first: SolveResult) -> SolveResult:
+        """Where a few elements had no solution, twice as many may: solve there once, from the guess."""
+        point, meshes = PlanningPoint(self._model), self._halves()
+        if self._first_elements > FEW_ELEMENTS or meshes is None:
+            return first
+        self._start.restore()
+        if self._remeshed(meshes):
+            try:
+                finer = self._solved(first, {}, second_tries=True)
+                if finer.solved:
+                    return self._joined(self._refined(finer))
+            except PyRobocopError as error:
+                logger.info("'%s' cannot be solved on twice as many elements: %s", self._model.name, error)
+        point.restore()
+        return first
 
     def _refined(self, best: SolveResult) -> SolveResult:
         """Go on until the tolerances are met, no mesh is better, or the effort is spent."""
@@ -151,12 +172,13 @@ class FinerMeshes:
             return False
         return True
 
-    def _solved(self, before: SolveResult, options: Mapping[str, Any]) -> SolveResult:
+    def _solved(self, before: SolveResult, options: Mapping[str, Any], *, second_tries: bool = False) -> SolveResult:
         """The answer from the values on the model."""
         count = self._elements()
         iterations = max(1, min(max(_FEWEST, before.iterations), self._left // count))
-        again = replace(SOLVE, name="finer mesh", options={**options, "max_iter": iterations})
-        result = solve_model(self._model, replace(self._settings, strategies=(again,)))
+        again = (replace(SOLVE, name="finer mesh", options={**options, "max_iter": iterations}),)
+        strategies = self._settings.strategies if second_tries else again
+        result = solve_model(self._model, replace(self._settings, strategies=strategies, exploration=0.0))
         self._left -= count * result.iterations
         self._results.append(result)
         logger.info("'%s' on %d elements: %s", self._model.name, count, result.one_line())
@@ -184,8 +206,13 @@ class FinerMeshes:
             remarks.append(f"Finer meshes than that of {elements} elements led to nothing better.")
         elif best is not first:
             remarks.append(
-                f"The mesh was refined from {self._first_elements} to {elements} elements: the first answer, "
-                f"{first.objective:.6g}, was not exact enough (mesh_tolerance={self._tolerances.objective:g})."
+                f"The mesh was refined from {self._first_elements} to {elements} elements: "
+                + (
+                    f"the first answer, {first.objective:.6g}, was not exact enough "
+                    f"(mesh_tolerance={self._tolerances.objective:g})."
+                    if first.solved
+                    else "on the first one no solution was found."
+                )
             )
         steps: list[Iterate] = []
         number = 0

@@ -290,7 +290,9 @@ class _Procedure:
         except PyRobocopError as error:
             if found.best is None:
                 raise
-            logger.warning("'%s': strategy '%s' failed: %s", self._model.name, strategy.name, error)
+            # What only looks for something better may fail without a word.
+            level = logging.INFO if found.is_certified(found.best) else logging.WARNING
+            logger.log(level, "'%s': strategy '%s' failed: %s", self._model.name, strategy.name, error)
             return None
         if iterate is not None:
             if iterate.stop_reason.is_final and found.cut is None:

@@ -19,8 +19,8 @@ PACKAGE = {
     ".": 569, "car_paths": 1333, "complementarity": 3005, "continuous": 2397, "diagnosis": 1429, "discretisation":
     1183, "distributed": 2259, "estimation": 1626, "execution": 1161, "files": 830, "geometry": 1568, "ipopt": 1795,
     "linear_solver": 2026, "links": 456, "mechanics": 2253, "modeling": 2847, "motion": 2646, "mpcc": 1326,
-    "native": 143, "numerics": 1963, "obstacles": 3735, "phases": 6830, "planning": 2123, "plotting": 866,
-    "presentation": 143, "problem_classes": 1331, "programs": 3806, "robots": 391, "rules": 274, "solving": 4980,
+    "native": 143, "numerics": 1963, "obstacles": 3735, "phases": 6830, "planning": 2147, "plotting": 866,
+    "presentation": 143, "problem_classes": 1331, "programs": 3806, "robots": 391, "rules": 274, "solving": 4981,
     "studies": 2459, "trajectories": 508, "transcription": 105,
 }  # fmt: skip
 TESTS = {
