@@ -18,11 +18,14 @@ from pyomo.common.modeling import unique_component_name
 from pyomo.core.base.objective import Objective
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.errors import InitialGuessError
+from pyrobocop_pyomo.errors import InitialGuessError, ObstacleError
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.obstacles.rerouting import can_turn_at_both_ends, reroute, runs_into_several
+from pyrobocop_pyomo.obstacles.configuration_space import ConfigurationSpace
+from pyrobocop_pyomo.obstacles.sampled_path import sampled_path
 from pyrobocop_pyomo.obstacles.tightening import split_violated
+from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.solving.iterates import Quality, StopReason
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 
@@ -48,6 +51,8 @@ NEARLY_FEASIBLE = 1e-2
 # Clearances that a path of a car keeps: a second path, farther from everything, is another start.
 PATH_CLEARANCES = (1.0, 2.0)
 LONGEST_SEARCH = 20.0
+# Random configurations of an arm, for each path.
+SAMPLES = 4000
 
 
 class Solves(Protocol):
@@ -108,7 +113,12 @@ class Recovery:
             if self._leads_along_paths(cars, clearances):
                 yield partial(self._from_here, f"along the path of a car, {clearances:g} clearances from obstacles")
         if not is_led_around and self._has_a_way_around():
+            is_led_around = True
             yield partial(self._from_here, "led around all obstacles")
+        if not cars:
+            for number, clearances in enumerate(PATH_CLEARANCES):
+                if self._leads_along_samples(clearances, number):
+                    yield partial(self._from_here, f"along random configurations, {clearances:g} clearances away")
         yield self._new_planes
         if any(formulation.norms for formulation in formulations):
             yield self._other_norm
@@ -161,6 +171,21 @@ class Recovery:
                 logger.info("'%s': no path for '%s': %s", block.name, car.body, error)
                 continue
             found = car.follow(path) or found
+        if not found:
+            last.restore()
+        return found
+
+    def _leads_along_samples(self, clearances: float, seed: int) -> bool:
+        """Whether arms and bodies that fly find a path where the initial guess collides; it is on the model then."""
+        last, found = PlanningPoint(self._model), False
+        self._initial.restore()
+        for phase in phases_of(self._model):
+            try:
+                if not ConfigurationSpace(phase).guess_leads_there():
+                    phase.initialize(sampled_path(phase, clearances=clearances, samples=SAMPLES, seed=seed))
+                    found = True
+            except (InitialGuessError, ObstacleError) as error:
+                logger.info("'%s': no path among random configurations: %s", phase.name, error)
         if not found:
             last.restore()
         return found
