@@ -88,15 +88,25 @@ def shortened(
         lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
         passed = np.concatenate([[0.0], np.cumsum(lengths)])
         if len(path) < 3 or passed[-1] == 0.0:
-            break
+            return path
         first, last = np.sort(generator.uniform(0.0, passed[-1], 2))
-        i, j = (int(np.clip(np.searchsorted(passed, at, side="right"), 1, len(path) - 1)) for at in (first, last))
+        i, j = (int(np.searchsorted(passed[1:-1], at, side="right")) + 1 for at in (first, last))
         if i == j:
             continue
-        ends = [path[k - 1] + (at - passed[k - 1]) / lengths[k - 1] * (path[k] - path[k - 1])
-                for k, at in ((i, first), (j, last)) if lengths[k - 1] > 0.0]  # fmt: skip
-        if len(ends) == 2 and clear_length(ends[0], ends[1], are_clear, spacing) == 1.0:
-            path = np.vstack([path[:i], ends, path[j:]])
+        a, b = (np.array([np.interp(at, passed, column) for column in path.T]) for at in (first, last))
+        if clear_length(a, b, are_clear, spacing) == 1.0:
+            path = np.vstack([path[:i], a, b, path[j:]])
+    return _with_fewer_corners(path, are_clear, spacing)
+
+
+def _with_fewer_corners(path: Array, are_clear: AreClear, spacing: float) -> Array:
+    """Leave out corners one after the other, wherever the line past them is clear."""
+    k = 1
+    while k < len(path) - 1:
+        if clear_length(path[k - 1], path[k + 1], are_clear, spacing) == 1.0:
+            path, k = np.delete(path, k, axis=0), max(k - 1, 1)
+        else:
+            k += 1
     return path
 
 
