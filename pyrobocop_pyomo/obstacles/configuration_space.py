@@ -92,7 +92,7 @@ class ConfigurationSpace:
     """
 
     def __init__(self, phase: Any) -> None:
-        self._phase, self.label = phase, f"phase '{phase.name}'"
+        self.phase, self.label = phase, f"phase '{phase.name}'"
         self._times = (phase.time.first(), phase.time.last())
         points = {id(phase.points), id(phase.time)}
         self.blocks = [
@@ -113,7 +113,7 @@ class ConfigurationSpace:
     # ---------------------------------------------------------------- what there is
 
     def _at(self, t: float) -> list[Any]:
-        return [self._phase.component(name)[t] for name in self.names]
+        return [self.phase.component(name)[t] for name in self.names]
 
     def _poses(self, t: float) -> dict[tuple[int, str], Any]:
         """Poses of all bodies that move, by block and name."""
@@ -133,8 +133,8 @@ class ConfigurationSpace:
             if hasattr(entry, "is_expression_type")
             for variable in variables_in(entry, include_fixed=True)
         }
-        names = self._phase.record.names_of_states
-        return [name for name in names if id(self._phase.component(name)[t]) in read]
+        names = self.phase.record.names_of_states
+        return [name for name in names if id(self.phase.component(name)[t]) in read]
 
     def _place_shapes(self) -> None:
         """Functions for the poses, corners of all shapes as one array, and the pairs of shapes that are kept apart.
@@ -204,7 +204,7 @@ class ConfigurationSpace:
     def _region(self) -> tuple[Array, Array]:
         """Bounds of the coordinates; where there are none, a turn around the ends or as far as the scene is large."""
         low, high = np.empty(len(self.names)), np.empty(len(self.names))
-        middle = self._at(self._phase.points.at(len(self._phase.points) // 2 + 1))
+        middle = self._at(self.phase.points.at(len(self.phase.points) // 2 + 1))
         guess = self.guess()
         for k, variable in enumerate(middle):
             bounds = variable.bounds
@@ -228,7 +228,7 @@ class ConfigurationSpace:
         InitialGuessError
             Where a state has no value.
         """
-        times = list(self._phase.time)
+        times = list(self.phase.time)
         found = [[variable.value for variable in self._at(t)] for t in times]
         if any(number is None for row in found for number in row):
             raise InitialGuessError(f"{self.label}: not all of {', '.join(self.names)} have an initial guess.")
@@ -259,7 +259,7 @@ class ConfigurationSpace:
         known = {id(variable): t for t in self._times for variable in self._variables[t]}
         found: dict[float, list[Any]] = {t: [] for t in self._times}
         separate = {id(block) for block in self.blocks}
-        for row in self._phase.model().component_data_objects(Constraint, active=True, descend_into=True):
+        for row in self.phase.model().component_data_objects(Constraint, active=True, descend_into=True):
             if id(row.parent_block()) in separate:
                 continue
             times = {known.get(id(variable)) for variable in variables_in(row.body, include_fixed=False)}
@@ -329,10 +329,13 @@ class ConfigurationSpace:
 
     def guess_leads_there(self) -> bool:
         """Whether the initial guess is clear at all points, and rows at its ends hold."""
+        return self.guess_ends_there() and bool(self._are_clear_as_asked(self.guess()).all())
+
+    def guess_ends_there(self) -> bool:
+        """Whether the rows at both ends hold at the initial guess."""
         guess = self.guess()
-        self._asked = self._clearances - ROUNDING * self._extent
-        holds = [rows is None or rows.hold(guess[[k]])[0] for k, rows in zip((0, -1), self._rows.values(), strict=True)]
-        return all(holds) and bool(self.are_clear(guess).all())
+        ends = zip((0, -1), self._rows.values(), strict=True)
+        return all(rows is None or bool(rows.hold(guess[[k]])[0]) for k, rows in ends)
 
     def ends(self, is_last: bool, near: Array, generator: np.random.Generator) -> Array:
         """Clear configurations (k, n) where the phase may start or end, those nearest to a configuration first.

@@ -21,7 +21,7 @@ from pyomo.core.expr.numvalue import value
 from pyrobocop_pyomo.errors import InitialGuessError, ObstacleError
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
-from pyrobocop_pyomo.obstacles.rerouting import can_turn_at_both_ends, reroute, runs_into_several
+from pyrobocop_pyomo.obstacles.rerouting import can_be_rerouted, can_turn_at_both_ends, reroute, runs_into_several
 from pyrobocop_pyomo.obstacles.configuration_space import ConfigurationSpace
 from pyrobocop_pyomo.obstacles.sampled_path import sampled_path
 from pyrobocop_pyomo.obstacles.tightening import split_violated
@@ -102,9 +102,14 @@ class Recovery:
         is_led_around = in_the_way and self._has_a_way_around(freely=True)
         if is_led_around:
             yield partial(self._from_here, "led around all obstacles")
+        # Where an arm starts deep inside an obstacle, or ends where it must not, most of its rounds would be in vain.
+        is_far_off = not cars and not is_led_around and self._is_far_off()
+        first, *more = enumerate(PATH_CLEARANCES)
+        if is_far_off and self._leads_along_samples(*first):
+            yield partial(self._from_here, "along random configurations")
         others = any(block.separations for block in self._blocks)
         enough = MOST_ITERATIONS_OF_A_CAR if cars else MOST_ITERATIONS
-        yield partial(self._from_initial_guess, enough if others else None, is_at_start=not in_the_way)
+        yield partial(self._from_initial_guess, enough if others else None, is_at_start=not (in_the_way or is_far_off))
         # Where no separation takes part, obstacles are not what makes the rest infeasible.
         if not any(block.separations for block in self._blocks):
             return
@@ -116,8 +121,8 @@ class Recovery:
             is_led_around = True
             yield partial(self._from_here, "led around all obstacles")
         if not cars:
-            for number, clearances in enumerate(PATH_CLEARANCES):
-                if self._leads_along_samples(clearances, number):
+            for seed, clearances in more if is_far_off else (first, *more):
+                if self._leads_along_samples(seed, clearances):
                     yield partial(self._from_here, f"along random configurations, {clearances:g} clearances away")
         yield self._new_planes
         if any(formulation.norms for formulation in formulations):
@@ -175,17 +180,37 @@ class Recovery:
             last.restore()
         return found
 
-    def _leads_along_samples(self, clearances: float, seed: int) -> bool:
+    def _is_far_off(self) -> bool:
+        """Whether an arm's guess overlaps deeply, or does not end where rows of the model say.
+
+        Where the position of a body consists of variables, the guess is led around obstacles instead.
+        """
+        if all(map(can_be_rerouted, self._blocks)):
+            return False
+        return self._overlaps_deeply() or not all(space.guess_ends_there() for space in self._spaces())
+
+    def _spaces(self) -> Iterator[ConfigurationSpace]:
+        """Configurations of the phases that have some."""
+        for phase in phases_of(self._model):
+            try:
+                yield ConfigurationSpace(phase)
+            except (InitialGuessError, ObstacleError, ValueError) as error:
+                logger.info("'%s': no configurations: %s", phase.name, error)
+
+    def _leads_along_samples(self, seed: int, clearances: float) -> bool:
         """Whether arms and bodies that fly find a path where the initial guess collides; it is on the model then."""
         last, found = PlanningPoint(self._model), False
         self._initial.restore()
-        for phase in phases_of(self._model):
+        for space in self._spaces():
+            if space.guess_leads_there():
+                continue
             try:
-                if not ConfigurationSpace(phase).guess_leads_there():
-                    phase.initialize(sampled_path(phase, clearances=clearances, samples=SAMPLES, seed=seed))
-                    found = True
-            except (InitialGuessError, ObstacleError) as error:
-                logger.info("'%s': no path among random configurations: %s", phase.name, error)
+                guess = sampled_path(space.phase, clearances=clearances, samples=SAMPLES, seed=seed)
+            except InitialGuessError as error:
+                logger.info("%s: %s", space.label, error)
+                continue
+            space.phase.initialize(guess)
+            found = True
         if not found:
             last.restore()
         return found
