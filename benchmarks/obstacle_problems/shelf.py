@@ -128,7 +128,9 @@ def _scene(
         middles = [heights[k] + 0.5 * (gap + BOARD) for k in chosen]
         inside = bool(rng.integers(2))
         goals = _reaching(rng, poses, shapes, boards, limit, joints, last, (front, middles[0], gap))
-        starts = _reaching(rng, poses, shapes, boards, limit, joints, last, (front, middles[1], gap) if inside else None)
+        starts = _reaching(
+            rng, poses, shapes, boards, limit, joints, last, (front, middles[1], gap) if inside else None
+        )
         if len(goals) and len(starts):
             return starts[0], goals[0], boards
 

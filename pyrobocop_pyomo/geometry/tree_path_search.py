@@ -71,9 +71,7 @@ def tree_path(
     return None, samples
 
 
-def shortened(
-    path: Array, are_clear: AreClear, *, spacing: float, tries: int, generator: np.random.Generator
-) -> Array:
+def shortened(path: Array, are_clear: AreClear, *, spacing: float, tries: int, generator: np.random.Generator) -> Array:
     """Corners of a shorter path, by lines between random pairs of its points that are clear.
 
     Parameters

@@ -370,7 +370,12 @@ class ConfigurationSpace:
                 f"one exists which keeps every clearance, or give the {end} as values of these states."
             )
         order = np.argsort(np.linalg.norm((found - near) * self.lengths, axis=1), kind="stable")
-        return np.asarray(found[order[:MOST_ENDS]])
+        kept = found[order[:1]]
+        for each in found[order]:
+            # Most random configurations lead to the same few solutions.
+            if np.linalg.norm((kept - each) * self.lengths, axis=1).min() > self.spacing and len(kept) < MOST_ENDS:
+                kept = np.vstack([kept, each])
+        return np.asarray(kept)
 
     def _are_clear_as_asked(self, points: Array) -> BoolArray:
         self._asked = self._clearances - ROUNDING * self._extent

@@ -58,7 +58,9 @@ def reroute(block: Any) -> list[str]:
             continue
         poses = [motion.pose_at_node(body.pose, node, name=name) for node in nodes]
         entries = [pose.translation for pose in poses]
-        if _are_computed(entries) or not any(_is_variable(entry) and not entry.fixed for place in entries for entry in place):
+        if _are_computed(entries) or not any(
+            _is_variable(entry) and not entry.fixed for place in entries for entry in place
+        ):
             continue
         numbers = [pose.numbers() for pose in poses]
         places = _places(block, scene, name, body, numbers, entries)

@@ -25,7 +25,7 @@ START, GOAL = (-0.9, 0.1), (0.9, -0.1)
 
 def arm(
     *, order: int = 1, hand: tuple[float, float] | None = None, box: rcp.Polytope = BOX, duration: Any = 2.0,
-    bounds: tuple[float, float] | None = (-2.8, 2.8),
+    bounds: tuple[float | None, float | None] = (-2.8, 2.8),
 ) -> pyo.ConcreteModel:  # fmt: skip
     """Two links in the plane around a box, from joint angles to joint angles, or to a place of the hand."""
     m = pyo.ConcreteModel(name="arm")
@@ -97,8 +97,8 @@ def test_the_same_seed_gives_the_same_path() -> None:
     assert [first["q0"](t) for t in (0.3, 1.1)] == [second["q0"](t) for t in (0.3, 1.1)]
 
 
-@pytest.mark.parametrize("bounds", [(-2.8, 2.8), None])
-def test_a_goal_of_the_hand_is_reached_by_inverse_kinematics(bounds: tuple[float, float] | None) -> None:
+@pytest.mark.parametrize("bounds", [(-2.8, 2.8), (None, None)])
+def test_a_goal_of_the_hand_is_reached_by_inverse_kinematics(bounds: tuple[float | None, float | None]) -> None:
     goal = hand_at((0.9, -0.1))
     m = arm(hand=tuple(goal), bounds=bounds)
     guess = rcp.scenes.sampled_path(m.reach)
@@ -119,9 +119,7 @@ def test_both_branches_of_the_elbow_are_found() -> None:
 @pytest.mark.parametrize("order", [1, 2])
 def test_rates_and_accelerations_follow_from_the_equations(order: int) -> None:
     m = arm(order=order)
-    m.reach.initialize(rcp.scenes.sampled_path(m.reach))
     times = np.linspace(0.05, 1.95, 77)
-    trajectory = m.reach.trajectory()
     guess = rcp.scenes.sampled_path(m.reach)
     width = 0.01
     for k in range(2):
@@ -129,7 +127,6 @@ def test_rates_and_accelerations_follow_from_the_equations(order: int) -> None:
         rates = np.clip([guess[f"w{k}"](t) for t in times], -3, 3)
         assert np.abs(np.clip(slopes, -3, 3) - rates).max() < 0.35 * max(1.0, np.abs(slopes).max())
     if order == 2:
-        assert trajectory.name
         assert abs(guess["w0"](0.0)) < 0.1 and abs(guess["w1"](2.0)) < 0.1
 
 
@@ -138,7 +135,6 @@ def test_a_free_duration_is_long_enough_for_the_bounds_of_the_rates() -> None:
     guess = rcp.scenes.sampled_path(m.reach)
     duration = guess["duration"]
     assert 0.2 < duration < 60
-    m.reach.initialize(guess)
     t = np.linspace(0.0, 1.0, 41)
     path = np.array([[guess[name](float(s)) for name in ("q0", "q1")] for s in t])
     assert np.abs(np.diff(path, axis=0) / np.diff(t)[:, None]).max() / duration <= 3.0
