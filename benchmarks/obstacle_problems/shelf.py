@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -76,7 +77,7 @@ def random_shelf(seed: int, elements: int = 20, stages: int = 2, **options: Any)
     links = list(shapes)
     b.avoid = rcp.ObstacleAvoidanceBlock(
         b.time, bodies=bodies, obstacles=boards, clearance=CLEARANCE,
-        exclude=[(f"link {i}", f"link {j}") for i, j in zip(links, links[1:])], **options,
+        exclude=[(f"link {i}", f"link {j}") for i, j in itertools.pairwise(links)], **options,
     )  # fmt: skip
     return m
 
@@ -91,7 +92,7 @@ def _arm(dimension: int, joints: int) -> tuple[Callable[[Any], list[rcp.Pose]], 
 
         def in_plane(angles: Any) -> list[rcp.Pose]:
             pose, found = rcp.planar_pose(0.0, 0.0), []
-            for angle, before in zip(angles, (0.0, *lengths)):
+            for angle, before in zip(angles, (0.0, *lengths), strict=False):
                 pose = pose @ rcp.planar_pose(before, 0.0, angle)
                 found.append(pose)
             return found
@@ -105,7 +106,7 @@ def _arm(dimension: int, joints: int) -> tuple[Callable[[Any], list[rcp.Pose]], 
 
     def in_space(angles: Any) -> list[rcp.Pose]:
         pose, found = rcp.spatial_pose((0.0, 0.0, 0.4)), []
-        for angle, axis, before in zip(angles, axes, (0.0, *lengths)):
+        for angle, axis, before in zip(angles, axes, (0.0, *lengths), strict=False):
             turn = [angle if axis == own else 0.0 for own in "xyz"]
             pose = pose @ rcp.spatial_pose((before, 0.0, 0.0), euler=turn)
             found.append(pose)

@@ -20,9 +20,9 @@ from pyrobocop_pyomo.geometry.nearest_points import nearest_differences
 from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.modeling.straight_line import StraightLine
-from pyrobocop_pyomo.phases.instant_rules import ARRAY_FUNCTIONS
 from pyrobocop_pyomo.numerics import Array, BoolArray
 from pyrobocop_pyomo.numerics.least_squares import damped_least_squares
+from pyrobocop_pyomo.phases.instant_rules import ARRAY_FUNCTIONS
 
 from .avoidance_block import ObstacleAvoidanceBlockData
 from .rerouting import InnerAndOuterBall
@@ -152,14 +152,15 @@ class ConfigurationSpace:
         somewhere = np.random.default_rng(0).uniform(-1.0, 1.0, (3, len(self.names)))
         first, last = (_columns(line, somewhere) for line in lines)
         size = dimension * (dimension + 1)
-        agree = np.isclose(first, last, rtol=1e-9, atol=1e-9).all(axis=0).reshape(-1, size).all(axis=1)
+        alike = np.isclose(first, last, rtol=1e-9, atol=1e-9).reshape(-1, size)
+        agree = alike.reshape(len(first), -1, size).all(axis=(0, 2))
         turns = first.reshape(3, -1, size)[:, :, : dimension**2].reshape(3, -1, dimension, dimension)
         if not np.allclose(turns @ turns.transpose(0, 1, 3, 2), np.eye(dimension), atol=1e-6):
             raise InitialGuessError(
                 f"{self.label}: its poses are rotations at some values of {', '.join(self.names)} only, as those of "
                 "quaternions are. Random values of these are no configurations."
             )
-        on_clock = {body for body, same in zip(self._bodies, agree.tolist(), strict=True) if not same}
+        on_clock = {body for body, same in zip(self._bodies, list(agree), strict=True) if not same}
         parts: dict[tuple[int, str], tuple[int, ConvexPart]] = {}
         pairs, clearances = [], []
         for k, block in enumerate(self.blocks):

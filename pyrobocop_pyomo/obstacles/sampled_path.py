@@ -128,7 +128,8 @@ def _beyond(points: Array, end: Array) -> Array:
 def _timed(phase: Any, space: ConfigurationSpace, path: Array) -> dict[str, Callable[[float], float] | float]:
     """The path over the duration of the phase, with what drives it; smooth at both ends where speeds are states."""
     fraction, shares = horizon_fraction(phase), np.linspace(0.0, 1.0, len(path))
-    duration, guesses = float(value(phase.duration)), {}
+    duration = float(value(phase.duration))
+    guesses: dict[str, Callable[[float], float] | float] = {}
     columns = dict(zip(space.names, path.T, strict=True))
     try:
         rates = PhaseRates(phase)
@@ -146,10 +147,11 @@ def _timed(phase: Any, space: ConfigurationSpace, path: Array) -> dict[str, Call
     except (PyRobocopError, KeyError, TypeError, ValueError, np.linalg.LinAlgError) as error:
         # Equations that are implicit, or read what is no function of time: the path is a guess without controls too.
         logger.info("%s: what drives the path is not known: %s", space.label, error)
-    return guesses | {
-        name: (lambda t, column=column: float(np.interp(fraction(t), shares, column)))
-        for name, column in columns.items()
-    }
+    return guesses | {name: _course(fraction, shares, column) for name, column in columns.items()}
+
+
+def _course(fraction: Callable[[float], float], shares: Array, column: Array) -> Callable[[float], float]:
+    return lambda t: float(np.interp(fraction(t), shares, column))
 
 
 def _least_duration(rates: PhaseRates, names: list[str], slopes: dict[str, Array]) -> float:

@@ -21,8 +21,8 @@ from pyomo.core.expr.numvalue import value
 from pyrobocop_pyomo.errors import InitialGuessError, ObstacleError
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
-from pyrobocop_pyomo.obstacles.rerouting import can_be_rerouted, can_turn_at_both_ends, reroute, runs_into_several
 from pyrobocop_pyomo.obstacles.configuration_space import ConfigurationSpace
+from pyrobocop_pyomo.obstacles.rerouting import can_be_rerouted, can_turn_at_both_ends, reroute, runs_into_several
 from pyrobocop_pyomo.obstacles.sampled_path import sampled_path
 from pyrobocop_pyomo.obstacles.tightening import split_violated
 from pyrobocop_pyomo.phases import phases_of

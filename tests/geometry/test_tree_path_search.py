@@ -40,7 +40,8 @@ def test_a_path_is_clear_and_a_shortened_one_is_clear_and_no_longer(seed: int, l
     are_clear = wall_with_a_gap(low, low + width)
     generator = np.random.default_rng(seed)
     path, used = tree_path(START, GOAL, BOX, are_clear, spacing=SPACING, samples=5000, generator=generator)
-    assert path is not None and used <= 5000
+    assert path is not None
+    assert used <= 5000
     short = shortened(path, are_clear, spacing=SPACING, tries=100, generator=generator)
     for each in (path, short):
         assert np.array_equal(each[[0, -1]], np.vstack([START, GOAL]))
