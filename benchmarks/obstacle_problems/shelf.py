@@ -152,8 +152,8 @@ def _boards(dimension: int, front: float, heights: list[float]) -> dict[str, rcp
 
 
 def _reaching(
-    rng: np.random.Generator, poses: Any, shapes: dict[int, rcp.Polytope], boards: dict[str, rcp.Polytope], limit: float,
-    joints: int, last: float, compartment: tuple[float, float, float] | None, tries: int = 4000,
+    rng: np.random.Generator, poses: Any, shapes: dict[int, rcp.Polytope], boards: dict[str, rcp.Polytope],
+    limit: float, joints: int, last: float, compartment: tuple[float, float, float] | None, tries: int = 4000,
 ) -> list[np.ndarray]:  # fmt: skip
     """An arm that is clear of everything with its hand in a compartment, or in front of the shelf."""
     for _ in range(tries):

@@ -42,7 +42,7 @@ TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True)
-class Rows:
+class EndRows:
     """Rows of the model that read configurations at one time only.
 
     Attributes
@@ -153,14 +153,14 @@ class ConfigurationSpace:
         first, last = (_columns(line, somewhere) for line in lines)
         size = dimension * (dimension + 1)
         alike = np.isclose(first, last, rtol=1e-9, atol=1e-9).reshape(-1, size)
-        agree = alike.reshape(len(first), -1, size).all(axis=(0, 2))
+        agree: BoolArray = np.asarray(alike.reshape(len(first), -1, size).all(axis=(0, 2)))
         turns = first.reshape(3, -1, size)[:, :, : dimension**2].reshape(3, -1, dimension, dimension)
         if not np.allclose(turns @ turns.transpose(0, 1, 3, 2), np.eye(dimension), atol=1e-6):
             raise InitialGuessError(
                 f"{self.label}: its poses are rotations at some values of {', '.join(self.names)} only, as those of "
                 "quaternions are. Random values of these are no configurations."
             )
-        on_clock = {body for body, same in zip(self._bodies, list(agree), strict=True) if not same}
+        on_clock = {body for body, same in zip(self._bodies, agree.tolist(), strict=True) if not same}
         parts: dict[tuple[int, str], tuple[int, ConvexPart]] = {}
         pairs, clearances = [], []
         for k, block in enumerate(self.blocks):
@@ -255,7 +255,7 @@ class ConfigurationSpace:
         clearance = float((self._clearances - self._radii[self._pairs].sum(axis=1)).min())
         return max(2.0 * clearance + 0.5 * inner, 1e-3 * self._extent)
 
-    def _rows_at_the_ends(self) -> dict[float, Rows | None]:
+    def _rows_at_the_ends(self) -> dict[float, EndRows | None]:
         """Rows of the model that read nothing but the configuration at one end."""
         known = {id(variable): t for t in self._times for variable in self._variables[t]}
         found: dict[float, list[Any]] = {t: [] for t in self._times}
@@ -267,7 +267,7 @@ class ConfigurationSpace:
             if len(times) == 1 and (t := times.pop()) is not None:
                 found[t].append(row)
         return {
-            t: None if not rows else Rows(
+            t: None if not rows else EndRows(
                 StraightLine([row.body for row in rows], self._variables[t], ARRAY_FUNCTIONS),
                 np.array([-np.inf if row.lower is None else value(row.lower) for row in rows], dtype=float),
                 np.array([np.inf if row.upper is None else value(row.upper) for row in rows], dtype=float),
@@ -382,7 +382,7 @@ class ConfigurationSpace:
         self._asked = self._clearances - ROUNDING * self._extent
         return self.are_clear(points)
 
-    def _solved(self, rows: Rows, points: Array, free: BoolArray, low: Array, high: Array) -> Array:
+    def _solved(self, rows: EndRows, points: Array, free: BoolArray, low: Array, high: Array) -> Array:
         def whole(unknown: Array) -> Array:
             found = points.copy()
             found[:, free] = unknown

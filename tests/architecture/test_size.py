@@ -16,20 +16,20 @@ ROOT = Path(__file__).parents[2]
 LARGEST_SHARE = 0.12
 
 PACKAGE = {
-    ".": 569, "car_paths": 1333, "complementarity": 3005, "continuous": 2397, "diagnosis": 1429, "discretisation":
-    827, "distributed": 2259, "estimation": 1628, "execution": 1161, "files": 830, "geometry": 1568, "ipopt": 1795,
-    "linear_solver": 2026, "links": 456, "mechanics": 2253, "modeling": 2847, "motion": 2646, "mpcc": 1326,
-    "native": 143, "numerics": 1800, "obstacles": 3735, "phases": 6733, "planning": 1649, "plotting": 866,
+    ".": 571, "car_paths": 1333, "complementarity": 3005, "continuous": 2397, "diagnosis": 1429, "discretisation":
+    827, "distributed": 2259, "estimation": 1628, "execution": 1161, "files": 830, "geometry": 1670, "ipopt": 1795,
+    "linear_solver": 2026, "links": 456, "mechanics": 2253, "modeling": 2847, "motion": 2725, "mpcc": 1326,
+    "native": 143, "numerics": 1827, "obstacles": 4125, "phases": 6733, "planning": 1649, "plotting": 866,
     "presentation": 134, "problem_classes": 1331, "programs": 3806, "robots": 391, "rules": 274, "solving": 4683,
     "studies": 2502, "trajectories": 508, "transcription": 105,
 }  # fmt: skip
 TESTS = {
     ".": 83, "adversary": 1073, "architecture": 486, "benchmarks": 289, "car_paths": 619, "catalogue": 1067,
     "complementarity": 3333, "continuous": 1643, "diagnosis": 439, "discretisation": 436, "distributed": 1554,
-    "docs": 1735, "estimation": 305, "examples": 817, "extension_templates": 181, "files": 632, "geometry": 963,
+    "docs": 1735, "estimation": 305, "examples": 817, "extension_templates": 181, "files": 632, "geometry": 1018,
     "harness": 841, "ipopt": 1150, "linear_solver": 531, "mechanics": 1635, "mistakes": 555, "modeling": 918,
     "motion": 1652, "mpcc": 411, "mpcc_catalogue": 521, "native": 138, "nonsmooth": 186, "notebooks": 46,
-    "numerics": 924, "obstacles": 2939, "phases": 5568, "plotting": 522, "presentation": 221, "problem_classes":
+    "numerics": 924, "obstacles": 3115, "phases": 5568, "plotting": 522, "presentation": 221, "problem_classes":
     1171, "programs": 1521, "robots": 175, "rules": 167, "solving": 5137, "studies": 1900, "trajectories": 370,
     "transcription": 127,
 }  # fmt: skip
