@@ -20,12 +20,14 @@ from statistics import median
 from typing import Any
 
 import pyomo.environ as pyo
-from obstacle_problems import random_flight, random_parking
+from obstacle_problems import random_flight, random_parking, random_shelf
 from table import Table, show_progress
 
 import pyrobocop_pyomo as rcp
 
-PROBLEMS: dict[str, Callable[..., pyo.ConcreteModel]] = {"flight": random_flight, "parking": random_parking}
+PROBLEMS: dict[str, Callable[..., pyo.ConcreteModel]] = {
+    "flight": random_flight, "parking": random_parking, "shelf": random_shelf,
+}  # fmt: skip
 WAYS: dict[str, dict[str, Any]] = {"nodes": {"between": None}, "planes": {}}
 
 

@@ -25,6 +25,7 @@ from pyrobocop_pyomo.obstacles import (
     animate_avoidance,
     draw_avoidance,
     parking_model,
+    sampled_path,
     waypoint_initial_guess,
 )
 from pyrobocop_pyomo.plotting import (
@@ -67,6 +68,7 @@ __all__ = [
     "from_urdf",
     "hybrid_a_star",
     "parking_model",
+    "sampled_path",
     "signed_distance",
     "waypoint_initial_guess",
 ]

@@ -5,6 +5,7 @@ from .field import field, near_pairs
 from .quadrotor import random_flight
 from .restating import fix_ends, model_size, restate, sampled_distance, start_on_quarter_circle
 from .scattered import ROBOTS, random_scene, scattered
+from .shelf import random_shelf
 
 __all__ = [
     "ROBOTS",
@@ -15,6 +16,7 @@ __all__ = [
     "random_flight",
     "random_parking",
     "random_scene",
+    "random_shelf",
     "restate",
     "sampled_distance",
     "scattered",

@@ -130,7 +130,13 @@ def nearest_difference(
     return Nearest(np.array(point), norm, on_first, on_second, max(short_by, 0.0))
 
 
-def nearest_differences(first: np.ndarray, second: np.ndarray, scale: np.ndarray, least: np.ndarray) -> np.ndarray:
+def nearest_differences(
+    first: np.ndarray,
+    second: np.ndarray,
+    scale: np.ndarray,
+    least: np.ndarray,
+    enough: np.ndarray | None = None,
+) -> np.ndarray:
     """Nearest points to the origin of many differences of hulls at once, where they are proven to be apart.
 
     Parameters
@@ -140,6 +146,9 @@ def nearest_differences(first: np.ndarray, second: np.ndarray, scale: np.ndarray
         Sizes of the coordinates.
     least : (m,) array
         Norms from which on sets count as apart.
+    enough : (m,) array, optional
+        Sets that are proven to be so far apart are not looked at any further; their differences are longer than the
+        nearest ones then.
 
     Returns
     -------
@@ -160,6 +169,8 @@ def nearest_differences(first: np.ndarray, second: np.ndarray, scale: np.ndarray
         found = _lowest_of_each(first, second, point)
         short_by = norm - _dot(found, point) / np.where(apart, norm, 1.0)
         proven = apart & (short_by <= (PROVEN if count < LARGEST_COUNT_AT_ONCE - 1 else ACCEPTED) * scale)
+        if enough is not None:
+            proven |= apart & (norm - short_by >= enough[pairs])
         nearest[pairs[proven]] = point[:, proven].T
         going = apart & ~proven
         if not going.any():

@@ -7,6 +7,7 @@ from .formulations import Dual, Formulation, Mixed, Offset, Optimality, Plane, T
 from .motion_verification import verify_motion
 from .parking_model import parking_model
 from .pictures import animate_avoidance, draw_avoidance
+from .sampled_path import sampled_path
 from .waypoint_initial_guess import waypoint_initial_guess
 
 __all__ = [
@@ -25,6 +26,7 @@ __all__ = [
     "animate_avoidance",
     "draw_avoidance",
     "parking_model",
+    "sampled_path",
     "verify_motion",
     "waypoint_initial_guess",
 ]

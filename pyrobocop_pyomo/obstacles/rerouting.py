@@ -58,8 +58,9 @@ def reroute(block: Any) -> list[str]:
             continue
         poses = [motion.pose_at_node(body.pose, node, name=name) for node in nodes]
         entries = [pose.translation for pose in poses]
-        computed = [entry for place in entries for entry in place if not (is_number(entry) or _is_variable(entry))]
-        if computed or not any(_is_variable(entry) and not entry.fixed for place in entries for entry in place):
+        if _are_computed(entries) or not any(
+            _is_variable(entry) and not entry.fixed for place in entries for entry in place
+        ):
             continue
         numbers = [pose.numbers() for pose in poses]
         places = _places(block, scene, name, body, numbers, entries)
@@ -72,6 +73,16 @@ def reroute(block: Any) -> list[str]:
                     entry.set_value(within_bounds(number, entry), skip_validation=True)
         rerouted.append(name)
     return rerouted
+
+
+def can_be_rerouted(block: Any) -> bool:
+    """Whether the position of every body that moves consists of variables and numbers: no links of arms."""
+    motion, scene = block.motion, block.record.scene
+    poses = [
+        motion.pose_at_node(body.pose, motion.points[0], name=name)
+        for name, body in scene.bodies.items() if body.moves and name not in scene.obstacles
+    ]  # fmt: skip
+    return not _are_computed([pose.translation for pose in poses])
 
 
 def runs_into_several(block: Any) -> bool:
@@ -295,6 +306,10 @@ def _along(path: Array, before: Array) -> Array:
     window = np.ones(2 * width + 1) / (2 * width + 1)
     smooth = np.stack([np.convolve(column, window, mode="valid") for column in padded.T], axis=1)
     return np.stack([np.interp(shares, fine, column) for column in smooth.T], axis=1)
+
+
+def _are_computed(places: Sequence[Any]) -> bool:
+    return any(not (is_number(entry) or _is_variable(entry)) for place in places for entry in place)
 
 
 def _is_variable(entry: Any) -> bool:

@@ -212,7 +212,7 @@ def _recognised(block: Any, phase: Any, body: str) -> RecognisedCar | None:
         return None
     if not set(equations.pose_states) <= set(equations.rates):
         return None
-    found = equations.velocities(equations.sampled(np.random.default_rng(0)))
+    found = equations.velocities(equations.sampled(equations.pose_states, np.random.default_rng(0)))
     if not np.isfinite(found).all():
         return None
     axle = _axle(found)

@@ -18,11 +18,14 @@ from pyomo.common.modeling import unique_component_name
 from pyomo.core.base.objective import Objective
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.errors import InitialGuessError
+from pyrobocop_pyomo.errors import InitialGuessError, ObstacleError
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
-from pyrobocop_pyomo.obstacles.rerouting import can_turn_at_both_ends, reroute, runs_into_several
+from pyrobocop_pyomo.obstacles.configuration_space import ConfigurationSpace
+from pyrobocop_pyomo.obstacles.rerouting import can_be_rerouted, can_turn_at_both_ends, reroute, runs_into_several
+from pyrobocop_pyomo.obstacles.sampled_path import sampled_path
 from pyrobocop_pyomo.obstacles.tightening import split_violated
+from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.solving.iterates import Quality, StopReason
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 
@@ -48,6 +51,8 @@ NEARLY_FEASIBLE = 1e-2
 # Clearances that a path of a car keeps: a second path, farther from everything, is another start.
 PATH_CLEARANCES = (1.0, 2.0)
 LONGEST_SEARCH = 20.0
+# Random configurations of an arm, for each path.
+SAMPLES = 4000
 
 
 class Solves(Protocol):
@@ -97,9 +102,14 @@ class Recovery:
         is_led_around = in_the_way and self._has_a_way_around(freely=True)
         if is_led_around:
             yield partial(self._from_here, "led around all obstacles")
+        # Where an arm starts deep inside an obstacle, or ends where it must not, most of its rounds would be in vain.
+        is_far_off = not cars and not is_led_around and self._is_far_off()
+        first, *more = enumerate(PATH_CLEARANCES)
+        if is_far_off and self._leads_along_samples(*first):
+            yield partial(self._from_here, "along random configurations")
         others = any(block.separations for block in self._blocks)
         enough = MOST_ITERATIONS_OF_A_CAR if cars else MOST_ITERATIONS
-        yield partial(self._from_initial_guess, enough if others else None, is_at_start=not in_the_way)
+        yield partial(self._from_initial_guess, enough if others else None, is_at_start=not (in_the_way or is_far_off))
         # Where no separation takes part, obstacles are not what makes the rest infeasible.
         if not any(block.separations for block in self._blocks):
             return
@@ -108,7 +118,12 @@ class Recovery:
             if self._leads_along_paths(cars, clearances):
                 yield partial(self._from_here, f"along the path of a car, {clearances:g} clearances from obstacles")
         if not is_led_around and self._has_a_way_around():
+            is_led_around = True
             yield partial(self._from_here, "led around all obstacles")
+        if not cars:
+            for seed, clearances in more if is_far_off else (first, *more):
+                if self._leads_along_samples(seed, clearances):
+                    yield partial(self._from_here, f"along random configurations, {clearances:g} clearances away")
         yield self._new_planes
         if any(formulation.norms for formulation in formulations):
             yield self._other_norm
@@ -161,6 +176,41 @@ class Recovery:
                 logger.info("'%s': no path for '%s': %s", block.name, car.body, error)
                 continue
             found = car.follow(path) or found
+        if not found:
+            last.restore()
+        return found
+
+    def _is_far_off(self) -> bool:
+        """Whether an arm's guess overlaps deeply, or does not end where rows of the model say.
+
+        Where the position of a body consists of variables, the guess is led around obstacles instead.
+        """
+        if all(map(can_be_rerouted, self._blocks)):
+            return False
+        return self._overlaps_deeply() or not all(space.guess_ends_there() for space in self._spaces())
+
+    def _spaces(self) -> Iterator[ConfigurationSpace]:
+        """Configurations of the phases that have some."""
+        for phase in phases_of(self._model):
+            try:
+                yield ConfigurationSpace(phase)
+            except (InitialGuessError, ObstacleError, ValueError) as error:
+                logger.info("'%s': no configurations: %s", phase.name, error)
+
+    def _leads_along_samples(self, seed: int, clearances: float) -> bool:
+        """Whether arms and bodies that fly find a path where the initial guess collides; it is on the model then."""
+        last, found = PlanningPoint(self._model), False
+        self._initial.restore()
+        for space in self._spaces():
+            if space.guess_leads_there():
+                continue
+            try:
+                guess = sampled_path(space.phase, clearances=clearances, samples=SAMPLES, seed=seed)
+            except InitialGuessError as error:
+                logger.info("%s: %s", space.label, error)
+                continue
+            space.phase.initialize(guess)
+            found = True
         if not found:
             last.restore()
         return found
