@@ -104,6 +104,14 @@ def garage(width: float, lane: float) -> tuple[Pose, Pose, list[Points]]:
     return (-8.0, 0.5 * lane, 0.0), goal, [ring, rectangle(0, lane + 0.5, 40, 1.0)]
 
 
+def slot_to_slot(width: float, lane: float, aside: float) -> tuple[Pose, Pose, list[Points]]:
+    """From one garage across a lane to another; in forwards, so that the car has to turn round in the lane."""
+    _, (x, y, heading), (ring, _) = garage(width, lane)
+    other = [(aside - a, lane - b) for a, b in ring]
+    start = (aside, lane - y + CAR.wheelbase, 0.5 * math.pi)
+    return start, (x, y, heading), [ring, other, rectangle(-9, 0.5 * lane, 1, lane), rectangle(9, 0.5 * lane, 1, lane)]
+
+
 def dead_end(width: float, depth: float) -> tuple[Pose, Pose, list[Points]]:
     """A cul-de-sac: in forwards, and to face the way out."""
     half = 0.5 * width
@@ -211,12 +219,13 @@ def fresh_case(seed: int) -> tuple[str, list[str]]:
     kinds: list[tuple[str, Callable[[], tuple[Pose, Pose, list[Points]]]]] = [
         ("along, tight", lambda: slot_along(between(3.2, 4.5), between(0.7, 1.2))),
         ("50 obstacles", lambda: around_a_drive(rng, int(rng.integers(45, 54)), 0.25)),
-        ("across, tight", lambda: slots_across(between(3.4, 5.0), between(0.5, 0.8), 3)),
-        ("dead end", lambda: dead_end(between(5.5, 6.5), between(7.0, 10.0))),
-        ("garage, tight", lambda: garage(between(2.3, 2.6), between(4.5, 6.0))),
+        ("across, tight", lambda: slots_across(between(2.6, 4.5), between(0.2, 0.7), 3)),
+        ("dead end", lambda: dead_end(between(5.3, 6.5), between(7.0, 10.0))),
+        ("garage, tight", lambda: garage(between(2.15, 2.5), between(3.8, 6.0))),
         ("narrow drive", lambda: around_a_drive(rng, 30, 0.12)),
         ("aslant", lambda: slots_across(between(3.5, 5.0), between(0.5, 0.8), 3, between(0.9, 2.2))),
         ("along", lambda: far_walls(slot_along(between(3.5, 5.0), between(1.2, 2.0)))),
+        ("from slot to slot", lambda: slot_to_slot(between(2.15, 2.5), between(4.5, 6.0), between(-4, 4))),
     ]
     name, make = kinds[seed % len(kinds)]
     case = odd_rings(turned(make(), between(-3, 3)))

@@ -56,12 +56,11 @@ class CostToGo:
         # Cells overlap the bounds; each stands for all points of its square.
         cell = max(primitives.cell, float(size.max()) / 400)
         shape = np.floor(size / cell).astype(int) + 1
-        middles = np.stack(np.meshgrid(*((np.arange(n) + 0.5) * cell for n in shape), indexing="ij"), -1) + origin
         # The largest disc about the reference point that the body covers, whatever its heading: nothing where the
         # reference point is outside of it.
         inner = 0.0 if body.is_flat else max(0.0, float(body.halfspaces[1].min()))
         point = FreeSpace.around(Polytope.point((0.0, 0.0)), obstacles, clearance + inner + body.radius, scene)
-        free = point.is_free_of_point(middles.reshape(-1, 2), float(np.sqrt(0.5) * cell)).reshape(*shape)
+        free = point.cells_free_of_point(origin, cell, shape)
         goal_cell = np.minimum(np.floor((target[:2] - origin) / cell).astype(int), shape - 1)
         disc = grid_distances(np.where(free, 1.0, np.inf), np.full(2, cell), tuple(goal_cell.tolist()))
         car_cell = max(TABLE_CELL * primitives.turning_radius, float(size.max()) / 60)

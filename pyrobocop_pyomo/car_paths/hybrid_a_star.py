@@ -106,7 +106,9 @@ def hybrid_a_star(
     coarse = MotionPrimitives.of(wheelbase, steering_limit, options)
     region = np.array(limits).T + np.array([[-body.reach], [body.reach]])
     cell = max(GRID_CELL * coarse.turning_radius, float(np.ptp(region, axis=0).max()) / MOST_CELLS)
-    space = FreeSpace.around(body, shapes, clearance, scene).with_grid(region[0], region[1], cell)
+    space = FreeSpace.around(body, shapes, clearance, scene)
+    enough = space.disc_radius + 2.0 * cell + coarse.turning_radius
+    space = space.with_grid(region[0], region[1], cell, enough)
 
     def begin(which: str, cost_to_go: CostToGo, level: int) -> BestFirstSearch:
         primitives = MotionPrimitives.of(wheelbase, steering_limit, options, level)
