@@ -32,6 +32,7 @@ from .car_kinematics import follow_arcs
 from .car_path import CarPath
 from .cost_to_go import Bounds, CostToGo
 from .free_space import FreeSpace
+from .meeting import joined_arcs
 from .motion_primitives import CarSearch, MotionPrimitives
 from .shortcuts import with_shortcuts
 
@@ -131,6 +132,10 @@ def hybrid_a_star(
                 end = current.search.run(min(budget, options.max_nodes), began + time_limit)
             if end is SearchEnd.FOUND:
                 arcs = with_shortcuts(current.search, *current.search.arcs())
+                return _path(ends["start"], ends["goal"], *arcs, wheelbase, backwards=which == "goal")
+            arcs = joined_arcs(current.search, searches[1 - k].search) if len(searches) == 2 else None
+            if arcs is not None:
+                arcs = with_shortcuts(current.search, *arcs)
                 return _path(ends["start"], ends["goal"], *arcs, wheelbase, backwards=which == "goal")
             if end is SearchEnd.EXHAUSTED:
                 raise InitialGuessError(
