@@ -219,13 +219,13 @@ def fresh_case(seed: int) -> tuple[str, list[str]]:
     kinds: list[tuple[str, Callable[[], tuple[Pose, Pose, list[Points]]]]] = [
         ("along, tight", lambda: slot_along(between(3.2, 4.5), between(0.7, 1.2))),
         ("50 obstacles", lambda: around_a_drive(rng, int(rng.integers(45, 54)), 0.25)),
-        ("across, tight", lambda: slots_across(between(2.6, 4.5), between(0.2, 0.7), 3)),
+        ("across, tight", lambda: slots_across(between(3.0, 4.5), between(0.2, 0.7), 3)),
         ("dead end", lambda: dead_end(between(5.3, 6.5), between(7.0, 10.0))),
-        ("garage, tight", lambda: garage(between(2.15, 2.5), between(3.8, 6.0))),
+        ("garage, tight", lambda: garage(between(2.15, 2.5), between(4.9, 6.0))),
         ("narrow drive", lambda: around_a_drive(rng, 30, 0.12)),
         ("aslant", lambda: slots_across(between(3.5, 5.0), between(0.5, 0.8), 3, between(0.9, 2.2))),
         ("along", lambda: far_walls(slot_along(between(3.5, 5.0), between(1.2, 2.0)))),
-        ("from slot to slot", lambda: slot_to_slot(between(2.15, 2.5), between(4.5, 6.0), between(-4, 4))),
+        ("from slot to slot", lambda: slot_to_slot(between(2.15, 2.5), between(4.9, 6.0), between(-4, 4))),
     ]
     name, make = kinds[seed % len(kinds)]
     case = odd_rings(turned(make(), between(-3, 3)))
