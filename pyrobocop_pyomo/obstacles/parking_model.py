@@ -26,7 +26,7 @@ SHARE_OF_AVAILABLE = 0.8
 # Lengths of the car by which the rear axle may go beyond start and goal; the next one where there is no path.
 ROOM = (3.0, 8.0)
 # Widths of the car: the fastest plan is seldom farther from the path than this, and obstacles beyond take no part.
-BROAD_PHASE = 2.5
+BROAD_PHASE = 1.0
 SECONDS_PER_ELEMENT = 0.6
 ELEMENTS = (30, 90)
 # Seconds of duration per unit of the integral of squared controls: makes the controls of the fastest plan unique.
