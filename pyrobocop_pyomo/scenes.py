@@ -5,7 +5,7 @@ cars by hybrid A*, are initial guesses; parking cases come from files as competi
 animations need Matplotlib.
 """
 
-from pyrobocop_pyomo.car_paths import CarPath, CarSearch, CarTiming, ParkingCar, ParkingCase, hybrid_a_star
+from pyrobocop_pyomo.car_paths import CarPath, CarSearch, CarTiming, ParkingCar, ParkingCase, VehiclesCase, hybrid_a_star
 from pyrobocop_pyomo.geometry import (
     Pose,
     SignedDistance,
@@ -27,6 +27,7 @@ from pyrobocop_pyomo.obstacles import (
     parking_model,
     waypoint_initial_guess,
 )
+from pyrobocop_pyomo.planning import VehiclesPlan, plan_vehicles
 from pyrobocop_pyomo.plotting import (
     AnimationFile,
     BodyPath,
@@ -55,6 +56,8 @@ __all__ = [
     "Pose",
     "SignedDistance",
     "TurningPlane",
+    "VehiclesCase",
+    "VehiclesPlan",
     "animate_avoidance",
     "animate_scene",
     "cover_occupancy_grid",
@@ -67,6 +70,7 @@ __all__ = [
     "from_urdf",
     "hybrid_a_star",
     "parking_model",
+    "plan_vehicles",
     "signed_distance",
     "waypoint_initial_guess",
 ]

@@ -256,6 +256,17 @@ class FreeSpace:
             clear[left] |= gaps - deviation[left] >= needed[left]
         return clear
 
+    @property
+    def corners_reach(self) -> float:
+        """Distance of the farthest corner of the body from its origin."""
+        return float(np.linalg.norm(self.corners, axis=1).max())
+
+    def gaps_of_two(self, first: Array, second: Array) -> Array:
+        """Widest gap along the normals of two such bodies at poses ``(p, 3)``: no more than their distance, ``(p,)``."""
+        ones, others = self._placed(first, self.corners), self._placed(second, self.corners)
+        gaps = [self._from_body(first, others).max(axis=1), self._from_body(second, ones).max(axis=1)]
+        return np.asarray(np.maximum(*gaps))
+
     def cells_free_of_point(self, low: Array, cell: float, counts: Array) -> BoolArray:
         """Which cells of a grid hold a place that is no nearer to any obstacle than the clearance; for points.
 
