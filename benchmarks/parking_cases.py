@@ -7,6 +7,7 @@ polygons that are not convex, coordinates of 1e9 metres, headings beyond a turn,
     python benchmarks/parking_cases.py 3 17       some
     python benchmarks/parking_cases.py --quick    the one that takes least
     python benchmarks/parking_cases.py --random 60 --first 1000    fresh ones, each made from a seed
+    python benchmarks/parking_cases.py --random 10 --first 1000 --vehicles    many cars at once
     python benchmarks/parking_cases.py --write DIRECTORY    as files
 """
 
@@ -233,6 +234,59 @@ def fresh_case(seed: int) -> tuple[str, list[str]]:
     return f"{name}{', at 1e9 m' if far else ''}", row(case, BILLION if far else ("0", "0"))
 
 
+def vehicles_scene(seed: int) -> rcp.scenes.VehiclesCase:
+    """Ten to sixteen cars between random places of a yard, eight convex obstacles in it."""
+    rng = np.random.default_rng(seed)
+    number = 10 + seed % 7
+    half = 20.0 + 0.5 * (number - 10)
+
+    def free_poses(taken: list[shapely.Polygon], count: int, apart: float) -> list[Pose]:
+        found: list[Pose] = []
+        while len(found) < count:
+            x, y = (float(of) for of in rng.uniform(-half, half, 2))
+            pose = (x, y, float(rng.uniform(-math.pi, math.pi)))
+            place = shapely.Polygon(parked(*pose)).buffer(apart)
+            if not any(place.intersects(other) for other in taken):
+                found.append(pose)
+                taken.append(place)
+        return found
+
+    obstacles = {}
+    shapes = []
+    for k in range(8):
+        x, y = rng.uniform(-0.8 * half, 0.8 * half, 2)
+        size = rng.uniform(1.0, 2.5)
+        corners = [(x + size * math.cos(a), y + size * math.sin(a)) for a in np.sort(rng.uniform(0, 2 * math.pi, 5))]
+        shapes.append(shapely.Polygon(corners))
+        obstacles[f"obstacle {k + 1}"] = [rcp.Polytope.hull(corners, name=f"obstacle {k + 1}")]
+    starts = free_poses(list(shapes), number, 0.4)
+    goals = free_poses(list(shapes), number, 0.4)
+    return rcp.scenes.VehiclesCase(f"yard {seed}", np.array(starts), np.array(goals), obstacles)
+
+
+def plan_scenes(seeds: Sequence[int]) -> None:
+    """A line for each scene of several vehicles."""
+    safe, seconds = 0, []
+    for seed in seeds:
+        case = vehicles_scene(seed)
+        began = time.process_time()
+        try:
+            plan = rcp.scenes.plan_vehicles(case)
+        except rcp.errors.PyRobocopError as error:
+            print(f"{seed:>4} {len(case):>3} vehicles: {error}")
+            seconds.append(time.process_time() - began)
+            continue
+        seconds.append(time.process_time() - began)
+        safe += plan.safe
+        print(
+            f"{seed:>4} {len(case):>3} vehicles {seconds[-1]:>6.1f} CPU s  {'safe' if plan.safe else 'NOT SAFE'} "
+            f"all there after {plan.duration:.1f} s, the last leaves after {plan.departures.max():.1f}; closest "
+            f"{plan.safety.worst.proven:.4f}",
+            flush=True,
+        )
+    print(f"{safe} of {len(seconds)} safe; CPU seconds: median {np.median(seconds):.1f}, longest {max(seconds):.1f}")
+
+
 QUICK = 7  # the number of the case of a quick run
 BILLION = ("1000000000", "-1000000000")
 CASES: dict[str, Callable[[], list[str]]] = {
@@ -267,9 +321,13 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="one case")
     parser.add_argument("--random", type=int, default=0, help="so many fresh cases instead")
     parser.add_argument("--first", type=int, default=0, help="seed of the first of them")
+    parser.add_argument("--vehicles", action="store_true", help="with --random: scenes of ten to sixteen cars")
     chosen = parser.parse_args()
     numbers = [QUICK] if chosen.quick else chosen.numbers
     seeds = range(chosen.first, chosen.first + chosen.random)
+    if chosen.vehicles:
+        plan_scenes(seeds)
+        return
     cases = {number: (name, make()) for number, (name, make) in enumerate(CASES.items(), start=1)}
     if chosen.random:
         cases = {seed: fresh_case(seed) for seed in seeds}
