@@ -183,7 +183,7 @@ def far_walls(case: tuple[Pose, Pose, list[Points]]) -> tuple[Pose, Pose, list[P
 def around_a_drive(
     rng: np.random.Generator, number: int, space: float, corners: tuple[int, int] = (4, 11)
 ) -> tuple[Pose, Pose, list[Points]]:
-    """Polygons around arcs that a car drives at random, one or two of them backwards: there is a way by construction."""
+    """Polygons around arcs that a car drives at random, also backwards: there is a way by construction."""
     pose, driven, direction = (0.0, 0.0, float(rng.uniform(-3, 3))), [], 1.0
     start = pose
     for k in range(int(rng.integers(5, 9))):

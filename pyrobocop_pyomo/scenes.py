@@ -5,7 +5,15 @@ cars by hybrid A*, are initial guesses; parking cases come from files as competi
 animations need Matplotlib.
 """
 
-from pyrobocop_pyomo.car_paths import CarPath, CarSearch, CarTiming, ParkingCar, ParkingCase, VehiclesCase, hybrid_a_star
+from pyrobocop_pyomo.car_paths import (
+    CarPath,
+    CarSearch,
+    CarTiming,
+    ParkingCar,
+    ParkingCase,
+    VehiclesCase,
+    hybrid_a_star,
+)
 from pyrobocop_pyomo.geometry import (
     Pose,
     SignedDistance,

@@ -139,7 +139,7 @@ class FreeSpace:
     def _near_obstacle(
         self, k: int, low: Array, cell: float, counts: Array, distance: float
     ) -> tuple[tuple[slice, slice], Array]:
-        """The part of a grid of cells that is no farther than a distance from the box of an obstacle, and its middles."""
+        """The part of a grid that is no farther than a distance from the box of an obstacle, and its middles."""
         points = self.points[k]
         first = np.clip(np.floor((points.min(axis=0) - distance - low) / cell), 0, counts).astype(int)
         last = np.clip(np.ceil((points.max(axis=0) + distance - low) / cell), 0, counts).astype(int)
@@ -262,7 +262,7 @@ class FreeSpace:
         return float(np.linalg.norm(self.corners, axis=1).max())
 
     def gaps_of_two(self, first: Array, second: Array) -> Array:
-        """Widest gap along the normals of two such bodies at poses ``(p, 3)``: no more than their distance, ``(p,)``."""
+        """Widest gap, ``(p,)``, along normals of two such bodies at poses ``(p, 3)``: at most their distance."""
         ones, others = self._placed(first, self.corners), self._placed(second, self.corners)
         gaps = [self._from_body(first, others).max(axis=1), self._from_body(second, ones).max(axis=1)]
         return np.asarray(np.maximum(*gaps))

@@ -133,9 +133,9 @@ def hybrid_a_star(
             if end is SearchEnd.FOUND:
                 arcs = with_shortcuts(current.search, *current.search.arcs())
                 return _path(ends["start"], ends["goal"], *arcs, wheelbase, backwards=which == "goal")
-            arcs = joined_arcs(current.search, searches[1 - k].search) if len(searches) == 2 else None
-            if arcs is not None:
-                arcs = with_shortcuts(current.search, *arcs)
+            joined = joined_arcs(current.search, searches[1 - k].search) if len(searches) == 2 else None
+            if joined is not None:
+                arcs = with_shortcuts(current.search, *joined)
                 return _path(ends["start"], ends["goal"], *arcs, wheelbase, backwards=which == "goal")
             if end is SearchEnd.EXHAUSTED:
                 raise InitialGuessError(

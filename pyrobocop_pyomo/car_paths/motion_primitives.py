@@ -14,7 +14,6 @@ from pyrobocop_pyomo.numerics import Array, BoolArray
 from .car_kinematics import follow_arcs, relative_pose
 from .reeds_shepp import reeds_shepp_paths
 
-
 # Turning radii.
 CELL = 0.06
 

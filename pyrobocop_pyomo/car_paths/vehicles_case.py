@@ -45,8 +45,8 @@ class VehiclesCase(Presented):
             numbers = np.array(getattr(self, which), dtype=float)
             if numbers.ndim != 2 or numbers.shape[1] != 3 or not len(numbers) or not np.isfinite(numbers).all():
                 raise GeometryError(
-                    f"vehicles '{self.name}': the {which} have shape {numbers.shape}; expected a row of finite x, y and "
-                    "heading for each vehicle."
+                    f"vehicles '{self.name}': the {which} have shape {numbers.shape}; expected a row of finite x, y "
+                    "and heading for each vehicle."
                 )
             object.__setattr__(self, which, numbers)
         if len(self.starts) != len(self.goals):
@@ -59,8 +59,8 @@ class VehiclesCase(Presented):
         Parameters
         ----------
         path : str or Path
-            ``.yaml``: the maps of the benchmark for CL-CBS, with ``start: [x, y, heading]`` and ``goal: [...]`` of each of
-            the agents, and obstacles as points. Their headings count clockwise, as these maps have them.
+            ``.yaml``: the maps of the benchmark for CL-CBS, with ``start: [x, y, heading]`` and ``goal: [...]`` of
+            each of the agents, and obstacles as points. Their headings count clockwise, as these maps have them.
             Anything else: numbers as `ParkingCase` has them, with the number of vehicles before and the poses of
             start and goal of each: ``n, x, y, heading, x, y, heading, ..., obstacles, corners of each, corners``.
         disc_radius : float, optional
@@ -81,8 +81,8 @@ class VehiclesCase(Presented):
         poses = _numbers(words[1 : 1 + 6 * count], name)
         if not count or len(poses) != 6 * count:
             raise GeometryError(
-                f"vehicles '{name}': {len(words)} numbers; expected the number of vehicles, x, y and heading of start and "
-                "goal of each, and the obstacles as for ParkingCase.read."
+                f"vehicles '{name}': {len(words)} numbers; expected the number of vehicles, x, y and heading of start "
+                "and goal of each, and the obstacles as for ParkingCase.read."
             )
         first = ParkingCase.from_numbers([*words[1:7], *words[1 + 6 * count :]], name=name)
         # Everything relative to the origin of the file again: vehicles have no common start.
@@ -92,9 +92,6 @@ class VehiclesCase(Presented):
 
     @classmethod
     def _from_map(cls, text: str, name: str, disc_radius: float) -> VehiclesCase:
-        agents, _, rest = text.partition("map:")
-        if "start" not in agents:
-            agents, rest = rest, agents
         found = {
             which: [_numbers(row.split(","), name) for row in re.findall(rf"{which}:\s*\[([^\]]*)\]", text)]
             for which in ("start", "goal")
@@ -104,7 +101,8 @@ class VehiclesCase(Presented):
         starts, goals = (np.array(found[which]).reshape(-1, 3) for which in ("start", "goal"))
         turned = np.array([1.0, 1.0, -1.0])
         obstacles = {
-            f"obstacle {k}": [Polytope.ball(disc_radius, point, name=f"obstacle {k}")] for k, point in enumerate(rows, 1)
+            f"obstacle {k}": [Polytope.ball(disc_radius, point, name=f"obstacle {k}")]
+            for k, point in enumerate(rows, 1)
         }
         return cls(name, starts * turned, goals * turned, obstacles)
 

@@ -1,7 +1,7 @@
 """Several vehicles, planned one after the other: each drives round those that stand, and waits for those that move.
 
-While a vehicle drives, those before it in the order have driven or drive still, and those after it stand at their
-starts. Its path keeps clear of the starts of these and of the goals of the others, so that it can drive at the latest when
+While a vehicle drives, those before it in the order have driven or drive still, and those after it stand at
+their starts. Its path keeps clear of the starts of these and of the goals of the others, so that it can drive at the latest when
 all before it have arrived. It leaves as soon as its motion keeps clear of theirs.
 
 Erdmann and Lozano-Pérez, On multiple moving objects, Algorithmica 2 (1987), doi:10.1007/BF01840371, for the order;
@@ -142,8 +142,8 @@ def plan_vehicles(
                 break
         else:
             raise InitialGuessError(
-                f"plan_vehicles: '{case.name}': of the vehicles {[k + 1 for k in left]} none finds a way to its goal while "
-                f"the others stand and {[k + 1 for k in order]} have arrived. Give more time, less clearance, or "
+                f"plan_vehicles: '{case.name}': of the vehicles {[k + 1 for k in left]} none finds a way to its goal "
+                f"while the others stand and {[k + 1 for k in order]} have arrived. Give more time, less clearance, or "
                 "starts and goals that leave a way."
             )
         left.remove(vehicle)
@@ -162,8 +162,8 @@ def _refuse_overlaps(case: VehiclesCase, car: ParkingCar) -> None:
         if len(gaps) and gaps.min() <= 0.0:
             k = int(gaps.argmin())
             raise ObstacleError(
-                f"plan_vehicles: '{case.name}': at their {which} vehicles {first[k] + 1} and {second[k] + 1} overlap by "
-                f"{-gaps[k]:.4g}."
+                f"plan_vehicles: '{case.name}': at their {which} vehicles {first[k] + 1} and {second[k] + 1} overlap "
+                f"by {-gaps[k]:.4g}."
             )
 
 
@@ -209,12 +209,19 @@ def _timed(
         names = [f"vehicle {k + 1}" for k in range(len(case))]
         rows = dict(zip(names, plan.poses_at(times), strict=True))
         pairs = {
-            (names[i], names[k]): asked + float(off[i] + off[k]) for i in range(len(case)) for k in range(i + 1, len(case))
+            (names[i], names[k]): asked + float(off[i] + off[k])
+            for i in range(len(case))
+            for k in range(i + 1, len(case))
         }
         if not pairs:
             return plan
         safety = verify_motion(
-            times, rows, bodies=dict.fromkeys(names, car.shape), clearance=pairs, turns="as given", body_pairs=list(pairs)
+            times,
+            rows,
+            bodies=dict.fromkeys(names, car.shape),
+            clearance=pairs,
+            turns="as given",
+            body_pairs=list(pairs),
         )
         spare *= 2.0
         if safety.safe or spare > SPARE * 2.0**ATTEMPTS:
@@ -229,8 +236,8 @@ def _poses(trajectory: Trajectory, times: Array) -> Array:
 def _chord_deviation(trajectory: Trajectory, reach: float) -> float:
     """How far a point of the vehicle may be from chords between poses that are a step apart.
 
-    Of polynomials of degree three the second derivative is largest at an end of an element. A step may hold the end of an
-    element, where the slope jumps by a little: a kink is at most a quarter of step times jump away from its chord.
+    Of polynomials of degree three the second derivative is largest at an end of an element. A step may hold the
+    end of an element, where the slope jumps by a little: a kink is at most a quarter of step times jump away from its chord.
     """
     widths = np.diff(trajectory.grid.mesh.boundaries)
     values = trajectory.element_polynomials(np.arange(4) / 3.0)
