@@ -6,9 +6,9 @@ Each search needs half of the shunts of a path then. The cost of a search grows 
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.optional_imports import scipy
 
 from .best_first_search import BestFirstSearch
 
@@ -29,7 +29,7 @@ def joined_arcs(one: BestFirstSearch, other: BestFirstSearch) -> tuple[Array, Ar
     """
     radius = one.primitives.turning_radius
     mine, others = np.array(one.poses), np.array(other.poses)
-    tree = cKDTree(_as_points(others, radius))
+    tree = scipy.spatial.cKDTree(_as_points(others, radius))
     apart, found = tree.query(_as_points(mine, radius), NEIGHBOURS, distance_upper_bound=NEAR * radius)
     here, column = np.nonzero(np.isfinite(apart))
     there = found[here, column]

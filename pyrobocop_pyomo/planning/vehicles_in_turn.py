@@ -1,8 +1,8 @@
 """Several vehicles, planned one after the other: each drives round those that stand, and waits for those that move.
 
 While a vehicle drives, those before it in the order have driven or drive still, and those after it stand at
-their starts. Its path keeps clear of the starts of these and of the goals of the others, so that it can drive at the latest when
-all before it have arrived. It leaves as soon as its motion keeps clear of theirs.
+their starts. Its path keeps clear of the starts of these and of the goals of the others, so that it can drive at
+the latest when all before it have arrived. It leaves as soon as its motion keeps clear of theirs.
 
 Erdmann and Lozano-Pérez, On multiple moving objects, Algorithmica 2 (1987), doi:10.1007/BF01840371, for the order;
 Kant and Zucker, Toward efficient trajectory planning: the path-velocity decomposition, The International Journal of
@@ -41,7 +41,7 @@ SEARCH_SECONDS = 10.0
 # Added to the clearance of each alone, since less is proven of several: poses a step apart stand for the motion between
 # them. Added in the choice of departures as well; more each time that a proof fails.
 SPARE = 0.02
-ATTEMPTS = 4
+DOUBLINGS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,7 +224,7 @@ def _timed(
             body_pairs=list(pairs),
         )
         spare *= 2.0
-        if safety.safe or spare > SPARE * 2.0**ATTEMPTS:
+        if safety.safe or spare > SPARE * 2.0**DOUBLINGS:
             return VehiclesPlan(case, order, trajectories, departures, reports, safety)
 
 
@@ -237,7 +237,8 @@ def _chord_deviation(trajectory: Trajectory, reach: float) -> float:
     """How far a point of the vehicle may be from chords between poses that are a step apart.
 
     Of polynomials of degree three the second derivative is largest at an end of an element. A step may hold the
-    end of an element, where the slope jumps by a little: a kink is at most a quarter of step times jump away from its chord.
+    end of an element, where the slope jumps by a little: a kink is at most a quarter of step
+    times jump away from its chord.
     """
     widths = np.diff(trajectory.grid.mesh.boundaries)
     values = trajectory.element_polynomials(np.arange(4) / 3.0)
