@@ -6,6 +6,8 @@ polygons that are not convex, coordinates of 1e9 metres, headings beyond a turn,
     python benchmarks/parking_cases.py            all of them
     python benchmarks/parking_cases.py 3 17       some
     python benchmarks/parking_cases.py --quick    the one that takes least
+    python benchmarks/parking_cases.py --random 60 --first 1000    fresh ones, each made from a seed
+    python benchmarks/parking_cases.py --random 10 --first 1000 --vehicles    many cars at once
     python benchmarks/parking_cases.py --write DIRECTORY    as files
 """
 
@@ -19,6 +21,7 @@ from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
+import shapely
 
 import pyrobocop_pyomo as rcp
 
@@ -102,6 +105,14 @@ def garage(width: float, lane: float) -> tuple[Pose, Pose, list[Points]]:
     return (-8.0, 0.5 * lane, 0.0), goal, [ring, rectangle(0, lane + 0.5, 40, 1.0)]
 
 
+def slot_to_slot(width: float, lane: float, aside: float) -> tuple[Pose, Pose, list[Points]]:
+    """From one garage across a lane to another; in forwards, so that the car has to turn round in the lane."""
+    _, (x, y, heading), (ring, _) = garage(width, lane)
+    other = [(aside - a, lane - b) for a, b in ring]
+    start = (aside, lane - y + CAR.wheelbase, 0.5 * math.pi)
+    return start, (x, y, heading), [ring, other, rectangle(-9, 0.5 * lane, 1, lane), rectangle(9, 0.5 * lane, 1, lane)]
+
+
 def dead_end(width: float, depth: float) -> tuple[Pose, Pose, list[Points]]:
     """A cul-de-sac: in forwards, and to face the way out."""
     half = 0.5 * width
@@ -169,6 +180,113 @@ def far_walls(case: tuple[Pose, Pose, list[Points]]) -> tuple[Pose, Pose, list[P
     return start, goal, [*obstacles, wall, rectangle(1e9, -1e9, 5.0, 5.0)]
 
 
+def around_a_drive(
+    rng: np.random.Generator, number: int, space: float, corners: tuple[int, int] = (4, 11)
+) -> tuple[Pose, Pose, list[Points]]:
+    """Polygons around arcs that a car drives at random, also backwards: there is a way by construction."""
+    pose, driven, direction = (0.0, 0.0, float(rng.uniform(-3, 3))), [], 1.0
+    start = pose
+    for k in range(int(rng.integers(5, 9))):
+        direction = -direction if k in (3, 6) else direction
+        curvature = float(rng.uniform(-1, 1)) * math.tan(0.9 * CAR.steering) / CAR.wheelbase
+        for _ in range(int(rng.integers(6, 20))):
+            x, y, heading = pose
+            step = 0.25 * direction
+            middle = heading + 0.5 * step * curvature
+            pose = (x + step * math.cos(middle), y + step * math.sin(middle), heading + step * curvature)
+            driven.append(shapely.Polygon(parked(*pose)))
+    taken = shapely.union_all([shapely.Polygon(parked(*start)), *driven]).buffer(space)
+    left, bottom, right, top = taken.bounds
+    obstacles: list[Points] = []
+    while len(obstacles) < number:
+        x, y = rng.uniform(left - 3, right + 3), rng.uniform(bottom - 3, top + 3)
+        size = float(rng.uniform(0.4, 2.0))
+        angles = np.sort(rng.uniform(0, 2 * math.pi, int(rng.integers(*corners))))
+        radii = size * rng.uniform(0.6, 1.0, len(angles))
+        shape = np.column_stack([x + radii * np.cos(angles), y + radii * np.sin(angles)])
+        polygon = shapely.Polygon(shape)
+        if polygon.is_valid and polygon.area > 0.05 and not polygon.intersects(taken):
+            obstacles.append([(float(a), float(b)) for a, b in shape])
+    return start, pose, obstacles
+
+
+def fresh_case(seed: int) -> tuple[str, list[str]]:
+    """A case of a kind that competitions have, with sizes from a seed, turned by anything; its name and its numbers."""
+    rng = np.random.default_rng(seed)
+
+    def between(low: float, high: float) -> float:
+        return float(rng.uniform(low, high))
+
+    kinds: list[tuple[str, Callable[[], tuple[Pose, Pose, list[Points]]]]] = [
+        ("along, tight", lambda: slot_along(between(3.2, 4.5), between(0.7, 1.2))),
+        ("50 obstacles", lambda: around_a_drive(rng, int(rng.integers(45, 54)), 0.25)),
+        ("across, tight", lambda: slots_across(between(3.0, 4.5), between(0.2, 0.7), 3)),
+        ("dead end", lambda: dead_end(between(5.3, 6.5), between(7.0, 10.0))),
+        ("garage, tight", lambda: garage(between(2.15, 2.5), between(4.9, 6.0))),
+        ("narrow drive", lambda: around_a_drive(rng, 30, 0.12)),
+        ("aslant", lambda: slots_across(between(3.5, 5.0), between(0.5, 0.8), 3, between(0.9, 2.2))),
+        ("along", lambda: far_walls(slot_along(between(3.5, 5.0), between(1.2, 2.0)))),
+        ("from slot to slot", lambda: slot_to_slot(between(2.15, 2.5), between(4.9, 6.0), between(-4, 4))),
+    ]
+    name, make = kinds[seed % len(kinds)]
+    case = odd_rings(turned(make(), between(-3, 3)))
+    far = seed % 3 == 0
+    return f"{name}{', at 1e9 m' if far else ''}", row(case, BILLION if far else ("0", "0"))
+
+
+def vehicles_scene(seed: int) -> rcp.scenes.VehiclesCase:
+    """Ten to sixteen cars between random places of a yard, eight convex obstacles in it."""
+    rng = np.random.default_rng(seed)
+    number = 10 + seed % 7
+    half = 20.0 + 0.5 * (number - 10)
+
+    def free_poses(taken: list[shapely.Polygon], count: int, apart: float) -> list[Pose]:
+        found: list[Pose] = []
+        while len(found) < count:
+            x, y = (float(of) for of in rng.uniform(-half, half, 2))
+            pose = (x, y, float(rng.uniform(-math.pi, math.pi)))
+            place = shapely.Polygon(parked(*pose)).buffer(apart)
+            if not any(place.intersects(other) for other in taken):
+                found.append(pose)
+                taken.append(place)
+        return found
+
+    obstacles = {}
+    shapes = []
+    for k in range(8):
+        x, y = rng.uniform(-0.8 * half, 0.8 * half, 2)
+        size = rng.uniform(1.0, 2.5)
+        corners = [(x + size * math.cos(a), y + size * math.sin(a)) for a in np.sort(rng.uniform(0, 2 * math.pi, 5))]
+        shapes.append(shapely.Polygon(corners))
+        obstacles[f"obstacle {k + 1}"] = [rcp.Polytope.hull(corners, name=f"obstacle {k + 1}")]
+    starts = free_poses(list(shapes), number, 0.4)
+    goals = free_poses(list(shapes), number, 0.4)
+    return rcp.scenes.VehiclesCase(f"yard {seed}", np.array(starts), np.array(goals), obstacles)
+
+
+def plan_scenes(seeds: Sequence[int]) -> None:
+    """A line for each scene of several vehicles."""
+    safe, seconds = 0, []
+    for seed in seeds:
+        case = vehicles_scene(seed)
+        began = time.process_time()
+        try:
+            plan = rcp.scenes.plan_vehicles(case)
+        except rcp.errors.PyRobocopError as error:
+            print(f"{seed:>4} {len(case):>3} vehicles: {error}")
+            seconds.append(time.process_time() - began)
+            continue
+        seconds.append(time.process_time() - began)
+        safe += plan.safe
+        print(
+            f"{seed:>4} {len(case):>3} vehicles {seconds[-1]:>6.1f} CPU s  {'safe' if plan.safe else 'NOT SAFE'} "
+            f"all there after {plan.duration:.1f} s, the last leaves after {plan.departures.max():.1f}; closest "
+            f"{plan.safety.worst.proven:.4f}",
+            flush=True,
+        )
+    print(f"{safe} of {len(seconds)} safe; CPU seconds: median {np.median(seconds):.1f}, longest {max(seconds):.1f}")
+
+
 QUICK = 7  # the number of the case of a quick run
 BILLION = ("1000000000", "-1000000000")
 CASES: dict[str, Callable[[], list[str]]] = {
@@ -201,35 +319,55 @@ def main() -> None:
     parser.add_argument("numbers", type=int, nargs="*", help="which cases; all by default")
     parser.add_argument("--write", type=Path, help="write files of all cases to a directory, and do nothing else")
     parser.add_argument("--quick", action="store_true", help="one case")
+    parser.add_argument("--random", type=int, default=0, help="so many fresh cases instead")
+    parser.add_argument("--first", type=int, default=0, help="seed of the first of them")
+    parser.add_argument("--vehicles", action="store_true", help="with --random: scenes of ten to sixteen cars")
     chosen = parser.parse_args()
     numbers = [QUICK] if chosen.quick else chosen.numbers
+    seeds = range(chosen.first, chosen.first + chosen.random)
+    if chosen.vehicles:
+        plan_scenes(seeds)
+        return
+    cases = {number: (name, make()) for number, (name, make) in enumerate(CASES.items(), start=1)}
+    if chosen.random:
+        cases = {seed: fresh_case(seed) for seed in seeds}
     if chosen.write is not None:
-        for number, row_of_case in enumerate((make() for make in CASES.values()), start=1):
+        for number, (_, row_of_case) in cases.items():
             (chosen.write / f"case_{number}.csv").write_text(",".join(row_of_case) + "\n")
         return
     safe, seconds = 0, []
     print(
-        f"{'case':<28} {'obstacles':>9} {'parts':>5} {'path':>6} {'solve':>6}  {'safe':<5} "
-        f"{'duration':>8} {'proven':>8}"
+        f"{'case':<30} {'corners':>7} {'parts':>5} {'path':>6} {'solve':>6}  {'safe':<5} "
+        f"{'duration':>8} {'cusps':>5} {'proven':>8}"
     )
-    for number, (name, make) in enumerate(CASES.items(), start=1):
+    for number, (name, row_of_case) in cases.items():
         if numbers and number not in numbers:
             continue
         began = time.process_time()
-        case = rcp.scenes.ParkingCase.from_numbers(make(), name=name)
+        case = rcp.scenes.ParkingCase.from_numbers(row_of_case, name=name)
         m = rcp.scenes.parking_model(case)
         built = time.process_time() - began
+        guess = [m.drive.v[t].value for t in m.drive.time]
         result = rcp.solve(m, time_limit=120.0)
         seconds.append(time.process_time() - began)
-        safe += bool(result.safe)
+        speeds = [m.drive.v[t].value for t in m.drive.time]
         worst = result.safety.worst
+        is_safe = bool(result.safe) and worst.clearance >= 0.05
+        safe += is_safe
+        corners = sum(len(part.vertices) for part in case.parts.values())
         print(
-            f"{number:>2} {name:<25} {len(case.obstacles):>9} {len(case.parts):>5} {built:>6.1f} "
-            f"{seconds[-1] - built:>6.1f}  {'yes' if result.safe else 'NO':<5} {m.drive.duration.value:>8.1f} "
-            f"{worst.proven:>8.4f}  {len(result.rounds)} rounds",
+            f"{number:>4} {name:<25} {corners:>7} {len(case.parts):>5} {built:>6.1f} "
+            f"{seconds[-1] - built:>6.1f}  {'yes' if is_safe else 'NO':<5} {m.drive.duration.value:>8.1f} "
+            f"{changes(guess):>2}/{changes(speeds):<2} {worst.proven:>8.4f}  {len(result.rounds)} rounds",
             flush=True,
         )
     print(f"{safe} of {len(seconds)} safe; CPU seconds: mean {np.mean(seconds):.1f}, longest {max(seconds):.1f}")
+
+
+def changes(speeds: Sequence[float]) -> int:
+    """Changes of direction, of what counts as driving."""
+    signs = np.sign([speed for speed in speeds if abs(speed) > 0.02])
+    return int(np.count_nonzero(np.diff(signs)))
 
 
 if __name__ == "__main__":

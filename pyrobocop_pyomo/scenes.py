@@ -5,7 +5,15 @@ cars by hybrid A*, are initial guesses; parking cases come from files as competi
 animations need Matplotlib.
 """
 
-from pyrobocop_pyomo.car_paths import CarPath, CarSearch, CarTiming, ParkingCar, ParkingCase, hybrid_a_star
+from pyrobocop_pyomo.car_paths import (
+    CarPath,
+    CarSearch,
+    CarTiming,
+    ParkingCar,
+    ParkingCase,
+    VehiclesCase,
+    hybrid_a_star,
+)
 from pyrobocop_pyomo.geometry import (
     Pose,
     SignedDistance,
@@ -28,6 +36,7 @@ from pyrobocop_pyomo.obstacles import (
     sampled_path,
     waypoint_initial_guess,
 )
+from pyrobocop_pyomo.planning import VehiclesPlan, plan_vehicles
 from pyrobocop_pyomo.plotting import (
     AnimationFile,
     BodyPath,
@@ -56,6 +65,8 @@ __all__ = [
     "Pose",
     "SignedDistance",
     "TurningPlane",
+    "VehiclesCase",
+    "VehiclesPlan",
     "animate_avoidance",
     "animate_scene",
     "cover_occupancy_grid",
@@ -68,6 +79,7 @@ __all__ = [
     "from_urdf",
     "hybrid_a_star",
     "parking_model",
+    "plan_vehicles",
     "sampled_path",
     "signed_distance",
     "waypoint_initial_guess",

@@ -4,5 +4,16 @@ from .car_path import CarPath, CarTiming
 from .hybrid_a_star import hybrid_a_star
 from .motion_primitives import CarSearch
 from .parking_case import ParkingCar, ParkingCase
+from .staged_search import staged_search
+from .vehicles_case import VehiclesCase
 
-__all__ = ["CarPath", "CarSearch", "CarTiming", "ParkingCar", "ParkingCase", "hybrid_a_star"]
+__all__ = [
+    "CarPath",
+    "CarSearch",
+    "CarTiming",
+    "ParkingCar",
+    "ParkingCase",
+    "VehiclesCase",
+    "hybrid_a_star",
+    "staged_search",
+]

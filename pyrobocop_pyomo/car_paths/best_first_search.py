@@ -91,15 +91,18 @@ class BestFirstSearch:
 
     def arcs(self) -> tuple[Array, Array]:
         """Signed lengths and curvatures of the arcs of the path found, from the root to the target."""
+        lengths, curvatures = self.arcs_to(self.last_node)
+        return np.concatenate([lengths, self.last_arcs[0]]), np.concatenate([curvatures, self.last_arcs[1]])
+
+    def arcs_to(self, node: int) -> tuple[Array, Array]:
+        """The same from the root to a pose that was reached."""
         made_by = []
-        node = self.last_node
         while self.parents[node] >= 0:
             made_by.append(self.made_by[node])
             node = self.parents[node]
         samples = self.primitives.samples
         lengths = np.repeat(self.primitives.lengths[made_by[::-1]] / samples, samples)
-        curvatures = np.repeat(self.primitives.curvatures[made_by[::-1]], samples)
-        return np.concatenate([lengths, self.last_arcs[0]]), np.concatenate([curvatures, self.last_arcs[1]])
+        return lengths, np.repeat(self.primitives.curvatures[made_by[::-1]], samples)
 
     def _add_node(
         self, pose: tuple[float, float, float], cost: float, parent: int, primitive: int, rest: float
@@ -158,20 +161,16 @@ class BestFirstSearch:
         inside &= (y >= bottom - self.close) & (y <= top + self.close)
         return np.asarray(inside.all(axis=-1))
 
-    def are_clear(self, poses: Array, arcs: list[tuple[Array, Array]]) -> tuple[BoolArray, Array]:
-        """Whether each chain of arcs from its pose is in bounds and clear; and the poses along them, padded.
+    def are_clear(self, poses: Array, arcs: Array, curvatures: Array) -> BoolArray:
+        """Whether each chain of arcs from its pose is in bounds and clear, ``(n,)``.
 
         Parameters
         ----------
         poses : (n, 3) array
-        arcs : list of two arrays
-            Signed lengths, none longer than the spacing of the primitives, and curvatures.
+        arcs, curvatures : (n, s) arrays
+            Signed lengths, none longer than the spacing of the primitives; zeros fill up.
         """
-        most = max(len(arc_lengths) for arc_lengths, _ in arcs)
-        padded, curvatures = np.zeros((2, len(arcs), max(most, 1)))
-        for i, (arc_lengths, curvature) in enumerate(arcs):
-            padded[i, : len(arc_lengths)], curvatures[i, : len(arc_lengths)] = arc_lengths, curvature
-        motions = follow_arcs(poses, padded, curvatures)
+        motions = follow_arcs(poses, arcs, curvatures)
         clear = self.within(motions)
         # A few poses of each motion decide most that collide.
         kept = np.flatnonzero(clear)
@@ -181,7 +180,7 @@ class BestFirstSearch:
         kept = kept[free]
         spacings = np.full(len(kept), self.primitives.spacing)
         clear[kept] = self.space.is_clear(motions[kept], np.abs(curvatures[kept]).max(axis=1, initial=0.0), spacings)
-        return clear, motions
+        return clear
 
     def _expand_analytically(self) -> None:
         """Look for a Reeds-Shepp path to the target, from any pose that waits for it, cheaper than the best path."""
@@ -196,12 +195,13 @@ class BestFirstSearch:
         kind, node = np.unravel_index(order[total.ravel()[order] < self.best_cost], total.shape)
         if not len(kind):
             return
-        arcs = [self.primitives.short_arcs(lengths[k, n], turns[k]) for k, n in zip(kind, node, strict=True)]
-        clear, _ = self.are_clear(poses[node], arcs)
+        arcs, curvatures = self.primitives.short_arcs(lengths[kind, node], turns[kind])
+        clear = self.are_clear(poses[node], arcs, curvatures)
         if clear.any():
             winner = int(np.flatnonzero(clear)[0])
             self.best_cost = float(total[kind[winner], node[winner]])
-            self.last_node, self.last_arcs = int(here[node[winner]]), arcs[winner]
+            moves = arcs[winner] != 0.0
+            self.last_node, self.last_arcs = int(here[node[winner]]), (arcs[winner][moves], curvatures[winner][moves])
 
 
 def first_nonzero(lengths: Array) -> Array:

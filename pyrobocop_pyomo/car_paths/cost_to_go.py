@@ -18,6 +18,7 @@ Bounds = tuple[tuple[float, float], tuple[float, float]]
 # The table for the car needs no finer cells than this many turning radii, and divisions of a turn.
 TABLE_CELL = 0.15
 TABLE_HEADINGS = 36
+AHEAD = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,12 +57,11 @@ class CostToGo:
         # Cells overlap the bounds; each stands for all points of its square.
         cell = max(primitives.cell, float(size.max()) / 400)
         shape = np.floor(size / cell).astype(int) + 1
-        middles = np.stack(np.meshgrid(*((np.arange(n) + 0.5) * cell for n in shape), indexing="ij"), -1) + origin
         # The largest disc about the reference point that the body covers, whatever its heading: nothing where the
         # reference point is outside of it.
         inner = 0.0 if body.is_flat else max(0.0, float(body.halfspaces[1].min()))
         point = FreeSpace.around(Polytope.point((0.0, 0.0)), obstacles, clearance + inner + body.radius, scene)
-        free = point.is_free_of_point(middles.reshape(-1, 2), float(np.sqrt(0.5) * cell)).reshape(*shape)
+        free = point.cells_free_of_point(origin, cell, shape)
         goal_cell = np.minimum(np.floor((target[:2] - origin) / cell).astype(int), shape - 1)
         disc = grid_distances(np.where(free, 1.0, np.inf), np.full(2, cell), tuple(goal_cell.tolist()))
         car_cell = max(TABLE_CELL * primitives.turning_radius, float(size.max()) / 60)
@@ -81,12 +81,18 @@ class CostToGo:
         i = np.clip(i, 0, np.array(self.car.shape[:2]) - 1)
         turn = np.rint(poses[:, 2] * (TABLE_HEADINGS / (2.0 * np.pi))).astype(int) % TABLE_HEADINGS
         table, cells = self.car.reshape(-1), np.ravel_multi_index((i[:, 0], i[:, 1], turn), self.car.shape)
-        new = np.unique(cells[np.isnan(table[cells])])
+        new = cells[np.isnan(table[cells])]
         if len(new):
-            place = np.unravel_index(new, self.car.shape)
+            # Neighbouring headings will be asked for soon: long arrays cost little more than short ones.
+            place, asked = np.divmod(new, TABLE_HEADINGS)
+            around = (asked[:, None] + np.arange(-AHEAD, AHEAD + 1)) % TABLE_HEADINGS
+            new = np.unique(place[:, None] * TABLE_HEADINGS + around)
+            new = new[np.isnan(table[new])]
+            place, asked = np.divmod(new, TABLE_HEADINGS)
             middles = np.column_stack([
-                self.origin[0] + place[0] * self.car_cell, self.origin[1] + place[1] * self.car_cell,
-                place[2] * (2.0 * np.pi / TABLE_HEADINGS),
+                self.origin[0] + place // self.car.shape[1] * self.car_cell,
+                self.origin[1] + place % self.car.shape[1] * self.car_cell,
+                asked * (2.0 * np.pi / TABLE_HEADINGS),
             ])  # fmt: skip
             table[new] = self.primitives.reeds_shepp_cost(middles, self.target)
         return np.asarray(np.maximum(table[cells], self.disc_path_length(poses)))

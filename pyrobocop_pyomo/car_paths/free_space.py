@@ -119,22 +119,33 @@ class FreeSpace:
             needed=np.array([clearance + body.radius + obstacle.radius for obstacle in obstacles]),
         )
 
-    def with_grid(self, low: Array, high: Array, cell: float) -> FreeSpace:
-        """The same with a grid of distances over a region."""
+    def with_grid(self, low: Array, high: Array, cell: float, enough: float) -> FreeSpace:
+        """The same with a grid of distances over a region, which need not be known beyond what is enough."""
         counts = np.maximum(np.ceil((high - low) / cell).astype(int), 1)
-        axes = [low[k] + (np.arange(counts[k]) + 0.5) * cell for k in range(2)]
-        places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-        found = np.full(len(places), np.inf)
-        for normals, offsets, middle, radius, needed in zip(
-            self.normals, self.offsets, self.middles, self.radii, self.needed.tolist(), strict=True
-        ):
-            bound = np.hypot(*(places - middle).T) - radius
+        found = np.full(counts.tolist(), enough)
+        for k, needed in enumerate(self.needed.tolist()):
+            window, places = self._near_obstacle(k, low, cell, counts, needed + enough)
+            if not places.size:
+                continue
             # The gap along a side is exact beside it, and less than the distance elsewhere.
-            near = np.flatnonzero(bound - needed < found)
-            bound[near] = np.maximum(bound[near], (places[near] @ normals.T - offsets).max(axis=1))
-            found = np.minimum(found, bound - needed)
-        bounds = found.reshape(*counts) - math.sqrt(0.5) * cell
+            bound = (places @ self.normals[k].T - self.offsets[k]).max(axis=-1)
+            if math.isfinite(self.radii[k]):
+                away = places - self.middles[k]
+                bound = np.maximum(bound, np.hypot(away[..., 0], away[..., 1]) - self.radii[k])
+            found[window] = np.minimum(found[window], bound - needed)
+        bounds = found - math.sqrt(0.5) * cell
         return replace(self, grid=_Grid(np.array(low, dtype=float), cell, bounds))
+
+    def _near_obstacle(
+        self, k: int, low: Array, cell: float, counts: Array, distance: float
+    ) -> tuple[tuple[slice, slice], Array]:
+        """The part of a grid that is no farther than a distance from the box of an obstacle, and its middles."""
+        points = self.points[k]
+        first = np.clip(np.floor((points.min(axis=0) - distance - low) / cell), 0, counts).astype(int)
+        last = np.clip(np.ceil((points.max(axis=0) + distance - low) / cell), 0, counts).astype(int)
+        axes = [low[i] + (np.arange(first[i], last[i]) + 0.5) * cell for i in range(2)]
+        window = (slice(int(first[0]), int(last[0])), slice(int(first[1]), int(last[1])))
+        return window, np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
     def distances(self, poses: Array) -> Array:
         """Exact signed distance of the padded body at each pose to each obstacle less the clearance, ``(n, o)``."""
@@ -245,23 +256,35 @@ class FreeSpace:
             clear[left] |= gaps - deviation[left] >= needed[left]
         return clear
 
-    def is_free_of_point(self, places: Array, slack: float) -> BoolArray:
-        """Whether each place is no nearer to any obstacle than the clearance less a slack, ``(n,)``; for points.
+    @property
+    def corners_reach(self) -> float:
+        """Distance of the farthest corner of the body from its origin."""
+        return float(np.linalg.norm(self.corners, axis=1).max())
+
+    def gaps_of_two(self, first: Array, second: Array) -> Array:
+        """Widest gap, ``(p,)``, along normals of two such bodies at poses ``(p, 3)``: at most their distance."""
+        ones, others = self._placed(first, self.corners), self._placed(second, self.corners)
+        gaps = [self._from_body(first, others).max(axis=1), self._from_body(second, ones).max(axis=1)]
+        return np.asarray(np.maximum(*gaps))
+
+    def cells_free_of_point(self, low: Array, cell: float, counts: Array) -> BoolArray:
+        """Which cells of a grid hold a place that is no nearer to any obstacle than the clearance; for points.
 
         The body counts as a point with the radius that `needed` has.
         """
-        free = np.ones(len(places), dtype=bool)
-        for normals, offsets, points, needed in zip(
-            self.normals, self.offsets, self.points, self.needed.tolist(), strict=True
-        ):
-            left = np.flatnonzero(free)
-            gaps = (places[left] @ normals.T - offsets).max(axis=1)
+        free = np.ones(counts.tolist(), dtype=bool)
+        slack = math.sqrt(0.5) * cell
+        for k, needed in enumerate(self.needed.tolist()):
+            window, places = self._near_obstacle(k, low, cell, counts, needed)
+            if not places.size:
+                continue
+            gaps = (places @ self.normals[k].T - self.offsets[k]).max(axis=-1)
             near = gaps < needed - slack
             # Beside a corner the distance is that to the corner, and more than any gap.
-            unsure = np.flatnonzero(near & (gaps > 0.0))
-            if len(unsure):
-                near[unsure] = _distances_to_ring(places[left[unsure]], points) < needed - slack
-            free[left[near]] = False
+            unsure = near & (gaps > 0.0)
+            if unsure.any():
+                near[unsure] = _distances_to_ring(places[unsure], self.points[k]) < needed - slack
+            free[window] &= ~near
         return free
 
     def _placed(self, poses: Array, points: Array) -> Array:

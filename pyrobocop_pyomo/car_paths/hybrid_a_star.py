@@ -32,6 +32,7 @@ from .car_kinematics import follow_arcs
 from .car_path import CarPath
 from .cost_to_go import Bounds, CostToGo
 from .free_space import FreeSpace
+from .meeting import joined_arcs
 from .motion_primitives import CarSearch, MotionPrimitives
 from .shortcuts import with_shortcuts
 
@@ -106,7 +107,9 @@ def hybrid_a_star(
     coarse = MotionPrimitives.of(wheelbase, steering_limit, options)
     region = np.array(limits).T + np.array([[-body.reach], [body.reach]])
     cell = max(GRID_CELL * coarse.turning_radius, float(np.ptp(region, axis=0).max()) / MOST_CELLS)
-    space = FreeSpace.around(body, shapes, clearance, scene).with_grid(region[0], region[1], cell)
+    space = FreeSpace.around(body, shapes, clearance, scene)
+    enough = space.disc_radius + 2.0 * cell + coarse.turning_radius
+    space = space.with_grid(region[0], region[1], cell, enough)
 
     def begin(which: str, cost_to_go: CostToGo, level: int) -> BestFirstSearch:
         primitives = MotionPrimitives.of(wheelbase, steering_limit, options, level)
@@ -129,6 +132,10 @@ def hybrid_a_star(
                 end = current.search.run(min(budget, options.max_nodes), began + time_limit)
             if end is SearchEnd.FOUND:
                 arcs = with_shortcuts(current.search, *current.search.arcs())
+                return _path(ends["start"], ends["goal"], *arcs, wheelbase, backwards=which == "goal")
+            joined = joined_arcs(current.search, searches[1 - k].search) if len(searches) == 2 else None
+            if joined is not None:
+                arcs = with_shortcuts(current.search, *joined)
                 return _path(ends["start"], ends["goal"], *arcs, wheelbase, backwards=which == "goal")
             if end is SearchEnd.EXHAUSTED:
                 raise InitialGuessError(

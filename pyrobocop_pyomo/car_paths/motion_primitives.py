@@ -14,6 +14,9 @@ from pyrobocop_pyomo.numerics import Array, BoolArray
 from .car_kinematics import follow_arcs, relative_pose
 from .reeds_shepp import reeds_shepp_paths
 
+# Turning radii.
+CELL = 0.06
+
 
 @dataclass(frozen=True)
 class CarSearch:
@@ -104,7 +107,7 @@ class MotionPrimitives:
     def of(cls, wheelbase: float, steering_limit: float, search: CarSearch, level: int = 0) -> MotionPrimitives:
         """Primitives of a car with a given wheelbase and largest steering angle, halved `level` times."""
         radius = wheelbase / math.tan(steering_limit)
-        cell = 0.06 * radius if search.cell is None else search.cell
+        cell = CELL * radius if search.cell is None else search.cell
         turn = 2.0 * math.pi / search.headings * radius
         length = max(1.5 * cell, 1.1 * turn) if search.primitive_length is None else search.primitive_length
         length, cell, headings = length / 2**level, cell / 2**level, search.headings * 2**level
@@ -157,13 +160,21 @@ class MotionPrimitives:
         return reeds_shepp_paths(x / self.turning_radius, y / self.turning_radius, heading)
 
     def short_arcs(self, lengths: Array, turns: Array) -> tuple[Array, Array]:
-        """Lengths and curvatures of short arcs that make up one Reeds-Shepp path, ``(s,)`` each."""
-        arcs, curvatures = [np.zeros(0)], [np.zeros(0)]
-        for length, turn in zip(lengths.tolist(), turns.tolist(), strict=True):
-            count = math.ceil(abs(length) / self.spacing) if abs(length) > 1e-9 * self.turning_radius else 0
-            arcs.append(np.full(count, length / max(count, 1)))
-            curvatures.append(np.full(count, turn / self.turning_radius))
-        return np.concatenate(arcs), np.concatenate(curvatures)
+        """Lengths and curvatures of short arcs that make up Reeds-Shepp paths, ``(n, s)`` each; zeros fill up.
+
+        Parameters
+        ----------
+        lengths, turns : (n, 5) arrays
+        """
+        moves = np.abs(lengths) > 1e-9 * self.turning_radius
+        counts = np.where(moves, np.ceil(np.abs(lengths) / self.spacing), 0.0).astype(np.int64)
+        number = counts.sum(axis=1)
+        most = max(int(number.max(initial=0)), 1)
+        filled = np.arange(most) < number[:, None]
+        arcs, curvatures = np.zeros((2, len(lengths), most))
+        arcs[filled] = np.repeat((lengths / np.maximum(counts, 1)).ravel(), counts.ravel())
+        curvatures[filled] = np.repeat((turns / self.turning_radius).ravel(), counts.ravel())
+        return arcs, curvatures
 
 
 def count_cusps(lengths: Array) -> Array:

@@ -44,12 +44,14 @@ def reeds_shepp_paths(x: Array, y: Array, heading: Array) -> Iterator[tuple[Arra
                     first, middle, last, exists = formula(time * ahead, mirror * aside, time * mirror * heading)
                     segments = [time * length for length in arranged(first, middle, last)]
                     names = types[::-1] if swapped else types
-                    lengths = np.zeros((len(x), SEGMENTS))
+                    # Each segment's lengths side by side in memory, where all that follows reads them.
+                    lengths = np.zeros((SEGMENTS, len(x))).T
                     for k, segment in enumerate(segments[::-1] if swapped else segments):
                         lengths[:, k] = segment
                     turns = np.zeros(SEGMENTS)
                     turns[: len(names)] = [mirror * TURNS[name] for name in names]
-                    yield turns, np.where(exists[:, None], lengths, 0.0), exists
+                    lengths[~exists] = 0.0
+                    yield turns, lengths, exists
 
 
 def _wrapped(angle: Array) -> Array:

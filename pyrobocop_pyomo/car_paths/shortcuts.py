@@ -27,7 +27,7 @@ CUSP_FACTOR = 2.0
 KEPT_PER_PAIR = 2
 CHECKED_AT_ONCE = 200
 MOST_BATCHES = 6
-ROUNDS = 2
+ROUNDS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,8 +219,8 @@ def _cheapest_way(edges: _Edges, allowed: BoolArray, count: int, cusp: float) ->
 
 
 def _are_clear(search: BestFirstSearch, places: Array, edges: _Edges, chosen: Indices) -> BoolArray:
-    arcs = [search.primitives.short_arcs(edges.lengths[edge], edges.turns[edge]) for edge in chosen.tolist()]
-    return search.are_clear(places[edges.start[chosen]], arcs)[0]
+    arcs = search.primitives.short_arcs(edges.lengths[chosen], edges.turns[chosen])
+    return search.are_clear(places[edges.start[chosen]], *arcs)
 
 
 def _arcs_of(
@@ -234,7 +234,7 @@ def _arcs_of(
             found_lengths.append(lengths[piece])
             found_curvatures.append(curvatures[piece])
         else:
-            arcs, bends = search.primitives.short_arcs(edges.lengths[edge], edges.turns[edge])
-            found_lengths.append(arcs)
-            found_curvatures.append(bends)
+            arcs, bends = search.primitives.short_arcs(edges.lengths[[edge]], edges.turns[[edge]])
+            found_lengths.append(arcs[0])
+            found_curvatures.append(bends[0])
     return np.concatenate(found_lengths), np.concatenate(found_curvatures)

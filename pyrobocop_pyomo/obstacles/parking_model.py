@@ -11,7 +11,7 @@ from pyomo.core.base.objective import Objective
 from pyomo.core.base.PyomoModel import ConcreteModel
 from pyomo.core.expr import cos, sin, tan
 
-from pyrobocop_pyomo.car_paths import CarPath, CarSearch, ParkingCar, ParkingCase, hybrid_a_star
+from pyrobocop_pyomo.car_paths import CarPath, CarSearch, ParkingCar, ParkingCase, staged_search
 from pyrobocop_pyomo.errors import InitialGuessError, ObstacleError
 from pyrobocop_pyomo.geometry import planar_pose, signed_distance
 from pyrobocop_pyomo.motion.bodies import Body
@@ -26,7 +26,7 @@ SHARE_OF_AVAILABLE = 0.8
 # Lengths of the car by which the rear axle may go beyond start and goal; the next one where there is no path.
 ROOM = (3.0, 8.0)
 # Widths of the car: the fastest plan is seldom farther from the path than this, and obstacles beyond take no part.
-BROAD_PHASE = 2.5
+BROAD_PHASE = 1.0
 SECONDS_PER_ELEMENT = 0.6
 ELEMENTS = (30, 90)
 # Seconds of duration per unit of the integral of squared controls: makes the controls of the fastest plan unique.
@@ -51,13 +51,15 @@ def parking_model(
     case : ParkingCase
     car : ParkingCar, optional
     clearance : float, optional
-        Distance to keep. Where the start or the goal has less, 0.8 times what it has is requested, and the log says so.
+        Distance to keep. Where the start or the goal has less, 0.8 times what it has is requested; where no path keeps
+        it, the largest of 0.6, 0.4, 0.2 and 0.1 times it that a path keeps. The log says so.
     elements : int, optional
         Of the mesh; by default one for 0.6 seconds of the initial guess, from 30 to 90.
     search : CarSearch, optional
         Resolution and costs of the path that is the initial guess.
     time_limit : float, optional
-        Seconds for the search. Where it finds no path, a straight line is the initial guess.
+        Seconds for the search, which ends only then as long as it finds no path. Without a path, a straight line is the
+        initial guess.
 
     Returns
     -------
@@ -73,7 +75,7 @@ def parking_model(
     """
     car = ParkingCar() if car is None else car
     clearance = _possible_clearance(case, car, clearance)
-    path, bounds = _path(case, car, clearance, search, time_limit)
+    path, bounds, clearance = _path(case, car, clearance, search, time_limit)
     duration = 30.0 if path is None else path.timed(0.6 * car.speed, 0.5 * car.acceleration).duration
     if elements is None:
         elements = int(np.clip(math.ceil(duration / SECONDS_PER_ELEMENT), *ELEMENTS))
@@ -153,29 +155,35 @@ def _possible_clearance(case: ParkingCase, car: ParkingCar, clearance: float) ->
 
 def _path(
     case: ParkingCase, car: ParkingCar, clearance: float, search: CarSearch | None, time_limit: float
-) -> tuple[CarPath | None, Any]:
-    """A path, and the region that it was searched in; None where none was found."""
+) -> tuple[CarPath | None, Any, float]:
+    """A path, the region that it was searched in, and the clearance that it keeps; None where none was found."""
     ends = np.array([case.start[:2], case.goal[:2]])
     length = car.wheelbase + car.front_overhang + car.rear_overhang
-    bounds: Any = None
+    regions: list[Any] = []
     for room in ROOM:
         low, high = ends.min(axis=0) - room * length, ends.max(axis=0) + room * length
-        bounds = tuple(zip(low.tolist(), high.tolist(), strict=True))
-        try:
-            path = hybrid_a_star(
-                tuple(case.start),
-                tuple(case.goal),
-                body=car.shape,
-                obstacles=case.parts,
-                wheelbase=car.wheelbase,
-                steering_limit=car.steering,
-                bounds=bounds,
-                clearance=clearance,
-                search=search,
-                time_limit=time_limit,
-            )
-            return path, bounds
-        except InitialGuessError as error:
-            logger.info("parking case '%s', %g car lengths of room: %s", case.name, room, error)
-    logger.warning("parking case '%s': no path was found; the initial guess is a straight line.", case.name)
-    return None, bounds
+        regions.append(tuple(zip(low.tolist(), high.tolist(), strict=True)))
+    try:
+        found = staged_search(
+            tuple(case.start),
+            tuple(case.goal),
+            body=car.shape,
+            obstacles=case.parts,
+            wheelbase=car.wheelbase,
+            steering_limit=car.steering,
+            regions=regions,
+            clearance=clearance,
+            search=search,
+            time_limit=time_limit,
+        )
+    except InitialGuessError as error:
+        logger.warning(
+            "parking case '%s': no path was found; the initial guess is a straight line. %s", case.name, error
+        )
+        return None, regions[-1], clearance
+    if found.clearance < clearance:
+        logger.warning(
+            "parking case '%s': no path with a clearance of %.4g was found; %.4g is required.",
+            case.name, clearance, found.clearance,
+        )  # fmt: skip
+    return found.path, found.bounds, found.clearance

@@ -18,7 +18,7 @@ import numpy as np
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.car_paths import CarPath, hybrid_a_star
+from pyrobocop_pyomo.car_paths import CarPath, staged_search
 from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.geometry import Polytope, Pose
 from pyrobocop_pyomo.modeling.variable_values import within_bounds
@@ -32,9 +32,10 @@ logger = logging.getLogger(__name__)
 
 # Relative to the largest velocity: what counts as zero.
 NOTHING = 1e-7
-# Of the body: the radius of the turns of one that could turn on the spot, and how far beyond start and goal it may go.
+# Of the body: the radius of the turns of one that could turn on the spot, and how far beyond start and goal it may go;
+# farther where there is no path.
 SMALLEST_RADIUS = 0.5
-ROOM = 3.0
+ROOM = (3.0, 8.0)
 FINE = 400
 
 
@@ -97,22 +98,22 @@ class RecognisedCar:
         }
         clearance = max(number for pair, number in scene.clearances.items() if self.body in pair)
         radius = self.turning_radius
-        return hybrid_a_star(
+        return staged_search(
             tuple(ends[0]),
             tuple(ends[1]),
             body=self.shape,
             obstacles=walls,
             wheelbase=radius,
             steering_limit=0.25 * math.pi,
-            bounds=self._region(ends),
+            regions=[self._region(ends, room) for room in ROOM],
             clearance=clearances * clearance,
             time_limit=time_limit,
-        )
+        ).path
 
-    def _region(self, ends: Sequence[Array]) -> Any:
+    def _region(self, ends: Sequence[Array], room: float) -> Any:
         """Around start and goal, within the bounds of variables that are the body's place."""
         points = np.array(ends)[:, :2]
-        beyond = ROOM * self.shape.reach + 2.0 * self.turning_radius
+        beyond = room * self.shape.reach + 2.0 * self.turning_radius
         low, high = points.min(axis=0) - beyond, points.max(axis=0) + beyond
         offset = math.hypot(*self.frame[:2])
         for axis, name in enumerate(self._equations.place):

@@ -198,7 +198,9 @@ def _mirror_controls(model: Any) -> bool:
 
 
 def _controls(model: Any) -> list[Any]:
-    return [phase.component(name) for phase in phases_of(model) for name in phase.record.names(Control)]
+    """Controls of all phases; those that a transformation has renamed are not there."""
+    found = [phase.component(name) for phase in phases_of(model) for name in phase.record.names(Control)]
+    return [control for control in found if control is not None]
 
 
 def _move_roughly(model: Any) -> bool:

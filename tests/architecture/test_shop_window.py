@@ -38,9 +38,11 @@ PUBLIC = {
     """,
     "scenes": """
         AnimationFile BodyPath CarPath CarSearch CarTiming DescribedRobot Dual Formulation Mixed Offset
-        Optimality ParkingCar ParkingCase Plane Pose SignedDistance TurningPlane animate_avoidance animate_scene
+        Optimality ParkingCar ParkingCase Plane Pose SignedDistance TurningPlane
+        VehiclesCase VehiclesPlan animate_avoidance animate_scene
         cover_occupancy_grid cover_point_cloud decompose draw_avoidance draw_linkage draw_planar_pushing
-        draw_scene from_urdf hybrid_a_star parking_model sampled_path signed_distance waypoint_initial_guess
+        draw_scene from_urdf hybrid_a_star parking_model plan_vehicles sampled_path signed_distance
+        waypoint_initial_guess
     """,
     "teams": """
         AgentFailure BalancedPenalties BarrierPath BarrierRounds Checkpoint ClosedPlan Closing ConsensusResiduals

@@ -1,0 +1,61 @@
+"""Where two searches meet: Reeds-Shepp paths from poses that one has reached to poses that the other has.
+
+Each search needs half of the shunts of a path then. The cost of a search grows like a power of their number.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.optional_imports import scipy
+
+from .best_first_search import BestFirstSearch
+
+# Turning radii from one pose to the other; a turn counts as much as the way of a point one radius away.
+NEAR = 0.5
+NEIGHBOURS = 3
+# Pairs of poses whose Reeds-Shepp paths are computed, and how many of these are checked for collisions.
+PAIRS, CHECKED = 3000, 400
+
+
+def joined_arcs(one: BestFirstSearch, other: BestFirstSearch) -> tuple[Array, Array] | None:
+    """Signed lengths and curvatures of the arcs of a path from the root of one search to that of the other.
+
+    Parameters
+    ----------
+    one, other : BestFirstSearch
+        With the same free space; neither has found a path.
+    """
+    radius = one.primitives.turning_radius
+    mine, others = np.array(one.poses), np.array(other.poses)
+    tree = scipy.spatial.cKDTree(_as_points(others, radius))
+    apart, found = tree.query(_as_points(mine, radius), NEIGHBOURS, distance_upper_bound=NEAR * radius)
+    here, column = np.nonzero(np.isfinite(apart))
+    there = found[here, column]
+    costs = np.array(one.costs)[here] + np.array(other.costs)[there]
+    kept = np.argsort(costs + apart[here, column], kind="stable")[:PAIRS]
+    here, there, costs = here[kept], there[kept], costs[kept]
+    if not len(here):
+        return None
+    between, lengths, turns = one.primitives.reeds_shepp_paths(mine[here], others[there])
+    total = between + costs
+    order = np.argsort(total, axis=None, kind="stable")[:CHECKED]
+    kind, pair = np.unravel_index(order[np.isfinite(total.ravel()[order])], total.shape)
+    arcs, curvatures = one.primitives.short_arcs(lengths[kind, pair], turns[kind])
+    clear = np.flatnonzero(one.are_clear(mine[here[pair]], arcs, curvatures))
+    if not len(clear):
+        return None
+    best = int(clear[0])
+    there_arcs, there_bends = other.arcs_to(int(there[pair[best]]))
+    one_arcs, one_bends = one.arcs_to(int(here[pair[best]]))
+    moves = arcs[best] != 0.0
+    # A way that is driven back needs the same steering.
+    return (
+        np.concatenate([one_arcs, arcs[best][moves], -there_arcs[::-1]]),
+        np.concatenate([one_bends, curvatures[best][moves], there_bends[::-1]]),
+    )
+
+
+def _as_points(poses: Array, radius: float) -> Array:
+    return np.column_stack([poses[:, :2], radius * np.cos(poses[:, 2]), radius * np.sin(poses[:, 2])])

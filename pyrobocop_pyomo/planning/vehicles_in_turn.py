@@ -1,0 +1,279 @@
+"""Several vehicles, planned one after the other: each drives round those that stand, and waits for those that move.
+
+While a vehicle drives, those before it in the order have driven or drive still, and those after it stand at
+their starts. Its path keeps clear of the starts of these and of the goals of the others, so that it can drive at
+the latest when all before it have arrived. It leaves as soon as its motion keeps clear of theirs.
+
+Erdmann and Lozano-Pérez, On multiple moving objects, Algorithmica 2 (1987), doi:10.1007/BF01840371, for the order;
+Kant and Zucker, Toward efficient trajectory planning: the path-velocity decomposition, The International Journal of
+Robotics Research 5 (1986), doi:10.1177/027836498600500304, for the waiting.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pyrobocop_pyomo.car_paths import CarSearch, ParkingCar, VehiclesCase
+from pyrobocop_pyomo.car_paths.free_space import FreeSpace
+from pyrobocop_pyomo.errors import InitialGuessError, ObstacleError
+from pyrobocop_pyomo.geometry import planar_pose
+from pyrobocop_pyomo.motion import SafetyReport
+from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.obstacles import parking_model, verify_motion
+from pyrobocop_pyomo.presentation import Presented
+from pyrobocop_pyomo.trajectories import Trajectory
+
+from .solve import solve
+
+logger = logging.getLogger(__name__)
+
+# Seconds from one pose to the next, of those that are compared and proven.
+STEP = 0.1
+# Seconds for the path of one vehicle, while others could come first.
+SEARCH_SECONDS = 10.0
+# Added to the clearance of each alone, since less is proven of several: poses a step apart stand for the motion between
+# them. Added in the choice of departures as well; more each time that a proof fails.
+SPARE = 0.02
+DOUBLINGS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class VehiclesPlan(Presented):
+    """Motions of several vehicles.
+
+    Attributes
+    ----------
+    case : VehiclesCase
+    order : list of int
+        In which they were planned; counted from 0, as everywhere here.
+    trajectories : list of Trajectory
+        Of each vehicle: ``x``, ``y``, ``theta``, ``v``, ``steering`` and the controls, from the moment it leaves.
+    departures : (n,) array
+        Seconds that each waits at its start.
+    reports : list of SafetyReport
+        Of each vehicle: the obstacles, and the other vehicles where they stand.
+    safety : SafetyReport
+        Of the vehicles among each other, moving.
+    """
+
+    case: VehiclesCase
+    order: list[int]
+    trajectories: list[Trajectory]
+    departures: Array
+    reports: list[SafetyReport]
+    safety: SafetyReport
+
+    @property
+    def safe(self) -> bool:
+        """Whether all distances are proven at all times."""
+        return self.safety.safe and all(report.safe for report in self.reports)
+
+    @property
+    def duration(self) -> float:
+        """Until the last vehicle has arrived."""
+        return max(float(wait) + of.duration for wait, of in zip(self.departures, self.trajectories, strict=True))
+
+    def poses_at(self, times: Any) -> Array:
+        """x, y and heading of every vehicle, ``(n, m, 3)``.
+
+        Parameters
+        ----------
+        times : (m,) array
+            From 0; before its departure a vehicle is at its start, after its arrival at its goal.
+        """
+        times = np.asarray(times, dtype=float)
+        rows = zip(self.trajectories, self.departures.tolist(), strict=True)
+        return np.array([_poses(trajectory, times - wait) for trajectory, wait in rows])
+
+    def __str__(self) -> str:
+        worst = self.safety.worst
+        apart = "" if worst is None else f"; the closest two keep {worst.proven:.4g}"
+        state = "safe" if self.safe else "not safe"
+        return f"{self.case}: {state}, all there after {self.duration:.4g} s{apart}"
+
+
+def plan_vehicles(
+    case: VehiclesCase,
+    car: ParkingCar | None = None,
+    *,
+    clearance: float = 0.05,
+    search: CarSearch | None = None,
+    time_limit: float | None = None,
+) -> VehiclesPlan:
+    """Plan several vehicles, one after the other: the earlier ones are obstacles that move.
+
+    Parameters
+    ----------
+    case : VehiclesCase
+    car : ParkingCar, optional
+        Size and limits of all of them.
+    clearance : float, optional
+        Distance to keep from obstacles and from each other. As for `parking_model` less is required where a start or a
+        goal has less.
+    search : CarSearch, optional
+    time_limit : float, optional
+        Seconds, for everything together.
+
+    Raises
+    ------
+    InitialGuessError
+        When no vehicle that is left finds a way while the others stand, or the time is over.
+    ObstacleError
+        When vehicles overlap at their starts or at their goals.
+    """
+    car = ParkingCar() if car is None else car
+    deadline = math.inf if time_limit is None else time.monotonic() + time_limit
+    _refuse_overlaps(case, car)
+    left = sorted(range(len(case)), key=lambda k: -float(np.hypot(*(case.goals[k] - case.starts[k])[:2])))
+    order: list[int] = []
+    found: dict[int, tuple[Trajectory, SafetyReport | None]] = {}
+    while left:
+        for vehicle in left:
+            seconds = deadline - time.monotonic()
+            planned = None if seconds <= 0.0 else _alone(case, car, vehicle, order, left, clearance, search, seconds)
+            if planned is not None:
+                break
+        else:
+            raise InitialGuessError(
+                f"plan_vehicles: '{case.name}': of the vehicles {[k + 1 for k in left]} none finds a way to its goal "
+                f"while the others stand and {[k + 1 for k in order]} have arrived. Give more time, less clearance, or "
+                "starts and goals that leave a way."
+            )
+        left.remove(vehicle)
+        order.append(vehicle)
+        found[vehicle] = planned
+    trajectories = [found[k][0] for k in range(len(case))]
+    reports = [report for k in range(len(case)) if (report := found[k][1]) is not None]
+    return _timed(case, car, order, trajectories, reports, clearance)
+
+
+def _refuse_overlaps(case: VehiclesCase, car: ParkingCar) -> None:
+    space = FreeSpace.around(car.shape, [], 0.0, 1.0)
+    for which, poses in (("starts", case.starts), ("goals", case.goals)):
+        first, second = np.triu_indices(len(case), 1)
+        gaps = space.gaps_of_two(poses[first], poses[second])
+        if len(gaps) and gaps.min() <= 0.0:
+            k = int(gaps.argmin())
+            raise ObstacleError(
+                f"plan_vehicles: '{case.name}': at their {which} vehicles {first[k] + 1} and {second[k] + 1} overlap "
+                f"by {-gaps[k]:.4g}."
+            )
+
+
+def _alone(
+    case: VehiclesCase, car: ParkingCar, vehicle: int, arrived: Sequence[int], left: Sequence[int], clearance: float,
+    search: CarSearch | None, seconds: float,
+) -> tuple[Trajectory, SafetyReport | None] | None:  # fmt: skip
+    """Its motion round all others, which stand; None where there is none."""
+    others = [(k, case.goals[k]) for k in arrived] + [(k, case.starts[k]) for k in left if k != vehicle]
+    standing = [(f"vehicle {k + 1}", car.shape.placed(planar_pose(*pose.tolist()))) for k, pose in others]
+    try:
+        model = parking_model(
+            case.alone(vehicle, standing), car, clearance=clearance + SPARE, search=search,
+            time_limit=min(SEARCH_SECONDS, seconds),
+        )  # fmt: skip
+    except ObstacleError as error:
+        # Its goal is where another one still stands.
+        logger.info("%s", error)
+        return None
+    result = solve(model, time_limit=seconds)
+    logger.info("'%s': vehicle %d: %s", case.name, vehicle + 1, result.quality)
+    if not standing and not case.obstacles:
+        return model.drive.trajectory(), None
+    return (model.drive.trajectory(), result.safety) if result.safe and result.safety is not None else None
+
+
+def _timed(
+    case: VehiclesCase, car: ParkingCar, order: list[int], trajectories: list[Trajectory],
+    reports: list[SafetyReport], clearance: float,
+) -> VehiclesPlan:  # fmt: skip
+    """Departures in the given order, so that all distances are proven."""
+    space = FreeSpace.around(car.shape, [], 0.0, 1.0)
+    least = min((pair.clearance for report in reports for pair in report.body_pairs), default=clearance + SPARE)
+    asked = clearance if least >= clearance + SPARE else 0.6 * least
+    off = np.array([_chord_deviation(trajectory, space.corners_reach) for trajectory in trajectories])
+    if reports:
+        off += [max((pair.deviation for pair in report.body_pairs), default=0.0) for report in reports]
+    spare = SPARE
+    while True:
+        departures = _departures(space, order, trajectories, asked + 2.0 * float(off.max()) + spare)
+        plan = VehiclesPlan(case, order, trajectories, departures, reports, SafetyReport((), True))
+        times = np.arange(0.0, plan.duration + 2.0 * STEP, STEP)
+        names = [f"vehicle {k + 1}" for k in range(len(case))]
+        rows = dict(zip(names, plan.poses_at(times), strict=True))
+        pairs = {
+            (names[i], names[k]): asked + float(off[i] + off[k])
+            for i in range(len(case))
+            for k in range(i + 1, len(case))
+        }
+        if not pairs:
+            return plan
+        safety = verify_motion(
+            times,
+            rows,
+            bodies=dict.fromkeys(names, car.shape),
+            clearance=pairs,
+            turns="as given",
+            body_pairs=list(pairs),
+        )
+        spare *= 2.0
+        if safety.safe or spare > SPARE * 2.0**DOUBLINGS:
+            return VehiclesPlan(case, order, trajectories, departures, reports, safety)
+
+
+def _poses(trajectory: Trajectory, times: Array) -> Array:
+    found = trajectory(np.clip(times, 0.0, trajectory.duration))
+    return np.column_stack([found["x"], found["y"], found["theta"]])
+
+
+def _chord_deviation(trajectory: Trajectory, reach: float) -> float:
+    """How far a point of the vehicle may be from chords between poses that are a step apart.
+
+    Of polynomials of degree three the second derivative is largest at an end of an element. A step may hold the
+    end of an element, where the slope jumps by a little: a kink is at most a quarter of step
+    times jump away from its chord.
+    """
+    widths = np.diff(trajectory.grid.mesh.boundaries)
+    values = trajectory.element_polynomials(np.arange(4) / 3.0)
+    bounds = {}
+    for name in ("x", "y", "theta"):
+        powers = values[name] @ np.linalg.inv(np.vander(np.arange(4) / 3.0, 4, increasing=True)).T
+        start, end = 2.0 * powers[:, 2], 2.0 * powers[:, 2] + 6.0 * powers[:, 3]
+        bend = np.maximum(np.abs(start), np.abs(end)) / widths**2
+        slopes = powers[:, 1] / widths, (powers[:, 1] + 2.0 * powers[:, 2] + 3.0 * powers[:, 3]) / widths
+        # Before it leaves and after it arrives, the vehicle stands.
+        jumps = np.abs(np.append(slopes[0], 0.0) - np.insert(slopes[1], 0, 0.0))
+        bounds[name] = STEP**2 / 8.0 * float(bend.max()) + STEP / 4.0 * float(jumps.max())
+    return math.hypot(bounds["x"], bounds["y"]) + reach * bounds["theta"]
+
+
+def _departures(space: FreeSpace, order: Sequence[int], trajectories: Sequence[Trajectory], clearance: float) -> Array:
+    """The earliest time at which each can leave, those before it in the order being settled."""
+    departures = np.zeros(len(order))
+    last = 0.0
+    for number, vehicle in enumerate(order):
+        own = trajectories[vehicle]
+        times = np.arange(0.0, last + own.duration + 2.0 * STEP, STEP)
+        before = np.array([_poses(trajectories[k], times - departures[k]) for k in order[:number]])
+        mine = _poses(own, np.arange(0.0, own.duration + STEP, STEP))
+        wait, latest = 0, math.ceil(last / STEP)
+        while wait < latest and not _keeps_clear(space, mine, wait, before, clearance):
+            wait += 2
+        departures[vehicle] = wait * STEP
+        last = max(last, departures[vehicle] + own.duration)
+    return departures
+
+
+def _keeps_clear(space: FreeSpace, mine: Array, wait: int, before: Array, clearance: float) -> bool:
+    """Whether a motion that begins after so many steps keeps away from those before it, at all steps."""
+    at = mine[np.clip(np.arange(before.shape[1]) - wait, 0, len(mine) - 1)]
+    near = np.hypot(*np.moveaxis(before[..., :2] - at[:, :2], -1, 0)) < 2.0 * space.corners_reach + clearance
+    which, step = np.nonzero(near)
+    return bool((space.gaps_of_two(at[step], before[which, step]) >= clearance).all())
