@@ -290,7 +290,7 @@ class _Procedure:
         except PyRobocopError as error:
             if found.best is None:
                 raise
-            # What only looks for something better may fail without a word.
+            # What only looks for something better may fail: nothing is lost.
             level = logging.INFO if found.is_certified(found.best) else logging.WARNING
             logger.log(level, "'%s': strategy '%s' failed: %s", self._model.name, strategy.name, error)
             return None

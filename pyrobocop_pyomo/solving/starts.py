@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from pyomo.core.base.var import Var
@@ -75,6 +75,12 @@ def put_start(model: Any, strategy: Strategy) -> bool:
     if start is StartingPoint.RANDOM:
         RandomStarts(model, RANDOM_SEED, {None: 1.0}).put(strategy.draw)
         return True
+    if start is StartingPoint.INSIDE_BOUNDS:
+        return _put_inside_bounds(model)
+    if start is StartingPoint.INITIAL_GUESS:
+        return True
+    if _are_renamed(phases_of(model)):
+        return False
     if start is StartingPoint.RANDOM_CONTROLS:
         _put_on_straight_lines(model, keep_guesses=False)
         return _put_random_controls(model, strategy.draw)
@@ -84,11 +90,7 @@ def put_start(model: Any, strategy: Strategy) -> bool:
         return _mirror_controls(model)
     if start is StartingPoint.STRAIGHT_LINES:
         return _put_on_straight_lines(model, keep_guesses=False)
-    if start is StartingPoint.SIMULATED:
-        return _simulate(model)
-    if start is StartingPoint.INSIDE_BOUNDS:
-        return _put_inside_bounds(model)
-    return start is StartingPoint.INITIAL_GUESS
+    return start is StartingPoint.SIMULATED and _simulate(model)
 
 
 def coarser_copy(model: Any, least: int = LEAST_COARSE_ELEMENTS) -> Any | None:
@@ -198,9 +200,12 @@ def _mirror_controls(model: Any) -> bool:
 
 
 def _controls(model: Any) -> list[Any]:
-    """Controls of all phases; those that a transformation has renamed are not there."""
-    found = [phase.component(name) for phase in phases_of(model) for name in phase.record.names(Control)]
-    return [control for control in found if control is not None]
+    return [phase.component(name) for phase in phases_of(model) for name in phase.record.names(Control)]
+
+
+def _are_renamed(phases: Iterable[Any]) -> bool:
+    """Whether a transformation, such as ``core.scale_model``, has given other names and units to what phases hold."""
+    return any(phase.component(name) is None for phase in phases for name in phase.record.declarations)
 
 
 def _move_roughly(model: Any) -> bool:

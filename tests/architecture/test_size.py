@@ -20,7 +20,7 @@ PACKAGE = {
     1183, "distributed": 2259, "estimation": 1626, "execution": 1161, "files": 830, "geometry": 1667, "ipopt": 1795,
     "linear_solver": 2026, "links": 456, "mechanics": 2253, "modeling": 2847, "motion": 2723, "mpcc": 1326,
     "native": 143, "numerics": 1988, "obstacles": 4129, "phases": 6830, "planning": 2283, "plotting": 866,
-    "presentation": 143, "problem_classes": 1331, "programs": 3806, "robots": 391, "rules": 274, "solving": 4982,
+    "presentation": 143, "problem_classes": 1331, "programs": 3806, "robots": 391, "rules": 274, "solving": 4985,
     "studies": 2459, "trajectories": 508, "transcription": 105,
 }  # fmt: skip
 TESTS = {
