@@ -172,9 +172,9 @@ class _Stated:
         self.as_declared = self.stands = self._functions.resolution(grid.mesh, grid.scheme)
         of_delays = mesh_of_delays(grid.mesh, self._delays(), most)
         reason = f"It has {most} elements, of which there would have to be more."
-        for mesh, move in ((of_delays, True), (grid.mesh, True), (grid.mesh, False)):
+        for mesh in (of_delays, grid.mesh):
             jumps = _JUMPS_BY_INSTANT if by_instant else MOST_ELEMENTS
-            found = self._functions.resolving(mesh, grid.scheme, most, most_jumps=jumps, move=move)
+            found = self._functions.resolving(mesh, grid.scheme, most, most_jumps=jumps)
             if found.mesh == grid.mesh:
                 break
             if (refused := _reason_to_stay(self.phase)) is not None:

@@ -28,7 +28,7 @@ _RIPPLE = 0.05
 _JUMP, _LEFT = 0.05, 0.5
 # How close in time the two sides of a jump are followed, as a part of the horizon.
 _SAME = 2e-12
-# A boundary that is so near to a jump, as a part of the elements beside it, moves there.
+# A boundary that is so near to a jump, as a part of the element that it is in, stands for it.
 _NEAR = 1e-3
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 
@@ -97,9 +97,7 @@ class FunctionsOfTime:
         turns = np.max((steps[..., 1:] * steps[..., :-1] < 0).sum(axis=-1), axis=1)
         return Resolution(mesh, errors, turns, tuple(jumps))
 
-    def resolving(
-        self, mesh: Mesh, scheme: Scheme, most: int, *, most_jumps: int = 1000, move: bool = True
-    ) -> Resolution:
+    def resolving(self, mesh: Mesh, scheme: Scheme, most: int, *, most_jumps: int = 1000) -> Resolution:
         """The mesh with boundaries at jumps, and with elements halved until it resolves the functions.
 
         Parameters
@@ -110,10 +108,8 @@ class FunctionsOfTime:
             Elements, of which there are no more.
         most_jumps : int
             More places than so many are not searched for jumps.
-        move : bool
-            Whether boundaries may move to jumps that are near to them. The others stay in any case.
         """
-        mesh, jumps = _with_boundaries(mesh, self._jumps(scheme, min(most_jumps, most - mesh.elements)), move)
+        mesh, jumps = _with_boundaries(mesh, self._jumps(scheme, min(most_jumps, most - mesh.elements)))
         while (room := most - mesh.elements) > 0:
             errors = self._largest(self._element_errors(mesh, scheme))
             if errors.sum() <= TOLERANCE:
@@ -192,20 +188,16 @@ class FunctionsOfTime:
         return np.asarray(np.nan_to_num(parts).max(axis=(0, 1)))
 
 
-def _with_boundaries(mesh: Mesh, wanted: Sequence[float], move: bool) -> tuple[Mesh, list[float]]:
-    """A mesh with further boundaries, which others that are near make room for; and those that there was room for."""
+def _with_boundaries(mesh: Mesh, wanted: Sequence[float]) -> tuple[Mesh, list[float]]:
+    """A mesh with further boundaries, and those that no other is near to: all others stay where they are."""
     boundaries, kept = list(mesh.boundaries), []
     for time in wanted:
         i = int(np.searchsorted(boundaries, time))
         if not 0 < i < len(boundaries):
             continue
-        near = [k for k in (i - 1, i) if abs(boundaries[k] - time) <= _NEAR * (boundaries[i] - boundaries[i - 1])]
-        if near and (not move or near[0] in (0, len(boundaries) - 1)):
-            continue
-        kept.append(time)
-        if near:
-            boundaries[near[0]] = time
-        else:
+        least = _NEAR * (boundaries[i] - boundaries[i - 1])
+        if min(time - boundaries[i - 1], boundaries[i] - time) > least:
+            kept.append(time)
             boundaries.insert(i, time)
     return Mesh(tuple(boundaries)), kept
 

@@ -36,6 +36,7 @@ from pyrobocop_pyomo.solving.procedure import solve_model
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult
+from pyrobocop_pyomo.solving.starts import are_renamed
 from pyrobocop_pyomo.solving.strategies import Strategy, as_strategies
 
 from .finer_meshes import FinerMeshes
@@ -188,8 +189,9 @@ def solve(
         as much of a state's size, the meshes of all phases get finer, in place, and the model is solved again from
         there; see `SolveResult.discretisation`. Up to eight times the elements, and about ten times the effort of the
         first solve. Before the first solve, they are made fine enough for what is stated over time, such as periods
-        and jumps. Not with pairs, obstacles (whose meshes follow from what is proven), and integer controls. None
-        keeps the meshes as they are.
+        and jumps. With pairs that change sides inside elements of several points, boundaries move to the switches.
+        Not with obstacles, whose meshes follow from what is proven, and not with integer controls. None keeps the
+        meshes as they are.
 
     Returns
     -------
@@ -256,7 +258,7 @@ def solve(
             # Where no plan is found, the recovery has other starts.
             without = replace(settings, second_tries=False)
             return SafePlanning(model, blocks, regions, without, equations=equations).plan()
-        if mesh_tolerance is None or choices:
+        if mesh_tolerance is None or choices or are_renamed(phases_of(model)):
             return solve_model(model, settings)
         first = mesh_from_statement(phases_of(model))
         result = FinerMeshes(model, mesh_tolerance, settings).solve()

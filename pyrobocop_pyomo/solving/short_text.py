@@ -75,14 +75,15 @@ def _first_line(result: Any) -> str:
 
 def _verdict(result: Any) -> str:
     ended = f": {_ENDS[result.stop_reason]}" if result.stop_reason in _ENDS else ""
+    unsafe = ", NOT SAFE" if result.advice_on_motion else ""
     if result.quality is Quality.INFEASIBLE:
         least = result.least_violation
-        return "NOT SOLVED, and proven to have no solution" if least and least.is_proof else f"NOT SOLVED{ended}"
+        if least is not None and least.is_proof:
+            return "NOT SOLVED, and proven to have no solution"
+        return f"NOT SOLVED{unsafe}{ended}"
     if result.quality is Quality.FEASIBLE:
-        return f"feasible, but not shown to be optimal{ended}"
-    if result.safety is None:
-        return "solved"
-    return "solved, and safe" if result.outcome != "NOT SAFE" else "solved, but NOT SAFE"
+        return f"feasible, but not shown to be optimal{unsafe}{ended}"
+    return f"solved{unsafe}" if unsafe or result.safety is None else "solved, and safe"
 
 
 def _pairs(result: Any) -> str:

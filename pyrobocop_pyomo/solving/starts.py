@@ -63,6 +63,11 @@ def defined_start(model: Any) -> str:
     return f"The initial guess could not be evaluated: {undefined}. Started instead with {' and '.join(how)}."
 
 
+def are_renamed(phases: Iterable[Any]) -> bool:
+    """Whether a transformation, such as ``core.scale_model``, has given other names and units to what phases hold."""
+    return any(phase.component(name) is None for phase in phases for name in phase.record.declarations)
+
+
 def put_start(model: Any, strategy: Strategy) -> bool:
     """Put the start of a strategy on the model, which holds the user's initial guess.
 
@@ -79,7 +84,7 @@ def put_start(model: Any, strategy: Strategy) -> bool:
         return _put_inside_bounds(model)
     if start is StartingPoint.INITIAL_GUESS:
         return True
-    if _are_renamed(phases_of(model)):
+    if are_renamed(phases_of(model)):
         return False
     if start is StartingPoint.RANDOM_CONTROLS:
         _put_on_straight_lines(model, keep_guesses=False)
@@ -201,11 +206,6 @@ def _mirror_controls(model: Any) -> bool:
 
 def _controls(model: Any) -> list[Any]:
     return [phase.component(name) for phase in phases_of(model) for name in phase.record.names(Control)]
-
-
-def _are_renamed(phases: Iterable[Any]) -> bool:
-    """Whether a transformation, such as ``core.scale_model``, has given other names and units to what phases hold."""
-    return any(phase.component(name) is None for phase in phases for name in phase.record.declarations)
 
 
 def _move_roughly(model: Any) -> bool:

@@ -89,7 +89,7 @@ def test_a_guess_beside_the_worse_optimum_ends_at_the_better_one(sense: Any) -> 
     assert result.solved
     gain = before.objective - result.objective
     assert (gain if sense is pyo.minimize else -gain) > 10.0
-    assert "other ways and starts" in str(result)
+    assert "other ways and starts" in result.report()
     assert max(far.path.r[1, t].value for t in far.path.time) > 0.0 >= near.path.r[1, 0.5].value
 
 
