@@ -75,7 +75,7 @@ class SecondTries:
                 break
             limit = min(ITERATIONS_OF_ONE, left)
             yield replace(strategy, options={"max_iter": limit, **strategy.options})
-        if chosen and self._first.status is IpoptStatus.ITERATION_LIMIT:
+        if chosen and self._settings.second_tries and self._first.status is IpoptStatus.ITERATION_LIMIT:
             yield SOLVE_TO_THE_END
 
     def _chosen(self) -> tuple[Strategy, ...]:

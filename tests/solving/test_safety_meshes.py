@@ -97,7 +97,7 @@ def test_what_cannot_be_refined_keeps_its_mesh_and_is_not_called_safe_falsely() 
 def test_a_planning_point_goes_back_to_its_mesh() -> None:
     m = unicycle(5)
     before = {index: variable.value for index, variable in m.move.x.items()}
-    point = PlanningPoint(m, [m.move.avoid])
+    point = PlanningPoint(m)
     m.move.remesh(12)
     for variable in m.move.x.values():
         variable.value = variable.value if variable.fixed else 7.0
