@@ -1,6 +1,6 @@
 """References of textbook problems whose sources give too few digits, by Radau collocation in CasADi and Ipopt alone.
 
-    python benchmarks/independent_transcription.py [--only NAME ...]
+    python benchmarks/independent_transcription.py [--quick] [--only NAME ...]
 
 Nothing of `pyrobocop_pyomo` takes part in the computation: the problems are stated a second time, as CasADi functions,
 in ``benchmarks/textbook_references``, and collocated here with the flipped Legendre-Gauss-Radau points. Elements are
@@ -28,6 +28,7 @@ from textbook_problems import PROBLEMS
 from textbook_references import STATEMENTS
 from textbook_references.statement import Arc, Ends, Statement
 
+QUICK = "short_wire"
 AGREEMENT = 1e-6
 ROUNDS = 25  # of refinement, at most
 COLUMNS = [
@@ -283,12 +284,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     names = [statement.name for statement in STATEMENTS]
     parser.add_argument("--only", nargs="+", choices=names, metavar="NAME", help="some of the problems")
+    parser.add_argument("--quick", action="store_true", help="one problem")
     arguments = parser.parse_args()
+    shown = arguments.only or ([QUICK] if arguments.quick else names)
     given = {problem.name: problem.published for problem in PROBLEMS}
     table, right = Table(COLUMNS), True
     table.header()
     for statement in STATEMENTS:
-        if arguments.only and statement.name not in arguments.only:
+        if statement.name not in shown:
             continue
         show_progress(statement.name)
         started = time.process_time()

@@ -310,6 +310,10 @@ def test_strategies_are_tried_where_one_run_is_not_enough() -> None:
     assert table.splitlines()[-3].split()[0] == "solved"
 
 
+def test_references_agree_with_a_transcription_of_their_own() -> None:
+    assert run_quick("independent_transcription").splitlines()[-1].split()[-1] == "agrees"
+
+
 def test_better_optima_are_counted() -> None:
     assert "best: 0 without, 2 with, of 2" in run_quick("several_optima")
 
