@@ -48,7 +48,8 @@ def colliding_guess(model: Any, guess: VariableValues, blocks: Sequence[Obstacle
     return (
         f"The initial guess collides: '{worst.first}' with '{worst.second}', {apart} at t = {worst.time:.3g}. "
         "Start from a motion that is clear. For a car: path = rcp.scenes.hybrid_a_star(start, goal, "
-        f"body=..., obstacles=...), then {phase}.initialize(path.initial_guess({phase}, speed=...)). Otherwise "
+        f"body=..., obstacles=...), then {phase}.initialize(path.initial_guess({phase}, speed=...)); for an arm: "
+        f"{phase}.initialize(rcp.scenes.sampled_path({phase})). Otherwise "
         f"{phase}.initialize(rcp.scenes.waypoint_initial_guess({phase}, "
         '{"x": [...], "y": [...]})) through points that are clear, or rcp.studies.multistart(model).'
     )

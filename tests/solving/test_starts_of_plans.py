@@ -10,6 +10,8 @@ import pyomo.environ as pyo
 import pytest
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.modeling.variable_values import VariableValues
+from pyrobocop_pyomo.planning.colliding_guess import colliding_guess
 from pyrobocop_pyomo.planning.recovery import Recovery
 
 
@@ -90,3 +92,14 @@ def test_margins_of_another_motion_are_forgotten() -> None:
         step()
         assert pyo.value(m.move.avoid.margin[index]) == 0.0
         m.move.avoid.set_margin(*index, 0.3)
+
+
+def test_a_guess_that_collides_is_told_with_what_is_clear() -> None:
+    m = through_a_wall()
+    said = colliding_guess(m, VariableValues.of_free(m), [m.move.avoid])
+    assert said.startswith("The initial guess collides: ")
+    assert "overlap 0." in said
+    for word in ("hybrid_a_star(", "move.initialize(", "sampled_path(", "multistart"):
+        assert word in said
+    m.move.initialize({"y": lambda t: 1.2 * math.sin(math.pi * t / 5.0)})
+    assert colliding_guess(m, VariableValues.of_free(m), [m.move.avoid]) == ""
