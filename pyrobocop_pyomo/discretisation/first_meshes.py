@@ -22,14 +22,14 @@ from pyrobocop_pyomo.modeling.straight_line import StraightLine
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.resolved_functions import TOLERANCE, FunctionsOfTime, Resolution, mesh_of_delays
 from pyrobocop_pyomo.numerics.tables import tables_continued
-from pyrobocop_pyomo.phases import Control, Parameter
+from pyrobocop_pyomo.phases import Parameter
 from pyrobocop_pyomo.phases.declarations import within
 from pyrobocop_pyomo.phases.delays import history_value
 from pyrobocop_pyomo.phases.horizon import real_grid
 from pyrobocop_pyomo.phases.instant_rules import ARRAY_FUNCTIONS
 from pyrobocop_pyomo.phases.rate_arrays import FormulasWithDelays
 from pyrobocop_pyomo.phases.record import Statement
-from pyrobocop_pyomo.phases.remeshing import remesh_phases, why_not_remeshed
+from pyrobocop_pyomo.phases.remeshing import remesh_phases, why_its_mesh_is_stated, why_not_remeshed
 
 logger = logging.getLogger(__name__)
 
@@ -109,17 +109,6 @@ def mesh_from_statement(phases: Sequence[Any]) -> FirstMeshes:
     return meshes
 
 
-def _reason_to_stay(phase: Any) -> str | None:
-    for name in phase.record.names(Control):
-        control = phase.record.declarations[name]
-        if control.parametrization != "collocated" and control.knots is None:
-            return (
-                f"They stay, since the control '{name}' is {control.parametrization.replace('_', ' ')} over its "
-                "elements. Declare more elements, with knots=... for the control."
-            )
-    return why_not_remeshed(phase)
-
-
 class _Stated:
     """What the rules and bounds of a phase say of the time."""
 
@@ -177,7 +166,7 @@ class _Stated:
             found = self._functions.resolving(mesh, grid.scheme, most, most_jumps=jumps)
             if found.mesh == grid.mesh:
                 break
-            if (refused := _reason_to_stay(self.phase)) is not None:
+            if (refused := why_its_mesh_is_stated(self.phase) or why_not_remeshed(self.phase)) is not None:
                 return refused
             try:
                 remesh_phases({self.phase: found.mesh})

@@ -152,6 +152,18 @@ def why_not_remeshed(phase: Any) -> str | None:
     return Followers(phase.model(), [Restatement(phase, phase.grid, changes)], changes).reason()
 
 
+def why_its_mesh_is_stated(phase: Any) -> str | None:
+    """Why another mesh would make another problem of a phase: a control is held over its elements; None otherwise."""
+    for name in phase.record.names(Control):
+        control = phase.record.declarations[name]
+        if control.parametrization != "collocated" and control.knots is None:
+            return (
+                f"They stay, since the control '{name}' is {control.parametrization.replace('_', ' ')} over its "
+                "elements. Declare more elements, with knots=... for the control."
+            )
+    return None
+
+
 def _own_reason(phase: Any) -> str | None:
     what = f"phase '{phase.name}'"
     record = phase.record

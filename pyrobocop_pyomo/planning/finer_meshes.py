@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -14,8 +14,8 @@ from pyrobocop_pyomo.errors import PyRobocopError, RemeshingError
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.numerics import Mesh
 from pyrobocop_pyomo.numerics.remeshing import remesh
-from pyrobocop_pyomo.phases import Control, phases_of
-from pyrobocop_pyomo.phases.remeshing import remesh_phases, why_not_remeshed
+from pyrobocop_pyomo.phases import phases_of
+from pyrobocop_pyomo.phases.remeshing import remesh_phases, why_its_mesh_is_stated, why_not_remeshed
 from pyrobocop_pyomo.solving.ipopt_options import FINER_MESH
 from pyrobocop_pyomo.solving.iterates import Iterate, Quality, StopReason
 from pyrobocop_pyomo.solving.procedure import solve_model
@@ -57,7 +57,8 @@ class FinerMeshes:
 
     def __init__(self, model: Any, tolerance: float, settings: Settings) -> None:
         self._model, self._settings = model, settings
-        self._phases = [] if _state_their_meshes(phases_of(model)) else phases_of(model)
+        phases = phases_of(model)
+        self._phases = [] if any(map(why_its_mesh_is_stated, phases)) else phases
         self._tolerances = MeshTolerances(MOTION * tolerance, tolerance, tolerance)
         self._guess = VariableValues.of_free(model) if self._phases else None
         self._remark = ""
@@ -94,8 +95,9 @@ class FinerMeshes:
                 finer = self._solved(first, {}, second_tries=True)
                 if finer.solved:
                     return self._joined(self._refined(finer))
-            except PyRobocopError as error:
-                logger.info("'%s' cannot be solved on twice as many elements: %s", self._model.name, error)
+            except BaseException as error:
+                self._give_up(point, error)
+                return first
         point.restore()
         return first
 
@@ -117,10 +119,7 @@ class FinerMeshes:
                     remesh_phases(self._of_phases(meshes))
                     finer = self._solved(best, {})
             except BaseException as error:
-                point.restore()
-                if not isinstance(error, PyRobocopError):
-                    raise
-                logger.info("'%s' cannot be solved on a finer mesh: %s", self._model.name, error)
+                self._give_up(point, error)
                 return best
             if self._replaces(finer, best):
                 best, halved = finer, False
@@ -129,6 +128,13 @@ class FinerMeshes:
             if halved or finer.stop_reason.is_final:
                 return best
             halved = True  # another mesh, near to the last one that was solved
+
+    def _give_up(self, point: PlanningPoint, error: BaseException) -> None:
+        """Go back to a point where another mesh ended with an error; what is none of this package's goes on."""
+        point.restore()
+        if not isinstance(error, PyRobocopError):
+            raise error
+        logger.info("'%s' cannot be solved on a finer mesh: %s", self._model.name, error)
 
     @staticmethod
     def _errors(result: SolveResult) -> MeshErrors:
@@ -228,9 +234,3 @@ class FinerMeshes:
             remarks=tuple(remarks),
             stop_reason=results[-1].stop_reason if interrupted else best.stop_reason,
         )
-
-
-def _state_their_meshes(phases: Iterable[Any]) -> bool:
-    """Whether controls are held constant or straight over the elements: on other ones it would be another problem."""
-    controls = [of for phase in phases for of in phase.record.declarations.values() if isinstance(of, Control)]
-    return any(control.parametrization != "collocated" and control.knots is None for control in controls)
