@@ -8,6 +8,7 @@ from math import cos, pi, radians, sin
 from typing import Any
 
 import pyomo.environ as pyo
+from textbook_problems.plants import catalyst_rates
 
 import pyrobocop_pyomo as rcp
 
@@ -302,20 +303,6 @@ def stirred_tank(elements=20):
     return m
 
 
-CATALYST = (
-    (0.2918487e-2, -0.8045787e-2, 0.6749947e-2, -0.1416647e-2),
-    (0.9509977e1, -0.3500994e2, 0.4283329e2, -0.1733333e2),
-    (0.2682093e2, -0.9556079e2, 0.1130398e3, -0.4429997e2),
-    (0.2087241e3, -0.7198052e3, 0.8277466e3, -0.3166655e3),
-    (0.1350005e1, -0.6850027e1, 0.1216671e2, -0.6666689e1),
-    (0.1921995e-1, -0.7945320e-1, 0.1105666, -0.5033333e-1),
-    (0.1323596, -0.4696255, 0.5539323, -0.2166664),
-    (0.7339981e1, -0.2527328e2, 0.2993329e2, -0.1199999e2),
-    (-0.3950534, 0.1679353e1, -0.1777829e1, 0.4974987),
-    (-0.2504665e-4, 0.1005854e-1, -0.1986696e-1, 0.9833470e-2),
-)
-
-
 def bifunctional_catalyst(elements=40):
     """A blend along a reactor, with hundreds of local optima: Luus, Dittrich & Keil 1992: 10.0942 (thousandths)."""
     m = pyo.ConcreteModel(name="bifunctional catalyst")
@@ -323,22 +310,7 @@ def bifunctional_catalyst(elements=40):
     b.x = rcp.State(index=7, initial=[1, 0, 0, 0, 0, 0, 0])
     b.u = rcp.Control(bounds=(0.6, 0.9), initial_guess=0.75)
 
-    @b.ode
-    def reactor(b, t):
-        x, u = b.x[t], b.u[t]
-        k = [c[0] + c[1] * u + c[2] * u**2 + c[3] * u**3 for c in CATALYST]
-        return {
-            b.x: [
-                -k[0] * x[0],
-                k[0] * x[0] - (k[1] + k[2]) * x[1] + k[3] * x[4],
-                k[1] * x[1],
-                -k[5] * x[3] + k[4] * x[4],
-                k[2] * x[1] + k[5] * x[3] - (k[3] + k[4] + k[7] + k[8]) * x[4] + k[6] * x[5] + k[9] * x[6],
-                k[7] * x[4] - k[6] * x[5],
-                k[8] * x[4] - k[9] * x[6],
-            ]
-        }
-
+    b.ode(lambda b, t: {b.x: catalyst_rates(b.x[t], b.u[t])})
     m.yield_ = pyo.Objective(expr=1000 * b.x[6, b.final_time], sense=pyo.maximize)
     return m
 

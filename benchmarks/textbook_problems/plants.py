@@ -23,6 +23,20 @@ CATALYST = (  # of the rates k1 to k10: coefficients of 1, u, u^2 and u^3
 )
 
 
+def catalyst_rates(x, blend):
+    """Of the seven species over a catalyst of this blend."""
+    k = [sum(c * blend**i for i, c in enumerate(row)) for row in CATALYST]
+    return [
+        -k[0] * x[0],
+        k[0] * x[0] - (k[1] + k[2]) * x[1] + k[3] * x[4],
+        k[1] * x[1],
+        -k[5] * x[3] + k[4] * x[4],
+        k[2] * x[1] + k[5] * x[3] - (k[3] + k[4] + k[7] + k[8]) * x[4] + k[6] * x[5] + k[9] * x[6],
+        k[7] * x[4] - k[6] * x[5],
+        k[8] * x[4] - k[9] * x[6],
+    ]
+
+
 def bifunctional_catalyst(mesh=None, elements=None):
     """Ten blends along a reactor, hundreds of local optima: Luus, Dittrich & Keil 1992; Luus & Bojkov 1994."""
     m = pyo.ConcreteModel(name="bifunctional catalyst")
@@ -33,19 +47,7 @@ def bifunctional_catalyst(mesh=None, elements=None):
     @b.ode
     def reactions(b, t):
         blend = b.blend[max(0, ceil(t / 200 - 1e-9) - 1)]
-        k = [sum(c * blend**i for i, c in enumerate(row)) for row in CATALYST]
-        x = b.x[t]
-        return {
-            b.x: [
-                -k[0] * x[0],
-                k[0] * x[0] - (k[1] + k[2]) * x[1] + k[3] * x[4],
-                k[1] * x[1],
-                -k[5] * x[3] + k[4] * x[4],
-                k[2] * x[1] + k[5] * x[3] - (k[3] + k[4] + k[7] + k[8]) * x[4] + k[6] * x[5] + k[9] * x[6],
-                k[7] * x[4] - k[6] * x[5],
-                k[8] * x[4] - k[9] * x[6],
-            ]
-        }
+        return {b.x: catalyst_rates(b.x[t], blend)}
 
     m.benzene = pyo.Objective(expr=b.x[6, b.final_time], sense=pyo.maximize)
     return m

@@ -77,6 +77,11 @@ def remesh(
     return Mesh(tuple(boundaries))
 
 
+def halves_of(mesh: Mesh) -> Mesh:
+    """The mesh with each element in two."""
+    return remesh(mesh, np.full(mesh.elements, np.inf), 1.0, 1, most_parts=2)
+
+
 def _can_join(mesh: Mesh, errors: NDArray[np.float64], i: int, tolerance: float, power: float) -> bool:
     """True when the union of an element and the next is expected to stay far below the tolerance."""
     union = mesh.widths[i] + mesh.widths[i + 1]

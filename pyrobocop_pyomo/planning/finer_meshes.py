@@ -13,14 +13,14 @@ from pyrobocop_pyomo.discretisation import MeshErrors, MeshTolerances
 from pyrobocop_pyomo.errors import PyRobocopError, RemeshingError
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.numerics import Mesh
-from pyrobocop_pyomo.numerics.remeshing import remesh
+from pyrobocop_pyomo.numerics.remeshing import halves_of
 from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.phases.remeshing import remesh_phases, why_its_mesh_is_stated, why_not_remeshed
 from pyrobocop_pyomo.solving.ipopt_options import FINER_MESH
-from pyrobocop_pyomo.solving.iterates import Iterate, Quality, StopReason
+from pyrobocop_pyomo.solving.iterates import Quality, StopReason
 from pyrobocop_pyomo.solving.procedure import solve_model
 from pyrobocop_pyomo.solving.settings import Settings
-from pyrobocop_pyomo.solving.solve_result import SolveResult
+from pyrobocop_pyomo.solving.solve_result import SolveResult, with_steps_of_all
 from pyrobocop_pyomo.solving.strategies import ABSOLUTE_VALUES, SOLVE
 
 from .planning_point import PlanningPoint
@@ -154,9 +154,7 @@ class FinerMeshes:
 
     def _halves(self) -> dict[str, Mesh] | None:
         meshes = {phase.name: phase.grid.mesh for phase in self._phases}
-        return self._allowed(
-            {name: remesh(mesh, np.full(mesh.elements, np.inf), 1.0, 1, most_parts=2) for name, mesh in meshes.items()}
-        )
+        return self._allowed({name: halves_of(mesh) for name, mesh in meshes.items()})
 
     def _allowed(self, meshes: dict[str, Mesh]) -> dict[str, Mesh] | None:
         """The meshes, unless they are too many or too fine."""
@@ -220,17 +218,9 @@ class FinerMeshes:
                     else "on the first one no solution was found."
                 )
             )
-        steps: list[Iterate] = []
-        number = 0
-        for result in results:
-            if result is best:
-                number = len(steps) + result.best.number
-            steps += [replace(step, number=step.number + len(steps)) for step in result.steps]
         interrupted = results[-1].stop_reason is StopReason.INTERRUPTED
         return replace(
-            best,
-            steps=steps,
-            best=replace(best.best, number=number),
+            with_steps_of_all(best, results),
             remarks=tuple(remarks),
             stop_reason=results[-1].stop_reason if interrupted else best.stop_reason,
         )

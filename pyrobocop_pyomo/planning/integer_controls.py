@@ -25,7 +25,7 @@ from pyrobocop_pyomo.numerics.integer_approximation import (
 from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.phases.horizon import real_grid
 from pyrobocop_pyomo.phases.nodes import IntervalNodes
-from pyrobocop_pyomo.solving.solve_result import SolveResult
+from pyrobocop_pyomo.solving.solve_result import SolveResult, with_steps_of_all
 
 
 @dataclass(frozen=True)
@@ -211,11 +211,8 @@ def solve_with_integer_controls(
             "with the rounded controls the constraints cannot be met: give more elements or more switches, ends that "
             "are intervals, or room at bounds that the relaxed plan touches"
         )
-    before = len(relaxed.steps)
     return replace(
-        result,
-        steps=[*relaxed.steps, *(replace(step, number=step.number + before) for step in result.steps)],
-        best=replace(result.best, number=result.best.number + before),
+        with_steps_of_all(result, [relaxed, result]),
         remarks=(*result.remarks, *remarks),
         rounding=rounding,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
@@ -21,15 +21,15 @@ from pyrobocop_pyomo.discretisation.jump_times import jump_fractions
 from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.modeling.activity import is_inside
 from pyrobocop_pyomo.numerics import Array, Mesh
-from pyrobocop_pyomo.numerics.remeshing import remesh
+from pyrobocop_pyomo.numerics.remeshing import halves_of
 from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.phases.remeshing import free_element_widths, remesh_phases
 from pyrobocop_pyomo.solving.ipopt_options import NEARLY_THERE
-from pyrobocop_pyomo.solving.iterates import Iterate, Quality
+from pyrobocop_pyomo.solving.iterates import Quality
 from pyrobocop_pyomo.solving.procedure import solve_model
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.settings import Settings
-from pyrobocop_pyomo.solving.solve_result import SolveResult
+from pyrobocop_pyomo.solving.solve_result import SolveResult, with_steps_of_all
 from pyrobocop_pyomo.solving.starts import take_values_of_copy
 from pyrobocop_pyomo.solving.strategies import BARRIER, TIGHT
 
@@ -214,7 +214,7 @@ class SwitchesAtBoundaries:
                 copy.del_component(EQUAL_WIDTHS)
             phases = [copy.find_component(phase) for phase in self._phases]
             if solved is not None:
-                remesh_phases({twin: _halves(twin.grid.mesh) for twin in phases})
+                remesh_phases({twin: halves_of(twin.grid.mesh) for twin in phases})
             _keep_equal_widths(copy, phases, _Switched(copy, phases))
             found = self._solved(copy, warm)
             results.append(found)
@@ -334,14 +334,6 @@ def _take_by_position(phase: Any, twin: Any) -> None:
                 variable.set_value(other.value, skip_validation=True)
 
 
-def _numbered(results: Sequence[SolveResult]) -> Iterator[Iterate]:
-    number = 0
-    for result in results:
-        for step in result.steps:
-            yield replace(step, number=number)
-            number += 1
-
-
 def _difference(result: SolveResult, other: SolveResult) -> float:
     return abs(result.objective - other.objective) / max(abs(other.objective), ZERO_OBJECTIVE)
 
@@ -349,10 +341,6 @@ def _difference(result: SolveResult, other: SolveResult) -> float:
 def _doubt_on_elements(change: float) -> Finding:
     message = f"Elements that end at the switches are few: on half as many the objective differs by {change:.1e} of it."
     return Finding(Severity.WARNING, Subject.OUTCOME, message, (), "Give the phases more elements.")
-
-
-def _halves(mesh: Mesh) -> Mesh:
-    return remesh(mesh, np.full(mesh.elements, np.inf), 1.0, 1, most_parts=2)
 
 
 class _Switched:
@@ -393,11 +381,9 @@ def _keep_equal_widths(model: Any, phases: Sequence[Any], switched: _Switched) -
 def _joined(results: Sequence[SolveResult]) -> SolveResult:
     """The last answer, with the steps of all."""
     first, result = results[0], results[-1]
-    number = sum(len(each.steps) for each in results[:-1]) + result.best.number
     remark = (
         f"Pairs changed sides inside of elements, where the first answer, {first.objective:.6g}, has an error of the "
         "order of their width. The boundaries of the elements have moved to the switches, and the elements between "
         "are equal (mesh_tolerance=None keeps the mesh)."
     )
-    best = replace(result.best, number=number)
-    return replace(result, steps=list(_numbered(results)), best=best, remarks=(*result.remarks, remark))
+    return replace(with_steps_of_all(result, results), remarks=(*result.remarks, remark))

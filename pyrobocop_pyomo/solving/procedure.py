@@ -33,6 +33,7 @@ from .result_findings import ModelReference
 from .run_remarks import doubts_on_pairs, doubts_on_point, remarks_on_runs
 from .second_tries import SecondTries, first_run, with_pairs, without_pairs
 from .settings import Settings
+from .short_text import FIRST_RUN
 from .solve_result import SolveResult
 from .solved_copies import SolvedCopies
 from .strategies import (
@@ -381,7 +382,7 @@ class _Procedure:
         finally:
             self._values.write(best.values)
         named = "; ".join(str(violation) for violation in found[:SHOWN_AT_FIRST])
-        return f"Where the first run, '{first.label}', gave up: {named}." if found else ""
+        return f"{FIRST_RUN}, '{first.label}', gave up: {named}." if found else ""
 
     def _violations(self) -> tuple[Violation, ...]:
         tolerances = self._settings.tolerances

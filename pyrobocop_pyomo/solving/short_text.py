@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from textwrap import shorten
 from typing import Any
 
-from pyrobocop_pyomo.discretisation import DiscretisationEstimate
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.presentation import percent
 
@@ -58,7 +57,7 @@ def short_text(result: Any) -> str:
 
 
 def _first_line(result: Any) -> str:
-    mesh, violation = _estimate(result), result.constraint_violation
+    mesh, violation = result.errors_of_answer, result.constraint_violation
     iterations = f"{result.iterations} iteration{'' if result.iterations == 1 else 's'}"
     exact = []
     if result.quality is Quality.INFEASIBLE:
@@ -94,12 +93,6 @@ def _pairs(result: Any) -> str:
     return pairs if result.quality is not Quality.OPTIMAL else f"{pairs}, {_NEARBY[result.certificate]}"
 
 
-def _estimate(result: Any) -> DiscretisationEstimate:
-    """Errors of the mesh, where there is an answer: not where rows are violated, nor on the way to infinity."""
-    judged = result.quality is not Quality.INFEASIBLE and result.stop_reason is not StopReason.DIVERGED
-    return result.discretisation if judged else DiscretisationEstimate(result.objective, {})
-
-
 def _doubts(result: Any) -> Iterable[str]:
     for doubt in result.doubts:
         yield f"DOUBTFUL: {doubt.message} {doubt.remedy}"
@@ -107,7 +100,7 @@ def _doubts(result: Any) -> Iterable[str]:
         yield str(result.rounding)
     if result.changed:
         yield f"CHANGED: {result.changed}"
-    mesh = _estimate(result)
+    mesh = result.errors_of_answer
     if mesh.is_large:
         yield f"COARSE MESH: {mesh.in_words()}"
     yield from mesh.bounds_passed

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from textwrap import shorten
 from typing import Any
@@ -165,6 +165,12 @@ class SolveResult(Presented):
     def discretisation(self) -> DiscretisationEstimate:
         """Errors that the mesh of the phases makes of the objective and of the motion, estimated when asked for."""
         return DiscretisationEstimate(self.objective, {}) if self.probe is None else self.probe.error()
+
+    @property
+    def errors_of_answer(self) -> DiscretisationEstimate:
+        """The same where there is an answer: empty where rows are violated, and on the way to infinity."""
+        judged = self.quality is not Quality.INFEASIBLE and self.stop_reason is not StopReason.DIVERGED
+        return self.discretisation if judged else DiscretisationEstimate(self.objective, {})
 
     @property
     def constraint_violation(self) -> float:
@@ -434,9 +440,7 @@ class SolveResult(Presented):
         return short_text(self)
 
     def _everything(self) -> str:
-        # A mesh is judged where there is an answer: not where rows are violated, nor on the way to infinity.
-        judged = self.quality is not Quality.INFEASIBLE and self.stop_reason is not StopReason.DIVERGED
-        mesh = self.discretisation if judged else DiscretisationEstimate(self.objective, {})
+        mesh = self.errors_of_answer
         least, changed = self.least_violation, self._has_changed
         unmet = [f"  {violation}" for violation in self.violations[:SHOWN_VIOLATIONS]]
         if len(self.violations) > SHOWN_VIOLATIONS:
@@ -448,7 +452,7 @@ class SolveResult(Presented):
                 f"{'DOUBTFUL: ' if self.doubts else ''}{self.name}: {self._verdict}",
                 *([CHANGED] if changed else []),
                 *(f"{doubt.message} {doubt.remedy}" for doubt in self.doubts),
-                *(line for line in (mesh.sentence(), mesh.advice()) if line and judged),
+                *(line for line in (mesh.sentence(), mesh.advice()) if line),
                 *(shorten(remark, REMARK_CHARACTERS, placeholder=" ...") for remark in mesh.remarks),
                 # A run that never began has neither.
                 self._why_it_ended + (f" {self.solver}, derivatives by {self.derivatives}." if self.solver else ""),
@@ -463,3 +467,14 @@ class SolveResult(Presented):
                 self.steps_table(),
             ]
         )
+
+
+def with_steps_of_all(result: SolveResult, results: Sequence[SolveResult]) -> SolveResult:
+    """A result with the steps of several, of which it is one, numbered anew."""
+    steps: list[Iterate] = []
+    best = result.best
+    for each in results:
+        if each is result:
+            best = replace(result.best, number=len(steps) + result.best.number)
+        steps += [replace(step, number=len(steps) + k) for k, step in enumerate(each.steps)]
+    return replace(result, steps=steps, best=best)

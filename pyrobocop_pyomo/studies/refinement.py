@@ -19,7 +19,8 @@ from pyrobocop_pyomo.discretisation import MeshErrors, MeshTolerances
 from pyrobocop_pyomo.errors import ModelError, SolveFailed, TrajectoryError
 from pyrobocop_pyomo.modeling.activity import is_inside
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.numerics import Array, Mesh, remesh
+from pyrobocop_pyomo.numerics import Array, Mesh
+from pyrobocop_pyomo.numerics.remeshing import halves_of
 from pyrobocop_pyomo.phases import PhaseBlockData, phases_of, remesh_phases
 from pyrobocop_pyomo.solving import Quality, SolveResult
 from pyrobocop_pyomo.solving.iterates import StopReason
@@ -309,10 +310,7 @@ def solve_refined(
             end = RefinementEnd.TIME_LIMIT
         elif not step.feasible:
             halved = True  # another mesh, near to the last one that was solved
-            meshes = {
-                name: remesh(mesh, np.full(mesh.elements, np.inf), 1.0, 1, most_parts=2)
-                for name, mesh in best[1].items()
-            }
+            meshes = {name: halves_of(mesh) for name, mesh in best[1].items()}
         else:
             meshes = found.of_mesh.finer(
                 meshes,
