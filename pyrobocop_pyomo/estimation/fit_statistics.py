@@ -8,6 +8,7 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import EvaluationError, SensitivityError
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.presentation import Presented, table
 
 from .problem import EstimationProblem
@@ -15,6 +16,8 @@ from .statistics import correlation_of, covariance_of, quantile
 
 # An unknown this near to a bound, relative to its size, is held by it.
 _AT_BOUND = 1e-6
+# Residuals that are larger by chance so rarely say that the errors were stated too small, or that the model is wrong.
+_RARE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +128,11 @@ def statistics_of(problem: EstimationProblem) -> FitStatistics:
         remarks.append(
             f"no standard errors: {present.sum()} measurements say nothing of their scatter with {free.sum()} "
             "unknowns; give error="
+        )
+    if known and freedom > 0 and squares > scipy.stats.chi2.isf(_RARE, freedom):
+        remarks.append(
+            f"the residuals are {np.sqrt(squares / freedom):.2g} times as large as the errors that were stated, and the "
+            "standard errors are too small by about as much: state larger errors, or look for what the model lacks"
         )
     names = tuple(problem.names)
     return FitStatistics(

@@ -96,7 +96,7 @@ def slip_of(rule: Any, error: Exception, block: Any, arguments: Sequence[str]) -
             f"it was given a {type(rule).__name__}; it takes a rule, a function that is called at every time: "
             f"lambda {', '.join(arguments)}: {{b.x: b.v[t]}} for an ode, and so on."
         )
-    if not _takes(rule, len(arguments)):
+    if not takes_arguments(rule, len(arguments)):
         given = ", ".join(arguments)
         return (
             f"its rule cannot be called with {len(arguments)} arguments, rule({given}). Write 'lambda b, "
@@ -179,7 +179,8 @@ def _named(block: Any) -> str:
     return f"the {kind} '{block.name}'"
 
 
-def _takes(rule: Callable[..., Any], count: int) -> bool:
+def takes_arguments(rule: Callable[..., Any], count: int) -> bool:
+    """Whether a function can be called with so many arguments."""
     try:
         inspect.signature(rule).bind(*range(count))
     except TypeError:

@@ -18,6 +18,7 @@ from pyrobocop_pyomo.execution.sending import check_picklable
 from pyrobocop_pyomo.execution.tasks import GIVEN_UP, Task, run_tasks, study_engine
 from pyrobocop_pyomo.ipopt.backends import best_backend
 from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.modeling.rule_slips import takes_arguments
 from pyrobocop_pyomo.modeling.variable_values import Values
 from pyrobocop_pyomo.phases import note_outcome
 from pyrobocop_pyomo.solving import Quality, SolveResult
@@ -187,6 +188,11 @@ def sweep(
     listed = read_cases(cases)
     if not isinstance(model, BlockData) and not callable(model):
         raise ModelError(f"expected a model or a function that builds one, not {type(model).__name__}.")
+    if put is None and callable(model) and not isinstance(model, BlockData) and not takes_arguments(model, 1):
+        raise ModelError(
+            f"{getattr(model, '__name__', 'the builder')} cannot be called with the data of a case: without put= a builder "
+            "makes the model of each case, model(data). Give it an argument, or give put=, which puts data on its model."
+        )
     if "time_limit" in options or "progress" in options:
         raise ModelError("time_limit and progress are the sweep's own.")
     parents = starting_cases(listed, start_from)

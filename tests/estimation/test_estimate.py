@@ -67,6 +67,16 @@ def test_an_unknown_variance_is_estimated() -> None:
     assert (upper - lower) / 2 == pytest.approx(2.776445 * unknown.standard_errors["rate"], rel=1e-6)
 
 
+@pytest.mark.casadi
+def test_residuals_that_the_stated_errors_do_not_explain_are_told() -> None:
+    fits, too_small = rcp.estimate(decay(), data(), error=0.01), rcp.estimate(decay(), data(), error=0.001)
+    assert not fits.statistics.remarks
+    (remark,) = too_small.statistics.remarks
+    times = (fits.sum_of_squares / 4) ** 0.5 * 10
+    assert remark.startswith(f"the residuals are {times:.2g} times as large as the errors that were stated")
+    assert remark in str(too_small)
+
+
 class Labelled:
     def __init__(self, start: float) -> None:
         self.start = start

@@ -175,6 +175,14 @@ def test_what_makes_no_sense_is_refused_before_any_solve(
     assert facts(m) == before
 
 
+def test_a_builder_that_takes_no_data_is_refused_before_it_is_called() -> None:
+    def builder() -> None:
+        raise AssertionError
+
+    with pytest.raises(ModelError, match=r"builder cannot be called with the data of a case.*put="):
+        rcp.sweep(builder, [{"pull": 1.0}])
+
+
 # ---------------------------------------------------------------- which case starts from which
 
 
