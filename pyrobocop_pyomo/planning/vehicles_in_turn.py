@@ -3,7 +3,7 @@
 While a vehicle drives, those before it in the order have driven or drive still, and those after it stand at
 their starts. Its path keeps clear of the starts of these and of the goals of the others, so that it can drive at
 the latest when all before it have arrived. It leaves as soon as its motion keeps clear of theirs. Where no vehicle that
-is left finds a way, the last ones of the order are taken back, as few as possible, and one of these goes before them.
+is left finds a way, the last ones of the order are taken back, as few as possible, so that one of those goes first.
 
 Erdmann and Lozano-Pérez, On multiple moving objects, Algorithmica 2 (1987), doi:10.1007/BF01840371, for the order;
 Kant and Zucker, Toward efficient trajectory planning: the path-velocity decomposition, The International Journal of
