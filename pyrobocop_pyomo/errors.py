@@ -11,6 +11,7 @@
     │   ├── TranscriptionError           equations that do not fit the declared variables
     │   ├── LinkError                    two phases that cannot be joined
     │   ├── InitialGuessError            an initial guess of the wrong shape, or not finite
+    │   │   └── PathNotFound             a search for a path that ended without one
     │   ├── StructureChanged             a compiled model whose free variables or rows have changed since
     │   ├── ExpressionArrayError         a function of NumPy that has no meaning for expressions
     │   ├── GeometryError                a shape or a pose that is invalid: not convex, not closed, mirrored
@@ -81,6 +82,20 @@ class LinkError(ModelError):
 
 class InitialGuessError(ModelError):
     """An initial guess that has the wrong length, the wrong type or values that are not finite."""
+
+
+class PathNotFound(InitialGuessError):
+    """A search for a path that ended without one.
+
+    Attributes
+    ----------
+    expansions : int
+        How much was searched, as `CarSearch.max_expansions` counts; 0: not even a disc inside the car has a way.
+    """
+
+    def __init__(self, message: str, expansions: int) -> None:
+        super().__init__(message)
+        self.expansions = expansions
 
 
 class ContradictionError(ModelError, pyomo.common.errors.InfeasibleConstraintException):

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import heapq
 import math
-import time
 from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
 
+from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.numerics import Array, BoolArray, Indices
 
 from .car_kinematics import follow_arcs
@@ -38,7 +38,7 @@ class SearchEnd(Enum):
 
     FOUND = "There is a path."
     EXHAUSTED = "Everything that the motion primitives reach has been expanded."
-    OUT_OF_BUDGET = "The time or the number of poses ran out."
+    OUT_OF_BUDGET = "The time or the number of expansions ran out."
 
 
 @dataclass(eq=False)
@@ -79,10 +79,17 @@ class BestFirstSearch:
         self.close = 1e-9 * float(size.max())
         self._add_node((self.root[0], self.root[1], self.root[2]), 0.0, -1, len(self.primitives.lengths), 0.0)
 
-    def run(self, max_nodes: int, deadline: float) -> SearchEnd:
-        """Continue until no other path can be better than the best one, or until nothing is left or allowed."""
+    def run(self, max_expansions: int, deadline: Deadline) -> SearchEnd:
+        """Continue until no other path can be better than the best one, or until nothing is left or allowed.
+
+        Parameters
+        ----------
+        max_expansions : int
+            Of this search, those before included.
+        deadline : Deadline
+        """
         while self.queue and self.queue[0][0] < self.best_cost:
-            if len(self.poses) > max_nodes or time.monotonic() > deadline:
+            if self.expansions >= max_expansions or deadline.has_passed:
                 return SearchEnd.FOUND if self.last_node >= 0 else SearchEnd.OUT_OF_BUDGET
             self._expand()
             if not self.queue or self.expansions <= OFTEN or self.expansions % SELDOM == 0:

@@ -8,7 +8,7 @@ import numpy as np
 
 from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.geometry.grid_path_search import grid_distances
-from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.numerics import Array, BoolArray
 
 from .free_space import FreeSpace
 from .motion_primitives import MotionPrimitives
@@ -54,15 +54,9 @@ class CostToGo:
         """Tables for a target within bounds."""
         origin = np.array([bounds[0][0], bounds[1][0]])
         size = np.array([bounds[0][1], bounds[1][1]]) - origin
-        # Cells overlap the bounds; each stands for all points of its square.
         cell = max(primitives.cell, float(size.max()) / 400)
-        shape = np.floor(size / cell).astype(int) + 1
-        # The largest disc about the reference point that the body covers, whatever its heading: nothing where the
-        # reference point is outside of it.
-        inner = 0.0 if body.is_flat else max(0.0, float(body.halfspaces[1].min()))
-        point = FreeSpace.around(Polytope.point((0.0, 0.0)), obstacles, clearance + inner + body.radius, scene)
-        free = point.cells_free_of_point(origin, cell, shape)
-        goal_cell = np.minimum(np.floor((target[:2] - origin) / cell).astype(int), shape - 1)
+        free = free_cells_of_disc(bounds, cell, body, obstacles, clearance, scene)
+        goal_cell = np.minimum(np.floor((target[:2] - origin) / cell).astype(int), np.array(free.shape) - 1)
         disc = grid_distances(np.where(free, 1.0, np.inf), np.full(2, cell), tuple(goal_cell.tolist()))
         car_cell = max(TABLE_CELL * primitives.turning_radius, float(size.max()) / 60)
         counts = np.ceil(size / car_cell).astype(int) + 1
@@ -96,3 +90,19 @@ class CostToGo:
             ])  # fmt: skip
             table[new] = self.primitives.reeds_shepp_cost(middles, self.target)
         return np.asarray(np.maximum(table[cells], self.disc_path_length(poses)))
+
+
+def free_cells_of_disc(
+    bounds: Bounds, cell: float, body: Polytope, obstacles: list[Polytope], clearance: float, scene: float
+) -> BoolArray:
+    """Square cells in bounds in which a disc inside the body can be, ``(nx, ny)``.
+
+    The disc is the largest one about the reference point that the body covers, whatever its heading: a point where the
+    reference point is outside of it. Where the disc has no way, the body has none.
+    """
+    low, high = np.array(bounds).T
+    # Cells overlap the bounds; each stands for all points of its square.
+    counts = np.floor((high - low) / cell).astype(int) + 1
+    inner = 0.0 if body.is_flat else max(0.0, float(body.halfspaces[1].min()))
+    point = FreeSpace.around(Polytope.point((0.0, 0.0)), obstacles, clearance + inner + body.radius, scene)
+    return point.cells_free_of_point(low, cell, counts)

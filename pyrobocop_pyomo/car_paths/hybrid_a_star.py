@@ -5,7 +5,7 @@ until the last metre; from the goal there are few ways out, and a Reeds-Shepp pa
 A car that drives back along its path needs the same steering, so a path found from the goal is a path to the goal.
 
 Where the start is tight too, the search from the goal takes long; where an end is so tight that no motion primitive is
-free, it ends soon. Therefore two searches take turns, the one from the goal first. Each may keep more poses in its next
+free, it ends soon. Therefore two searches take turns, the one from the goal first. Each may expand more in its next
 turn, and is repeated with finer primitives when it was exhausted.
 
 References
@@ -17,14 +17,14 @@ The International Journal of Robotics Research 29. https://doi.org/10.1177/02783
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import InitialGuessError
+from pyrobocop_pyomo.errors import InitialGuessError, PathNotFound
 from pyrobocop_pyomo.geometry import Polytope, planar_pose, signed_distance
+from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.numerics import Array
 
 from .best_first_search import BestFirstSearch, SearchEnd
@@ -36,8 +36,8 @@ from .meeting import joined_arcs
 from .motion_primitives import CarSearch, MotionPrimitives
 from .shortcuts import with_shortcuts
 
-# Poses that a search may keep in its first turn, and how many times more in each later one.
-FIRST_BUDGET = 6_000
+# Expansions of a search until the end of its first turn, and how many times more until the end of each later one.
+FIRST_TURN = 130
 GROWTH = 2
 # The search from the start is for hard cases, where any path will do.
 WEIGHT_FROM_START = 2.0
@@ -56,7 +56,7 @@ def hybrid_a_star(
     bounds: Bounds,
     clearance: float = 0.0,
     search: CarSearch | None = None,
-    time_limit: float = 60.0,
+    time_limit: float | None = None,
 ) -> CarPath:
     """Path of a car that keeps its clearance all along, proven between its poses as well.
 
@@ -79,7 +79,7 @@ def hybrid_a_star(
     search : CarSearch, optional
         Resolution and costs.
     time_limit : float, optional
-        Seconds.
+        Seconds. Without it, and as long as it is not reached, the answer does not depend on how busy the machine is.
 
     Returns
     -------
@@ -89,15 +89,15 @@ def hybrid_a_star(
     Raises
     ------
     InitialGuessError
-        When start or goal are out of bounds or too close to an obstacle (which is named, with its distance), and when
-        no path is found.
+        When start or goal are out of bounds or too close to an obstacle (which is named, with its distance).
+    PathNotFound
+        When no path is found.
     """
-    began = time.monotonic()
     options = CarSearch() if search is None else search
     shapes = _named_obstacles(obstacles)
     ends = {"goal": _checked_pose(goal, "goal"), "start": _checked_pose(start, "start")}
     _check_car(body, shapes, wheelbase, steering_limit, clearance, time_limit)
-    limits = _checked_bounds(bounds)
+    limits, deadline = _checked_bounds(bounds), Deadline.after(time_limit)
     for which, pose in ends.items():
         _check_end(pose, which, body, shapes, limits, clearance)
     if np.array_equal(ends["start"], ends["goal"]):
@@ -117,7 +117,12 @@ def hybrid_a_star(
         return BestFirstSearch(ends[which], limits, primitives, weight, space, cost_to_go)
 
     searches: list[_EndSearch] = []
-    budget = FIRST_BUDGET
+    turn = FIRST_TURN
+
+    def run(current: _EndSearch) -> SearchEnd:
+        left = options.max_expansions - sum(one.expansions for one in searches)
+        return current.search.run(min(turn, current.search.expansions + left), deadline)
+
     while True:
         for k, (which, other) in enumerate((("goal", "start"), ("start", "goal"))):
             if k == len(searches):
@@ -125,11 +130,12 @@ def hybrid_a_star(
                 _check_disc(ends[which], cost_to_go)
                 searches.append(_EndSearch(which, begin(which, cost_to_go, 0)))
             current = searches[k]
-            end = current.search.run(min(budget, options.max_nodes), began + time_limit)
+            end = run(current)
             while end is SearchEnd.EXHAUSTED and current.level < options.refinements:
                 current.level += 1
+                current.before += current.search.expansions
                 current.search = begin(which, current.search.cost_to_go, current.level)
-                end = current.search.run(min(budget, options.max_nodes), began + time_limit)
+                end = run(current)
             if end is SearchEnd.FOUND:
                 arcs = with_shortcuts(current.search, *current.search.arcs())
                 return _path(ends["start"], ends["goal"], *arcs, wheelbase, backwards=which == "goal")
@@ -138,19 +144,24 @@ def hybrid_a_star(
                 arcs = with_shortcuts(current.search, *joined)
                 return _path(ends["start"], ends["goal"], *arcs, wheelbase, backwards=which == "goal")
             if end is SearchEnd.EXHAUSTED:
-                raise InitialGuessError(
+                raise PathNotFound(
                     f"hybrid_a_star: no path was found: from the {which}, {len(current.search.poses)} poses can be "
                     f"reached, none of which leads on. Try CarSearch(refinements={options.refinements + 1}), less "
-                    "clearance, or wider bounds."
+                    "clearance, or wider bounds.",
+                    sum(one.expansions for one in searches),
                 )
-        if time.monotonic() > began + time_limit or budget >= options.max_nodes:
-            reached = " and ".join(f"{len(one.search.poses)} from the {one.which}" for one in searches)
-            raise InitialGuessError(
-                f"hybrid_a_star: no path was found within {time_limit:g} seconds and {options.max_nodes} poses per "
-                f"search; reached were {reached}. Give more time, CarSearch(max_nodes=...), a coarser cell, or less "
-                "clearance."
+        spent = sum(one.expansions for one in searches)
+        if spent >= options.max_expansions or deadline.has_passed:
+            reached = " and ".join(f"{len(one.search.poses)} poses from the {one.which}" for one in searches)
+            limit = f"{options.max_expansions} expansions" + (
+                "" if time_limit is None else f" and {time_limit:g} seconds"
             )
-        budget *= GROWTH
+            raise PathNotFound(
+                f"hybrid_a_star: no path was found within {limit}; reached were {reached}. Give "
+                "CarSearch(max_expansions=...), more time, a coarser cell, or less clearance.",
+                spent,
+            )
+        turn *= GROWTH
 
 
 @dataclass(eq=False)
@@ -160,13 +171,20 @@ class _EndSearch:
     which: str
     search: BestFirstSearch
     level: int = 0
+    before: int = 0
+
+    @property
+    def expansions(self) -> int:
+        """Of all levels."""
+        return self.before + self.search.expansions
 
 
 def _check_disc(root: Array, cost_to_go: CostToGo) -> None:
     if math.isinf(cost_to_go.disc_path_length(root[None])[0]):
-        raise InitialGuessError(
+        raise PathNotFound(
             "hybrid_a_star: there is no path from start to goal: the obstacles and bounds leave no way even for a disc "
-            "inside the car. Move an obstacle, widen the bounds or ask for less clearance."
+            "inside the car. Move an obstacle, widen the bounds or ask for less clearance.",
+            0,
         )
 
 
@@ -196,13 +214,18 @@ def _named_obstacles(obstacles: Mapping[str, Polytope] | Sequence[Polytope]) -> 
 
 
 def _check_car(
-    body: Polytope, obstacles: list[Polytope], wheelbase: float, steering_limit: float, clearance: float, limit: float
+    body: Polytope,
+    obstacles: list[Polytope],
+    wheelbase: float,
+    steering_limit: float,
+    clearance: float,
+    limit: float | None,
 ) -> None:
     """Refuse a body, a steering, a clearance or a time that makes no sense."""
     if not isinstance(body, Polytope) or body.dimension != 2 or not body.is_bounded:
         raise InitialGuessError(f"hybrid_a_star: the body is {body!s}; expected a bounded Polytope in the plane.")
     for name, number in (("wheelbase", wheelbase), ("time_limit", limit)):
-        if not (math.isfinite(number) and number > 0.0):
+        if number is not None and not (math.isfinite(number) and number > 0.0):
             raise InitialGuessError(f"hybrid_a_star: {name} = {number}; expected a positive number.")
     if not 0.0 < steering_limit < 0.5 * math.pi:
         raise InitialGuessError(

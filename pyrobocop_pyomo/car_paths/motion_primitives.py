@@ -40,8 +40,9 @@ class CarSearch:
         Factor of the estimated cost to go; 1 for the shortest paths, more for a faster search.
     refinements : int
         How often cells and primitives may be halved where they lead nowhere.
-    max_nodes : int
-        How many poses a search may keep.
+    max_expansions : int
+        How often poses are expanded, 32 of them together, before a search is given up: the only limit that does not
+        depend on the machine.
     """
 
     cell: float | None = None
@@ -52,7 +53,7 @@ class CarSearch:
     steering_cost: float | None = None
     heuristic_weight: float = 1.5
     refinements: int = 3
-    max_nodes: int = 500_000
+    max_expansions: int = 5_000
 
     def __post_init__(self) -> None:
         for name in ("cell", "primitive_length", "cusp_cost", "steering_cost", "heuristic_weight"):
@@ -63,12 +64,13 @@ class CarSearch:
             self.headings < 8
             or self.steerings < 3
             or self.steerings % 2 == 0
-            or self.max_nodes < 1
+            or self.max_expansions < 1
             or self.refinements < 0
         ):
             raise InitialGuessError(
-                f"CarSearch: headings = {self.headings}, steerings = {self.steerings}, max_nodes = {self.max_nodes}; "
-                "expected at least 8 headings, an odd number of steerings from 3 on, and a positive number of nodes."
+                f"CarSearch: headings = {self.headings}, steerings = {self.steerings}, max_expansions = "
+                f"{self.max_expansions}; expected at least 8 headings, an odd number of steerings from 3 on, and a "
+                "positive number of expansions."
             )
 
 

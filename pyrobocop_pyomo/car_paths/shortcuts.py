@@ -28,6 +28,8 @@ KEPT_PER_PAIR = 2
 CHECKED_AT_ONCE = 200
 MOST_BATCHES = 6
 ROUNDS = 6
+# Turning radii that a round saves at least: a solver takes off the rest, and shorter ways only cost time.
+LEAST_SAVING = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +75,8 @@ def _reversed(edges: _Edges, count: int) -> _Edges:
 def with_shortcuts(search: BestFirstSearch, lengths: Array, curvatures: Array) -> tuple[Array, Array]:
     """Signed lengths and curvatures of arcs of a path that is no worse than the one given, from the root of a search.
 
+    Ways that save less than a twentieth of a turning radius are not looked for.
+
     Parameters
     ----------
     search : BestFirstSearch
@@ -98,7 +102,7 @@ def _shortened(search: BestFirstSearch, lengths: Array, curvatures: Array) -> tu
     backward = _reversed(edges, len(places))
     clear = edges.own >= 0
     banned = np.zeros(len(clear), dtype=bool)
-    least = 1e-6 * search.primitives.turning_radius
+    least = LEAST_SAVING * search.primitives.turning_radius
     before, own_way = _cheapest_way(edges, clear, len(places), cusp)[:2]
     best, way = before, own_way
     for _ in range(MOST_BATCHES):

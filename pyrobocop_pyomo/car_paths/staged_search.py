@@ -1,16 +1,16 @@
-"""Hybrid A* again and again until its time is used: with more room, less clearance, and finer cells."""
+"""Hybrid A* again and again until its expansions are used: with more room, less clearance, and finer cells."""
 
 from __future__ import annotations
 
 import itertools
 import logging
 import math
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from pyrobocop_pyomo.errors import InitialGuessError
+from pyrobocop_pyomo.errors import InitialGuessError, PathNotFound
 from pyrobocop_pyomo.geometry import Polytope
+from pyrobocop_pyomo.modeling.deadline import Deadline
 
 from .car_path import CarPath
 from .cost_to_go import Bounds
@@ -23,7 +23,7 @@ logger = logging.getLogger(__name__)
 CLEARANCES = (1.0, 0.6, 0.4, 0.2, 0.1)
 # Divisors of the cells from the beginning.
 FINER = (1, 2)
-# Of the time that is left: what one search may take.
+# Of the expansions and the time that are left: what one search may take.
 SHARE = 0.4
 
 
@@ -54,8 +54,9 @@ def staged_search(
     steering_limit: float,
     regions: Sequence[Bounds],
     clearance: float,
+    shares: Sequence[float] = CLEARANCES,
     search: CarSearch | None = None,
-    time_limit: float,
+    time_limit: float | None = None,
 ) -> StagedPath:
     """The first path that is found, with as much of the clearance as possible.
 
@@ -64,8 +65,11 @@ def staged_search(
     regions : sequence of bounds
         The next one is tried where the one before has no path.
     clearance : float
-        Where no path keeps it, a path that keeps a part of it is searched for.
-    time_limit : float
+    shares : sequence of float
+        Of the clearance; the next one is tried where no path keeps the one before.
+    search : CarSearch, optional
+        Its expansions are for all searches together.
+    time_limit : float, optional
         Seconds, for all searches together.
 
     The others are those of `hybrid_a_star`.
@@ -77,15 +81,18 @@ def staged_search(
     """
     given = CarSearch() if search is None else search
     radius = wheelbase / math.tan(steering_limit)
-    deadline = time.monotonic() + time_limit
+    expansions, deadline = given.max_expansions, Deadline.after(time_limit)
     first: InitialGuessError | None = None
-    for share in CLEARANCES:
+    closed: Bounds | None = None
+    for share in shares:
         for bounds, finer in itertools.product(regions, FINER):
-            began = time.monotonic()
-            left = deadline - began
-            if left <= 0.0 and first is not None:
+            if first is not None and (expansions <= 0 or deadline.has_passed):
                 raise first
-            limit = max(SHARE * left, 1e-9)
+            if finer > 1 and bounds == closed:
+                continue
+            most = max(1, round(SHARE * expansions))
+            limit = None if deadline.left is None else max(SHARE * deadline.left, 1e-9)
+            until = Deadline.after(limit)
             try:
                 path = hybrid_a_star(
                     start,
@@ -96,14 +103,18 @@ def staged_search(
                     steering_limit=steering_limit,
                     bounds=bounds,
                     clearance=share * clearance,
-                    search=_finer(given, finer, radius),
+                    search=replace(_finer(given, finer, radius), max_expansions=most),
                     time_limit=limit,
                 )
                 return StagedPath(path, share * clearance, bounds)
             except InitialGuessError as error:
                 logger.info("%.0f %% of the clearance, cells divided by %d: %s", 100.0 * share, finer, error)
                 first = error if first is None else first
-            if time.monotonic() - began >= limit:
+                spent = error.expansions if isinstance(error, PathNotFound) else 0
+            expansions -= spent
+            # Finer cells do not help where an end collides or nothing was expanded.
+            closed = bounds if spent == 0 else None
+            if spent >= most or until.has_passed:
                 # There is a lot to reach, and neither more room nor finer cells make it less.
                 break
     assert first is not None

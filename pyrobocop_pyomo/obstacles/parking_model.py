@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from pyomo.core.base.PyomoModel import ConcreteModel
 from pyomo.core.expr import cos, sin, tan
 
 from pyrobocop_pyomo.car_paths import CarPath, CarSearch, ParkingCar, ParkingCase, staged_search
+from pyrobocop_pyomo.car_paths.staged_search import CLEARANCES
 from pyrobocop_pyomo.errors import InitialGuessError, ObstacleError
 from pyrobocop_pyomo.geometry import planar_pose, signed_distance
 from pyrobocop_pyomo.motion.bodies import Body
@@ -40,7 +42,8 @@ def parking_model(
     clearance: float = 0.05,
     elements: int | None = None,
     search: CarSearch | None = None,
-    time_limit: float = 30.0,
+    needs_path: bool = False,
+    time_limit: float | None = None,
 ) -> ConcreteModel:
     """Model of a parking case, ready for `solve`: from rest at the start to rest at the goal in little time.
 
@@ -56,10 +59,12 @@ def parking_model(
     elements : int, optional
         Of the mesh; by default one for 0.6 seconds of the initial guess, from 30 to 90.
     search : CarSearch, optional
-        Resolution and costs of the path that is the initial guess.
+        Resolution and costs of the path that is the initial guess, and how long it is searched for.
+    needs_path : bool, optional
+        Whether to refuse a case in which no path keeps the clearance. By default less is required then, and where there
+        is no path at all, a straight line is the initial guess.
     time_limit : float, optional
-        Seconds for the search, which ends only then as long as it finds no path. Without a path, a straight line is the
-        initial guess.
+        Seconds for the search. Without it the model does not depend on how busy the machine is.
 
     Returns
     -------
@@ -72,10 +77,21 @@ def parking_model(
     ------
     ObstacleError
         When the car overlaps an obstacle at the start or at the goal.
+    InitialGuessError
+        When there is no path, and one is needed.
     """
     car = ParkingCar() if car is None else car
     clearance = _possible_clearance(case, car, clearance)
-    path, bounds, clearance = _path(case, car, clearance, search, time_limit)
+    try:
+        shares = (1.0,) if needs_path else CLEARANCES
+        path, bounds, clearance = _path(case, car, clearance, shares, search, time_limit)
+    except InitialGuessError as error:
+        if needs_path:
+            raise
+        logger.warning(
+            "parking case '%s': no path was found; the initial guess is a straight line. %s", case.name, error
+        )
+        path, bounds = None, _regions(case, car)[-1]
     duration = 30.0 if path is None else path.timed(0.6 * car.speed, 0.5 * car.acceleration).duration
     if elements is None:
         elements = int(np.clip(math.ceil(duration / SECONDS_PER_ELEMENT), *ELEMENTS))
@@ -153,34 +169,35 @@ def _possible_clearance(case: ParkingCase, car: ParkingCar, clearance: float) ->
     return clearance
 
 
-def _path(
-    case: ParkingCase, car: ParkingCar, clearance: float, search: CarSearch | None, time_limit: float
-) -> tuple[CarPath | None, Any, float]:
-    """A path, the region that it was searched in, and the clearance that it keeps; None where none was found."""
+def _regions(case: ParkingCase, car: ParkingCar) -> list[Any]:
+    """Where the rear axle may be, the smallest first."""
     ends = np.array([case.start[:2], case.goal[:2]])
     length = car.wheelbase + car.front_overhang + car.rear_overhang
-    regions: list[Any] = []
+    regions = []
     for room in ROOM:
         low, high = ends.min(axis=0) - room * length, ends.max(axis=0) + room * length
         regions.append(tuple(zip(low.tolist(), high.tolist(), strict=True)))
-    try:
-        found = staged_search(
-            tuple(case.start),
-            tuple(case.goal),
-            body=car.shape,
-            obstacles=case.parts,
-            wheelbase=car.wheelbase,
-            steering_limit=car.steering,
-            regions=regions,
-            clearance=clearance,
-            search=search,
-            time_limit=time_limit,
-        )
-    except InitialGuessError as error:
-        logger.warning(
-            "parking case '%s': no path was found; the initial guess is a straight line. %s", case.name, error
-        )
-        return None, regions[-1], clearance
+    return regions
+
+
+def _path(
+    case: ParkingCase, car: ParkingCar, clearance: float, shares: Sequence[float], search: CarSearch | None,
+    time_limit: float | None,
+) -> tuple[CarPath, Any, float]:  # fmt: skip
+    """A path, the region that it was searched in, and the clearance that it keeps."""
+    found = staged_search(
+        tuple(case.start),
+        tuple(case.goal),
+        body=car.shape,
+        obstacles=case.parts,
+        wheelbase=car.wheelbase,
+        steering_limit=car.steering,
+        regions=_regions(case, car),
+        clearance=clearance,
+        shares=shares,
+        search=search,
+        time_limit=time_limit,
+    )
     if found.clearance < clearance:
         logger.warning(
             "parking case '%s': no path with a clearance of %.4g was found; %.4g is required.",

@@ -66,7 +66,7 @@ class RecognisedCar:
     speed: float | None
     _equations: BodyEquations
 
-    def path(self, block: Any, clearances: float, time_limit: float) -> CarPath:
+    def path(self, block: Any, clearances: float, time_limit: float | None) -> CarPath:
         """Path from where the body starts to where it ends, clear of all that rests.
 
         Parameters
@@ -75,7 +75,7 @@ class RecognisedCar:
             Its variables hold the start and the end.
         clearances : float
             How many of them to keep.
-        time_limit : float
+        time_limit : float or None
             Seconds.
 
         Raises

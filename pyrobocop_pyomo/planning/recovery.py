@@ -8,6 +8,7 @@ clearance and hard planes.
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -50,7 +51,6 @@ DEEP = 0.1
 NEARLY_FEASIBLE = 1e-2
 # Clearances that a path of a car keeps: a second path, farther from everything, is another start.
 PATH_CLEARANCES = (1.0, 2.0)
-LONGEST_SEARCH = 20.0
 # Random configurations of an arm, for each path.
 SAMPLES = 4000
 
@@ -170,8 +170,9 @@ class Recovery:
         last, found = PlanningPoint(self._model), False
         self._initial.restore()
         for block, car in cars:
+            left = self._planning.seconds_left()
             try:
-                path = car.path(block, clearances, max(min(LONGEST_SEARCH, self._planning.seconds_left()), 1e-3))
+                path = car.path(block, clearances, None if math.isinf(left) else max(left, 1e-3))
             except InitialGuessError as error:
                 logger.info("'%s': no path for '%s': %s", block.name, car.body, error)
                 continue

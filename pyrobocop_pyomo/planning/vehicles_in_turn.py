@@ -2,7 +2,8 @@
 
 While a vehicle drives, those before it in the order have driven or drive still, and those after it stand at
 their starts. Its path keeps clear of the starts of these and of the goals of the others, so that it can drive at
-the latest when all before it have arrived. It leaves as soon as its motion keeps clear of theirs.
+the latest when all before it have arrived. It leaves as soon as its motion keeps clear of theirs. Where no vehicle that
+is left finds a way, the last ones of the order are taken back, as few as possible, so that one of those goes first.
 
 Erdmann and Lozano-Pérez, On multiple moving objects, Algorithmica 2 (1987), doi:10.1007/BF01840371, for the order;
 Kant and Zucker, Toward efficient trajectory planning: the path-velocity decomposition, The International Journal of
@@ -13,20 +14,23 @@ from __future__ import annotations
 
 import logging
 import math
-import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from pyrobocop_pyomo.car_paths import CarSearch, ParkingCar, VehiclesCase
+from pyrobocop_pyomo.car_paths.cost_to_go import free_cells_of_disc
 from pyrobocop_pyomo.car_paths.free_space import FreeSpace
 from pyrobocop_pyomo.errors import InitialGuessError, ObstacleError
 from pyrobocop_pyomo.geometry import planar_pose
+from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.obstacles import parking_model, verify_motion
+from pyrobocop_pyomo.obstacles.parking_model import ROOM
+from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.trajectories import Trajectory
 
@@ -36,12 +40,17 @@ logger = logging.getLogger(__name__)
 
 # Seconds from one pose to the next, of those that are compared and proven.
 STEP = 0.1
-# Seconds for the path of one vehicle, while others could come first.
-SEARCH_SECONDS = 10.0
+# Expansions for the path of one vehicle, while another one could come first.
+FIRST_EXPANSIONS = 300
+# Of the clearance: what is asked for where no vehicle that is left finds a way with all of it.
+LESS = 0.4
+# The cells in which a way for a disc is looked for: their side in widths of a car, the most along a side of the yard.
+CELL, MOST_CELLS = 0.15, 600
 # Added to the clearance of each alone, since less is proven of several: poses a step apart stand for the motion between
 # them. Added in the choice of departures as well; more each time that a proof fails.
 SPARE = 0.02
 DOUBLINGS = 4
+_Planned = tuple[Trajectory, SafetyReport | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,37 +127,39 @@ def plan_vehicles(
         Distance to keep from obstacles and from each other. As for `parking_model` less is required where a start or a
         goal has less.
     search : CarSearch, optional
+        Its expansions are for one path.
     time_limit : float, optional
         Seconds, for everything together.
 
     Raises
     ------
     InitialGuessError
-        When no vehicle that is left finds a way while the others stand, or the time is over.
+        When no vehicle that is left finds a way while the others stand, in any order tried, or the time is over.
     ObstacleError
         When vehicles overlap at their starts or at their goals.
     """
     car = ParkingCar() if car is None else car
-    deadline = math.inf if time_limit is None else time.monotonic() + time_limit
+    deadline = Deadline.after(time_limit)
     _refuse_overlaps(case, car)
     left = sorted(range(len(case)), key=lambda k: -float(np.hypot(*(case.goals[k] - case.starts[k])[:2])))
     order: list[int] = []
-    found: dict[int, tuple[Trajectory, SafetyReport | None]] = {}
+    found: dict[int, _Planned] = {}
+    changes = 0
     while left:
-        for vehicle in left:
-            seconds = deadline - time.monotonic()
-            planned = None if seconds <= 0.0 else _alone(case, car, vehicle, order, left, clearance, search, seconds)
-            if planned is not None:
-                break
-        else:
+        fewest = 0 if changes < len(case) else len(order)
+        step = _next(case, car, order, left, fewest, clearance, search or CarSearch(), deadline)
+        if step is None:
             raise InitialGuessError(
                 f"plan_vehicles: '{case.name}': of the vehicles {[k + 1 for k in left]} none finds a way to its goal "
                 f"while the others stand and {[k + 1 for k in order]} have arrived. Give more time, less clearance, or "
                 "starts and goals that leave a way."
             )
-        left.remove(vehicle)
-        order.append(vehicle)
-        found[vehicle] = planned
+        kept, vehicle, found[vehicle] = step
+        if kept < len(order):
+            changes += 1
+            logger.info("'%s': vehicle %d goes before %s", case.name, vehicle + 1, [k + 1 for k in order[kept:]])
+        left = order[kept:] + [k for k in left if k != vehicle]
+        order = [*order[:kept], vehicle]
     trajectories = [found[k][0] for k in range(len(case))]
     reports = [report for k in range(len(case)) if (report := found[k][1]) is not None]
     return _timed(case, car, order, trajectories, reports, clearance)
@@ -167,20 +178,78 @@ def _refuse_overlaps(case: VehiclesCase, car: ParkingCar) -> None:
             )
 
 
+def _next(
+    case: VehiclesCase, car: ParkingCar, order: list[int], left: Sequence[int], fewest: int, clearance: float,
+    search: CarSearch, deadline: Deadline,
+) -> tuple[int, int, _Planned] | None:  # fmt: skip
+    """How many of the order stay, the vehicle that follows these, and its motion; None where none finds a way."""
+    little = min(FIRST_EXPANSIONS, search.max_expansions)
+    for share, most in ((1.0, little), (1.0, search.max_expansions), (LESS, search.max_expansions)):
+        limited = replace(search, max_expansions=most)
+        for kept in range(len(order), fewest - 1, -1):
+            waiting = [*order[kept:], *left]
+            for vehicle in _with_ways(case, car, order[:kept], waiting, left):
+                seconds = deadline.left
+                if seconds is not None and seconds <= 0.0:
+                    return None
+                planned = _alone(case, car, vehicle, order[:kept], waiting, share * clearance, limited, seconds)
+                if planned is not None:
+                    return kept, vehicle, planned
+    return None
+
+
+def _with_ways(
+    case: VehiclesCase, car: ParkingCar, arrived: list[int], waiting: Sequence[int], chosen: Sequence[int]
+) -> Iterator[int]:
+    """Those of the chosen that may have a way now; first those that leave one for all others where they arrive."""
+    shutting_in = []
+    for vehicle in chosen:
+        others = [k for k in waiting if k != vehicle]
+        standing = np.concatenate([case.goals[arrived], case.starts[others]])
+        if not _discs_have_ways(case, car, standing, [vehicle]):
+            continue
+        if _discs_have_ways(case, car, case.goals[[*arrived, vehicle]], others):
+            yield vehicle
+        else:
+            shutting_in.append(vehicle)
+    yield from shutting_in
+
+
+def _discs_have_ways(case: VehiclesCase, car: ParkingCar, standing: Array, vehicles: list[int]) -> bool:
+    """Whether a disc inside each vehicle has a way from its start to its goal round the obstacles and what stands.
+
+    Where it has none, no search finds one for the vehicle.
+    """
+    parts = [part for shapes in case.obstacles.values() for part in shapes]
+    shapes = [*parts, *(car.shape.placed(planar_pose(*pose)) for pose in standing.tolist())]
+    room = ROOM[-1] * float(np.ptp(car.shape.vertices[:, 0]))
+    points = np.concatenate([case.starts, case.goals])[:, :2]
+    low, high = points.min(axis=0) - room, points.max(axis=0) + room
+    bounds = (float(low[0]), float(high[0])), (float(low[1]), float(high[1]))
+    cell = max(CELL * car.width, float((high - low).max()) / MOST_CELLS)
+    free = free_cells_of_disc(bounds, cell, car.shape, shapes, 0.0, float(np.abs([low, high]).max()))
+    connected = scipy.ndimage.label(free, np.ones((3, 3)))[0]
+    first, last = (
+        connected[tuple(np.floor((poses[vehicles, :2] - low) / cell).astype(int).T)]
+        for poses in (case.starts, case.goals)
+    )
+    return bool(((first == last) & (first > 0)).all())
+
+
 def _alone(
-    case: VehiclesCase, car: ParkingCar, vehicle: int, arrived: Sequence[int], left: Sequence[int], clearance: float,
-    search: CarSearch | None, seconds: float,
-) -> tuple[Trajectory, SafetyReport | None] | None:  # fmt: skip
+    case: VehiclesCase, car: ParkingCar, vehicle: int, arrived: Sequence[int], waiting: Sequence[int],
+    clearance: float, search: CarSearch, seconds: float | None,
+) -> _Planned | None:  # fmt: skip
     """Its motion round all others, which stand; None where there is none."""
-    others = [(k, case.goals[k]) for k in arrived] + [(k, case.starts[k]) for k in left if k != vehicle]
+    others = [(k, case.goals[k]) for k in arrived] + [(k, case.starts[k]) for k in waiting if k != vehicle]
     standing = [(f"vehicle {k + 1}", car.shape.placed(planar_pose(*pose.tolist()))) for k, pose in others]
     try:
         model = parking_model(
-            case.alone(vehicle, standing), car, clearance=clearance + SPARE, search=search,
-            time_limit=min(SEARCH_SECONDS, seconds),
+            case.alone(vehicle, standing), car, clearance=clearance + SPARE, search=search, needs_path=True,
+            time_limit=seconds,
         )  # fmt: skip
-    except ObstacleError as error:
-        # Its goal is where another one still stands.
+    except (ObstacleError, InitialGuessError) as error:
+        # Its goal is where another one still stands, or these leave no way.
         logger.info("%s", error)
         return None
     result = solve(model, time_limit=seconds)

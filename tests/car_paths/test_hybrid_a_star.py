@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.car_paths import hybrid_a_star, staged_search
 from pyrobocop_pyomo.car_paths.best_first_search import BestFirstSearch
 from pyrobocop_pyomo.car_paths.car_kinematics import follow_arcs
 from pyrobocop_pyomo.car_paths.cost_to_go import CostToGo
 from pyrobocop_pyomo.car_paths.free_space import FreeSpace
 from pyrobocop_pyomo.car_paths.motion_primitives import CarSearch, MotionPrimitives
 from pyrobocop_pyomo.car_paths.shortcuts import with_shortcuts
-from pyrobocop_pyomo.errors import InitialGuessError
+from pyrobocop_pyomo.errors import InitialGuessError, PathNotFound
 
 from .car_scenes import CAR, PARALLEL, REVERSE, START, STEERING, WHEELBASE, is_free, least_distance, park, without_end
 
@@ -179,22 +180,44 @@ def test_an_end_in_collision_is_refused_with_what_is_there() -> None:
         park(scene={**REVERSE, "obstacles": boxes})
 
 
+# As long as the car and a little: it may shunt, but neither turn nor get out, though a disc could.
+BOX = {
+    "behind": without_end([[1, 0]], [-3.9]), "ahead": without_end([[-1, 0]], [-3.9]),
+    "below": without_end([[0, 1]], [-1.15]), "above": without_end([[0, -1]], [-1.15]),
+}  # fmt: skip
+
+
 def test_where_there_is_no_path_it_says_so() -> None:
     gate = {"gate": rcp.Polytope.box(4, 1, center=(0, 6.2))}
     with pytest.raises(InitialGuessError, match="no way even for a disc"):
         park(scene={**REVERSE, "obstacles": REVERSE["obstacles"] | gate})
-    # In a box as long as itself and a little a car may shunt, but neither turn nor get out, though a disc could.
-    box = {
-        "behind": without_end([[1, 0]], [-1.2]), "ahead": without_end([[-1, 0]], [-3.9]),
-        "below": without_end([[0, 1]], [-1.15]), "above": without_end([[0, -1]], [-1.15]),
-    }  # fmt: skip
     with pytest.raises(InitialGuessError, match=r"no path was found: from the goal, \d+ poses"):
         park(
-            (0.1, 0, math.pi), {"goal": (0, 0, 0), "obstacles": box | {"behind": without_end([[1, 0]], [-3.9])}},
-            bounds=((-2, 5), (-2, 2)), search=rcp.scenes.CarSearch(refinements=0),
+            (0.1, 0, math.pi), {"goal": (0, 0, 0), "obstacles": BOX}, bounds=((-2, 5), (-2, 2)),
+            search=rcp.scenes.CarSearch(refinements=0),
         )  # fmt: skip
-    with pytest.raises(InitialGuessError, match=r"within 1e-06 seconds"):
+    with pytest.raises(PathNotFound, match=r"and 1e-06 seconds"):
         park(time_limit=1e-6)
+
+
+@pytest.mark.parametrize("most", [1, 7])
+def test_a_search_ends_after_its_expansions_whatever_they_find(most: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of all levels and of both ends together, and of all stages: where a car has no room to turn."""
+    counted = []
+    expand = BestFirstSearch._expand
+    monkeypatch.setattr(BestFirstSearch, "_expand", lambda search: counted.append(search) or expand(search))
+    case = {
+        "body": CAR, "obstacles": BOX, "wheelbase": WHEELBASE, "steering_limit": STEERING, "clearance": 0.05,
+        "search": CarSearch(max_expansions=most),
+    }  # fmt: skip
+    bounds = ((-2.0, 5.0), (-2.0, 2.0))
+    with pytest.raises(PathNotFound) as one:
+        hybrid_a_star((0.1, 0, math.pi), (0, 0, 0), bounds=bounds, **case)
+    assert one.value.expansions == len(counted) <= most
+    counted.clear()
+    with pytest.raises(PathNotFound):
+        staged_search((0.1, 0, math.pi), (0, 0, 0), regions=[bounds], **case)
+    assert 0 < len(counted) <= most
 
 
 @pytest.mark.parametrize(

@@ -132,3 +132,13 @@ def test_a_car_that_stands_in_an_obstacle_is_refused_with_its_name() -> None:
     case = rcp.scenes.ParkingCase.from_numbers(numbers([[(2, -2), (3, -2), (3, -1)]]))
     with pytest.raises(rcp.errors.ObstacleError, match="at the start the car overlaps 'obstacle 1' by"):
         rcp.scenes.parking_model(case)
+
+
+def test_a_case_without_a_path_is_refused_where_one_is_needed() -> None:
+    around = [[(-4, -6), (8, -6), (8, -5.5), (-4, -5.5)], [(-4, 3), (8, 3), (8, 3.5), (-4, 3.5)]]
+    around += [[(-4, -6), (-3.5, -6), (-3.5, 3.5), (-4, 3.5)], [(7.5, -6), (8, -6), (8, 3.5), (7.5, 3.5)]]
+    case = rcp.scenes.ParkingCase.from_numbers(numbers(around))
+    with pytest.raises(rcp.errors.PathNotFound, match="no way even for a disc"):
+        rcp.scenes.parking_model(case, needs_path=True)
+    guess = rcp.scenes.parking_model(case, elements=4).drive
+    assert guess.x[0.5].value == pytest.approx(0.5 * (case.start[0] + case.goal[0]))

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import GeometryError, ObstacleError
+from pyrobocop_pyomo.errors import GeometryError, InitialGuessError, ObstacleError
+from pyrobocop_pyomo.planning import vehicles_in_turn
 
 MAP = """agents:
   - start: [1, 2, 1.57]
@@ -71,3 +73,53 @@ def test_vehicles_that_change_places_keep_apart() -> None:
         placed = shape.placed(rcp.planar_pose(*one.tolist()))
         distance = rcp.scenes.signed_distance(shape, placed, rcp.planar_pose(*other.tolist())).distance
         assert distance >= 0.05 - 1e-3
+
+
+# A dead end from the left: its inner place and its mouth, and a yard before it.
+DEAD_END = {
+    "above": [rcp.Polytope.box(20, 1, center=(10, 2.0), name="above")],
+    "below": [rcp.Polytope.box(20, 1, center=(10, -2.0), name="below")],
+    "end": [rcp.Polytope.box(1, 5, center=(20.5, 0), name="end")],
+}
+
+
+def test_who_goes_farther_into_a_dead_end_goes_first() -> None:
+    starts = [(-30.0, 0.0, 0.0), (-15.0, 0.0, 0.0)]
+    mouth, inside = (3.0, 0.0, 0.0), (14.0, 0.0, 0.0)
+    car = rcp.scenes.ParkingCar()
+    for goals, order in (([mouth, inside], [1, 0]), ([inside, mouth], [0, 1])):
+        case = rcp.scenes.VehiclesCase("dead end", starts, goals, DEAD_END)
+        assert list(vehicles_in_turn._with_ways(case, car, [], [0, 1], [0, 1])) == order
+    # Who stands inside already has no way out while the mouth is taken.
+    case = rcp.scenes.VehiclesCase("dead end", [mouth, inside], starts, DEAD_END)
+    assert list(vehicles_in_turn._with_ways(case, car, [], [0, 1], [0, 1])) == [0]
+    assert list(vehicles_in_turn._with_ways(case, car, [0], [1], [1])) == [1]
+
+
+@pytest.mark.parametrize("blocked_by", [0, 1, 2])
+def test_a_vehicle_that_finds_no_way_goes_before_as_few_as_possible(
+    blocked_by: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Vehicle 3 gets there only before one of those that come first, since they have farther to go."""
+    case = rcp.scenes.VehiclesCase(
+        "yard", [(0, 10 * k, 0) for k in range(4)], [(50 - k, 10 * k, 0) for k in range(4)], {}
+    )  # fmt: skip
+
+    def alone(case: Any, car: Any, vehicle: int, arrived: Any, *rest: Any) -> Any:
+        return None if vehicle == 3 and blocked_by in arrived else (vehicle, None)
+
+    monkeypatch.setattr(vehicles_in_turn, "_alone", alone)
+    monkeypatch.setattr(vehicles_in_turn, "_timed", lambda case, car, order, *rest: order)
+    before = list(range(blocked_by))
+    assert rcp.scenes.plan_vehicles(case) == [*before, 3, *range(blocked_by, 3)]
+
+
+def test_vehicles_that_shut_each_other_in_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each has to be there before the other: no order does, and the search for one ends."""
+    case = rcp.scenes.VehiclesCase("yard", [(0, 0, 0), (0, 10, 0)], [(50, 0, 0), (40, 10, 0)], {})
+    monkeypatch.setattr(
+        vehicles_in_turn, "_alone",
+        lambda case, car, vehicle, arrived, *rest: None if arrived else (vehicle, None),
+    )  # fmt: skip
+    with pytest.raises(InitialGuessError, match=r"of the vehicles \[\d\] none finds a way"):
+        rcp.scenes.plan_vehicles(case)
