@@ -82,6 +82,7 @@ def parking_model(
     """
     car = ParkingCar() if car is None else car
     clearance = _possible_clearance(case, car, clearance)
+    path: CarPath | None
     try:
         shares = (1.0,) if needs_path else CLEARANCES
         path, bounds, clearance = _path(case, car, clearance, shares, search, time_limit)

@@ -203,10 +203,15 @@ def test_where_there_is_no_path_it_says_so() -> None:
 @pytest.mark.parametrize("most", [1, 7])
 def test_a_search_ends_after_its_expansions_whatever_they_find(most: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of all levels and of both ends together, and of all stages: where a car has no room to turn."""
-    counted = []
+    counted: list[BestFirstSearch] = []
     expand = BestFirstSearch._expand
-    monkeypatch.setattr(BestFirstSearch, "_expand", lambda search: counted.append(search) or expand(search))
-    case = {
+
+    def counting(search: BestFirstSearch) -> None:
+        counted.append(search)
+        expand(search)
+
+    monkeypatch.setattr(BestFirstSearch, "_expand", counting)
+    case: dict[str, Any] = {
         "body": CAR, "obstacles": BOX, "wheelbase": WHEELBASE, "steering_limit": STEERING, "clearance": 0.05,
         "search": CarSearch(max_expansions=most),
     }  # fmt: skip
