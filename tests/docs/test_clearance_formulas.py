@@ -184,7 +184,7 @@ def test_proven_means_up_to_the_tolerance(gap_left: float, safe: bool) -> None:
 
 @given(seed=seeds, turn=st.floats(0, 2))
 def test_advancement(seed: int, turn: float) -> None:
-    """eq-advancement: what a proof by speed knows."""
+    """A proof by speed: sd(s) >= (sd(a) + sd(b) - l) / 2, with the largest relative way l of two corners."""
     random, first, second = scene(seed)
     poses = random.normal(size=(2, 3)) * [1, 1, turn]
     change = poses[1] - poses[0]
