@@ -48,7 +48,7 @@ html_theme = "furo"
 html_baseurl = os.environ.get("READTHEDOCS_CANONICAL_URL", "")  # where a host serves several versions
 html_title = f"pyrobocop_pyomo {release}"
 
-# Pages that were joined to others: their old addresses lead to the sections, which have their names as labels.
+# Pages that were joined to others, or moved: the old address leads to the section, whose label is the old name.
 redirects = {
     f"how-to/{old}": f"{new}.html#{old}"
     for new, pages in {
@@ -67,4 +67,6 @@ redirects = {
         "vectors": ["numpy"],
     }.items()
     for old in pages
+} | {
+    f"explanation/{page}": f"../developer/{page}.html" for page in ("linear-solver", "problem-classes", "python-functions")
 }

@@ -163,7 +163,7 @@ def form_of(number: float, slope: float, curvature: float) -> TaylorForm:
 
 @given(u=st.tuples(*[st.floats(-3, 3)] * 3), v=st.tuples(*[st.floats(-3, 3)] * 3))
 def test_rules_of_second_derivatives(u: Any, v: Any) -> None:
-    """eq-form on single points, where intervals are numbers."""
+    """eq-taylor-form on single points, where intervals are numbers."""
     product = form_of(*u) * form_of(*v)
     assert product.second.low[0] == pytest.approx(u[2] * v[0] + 2 * u[1] * v[1] + u[0] * v[2], abs=1e-9)
     sine = form_of(*u).sin()
