@@ -109,7 +109,9 @@ def _write(page: Path, table: Table, right: int) -> None:
     tail = rest.split(END)[1]
     said = f"{right} of {len(table.rows)} estimates are within a factor of {FACTOR:g} of the true error."
     problems = [list(rows) for _, rows in groupby(table.rows, key=lambda row: row[0])]
-    rows = markdown(["problem", "with", "schemes", "estimate over true error"], [_summary(of) for of in problems], left=4)
+    rows = markdown(
+        ["problem", "with", "schemes", "estimate over true error"], [_summary(of) for of in problems], left=4
+    )
     page.write_text(f"{head}{BEGIN}\n\n{said}\n\n{rows}\n\n{END}{tail}", encoding="utf-8")
 
 

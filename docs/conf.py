@@ -68,5 +68,6 @@ redirects = {
     }.items()
     for old in pages
 } | {
-    f"explanation/{page}": f"../developer/{page}.html" for page in ("linear-solver", "problem-classes", "python-functions")
+    f"explanation/{page}": f"../developer/{page}.html"
+    for page in ("linear-solver", "problem-classes", "python-functions")
 }

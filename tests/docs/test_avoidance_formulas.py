@@ -177,7 +177,7 @@ def test_what_is_required() -> None:
 
 
 def offset_values(first: rcp.Polytope, second: rcp.Polytope, t: np.ndarray) -> tuple[float, float]:
-    """The gap of eq-offset, and twice the length by which facets move until the shapes touch, by two linear programs."""
+    """The gap of eq-offset, and twice the length by which facets move until the shapes touch: two linear programs."""
     (G, g), (A, b) = first.halfspaces, second.halfspaces
     dual = linprog(
         np.concatenate([g + G @ t, b]),  # n = -G'm, so that n.t = -(G t).m
