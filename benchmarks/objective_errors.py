@@ -17,11 +17,12 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 from estimate_problems import FINE, FINER, PROBLEMS, EstimateProblem
-from table import Table, cells_of, markdown, show_progress
+from table import Table, markdown, show_progress
 
 import pyrobocop_pyomo as rcp
 
@@ -107,8 +108,17 @@ def _write(page: Path, table: Table, right: int) -> None:
     head, rest = text.split(BEGIN)
     tail = rest.split(END)[1]
     said = f"{right} of {len(table.rows)} estimates are within a factor of {FACTOR:g} of the true error."
-    rows = markdown([title for title, _ in COLUMNS], cells_of(table.rows, COLUMNS), left=3)
+    problems = [list(rows) for _, rows in groupby(table.rows, key=lambda row: row[0])]
+    rows = markdown(
+        ["problem", "with", "schemes", "estimate over true error"], [_summary(of) for of in problems], left=4
+    )
     page.write_text(f"{head}{BEGIN}\n\n{said}\n\n{rows}\n\n{END}{tail}", encoding="utf-8")
+
+
+def _summary(rows: list[Any]) -> list[str]:
+    ratios = [row[-2] for row in rows if row[-2] is not None]
+    schemes = dict.fromkeys(row[2] for row in rows)
+    return [rows[0][0], rows[0][1], ", ".join(schemes), f"{min(ratios):.2f} to {max(ratios):.2f}"]
 
 
 if __name__ == "__main__":

@@ -77,7 +77,7 @@ def from_pyrobocop(
     ``constraint(c, t, x, xdot, y, u, p)`` means that ``c`` vanishes at each point. Where its rows are linear in
     ``xdot`` they are solved for it and substituted; other rows stay implicit. Objects are recovered from their corners
     as shapes and poses, and keep a distance of 0.02 as in PyRoboCOP, between the points too. Where this differs from
-    PyRoboCOP, and why, is on the page :doc:`/how-to/from-pyrobocop`.
+    PyRoboCOP, and why, is on the page :ref:`from-pyrobocop`.
 
     References
     ----------

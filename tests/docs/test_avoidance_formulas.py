@@ -177,7 +177,7 @@ def test_what_is_required() -> None:
 
 
 def offset_values(first: rcp.Polytope, second: rcp.Polytope, t: np.ndarray) -> tuple[float, float]:
-    """Both sides of eq-offset-dual, by linear programs that know nothing of each other."""
+    """The gap of eq-offset, and twice the length by which facets move until the shapes touch: two linear programs."""
     (G, g), (A, b) = first.halfspaces, second.halfspaces
     dual = linprog(
         np.concatenate([g + G @ t, b]),  # n = -G'm, so that n.t = -(G t).m
@@ -196,7 +196,7 @@ def offset_values(first: rcp.Polytope, second: rcp.Polytope, t: np.ndarray) -> t
 
 @given(seed=seeds)
 def test_pushed_out_facets(seed: int) -> None:
-    """eq-offset and eq-offset-dual; what they prove never exceeds a distance."""
+    """eq-offset, primal and dual; the gap never exceeds a distance."""
     _, first, second, t = two_shapes(seed)
     proven, twice = offset_values(first, second, t)
     assert proven == pytest.approx(twice, abs=1e-7)

@@ -163,7 +163,7 @@ def form_of(number: float, slope: float, curvature: float) -> TaylorForm:
 
 @given(u=st.tuples(*[st.floats(-3, 3)] * 3), v=st.tuples(*[st.floats(-3, 3)] * 3))
 def test_rules_of_second_derivatives(u: Any, v: Any) -> None:
-    """eq-form on single points, where intervals are numbers."""
+    """eq-taylor-form on single points, where intervals are numbers."""
     product = form_of(*u) * form_of(*v)
     assert product.second.low[0] == pytest.approx(u[2] * v[0] + 2 * u[1] * v[1] + u[0] * v[2], abs=1e-9)
     sine = form_of(*u).sin()
@@ -184,7 +184,7 @@ def test_proven_means_up_to_the_tolerance(gap_left: float, safe: bool) -> None:
 
 @given(seed=seeds, turn=st.floats(0, 2))
 def test_advancement(seed: int, turn: float) -> None:
-    """eq-advancement: what a proof by speed knows."""
+    """A proof by speed: sd(s) >= (sd(a) + sd(b) - l) / 2, with the largest relative way l of two corners."""
     random, first, second = scene(seed)
     poses = random.normal(size=(2, 3)) * [1, 1, turn]
     change = poses[1] - poses[0]
