@@ -17,7 +17,7 @@ from pyrobocop_pyomo.errors import PyRobocopError, TrajectoryError
 from pyrobocop_pyomo.links.tied_starts import ties_of
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases import PhaseBlockData
-from pyrobocop_pyomo.phases.reintegration import Reintegration, reintegrate
+from pyrobocop_pyomo.phases.reintegration import SMALLEST_SCALE, Reintegration, reintegrate
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .motion import Motion
@@ -28,6 +28,8 @@ from .pose_templates import SignalFormulas
 BETWEEN_INSTANTS = 1.1
 # As a share of the size of a state, or of one: what the equations of another phase may take for its plan.
 FAR_COMPANION = 1e-4
+# In sizes of a state: as far as a motion counts that has left the finite numbers.
+LOST = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,6 +168,49 @@ def reintegrated(phase: Any, after: tuple[Any, ...] = ()) -> Reintegration:
     for other in ties.beside:
         _refuse_far_companion(phase, other)
     return _states(phase, ties.start_after(led))
+
+
+def needed_reductions(phase: Any, reduction: float, after: tuple[Any, ...] = ()) -> list[tuple[Any, float]]:
+    """The phases whose own equations lead the motion of a phase away, and by which factors their errors have to shrink.
+
+    What a phase takes over from those before it is no error of its own mesh, and is traced back to theirs.
+
+    Parameters
+    ----------
+    phase : PhaseBlock
+    reduction : float
+        By which factor the distance of its motion from its plan has to shrink; below 1.
+    after : tuple of PhaseBlock
+        Phases that follow this one, for which it is evaluated.
+
+    Raises
+    ------
+    PyRobocopError
+        When its motion, or where it starts, is not known.
+    """
+    following = (phase, *after)
+    own, led = _states(phase), reintegrated(phase, after)
+    shares = [(phase, by_own := _apart(own.states, own.planned, own.planned))]
+    taken_over = 0.0 if by_own == LOST else _apart(led.states, own.states, own.planned)
+    shares += [(other, taken_over) for other in ties_of(phase).before if not any(other is of for of in following)]
+    allowed = reduction * max(share for _, share in shares)
+    needed = [(of, allowed / share) for of, share in shares if share > allowed]
+    return [
+        each
+        for of, factor in needed
+        for each in ([(of, factor)] if of is phase else needed_reductions(of, factor, following))
+    ]
+
+
+def _apart(
+    first: Mapping[str, Array] | None, second: Mapping[str, Array] | None, planned: Mapping[str, Array]
+) -> float:
+    """Largest distance of two motions in any state, relative to its size."""
+    if first is None or second is None:
+        return LOST
+    sizes = {name: SMALLEST_SCALE + np.abs(values).max() for name, values in planned.items()}
+    apart = max((float(np.abs(first[name] - second[name]).max() / size) for name, size in sizes.items()), default=0.0)
+    return min(apart, LOST) if np.isfinite(apart) else LOST
 
 
 def _states(phase: Any, initial: Mapping[str, float] | None = None) -> Reintegration:

@@ -51,6 +51,7 @@ def remesh(
         near to such a place moves there.
     """
     found = np.maximum(np.asarray(errors, dtype=float), _ROUNDING)
+    tolerance = max(tolerance, _ROUNDING)  # no mesh is better than that
     power = 1.0 / (order + 1)
     fixed = set(mesh.boundaries) if keep is None else set(keep)
     boundaries = [mesh.boundaries[0]]

@@ -45,7 +45,7 @@ def tighten(block: Any, report: SafetyReport, *, split: bool) -> list[str]:
     report : SafetyReport
         Of that motion, by this block.
     split : bool
-        Whether separations are split where margins alone have not been enough.
+        Whether the least margins have not been enough: then whole chord deviations are asked, and separations split.
 
     Returns
     -------
@@ -56,34 +56,41 @@ def tighten(block: Any, report: SafetyReport, *, split: bool) -> list[str]:
     if not record.per_interval:
         return _restore_at_points(block, report)
     done: dict[str, int] = {}
-    paths = _Paths(record, block.motion)
-    before_now = list(record.segments.values())
-    deviations = paths.deviations(before_now, [_plane(block, segment.index) for segment in before_now])
-    present = places_of(before_now)
-    unsafe: dict[SeparationIndex, float] = {}
+    present = places_of(record.segments.values())
     of_equations = _equations_deviations(record, report)
+    wanted: dict[SeparationIndex, float] = {}
+    beside: dict[SeparationIndex, float] = {}
     to_split: list[SeparationIndex] = []
     missed = []
     for pair in report.body_pairs:
         for interval in pair.unproven:
-            missing = float(np.nan_to_num(pair.missing[interval], nan=0.0))
+            # Where no instant is too close, only the proof is missing, by at most the tolerance.
+            missing = float(np.fmax(pair.missing[interval], pair.tolerance))
             place = (pair.first, pair.second, interval)
             segments = present.get(place, ())
-            unsafe |= {segment.index: missing for segment in segments}
+            here = {segment.index: value(block.margin[segment.index]) + missing for segment in segments}
+            wanted |= here
             if interval not in pair.plan_only:  # planes of shorter segments bring the equations no nearer
-                to_split += [segment.index for segment in segments]
+                to_split += here
             missed += [] if place in present else [place]
+            # Where the motion gives way here, it comes closer before or after.
+            near = [of for step in (-1, 1) for of in present.get((pair.first, pair.second, interval + step), ())]
+            most = max(here.values(), default=0.0)
+            beside |= {segment.index: max(most, beside.get(segment.index, 0.0)) for segment in near}
     restored = block.restore_near(missed)
     if restored:
         done["separations restored"] = len(restored)
-    for index, deviation in zip([segment.index for segment in before_now], deviations.tolist(), strict=True):
+    paths = _Paths(record, block.motion)
+    concerned = [record.segments[index] for index in {**wanted, **beside}]
+    deviations = paths.deviations(concerned, [_plane(block, segment.index) for segment in concerned])
+    for index, deviation in zip([segment.index for segment in concerned], deviations.tolist(), strict=True):
         before = value(block.margin[index])
-        wanted = DEVIATION_FACTOR * deviation + of_equations.get(index, 0.0)
-        if index in unsafe:
-            # The deviation alone was not enough last time, or the closest instant has another normal.
-            wanted = max(wanted, before + unsafe[index])
-        if wanted > before:
-            block.set_margin(*index, wanted)
+        enough = DEVIATION_FACTOR * deviation + of_equations.get(index, 0.0)
+        # First the least: what is missing here, and beside it no more than that. Later whole deviations.
+        asked = wanted.get(index, min(enough, beside.get(index, 0.0)))
+        asked = max(asked, enough) if split else asked
+        if asked > before:
+            block.set_margin(*index, asked)
             done["margins raised"] = done.get("margins raised", 0) + 1
     if split:
         count = sum(_split(block, index, paths) for index in dict.fromkeys(to_split))

@@ -199,7 +199,9 @@ def put_horizon(phase: Any, grid: Grid) -> None:
     boundaries = grid.mesh.boundaries
     start, end = boundaries[0], boundaries[-1]
     for component, number in ((phase.start, start), (phase.duration, end - start)):
-        if getattr(component, "ctype", None) in (Var, Expression):
+        if getattr(component, "ctype", None) is Var:
+            component.set_value(number, skip_validation=True)  # a motion may last longer than a plan is allowed to
+        elif getattr(component, "ctype", None) is Expression:
             component.set_value(number)
     if phase.record.free_widths and len(boundaries) == len(phase.boundary):
         for i, boundary in enumerate(boundaries):

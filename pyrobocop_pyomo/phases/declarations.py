@@ -89,7 +89,7 @@ class Declaration:
 
     Attributes
     ----------
-    bounds : (lower, upper), or function of the time index that returns such a pair
+    bounds : (lower, upper), or function of the time index that returns such a pair, or None
         None where there is no bound.
     initial_guess : number, array, function of the time index, or None
         Where the solver starts. By default 0, and for a state the value that it starts with, or else ends with.
@@ -123,6 +123,10 @@ class Declaration:
             words = {**_OTHER_WORDS, "within": domain, "domain": domain}
             check_keywords(what, unknown, known, DeclarationError, other_words=words)
         return super().__new__(cls)
+
+    def __post_init__(self) -> None:
+        if self.bounds is None:
+            object.__setattr__(self, "bounds", UNBOUNDED)
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -257,6 +261,7 @@ class Control(Declaration):
     levels: tuple[float, ...] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.integer is not None and self.integer is not False:
             self._restrict_to_levels()
         elif self.one_of or self.max_switches is not None or self.min_dwell is not None:
@@ -361,13 +366,15 @@ def integer_levels(integer: Any, bounds: Any, label: str) -> tuple[float, ...] |
 
 
 def check_bounds(bounds: object, name: str, label: str) -> Bounds:
-    """A pair (lower, upper) of finite numbers or None, in this order.
+    """A pair (lower, upper) of finite numbers or None, in this order; None alone stands for no bounds.
 
     Raises
     ------
     DeclarationError
         Naming the variable and the values.
     """
+    if bounds is None:
+        return UNBOUNDED
     try:
         lower, upper = (None if value is None else float(value) for value in bounds)  # type: ignore[attr-defined]
     except (TypeError, ValueError):

@@ -198,10 +198,10 @@ def _split_bounds(names: FamilyNames, given: Any, label: str) -> Any:
             found[position] = (lower[position], upper[position])
         return found
     found = names.split(_pairs(given, names)) if isinstance(given, (Mapping, list, tuple, np.ndarray)) else None
-    if found is None or not all(_is_pair(entry) for entry in found.ravel()):
+    if found is None or not all(entry is None or _is_pair(entry) for entry in found.ravel()):
         raise _wrong_length(DeclarationError, label, given, names, "pairs (lower, upper)")
     for position in np.ndindex(names.shape):
-        found[position] = tuple(found[position])
+        found[position] = None if found[position] is None else tuple(found[position])
     return found
 
 

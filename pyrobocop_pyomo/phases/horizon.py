@@ -149,11 +149,34 @@ def real_time(block: Any, record: PhaseRecord, index: float | TimeIndex) -> Any:
 
 
 def real_grid(block: Any, record: PhaseRecord) -> Grid:
-    """The grid in real time, at the current values."""
+    """The grid in real time, at the current values.
+
+    Raises
+    ------
+    MeshError
+        When the duration has no positive value.
+    """
     if not record.normalised:
         return record.grid
+    refuse_no_duration(block)
     boundaries = (value(real_time(block, record, tau)) for tau in record.grid.mesh.boundaries)
     return Grid(record.grid.scheme, Mesh(tuple(float(boundary) for boundary in boundaries)))
+
+
+def refuse_no_duration(block: Any) -> None:
+    """Refuse a duration that was given a value in which no motion takes place.
+
+    Raises
+    ------
+    MeshError
+        Naming the phase and the value.
+    """
+    duration = value(block.duration, exception=False)
+    if duration is None or not duration > 0:
+        raise MeshError(
+            f"phase '{block.name}': its duration has the value {duration}; it must be positive. Give it one by "
+            f"{block.name}.duration.set_value(1.0), or fix(1.0)."
+        )
 
 
 def horizon_fraction(phase: Any) -> Callable[[float], float]:
@@ -163,11 +186,14 @@ def horizon_fraction(phase: Any) -> Callable[[float], float]:
     ------
     InitialGuessError
         When it is no `PhaseBlock`.
+    MeshError
+        When its duration has no positive value.
     """
     if not hasattr(phase, "time_at") or not hasattr(phase, "time"):
         raise InitialGuessError(
             f"'{getattr(phase, 'name', phase)}' is no PhaseBlock; an initial guess along a path needs one."
         )
+    refuse_no_duration(phase)
     start, end = (float(value(phase.time_at(t))) for t in (phase.time.first(), phase.time.last()))
     return lambda t: (float(value(phase.time_at(t))) - start) / (end - start)
 

@@ -422,6 +422,8 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         TranscriptionError
             Naming the state without equation, the counts that do not match, the variable that appears nowhere, or
             the equations that determine no derivative and no algebraic.
+        MeshError
+            When the duration is fixed at no positive value.
         """
         check_phase(self, self.record)
 

@@ -24,14 +24,17 @@ from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Matching, maximum_matching
 
 from .declarations import Algebraic, Control, Parameter
+from .horizon import refuse_no_duration
 from .record import PhaseRecord
 from .variables import refuse_weightless_controls
 
 
 def check_phase(block: Any, record: PhaseRecord) -> None:
-    """Raise a `TranscriptionError` that names the culprit when equations and variables do not fit."""
+    """Raise an error that names the culprit when equations and variables do not fit, or no time is left for them."""
     if any(block.component(name) is None for name in record.declarations):
         return  # a transformation has renamed the variables, as scaling does: the record is about another model
+    if getattr(block.duration, "fixed", False):
+        refuse_no_duration(block)
     _check_each_state_has_an_equation(block, record)
     _check_counts(block, record)
     refuse_weightless_controls(block, record)

@@ -1,7 +1,8 @@
 """Finer meshes for phases whose equations lead too far away from the plan.
 
 A margin covers a small distance between the plan and the motion of its equations. Where that distance is a large share
-of the clearance, a margin would cost room that only the mesh needs: there the mesh gets finer, in place.
+of the clearance, a margin would cost room that only the mesh needs: there the mesh gets finer, in place. Of linked
+phases it is the mesh of the one that errs, which may be an earlier one than that among the obstacles.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import PyRobocopError, RemeshingError
 from pyrobocop_pyomo.motion import SafetyReport
-from pyrobocop_pyomo.motion.equations_motion import phases_of_motion
+from pyrobocop_pyomo.motion.equations_motion import needed_reductions, phases_of_motion
 from pyrobocop_pyomo.numerics import Array, Mesh
 from pyrobocop_pyomo.numerics.remeshing import remesh
 from pyrobocop_pyomo.phases.reintegration import Reintegration
@@ -57,13 +58,13 @@ class SafetyMeshes:
         wanted: dict[int, tuple[Any, float]] = {}
         if self._stays:
             return ""
-        for block, report in zip(self._blocks, reports, strict=True):
-            reduction = _reduction(report)
-            if reduction < 1.0:
-                for phase in phases_of_motion(block.motion):
-                    wanted[id(phase)] = (phase, min(reduction, wanted.get(id(phase), (phase, 1.0))[1]))
         meshes = {}
         try:
+            for block, report in zip(self._blocks, reports, strict=True):
+                reduction = _reduction(report)
+                for read in phases_of_motion(block.motion) if reduction < 1.0 else ():
+                    for phase, needed in needed_reductions(read, reduction):
+                        wanted[id(phase)] = (phase, min(needed, wanted.get(id(phase), (phase, 1.0))[1]))
             for phase, reduction in wanted.values():
                 reason = why_not_remeshed(phase)
                 if reason is not None:

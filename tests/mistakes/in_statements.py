@@ -75,12 +75,6 @@ def one_number_as_bounds(m: Any, followed: bool) -> None:
     b.z = rcp.State(bounds=(None, 5) if followed else 5)
 
 
-@refused("state 'z'", "bounds = None", "each a number, or None for no bound")
-def none_as_bounds(m: Any, followed: bool) -> None:
-    b = cart(m)
-    b.z = rcp.State(bounds=(None, None) if followed else None)
-
-
 @refused("state 'z'", "the lower of its bounds, 1, exceeds the upper, -1", "Swap them")
 def bounds_the_wrong_way_round(m: Any, followed: bool) -> None:
     b = cart(m)

@@ -45,6 +45,13 @@ def test_tiny_errors_are_joined_but_not_over_what_is_kept() -> None:
     assert remesh(mesh, [1e-13, 1e-8, 1e-13, 1e-13], 1e-6, 5, keep=()).boundaries == (0, 1, 2, 4)
 
 
+def test_where_there_is_no_error_a_tolerance_of_zero_asks_for_nothing() -> None:
+    mesh = Mesh.uniform(0, 1, 3)
+    with np.errstate(all="raise"):
+        assert remesh(mesh, [0.0, 0.0, 0.0], 0.0, 2) == mesh
+        assert remesh(mesh, [0.0, 1.0, np.inf], 0.0, 2).elements == 1 + 4 + 4
+
+
 def test_a_mesh_within_the_tolerance_stays() -> None:
     mesh = Mesh.uniform(0, 1, 3)
     assert remesh(mesh, [1e-6, 9e-7, 2e-7], 1e-6, 5, keep=()) == mesh

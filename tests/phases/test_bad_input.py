@@ -53,7 +53,6 @@ DECLARATIONS = {
     "bounds exclude all": (rcp.Control(bounds=(INF, None)), "exclude every number"),
     "bounds exclude all from above": (rcp.Control(bounds=(0, -INF)), "exclude every number"),
     "bounds are three": (rcp.Control(bounds=(0, 1, 2)), r"expected a pair \(lower, upper\)"),
-    "bounds are None": (rcp.Control(bounds=None), r"expected a pair \(lower, upper\)"),
     "bounds of a derivative later": (rcp.Parameter(bounds="ab"), r"bounds = 'ab'"),
     "bounds cross in time": (rcp.Control(bounds=lambda t: (t, 0.5)), "exceeds the upper, 0.5"),
     "piecewise constant bounds cross": (

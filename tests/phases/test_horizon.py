@@ -11,7 +11,7 @@ import pyomo.environ as pyo
 import pytest
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.errors import DeclarationError, MeshError
 
 
 def rest_to_rest(elements: int, low: float, high: float, **options: Any) -> pyo.ConcreteModel:
@@ -113,6 +113,31 @@ def test_a_phase_can_start_where_another_ends() -> None:
     copy.first.duration.fix(0.5)
     assert pyo.value(copy.second.time_at(0.0)) == 1.0
     assert pyo.value(m.second.time_at(0.0)) == 2.0
+
+
+@pytest.mark.parametrize("duration", [0.0, -1.0, None])
+def test_a_duration_without_a_positive_value_is_refused_by_name(duration: float | None) -> None:
+    m = rest_to_rest(3, -2, 1)
+    plan = m.p.trajectory()
+    m.p.duration.set_value(duration, skip_validation=True)
+    m.p.check()  # for a solver it is a guess
+    for read in (m.p.trajectory, m.p.reintegrate, lambda: m.p.initialize(plan)):
+        with pytest.raises(MeshError, match=r"phase 'p': its duration has the value .*must be positive.*p.duration"):
+            read()
+    m.p.duration.fix()
+    with pytest.raises(MeshError, match="phase 'p': its duration has the value"):
+        m.p.check()
+
+
+def test_a_motion_that_lasts_longer_than_a_plan_may_is_verified_in_silence(caplog: pytest.LogCaptureFixture) -> None:
+    m = rest_to_rest(3, -2, 1)
+    m.p.duration.set_value(50.0, skip_validation=True)
+    motion = m.p.trajectory()
+    m.p.duration.set_value(5.0)
+    verified = motion.verify()
+    assert verified.bounds > 1.0
+    assert not caplog.records
+    assert m.p.duration.value == 5.0
 
 
 @pytest.mark.ipopt

@@ -53,6 +53,21 @@ def as_scalars() -> Any:
     return m
 
 
+@pytest.mark.parametrize("bounds", [None, lambda t: None], ids=["None", "function"])
+def test_none_means_no_bounds_as_in_pyomo(bounds: Any) -> None:
+    m = pyo.ConcreteModel()
+    m.go = b = rcp.PhaseBlock(duration=1.0, elements=2)
+    b.x, b.u, b.z = rcp.State(bounds=bounds), rcp.Control(bounds=bounds), rcp.Algebraic(bounds=bounds)
+    b.c = rcp.Control(bounds=bounds, parametrization="piecewise_constant")
+    b.gain = rcp.Parameter(bounds=bounds)
+    b.v = rcp.State(index=2, bounds=None)
+    assert all(variable.bounds == (None, None) for variable in m.component_data_objects(pyo.Var))
+    b.on = rcp.Control(integer=(0, 2), bounds=None)
+    b.w = rcp.State(index=2, bounds=[None, (0, 1)])
+    assert b.on_per_element[0].bounds == (0, 2)
+    assert [b.component(f"w_{i}")[0.0].bounds for i in range(2)] == [(None, None), (0, 1)]
+
+
 def test_a_vector_has_the_variables_rows_and_values_of_its_components() -> None:
     vector, scalars = as_vector(), as_scalars()
     names = [variable.name for variable in vector.component_data_objects(pyo.Var)]

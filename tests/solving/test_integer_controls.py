@@ -52,6 +52,37 @@ def test_fishing_is_rounded_within_the_bound_and_comes_near_its_relaxation() -> 
     assert objectives[1].objective < objectives[0].objective
 
 
+def near_a_line(elements: int, width: float) -> Any:
+    """A position that follows the time to a width, by a speed of 0 or 2: elements may be no longer than the width."""
+    m = pyo.ConcreteModel("near a line")
+    m.go = b = rcp.PhaseBlock(duration=1.0, elements=elements, stages=1)
+    b.x = rcp.State(initial=0.0, bounds=lambda t: (t - width, t + width))
+    b.w = rcp.Control(integer=(0, 1), initial_guess=0.5)
+    b.ode(lambda b, t: {b.x: 2 * b.w[t]})
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: (b.x[t] - b.time_at(t)) ** 2))
+    return m
+
+
+@pytest.mark.ipopt
+def test_more_elements_are_taken_where_rounded_controls_cannot_meet_the_constraints() -> None:
+    m = near_a_line(4, width=0.15)
+    result = rcp.solve(m)
+    assert result.solved
+    assert m.go.grid.mesh.elements == 8
+    assert m.go.trajectory().verify().largest_violation < 1e-6
+    assert set(np.unique(m.go.trajectory().w)) <= {0.0, 1.0}
+    assert "refined from 4 to 8 elements" in result.report()
+
+
+@pytest.mark.ipopt
+def test_where_more_elements_do_not_help_the_mesh_stays_and_the_counts_are_told() -> None:
+    m = near_a_line(3, width=0.01)
+    result = rcp.solve(m)
+    assert not result.solved
+    assert m.go.grid.mesh.elements == 3
+    assert "on 6 and 12 elements they cannot be met either" in result.report()
+
+
 @pytest.mark.ipopt
 def test_switches_and_dwelling_are_limited() -> None:
     m = fishing(24, max_switches=2, min_dwell=1.2)

@@ -11,6 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.motion.equations_motion import needed_reductions
 from pyrobocop_pyomo.planning.planning_point import PlanningPoint
 
 pytestmark = [pytest.mark.ipopt]
@@ -74,6 +75,52 @@ def test_a_mesh_that_is_too_coarse_is_refined_and_the_rounds_say_so() -> None:
     assert m.move.x[m.move.final_time] is final
     assert closest(m) >= 0.99 * CLEARANCE
     assert m.move.trajectory().verify().largest_violation < 1e-6
+
+
+def in_two_phases() -> Any:
+    """A turn on six elements of order one, then straight past a post on more of a higher order."""
+    m = pyo.ConcreteModel(name="two phases")
+    m.turn = rcp.PhaseBlock(duration=1.0, elements=6, stages=1)
+    m.along = rcp.PhaseBlock(duration=1.0, elements=8, stages=2)
+    for b, start in ((m.turn, 0), (m.along, None)):
+        b.x, b.y = rcp.State(initial=start), rcp.State(initial=start)
+        b.heading = rcp.State(initial=start if start is None else 1.2)
+        b.turning = rcp.Control(bounds=(-4, 4))
+        b.ode(lambda b, t: {b.x: pyo.cos(b.heading[t]), b.y: pyo.sin(b.heading[t]), b.heading: b.turning[t]})
+    m.link = rcp.Link(m.turn, m.along)
+    m.along.avoid = rcp.ObstacleAvoidanceBlock(
+        m.along.time,
+        body=rcp.Polytope.box(0.2, 0.1),
+        pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t], b.heading[t]),
+        obstacles={"post": rcp.Polytope.box(0.3, 0.3, center=(1.2, 0.35))},
+        clearance=CLEARANCE,
+    )
+    m.end = pyo.Constraint(expr=m.along.y[m.along.final_time] == 0.6)
+    cost = sum(b.integral(lambda b, t: b.turning[t] ** 2) for b in (m.turn, m.along))
+    m.cost = pyo.Objective(expr=cost)
+    m.turn.initialize(x=lambda t: 0.8 * t, y=lambda t: 0.6 * t, heading=lambda t: 1.2 - t)
+    m.along.initialize(x=lambda t: 0.8 + t, y=0.6, heading=0.0)
+    return m
+
+
+def test_of_linked_phases_the_one_that_errs_is_refined() -> None:
+    m = in_two_phases()
+    result = rcp.solve(m)
+    assert result.safe
+    assert m.turn.grid.mesh.elements > 6
+    assert m.along.grid.mesh.elements <= 16
+
+
+def test_errors_are_traced_back_to_the_phase_that_makes_them() -> None:
+    m = in_two_phases()
+    rates = {"turning": lambda t: -1.0}
+    m.turn.initialize(m.turn.simulate(controls=rates, method="scheme"))
+    ends = {name: m.turn.component(name)[1.0].value for name in ("x", "y", "heading")}
+    m.along.initialize(m.along.simulate(controls={"turning": lambda t: 0.0}, initial=ends, method="scheme"))
+    (first,) = needed_reductions(m.along, 0.1)
+    assert first == (m.turn, pytest.approx(0.1, rel=0.2))
+    # On its own the later phase is exact; the earlier one is its own cause.
+    assert [phase.name for phase, _ in needed_reductions(m.turn, 0.1)] == ["turn"]
 
 
 def test_small_deviations_are_covered_by_margins_on_the_users_mesh() -> None:
