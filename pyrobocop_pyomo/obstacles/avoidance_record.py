@@ -40,6 +40,9 @@ class MotionSegment:
     times: tuple[Any, ...]
     fractions: tuple[float, ...] = ()
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> MotionSegment:
+        return self  # names and numbers, of which a scene has tens of thousands
+
     @property
     def index(self) -> SeparationIndex:
         """Index of the separation in all components."""

@@ -69,28 +69,29 @@ def swept_distances(
 
 def _box_distances(snapshot: Snapshot, segments: Sequence[MotionSegment]) -> tuple[Array, Array]:
     """Distances of the boxes around what two shapes sweep, less their padding, and the padding; both (k,)."""
-    parts = snapshot.record.scene.parts
-    known: dict[Hashable, Array] = {}
-    rows: list[tuple[Array, Array]] = []
-    radii = []
-    for segment in segments:
-        sides = []
-        for name in (segment.first, segment.second):
-            part = parts[name]
-            key = (name, None if snapshot.record.scene.is_static(part.body) else segment.times)
-            if key not in known:
+    scene, d = snapshot.record.scene, snapshot.record.dimension
+    static = {name: scene.is_static(part.body) for name, part in scene.parts.items()}
+    # What several segments share is one box: those of an interval hold the same tuple of times.
+    places: dict[Hashable, int] = {}
+    boxes: list[Any] = []
+    padding: list[float] = []
+    rows = np.empty((2, len(segments)), dtype=int)
+    for k, segment in enumerate(segments):
+        for side, name in enumerate((segment.first, segment.second)):
+            key: Hashable = name if static[name] else (name, id(segment.times))
+            place = places.get(key)
+            if place is None:
+                place = places[key] = len(boxes)
+                part = scene.parts[name]
                 corners = snapshot.vertices(part, segment.times)
                 box = np.concatenate([corners.min(axis=0), corners.max(axis=0)])
-                if len(part.shape.rays):
-                    box = np.repeat([-np.inf, np.inf], corners.shape[1])
-                known[key] = box
-            sides.append(known[key])
-        rows.append((sides[0], sides[1]))
-        radii.append(parts[segment.first].shape.radius + parts[segment.second].shape.radius)
-    first, second = (np.array([row[side] for row in rows]) for side in range(2))
-    d = snapshot.record.dimension
+                boxes.append(np.repeat([-np.inf, np.inf], d) if len(part.shape.rays) else box)
+                padding.append(part.shape.radius)
+            rows[side, k] = place
+    first, second = np.array(boxes)[rows]
     between = np.maximum(first[:, :d] - second[:, d:], second[:, :d] - first[:, d:])
-    return np.linalg.norm(np.maximum(between, 0.0), axis=1) - np.array(radii), np.array(radii)
+    radii = np.array(padding)[rows].sum(axis=0)
+    return np.linalg.norm(np.maximum(between, 0.0), axis=1) - radii, radii
 
 
 # ------------------------------------------------------------------------------------------------- what is left out
@@ -113,12 +114,13 @@ def near_segments(snapshot: Snapshot, segments: Sequence[MotionSegment]) -> Bool
         distances, _ = swept_distances(snapshot, segments, length)
         return ~(distances > length)
     least = least_reach(record)
-    distances, _ = swept_distances(snapshot, segments, max(record.reach, least))
+    looked_at = max(record.reach, least)
+    distances, _ = swept_distances(snapshot, segments, looked_at)
     deepest = float(np.maximum(-distances[np.isfinite(distances)], 0.0).max(initial=0.0))
     # Whoever leaves an overlap on its other side goes farther than its depth, and by its own size past the neighbours.
     reach = max(record.reach, least + deepest)
-    if deepest > 0.0:
-        distances, _ = swept_distances(snapshot, segments, reach)
+    farther = np.flatnonzero((distances > looked_at) & (distances <= reach))
+    distances[farther], _ = swept_distances(snapshot, [segments[k] for k in farther.tolist()])
     return _earlier_or_later(record, segments, ~(distances > reach))
 
 

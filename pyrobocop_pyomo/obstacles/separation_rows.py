@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from pyomo.core.base.set import Set
@@ -143,7 +144,21 @@ def remove_separations(block: Any, record: AvoidanceRecord, segments: Iterable[M
         del record.segments[index]
 
 
-def _belongs(key: Any, separations: set[SeparationIndex]) -> bool:
+@contextmanager
+def members_taken_off(block: Any) -> Iterator[list[Any]]:
+    """Take the variables and rows of all separations off the block for a while, as for a copy; yields them."""
+    held = [(each, each._data) for each in block.component_map().values() if each.is_indexed()]
+    held = [(component, members) for component, members in held if component.ctype is not Set]
+    try:
+        for component, members in held:
+            component._data = {key: part for key, part in members.items() if not _belongs(key, block.record.segments)}
+        yield [part for component, members in held for key, part in members.items() if key not in component._data]
+    finally:
+        for component, members in held:
+            component._data = members
+
+
+def _belongs(key: Any, separations: Collection[SeparationIndex]) -> bool:
     """Indices of members start with the index of their separation; some have a word before it."""
     return isinstance(key, tuple) and (key[:3] in separations or key[1:4] in separations)
 

@@ -36,6 +36,7 @@ class Snapshot:
         self.what = label
         self._poses: dict[tuple[str, Hashable], Numbers] = {}
         self._vertices: dict[tuple[str, Hashable], np.ndarray] = {}
+        self._shapes: dict[tuple[str, Hashable], PlacedShape] = {}
 
     def pose(self, body: str, time: Hashable) -> Numbers:
         """Rotation (d, d) and translation (d,) of a body.
@@ -89,9 +90,12 @@ class Snapshot:
         return first, second
 
     def _placed(self, part: ConvexPart, segment: MotionSegment) -> PlacedShape:
-        rotation, translation = self.pose(part.body, segment.times[0])
-        vertices, rays = self.vertices(part, segment.times), self.rays(part, segment.times)
-        return PlacedShape(part.shape, vertices, rays, rotation, translation)
+        key = (part.name, None if self.record.scene.is_static(part.body) else segment.times)
+        if key not in self._shapes:
+            rotation, translation = self.pose(part.body, segment.times[0])
+            vertices, rays = self.vertices(part, segment.times), self.rays(part, segment.times)
+            self._shapes[key] = PlacedShape(part.shape, vertices, rays, rotation, translation)
+        return self._shapes[key]
 
 
 def variables_of(pose: Any) -> list[Any]:

@@ -84,10 +84,16 @@ class InitialGuess:
         finally:
             before.restore()
 
-    def explain(self) -> None:
-        """Add a remark on what has no value, where the initial guess has none, or a function had none on the way."""
+    def explain(self, *, began: bool) -> None:
+        """Add a remark on what has no value, where the initial guess has none, or a function had none on the way.
+
+        Parameters
+        ----------
+        began : bool
+            Whether a run came away from the initial guess: then all has values there, which takes long to go through.
+        """
         self.write()
-        at_start = "" if self.remarks else named_undefined_rows(self._model)
+        at_start = "" if began or self.remarks else named_undefined_rows(self._model)
         if at_start:
             self.remarks.append(
                 f"The initial guess could not be evaluated: {at_start}. Give another one, or keep the expression away "

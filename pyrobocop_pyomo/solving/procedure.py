@@ -135,7 +135,8 @@ class _Procedure:
             best = replace(best, stop_reason=StopReason.DIVERGED)  # it was on the same way
         # Where there is no time left, that is the reason, and not a value somewhere on the way.
         if best.quality(self._settings.tolerances) is not Quality.OPTIMAL and self._found.cut is None:
-            self._guess.explain()
+            first = self._found.first
+            self._guess.explain(began=first is not None and first.iterations > 0)
         unbounded = self._found.unbounded
         if unbounded is not None:
             self._values.write(unbounded.values)

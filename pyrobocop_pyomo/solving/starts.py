@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
 from typing import Any
 
 from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.diagnosis.undefined_rows import move_into_domain, named_undefined_rows
 from pyrobocop_pyomo.errors import PyRobocopError
+from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
 from pyrobocop_pyomo.modeling.variable_values import VariableValues, within_bounds
+from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
+from pyrobocop_pyomo.obstacles.separation_rows import members_taken_off
 from pyrobocop_pyomo.phases import Control, State, phases_of
 from pyrobocop_pyomo.phases.remeshing import remesh_phases, why_not_remeshed
 from pyrobocop_pyomo.phases.rough_motion import put_rough_motion
@@ -133,12 +137,26 @@ def copy_with_fewer_elements(model: Any, elements: Mapping[Any, int]) -> Any | N
     if not elements or model.model() is not model or any(why_not_remeshed(phase) is not None for phase in elements):
         return None
     try:
-        copy = model.clone()
+        copy = _copy_for_other_times(model, elements)
         remesh_phases({copy.find_component(phase): number for phase, number in elements.items()})
     except PyRobocopError as error:
         logger.info("'%s': no copy with fewer elements: %s", model.name, error)
         return None
     return copy
+
+
+def _copy_for_other_times(model: Any, phases: Iterable[Any]) -> Any:
+    """A copy whose separations over the times of the phases are empty, unless something else on the model reads them.
+
+    They take most of the time of a copy, and are made anew on another mesh.
+    """
+    times = {id(each) for phase in phases for each in (phase.time, phase.points)}
+    blocks = [block for block in blocks_of_kind(model, ObstacleAvoidanceBlockData) if block.stands_on(times)]
+    copied: dict[int, Any] = {}
+    with ExitStack() as stack:
+        left_out = [part for block in blocks for part in stack.enter_context(members_taken_off(block))]
+        copy = model.clone(copied)
+    return model.clone() if any(id(part) in copied for part in left_out) else copy
 
 
 def take_values_of_copy(model: Any, copy: Any) -> None:

@@ -11,6 +11,7 @@ import pytest
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import RemeshingError
+from pyrobocop_pyomo.solving.starts import copy_with_fewer_elements
 
 COARSE, FINE = (0.0, 0.25, 0.5, 0.75, 1.0), (0.0, 0.125, 0.25, 0.5, 0.6, 0.75, 1.0)
 SQUARE, WALL = rcp.Polytope.box(0.5, 0.5), rcp.Polytope.box(1, 2, center=(2, 0.4))
@@ -126,3 +127,34 @@ def test_a_plan_is_safe_on_the_finer_mesh_and_no_longer_than_one_that_started_th
     again, direct = rcp.solve(m), rcp.solve(fresh)
     assert again.safety.safe
     assert again.objective == pytest.approx(direct.objective, rel=1e-4)
+
+
+@pytest.mark.parametrize("options", [{}, {"soft_clearance": (0.3, 10.0)}], ids=str)
+def test_a_copy_on_fewer_elements_is_that_of_the_whole_model_and_the_model_stays(options: dict[str, Any]) -> None:
+    m = around_a_wall(FINE, **options)
+    m.preferred = pyo.Objective(expr=m.move.avoid.soft_clearance_cost if options else 0.0)
+    before, parts = text(m), [id(part) for part in m.component_data_objects()]
+    whole = m.clone()
+    whole.move.remesh(4)
+    copy = copy_with_fewer_elements(m, {m.move: 4})
+    assert (text(m), [id(part) for part in m.component_data_objects()]) == (before, parts)
+    assert copy.move.avoid.separation_gaps() == whole.move.avoid.separation_gaps()
+    assert text(copy) == text(whole)
+
+
+def test_separations_are_copied_only_where_something_else_reads_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    m, copied = around_a_wall(FINE), []
+    clone = type(m).clone
+
+    def noted(model: Any, memo: Any = None) -> Any:
+        made = clone(model, memo)
+        copied.append(len(made.move.avoid.normal))
+        return made
+
+    monkeypatch.setattr(type(m), "clone", noted)
+    assert copy_with_fewer_elements(m, {m.move: 4}) is not None
+    assert copied == [0]
+    index = next(iter(m.move.avoid.normal))
+    m.upright = pyo.Constraint(expr=m.move.avoid.normal[index] >= -0.9)
+    assert copy_with_fewer_elements(m, {m.move: 4}) is None  # no such separation on the other mesh
+    assert copied == [0, 0, len(m.move.avoid.normal)]

@@ -12,6 +12,7 @@ from pyomo.common.errors import InfeasibleConstraintException
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.diagnosis import Subject
 from pyrobocop_pyomo.errors import ContradictionError, SolveFailed
+from pyrobocop_pyomo.solving import initial_guess
 from pyrobocop_pyomo.solving.iterates import Quality, StopReason, Tolerances
 from pyrobocop_pyomo.solving.least_violation import Least
 from pyrobocop_pyomo.solving.violations import violations_of_pairs, worst_of_each_component
@@ -49,6 +50,15 @@ def test_what_cannot_be_met_is_named_with_its_time_and_size():
     with pytest.raises(SolveFailed, match="Not met: equation of 'x' of phase 'p' at t = "):
         result.raise_for_status()
     assert rcp.solve(cart(duration=3.0)).solved
+
+
+def test_a_guess_that_a_run_came_away_from_is_not_searched_for_what_has_no_value(monkeypatch: pytest.MonkeyPatch):
+    searched: list[str] = []
+    monkeypatch.setattr(initial_guess, "named_undefined_rows", lambda model: searched.append(model.name) or "log(0)")
+    assert "could not be evaluated" not in rcp.solve(cart(duration=0.5)).report()
+    assert searched == []
+    assert "could not be evaluated: log(0)" in rcp.solve(cart(duration=0.5), options={"max_iter": 0}).report()
+    assert searched == ["cart"]
 
 
 def test_a_solution_violates_nothing():
