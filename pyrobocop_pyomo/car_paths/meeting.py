@@ -42,8 +42,11 @@ def joined_arcs(one: BestFirstSearch, other: BestFirstSearch) -> tuple[Array, Ar
     total = between + costs
     order = np.argsort(total, axis=None, kind="stable")[:CHECKED]
     kind, pair = np.unravel_index(order[np.isfinite(total.ravel()[order])], total.shape)
-    arcs, curvatures = one.primitives.short_arcs(lengths[kind, pair], turns[kind])
-    clear = np.flatnonzero(one.are_clear(mine[here[pair]], arcs, curvatures))
+    arcs, curvatures, reached = one.primitives.connecting_arcs(
+        mine[here[pair]], lengths[kind, pair], turns[kind], others[there[pair]]
+    )
+    clear = np.flatnonzero(reached)
+    clear = clear[one.are_clear(mine[here[pair[clear]]], arcs[clear], curvatures[clear])]
     if not len(clear):
         return None
     best = int(clear[0])
@@ -58,4 +61,4 @@ def joined_arcs(one: BestFirstSearch, other: BestFirstSearch) -> tuple[Array, Ar
 
 
 def _as_points(poses: Array, radius: float) -> Array:
-    return np.column_stack([poses[:, :2], radius * np.cos(poses[:, 2]), radius * np.sin(poses[:, 2])])
+    return np.column_stack([poses[:, :2], radius * np.cos(poses[:, 2]), radius * np.sin(poses[:, 2]), radius * poses[:, 3:]])

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.geometry import Polytope
 
+from .car_kinematics import Trailer
 from .car_path import CarPath
 from .cost_to_go import Bounds
 from .hybrid_a_star import hybrid_a_star
@@ -56,6 +57,7 @@ def staged_search(
     clearance: float,
     search: CarSearch | None = None,
     time_limit: float,
+    trailer: Trailer | None = None,
 ) -> StagedPath:
     """The first path that is found, with as much of the clearance as possible.
 
@@ -98,6 +100,7 @@ def staged_search(
                     clearance=share * clearance,
                     search=_finer(given, finer, radius),
                     time_limit=limit,
+                    trailer=trailer,
                 )
                 return StagedPath(path, share * clearance, bounds)
             except InitialGuessError as error:
