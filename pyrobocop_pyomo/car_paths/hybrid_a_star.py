@@ -37,7 +37,7 @@ from .motion_primitives import CarSearch, MotionPrimitives
 from .shortcuts import with_shortcuts
 
 # Poses that a search may keep in its first turn, and how many times more in each later one.
-FIRST_BUDGET = 6_000
+FIRST_BUDGET, FIRST_BUDGET_WITH_TRAILER = 6_000, 1_500
 GROWTH = 2
 # The search from the start is for hard cases, where any path will do.
 WEIGHT_FROM_START = 2.0
@@ -128,7 +128,7 @@ def hybrid_a_star(
         return BestFirstSearch(ends[which], limits, primitives, weight, space, cost_to_go)
 
     searches: list[_EndSearch] = []
-    budget = FIRST_BUDGET
+    budget = FIRST_BUDGET if trailer is None else FIRST_BUDGET_WITH_TRAILER
     while True:
         for k, (which, other) in enumerate((("goal", "start"), ("start", "goal"))):
             if k == len(searches):
