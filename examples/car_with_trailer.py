@@ -47,11 +47,11 @@ CASES: dict[str, dict[str, Any]] = {
         },
     },
     "aisles": {
-        "start": (-3, -3, 0, 0),
-        "goal": (-2, 3, pi, 0),
+        "start": (-5, -4, 0, 0),
+        "goal": (-4, 4, pi, 0),
         "obstacles": {
-            "shelf": box(-14, -0.6, 4, 0.6), "lower": box(-14, -6.5, 4, -5.4), "upper": box(-14, 5.4, 4, 6.5),
-            "wall": box(13, -12, 14, 12),
+            "shelf": box(-14, -1.5, 4, 1.5), "lower": box(-14, -7.5, 4, -6.5), "upper": box(-14, 6.5, 4, 7.5),
+            "wall": box(15, -12, 16, 12),
         },
     },
 }  # fmt: skip

@@ -190,7 +190,7 @@ class BestFirstSearch:
         here, poses, costs, made_by = (np.concatenate(column) for column in zip(*self.waiting, strict=True))
         checked = CHECKED_AT_ONCE * len(self.waiting)
         self.waiting.clear()
-        ahead, lengths, turns = self.primitives.reeds_shepp_paths(poses, self.cost_to_go.target)
+        ahead, lengths, turns = self.primitives.paths_to(poses, self.cost_to_go.target)
         first = np.sign(first_nonzero(lengths))
         before = np.append(np.sign(self.primitives.lengths), 0.0)[made_by]
         total = ahead + costs + self.primitives.cusp_cost * (first * before < 0)

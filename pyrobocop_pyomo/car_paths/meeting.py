@@ -42,7 +42,7 @@ def joined_arcs(one: BestFirstSearch, other: BestFirstSearch) -> tuple[Array, Ar
     here, there, costs = here[kept], there[kept], costs[kept]
     if not len(here):
         return None
-    between, lengths, turns = one.primitives.reeds_shepp_paths(mine[here], others[there])
+    between, lengths, turns = one.primitives.paths_to(mine[here], others[there])
     total = between + costs
     order = np.argsort(total, axis=None, kind="stable")[:CHECKED]
     kind, pair = np.unravel_index(order[np.isfinite(total.ravel()[order])], total.shape)

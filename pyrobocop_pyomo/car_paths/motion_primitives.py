@@ -17,10 +17,10 @@ from .reeds_shepp import reeds_shepp_paths
 
 # Turning radii.
 CELL = 0.06
-# With a trailer: Reeds-Shepp paths have turns so much wider, which leaves curvature to bring the trailer to its angle.
-WIDER = 1.25
-# Pieces of each segment that get curvatures of their own then, steps of the least squares, and the largest change of a
-# length; an end counts as reached within so many turning radii and radians.
+# With a trailer: radians that a way to a target may turn, pieces of each of its segments that get curvatures of their
+# own, steps of Newton's method, and the largest change of a length. An end counts as reached within so many turning
+# radii and radians.
+MOST_TURNED = 2.0
 PIECES, STEPS, STRETCHED, REACHED, DAMPING = 2, 7, 0.5, 1e-5, 1e-9
 
 
@@ -133,8 +133,8 @@ class MotionPrimitives:
         curvatures = np.tan(steering) / wheelbase
         curvatures[np.abs(curvatures) < 1e-12 / radius] = 0.0
         return cls(
-            radius if trailer is None else WIDER * radius, cell, headings, length / samples, lengths, curvatures,
-            samples, cusp, np.vstack([change, np.zeros(len(lengths))]), trailer,
+            radius, cell, headings, length / samples, lengths, curvatures, samples, cusp,
+            np.vstack([change, np.zeros(len(lengths))]), trailer,
         )  # fmt: skip
 
     def follow(self, poses: Array, lengths: Array, curvatures: Array) -> Array:
@@ -146,8 +146,11 @@ class MotionPrimitives:
         steps = np.repeat((self.lengths / self.samples)[:, None], self.samples, axis=1)
         return self.follow(poses[:, None, :], steps[None], np.repeat(self.curvatures[:, None], self.samples, 1)[None])
 
-    def reeds_shepp_paths(self, poses: Array, target: Array) -> tuple[Array, Array, Array]:
+    def paths_to(self, poses: Array, target: Array) -> tuple[Array, Array, Array]:
         """All Reeds-Shepp paths to a target, or to one for each pose.
+
+        With a trailer, where these would end with any angle, straight ways ahead and back that are about as long as a
+        way there, for `connecting_arcs` to bend.
 
         Returns
         -------
@@ -157,6 +160,13 @@ class MotionPrimitives:
             Of the segments, negative backwards.
         turns : (w, 5) array
         """
+        if self.trailer is not None:
+            x, y, turn = relative_pose(poses, target).T
+            length = np.hypot(x, y) / np.sinc(turn / (2.0 * np.pi))
+            exists = (np.abs(turn) < MOST_TURNED) & (np.abs(x) > np.abs(y))
+            signs = np.array([1.0, -1.0])[:, None]
+            lengths = np.repeat((signs * length)[..., None] / 5.0, 5, axis=-1)
+            return np.where(exists & (signs * x > 0.0), length, np.inf), lengths, np.zeros((2, 5))
         all_turns, all_lengths, all_exist = zip(*self._unit_paths(poses, target), strict=True)
         lengths, turns, exists = self.turning_radius * np.array(all_lengths), np.array(all_turns), np.array(all_exist)
         costs = np.abs(lengths).sum(axis=2) + self.cusp_cost * count_cusps(lengths)
@@ -183,8 +193,8 @@ class MotionPrimitives:
         ----------
         poses : (n, 3) array
         lengths, turns : (n, 5) arrays
-            Of Reeds-Shepp paths that lead there. A trailer has another angle at their ends; lengths and curvatures are
-            changed until it has the one of the target, as well as limits allow.
+            As `paths_to` has them. With a trailer, lengths and curvatures are changed within their limits, as little as
+            possible, until everything has the pose of the target.
         targets : (3,) or (n, 3) array
 
         Returns
@@ -198,14 +208,18 @@ class MotionPrimitives:
             return (*self._short_arcs(lengths, turns), reached)
         lengths, turns = np.repeat(lengths / PIECES, PIECES, axis=1), np.repeat(turns, PIECES, axis=1)
         pieces, most = lengths.shape[1], np.abs(self.curvatures).max() * self.turning_radius
-        targets = np.broadcast_to(targets, poses.shape)[:, None]
+        # Backwards small errors grow: a way back is found as the way ahead from its other end.
+        back = lengths.sum(axis=1) < 0.0
+        first = np.where(back[:, None], targets, poses)[:, None]
+        targets = np.where(back[:, None], poses, targets)[:, None]
+        lengths = np.abs(lengths)
 
         def changed(points: Array) -> tuple[Array, Array]:
             bent = np.clip(turns[:, None] + points[..., :pieces], -most, most)
             return lengths[:, None] * (1.0 + np.repeat(points[..., pieces:], PIECES, axis=-1)), bent
 
         def errors(points: Array) -> Array:
-            there = poses[:, None]
+            there = first
             for length, bend in zip(*(np.moveaxis(each, -1, 0) for each in changed(points)), strict=True):
                 there = follow_arc(there, length, bend / self.turning_radius, self.trailer)
             apart = relative_pose(there, targets) / [self.turning_radius, self.turning_radius, 1.0]
@@ -222,6 +236,7 @@ class MotionPrimitives:
             found = np.clip(found, -bound, bound)
         reached = np.abs(errors(found)[:, 0]).max(axis=1) <= REACHED
         lengths, turns = (each[:, 0] for each in changed(found))
+        lengths[back], turns[back] = -lengths[back, ::-1], turns[back, ::-1]
         return (*self._short_arcs(lengths, turns), reached)
 
     def _short_arcs(self, lengths: Array, turns: Array) -> tuple[Array, Array]:

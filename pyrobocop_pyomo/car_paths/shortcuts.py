@@ -151,7 +151,7 @@ def _edges(search: BestFirstSearch, places: Array, kept: list[tuple[int, int]], 
     number = np.array([k for k, _ in kept])
     on_path = np.array([own >= 0 for _, own in kept])
     start, end = np.triu_indices(count, 1)
-    found, words, turns = primitives.reeds_shepp_paths(places[start], places[end])
+    found, words, turns = primitives.paths_to(places[start], places[end])
     costs = np.abs(words).sum(axis=2) + cusp * count_cusps(words)
     costs[~np.isfinite(found) | (np.abs(words).sum(axis=2) <= 0.0)] = np.inf
     best = np.argsort(costs, axis=0, kind="stable")[:KEPT_PER_PAIR]

@@ -8,9 +8,15 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.geometry import Pose
+from pyrobocop_pyomo.modeling.expression_arrays import plain_entry
 from pyrobocop_pyomo.motion.phase_rates import SAMPLES, PhaseRates
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.least_squares import DIFFERENCE
+
+
+def heading_of(pose: Pose) -> Any:
+    """The angle of a pose in the plane, which may consist of poses in each other's frames."""
+    return sum(map(plain_entry, pose.angles))
 
 
 class BodyEquations(PhaseRates):
@@ -25,6 +31,8 @@ class BodyEquations(PhaseRates):
     Attributes
     ----------
     poses : list of Pose
+    headings : list of expression
+        Their angles.
     pose_states : list of str
         What the poses read of the phase.
     place : list of str or None
@@ -38,7 +46,8 @@ class BodyEquations(PhaseRates):
         ]
         self.pose_states = self.read([entry for pose in self.poses for entry in pose.entries])
         self.place = [self.name_of(entry) for entry in self.poses[0].translation]
-        self._numbers = [entry for pose in self.poses for entry in (*pose.translation, pose.angles[0])]
+        self.headings = [heading_of(pose) for pose in self.poses]
+        self._numbers = [entry for pose in self.poses for entry in (*pose.translation, heading_of(pose))]
 
     def pose_values(self, values: dict[str, Array], count: int) -> Array:
         """x, y and angle of each body, ``(count, 3 bodies)``."""

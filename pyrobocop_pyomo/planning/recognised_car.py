@@ -30,7 +30,7 @@ from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases import PhaseBlockData, phases_of
 from pyrobocop_pyomo.phases.horizon import horizon_fraction
 
-from .body_equations import BodyEquations
+from .body_equations import BodyEquations, heading_of
 
 logger = logging.getLogger(__name__)
 
@@ -41,8 +41,8 @@ NOTHING = 1e-7
 SMALLEST_RADIUS = 0.5
 ROOM = (3.0, 8.0)
 FINE = 400
-# Of a search with a trailer: turning radii, since poses have one number more.
-CELL_WITH_TRAILER = 0.15
+# Of a search with a trailer, since poses have one number more: turning radii, and divisions of a turn.
+CELL_WITH_TRAILER, HEADINGS_WITH_TRAILER = 0.25, 36
 # Angles of a trailer, to either side, that are compared with bounds and rows.
 ANGLES = np.linspace(-0.5 * math.pi, 0.5 * math.pi, 181)
 
@@ -123,7 +123,11 @@ class RecognisedCar:
             steering_limit=0.25 * math.pi,
             regions=[self._region(ends, room) for room in ROOM],
             clearance=clearances * clearance,
-            search=None if self.trailer is None else CarSearch(cell=CELL_WITH_TRAILER * radius),
+            search=(
+                None
+                if self.trailer is None
+                else CarSearch(cell=CELL_WITH_TRAILER * radius, headings=HEADINGS_WITH_TRAILER)
+            ),
             time_limit=time_limit,
             trailer=self.trailer,
         ).path
@@ -235,7 +239,7 @@ def _recognised(block: Any, phase: Any, bodies: list[str]) -> RecognisedCar:
         When they are none; says what is missing.
     """
     equations = BodyEquations(block, phase, bodies)
-    if any(len(pose.angles) != 1 for pose in equations.poses) or len(equations.pose_states) != 2 + len(bodies):
+    if not all(pose.angles for pose in equations.poses) or len(equations.pose_states) != 2 + len(bodies):
         raise ObstacleError(
             f"the poses read {equations.pose_states}; expected {2 + len(bodies)} states: a position, and a heading for "
             "each body."
@@ -334,7 +338,7 @@ def _limit(
     block: Any, phase: Any, equations: BodyEquations, frames: list[Frame], shape: Polytope, trailer: Trailer
 ) -> float:
     """Up to which angle, to both sides, bounds and rows of headings hold, and car and trailer keep their clearance."""
-    headings = [pose.angles[0] for pose in equations.poses]
+    headings = equations.headings
     names, count = equations.read(headings), len(ANGLES)
     now = {name: np.full(count, float(equations.variables[name].value or 0.0)) for name in equations.variables}
     first = equations.evaluated(headings[:1], now, count)[:, 0]
@@ -394,4 +398,4 @@ def _placed(pose: Pose, frame: tuple[float, float, float]) -> Array:
     """x, y and heading of the car at a pose of the body."""
     rotation, translation = pose.numbers()
     place = rotation @ np.array(frame[:2]) + translation
-    return np.array([*place, float(value(pose.angles[0])) + frame[2]])
+    return np.array([*place, float(value(heading_of(pose))) + frame[2]])
