@@ -105,9 +105,7 @@ class BestFirstSearch:
         lengths = np.repeat(self.primitives.lengths[made_by[::-1]] / samples, samples)
         return lengths, np.repeat(self.primitives.curvatures[made_by[::-1]], samples)
 
-    def _add_node(
-        self, pose: tuple[float, ...], cost: float, parent: int, primitive: int, rest: float
-    ) -> None:
+    def _add_node(self, pose: tuple[float, ...], cost: float, parent: int, primitive: int, rest: float) -> None:
         self.poses.append(pose)
         self.costs.append(cost)
         self.parents.append(parent)

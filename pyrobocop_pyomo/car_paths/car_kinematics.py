@@ -43,7 +43,10 @@ class Trailer:
         half = 0.5 * lengths
         grown = half * np.sqrt(pull**2 - curvatures**2 + swing**2 + 0j)
         cosine, sine = np.cos(0.5 * angles), np.sin(0.5 * angles)
-        rates = half * ((curvatures + swing) * sine - pull * cosine), half * ((swing - curvatures) * cosine + pull * sine)
+        rates = (
+            half * ((curvatures + swing) * sine - pull * cosine),
+            half * ((swing - curvatures) * cosine + pull * sine),
+        )
         same = np.cosh(grown).real
         other = np.where(grown == 0.0, 1.0, np.sinh(grown) / np.where(grown == 0.0, 1.0, grown)).real
         along = same + other * (cosine * rates[0] + sine * rates[1])

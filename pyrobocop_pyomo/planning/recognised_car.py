@@ -322,7 +322,9 @@ def _hitched(frames: list[Frame], poses: Array) -> tuple[list[Frame], float, flo
     found = np.linalg.lstsq(matrix, wanted)[0]
     apart = float(np.abs(matrix @ found - wanted).max())
     if apart > 1e-6 * max(1.0, float(np.abs(wanted).max())):
-        raise ObstacleError(f"they have no hitch: no two points of them stay together, the closest get {apart:.3g} apart.")
+        raise ObstacleError(
+            f"they have no hitch: no two points of them stay together, the closest get {apart:.3g} apart."
+        )
     if found[2] < 0.0:
         frames = [frames[0], (*frames[1][:2], math.remainder(frames[1][2] + math.pi, 2.0 * math.pi))]
         found[2:] = -found[2:]
@@ -356,7 +358,9 @@ def _limit(
     clearance = next((clearances[pair] for pair in clearances if set(pair) == {shape.name, trailer.shape.name}), None)
     if clearance is not None:
         places = trailer.poses(np.column_stack([np.zeros((count, 3)), ANGLES]))
-        allowed &= [signed_distance(trailer.shape, shape, planar_pose(*place)).distance >= clearance for place in places]
+        allowed &= [
+            signed_distance(trailer.shape, shape, planar_pose(*place)).distance >= clearance for place in places
+        ]
     return float(np.abs(ANGLES[~allowed]).min(initial=ANGLES[-1] + ANGLES[1] - ANGLES[0]) - ANGLES[1] + ANGLES[0])
 
 
