@@ -74,9 +74,9 @@ class Trailer:
     def as_arcs(self, curvatures: Array, spacings: Array) -> tuple[Array, Array]:
         """Curvatures and lengths of arcs that deviate from their chords at least as much as the trailer does.
 
-        While the car follows an arc, the trailer's axle drives at most m = 1 + |hitch| |curvature| times as far, and its
-        heading turns by at most m / length per length of the car. The rates of both along the arc are bounded by m times
-        (|curvature| + m / length), over the length for the turn.
+        While the car follows an arc, the trailer's axle drives at most m = 1 + abs(hitch * curvature) times as far, and
+        its heading turns by at most m / length per length of the car. The rates of both along the arc are at most
+        m (abs(curvature) + m / length), over the length for the turn.
         """
         farther = 1.0 + abs(self.hitch) * np.abs(curvatures)
         return np.abs(curvatures) + 2.0 / self.length, farther * spacings

@@ -201,7 +201,7 @@ class RecognisedCar:
 
 
 def recognised_car(block: Any) -> RecognisedCar | None:
-    """The one body of an avoidance block that moves, where it moves like a car, or the two that are a car and its trailer.
+    """The one body that moves, where it moves like a car, or the two that do, where they are a car and its trailer.
 
     Parameters
     ----------
