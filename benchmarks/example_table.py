@@ -45,6 +45,24 @@ KEYS = (
     "variables", "rows", "pairs", "iterations", "cpu", "objective", "published", "violation", "product", "horizon",
     "verdict",
 )  # fmt: skip
+# The columns of the page's two tables: the first two name the case in both.
+SIZE, ANSWER = range(2, 7), range(7, len(COLUMNS))
+TOPICS = {
+    "Contact, impacts and gaits": (
+        "bouncing_ball", "hopper", "truss_robot", "pendulum_soft_walls", "cart_pole_soft_walls", "hit_and_catch",
+    ),
+    "Pushing and assembly": (
+        "planar_pushing", "pushing_in_minimum_time", "pushing_among_obstacles", "mode_sequence", "mode_enumeration",
+        "belt_drive",
+    ),
+    "Friction and switches": ("stick_slip", "turbo_car", "linear_complementarity_control"),
+    "Around obstacles": (
+        "parking", "car_between_obstacles", "crossing", "quadrotor_window", "two_link_arm", "robot_arm",
+    ),
+    "Several robots": ("rod", "sphere"),
+    "Learned and estimated models": ("maze", "cart_pole_identification"),
+    "Smooth motion": ("pendulum", "cart_pole", "acrobot", "quadrotor"),
+}  # fmt: skip
 PICTURE_BYTES, PICTURE_WIDTH = 80_000, 800
 LARGE_BYTES, LARGE_WIDTH = 160_000, 1400
 
@@ -137,6 +155,10 @@ def run_all(names: list[str], coarse: bool, workers: int, keep: Path) -> list[Ru
 def table_page(done: list[Run]) -> str:
     """The page of the table."""
     rows = cells_of([row for one in done for row in one.rows()], COLUMNS)
+    size, answer = (
+        markdown([COLUMNS[i][0] for i in part], [[row[i] for i in part] for row in rows], left=2)
+        for part in ([0, 1, *SIZE], [0, 1, *ANSWER])
+    )
     spent = sum(fact["cpu"] for one in done for fact in one.facts.values())
     cases = sum(len(one.facts) for one in done)
     return f"""# All examples in numbers
@@ -144,41 +166,63 @@ def table_page(done: list[Run]) -> str:
 Written by `python benchmarks/example_table.py --docs docs`: {cases} cases, {spent / 60:.1f} minutes of CPU time, each
 by `rcp.solve(m)` with defaults from the initial guess that its script states (teams by `team.solve()`).
 
-Variables are those that are free, rows all constraints, iterations those of all runs of Ipopt together. CPU seconds are
-from building the model to the last check. J is the objective; beside it stands what is published or what the authors'
-package reaches, where that is known (`benchmarks/published.py`). What follows is recomputed from the user's equations
-({{doc}}`../explanation/verification`): the largest violation, the largest product of a pair, and how far the states are
-from a re-integration of the whole horizon under the same controls, which is the error of the discretisation and no
-fault. Last comes what is known of the point: its quality; with pairs, whether it is proven to be B-stationary
-({{doc}}`../explanation/certificates`); with obstacles, whether the motion is proven to be clear at all times. Of teams,
-what physics says of the plan.
+## Sizes and cost
+
+Variables are counted where they are free, rows are all constraints, and iterations are summed over all runs of Ipopt.
+CPU seconds are from building the model to the last check.
+
+{size}
+
+## Answers
+
+J is the objective; beside it stands the published value, or the value that the authors' package reaches, where it is
+known (`benchmarks/published.py`). The columns to its right are recomputed from the user's equations
+({{doc}}`../explanation/verification`): the largest violation, the largest product of a pair, and the distance between
+the states and a re-integration of the whole horizon under the same controls. This distance is the error of the
+discretisation and no fault. The verdict is the quality of the point; with pairs, whether it is proven B-stationary
+({{doc}}`../explanation/certificates`); with obstacles, whether the motion is proven to be clear at all times; for a
+team, how physics rates the plan.
+
+{answer}
 
 * The published objective of the car beside one obstacle belongs to a motion on 50 elements that comes closer to the
   obstacle than the task allows: slightly at the points, and by a quarter between them. Here the mesh is refined until
-  the motion of the equations keeps clear as well. On these elements the same motion costs more: implicit Euler takes
-  less on few.
+  the motion of the equations keeps clear as well. On these elements the same motion costs more: implicit Euler costs
+  less on few elements.
 * The published objective of the slot belongs to a motion that comes within 4 mm of the squares, where 2 cm are
   required.
-
-{markdown([title for title, _ in COLUMNS], rows, left=2)}
 """
 
 
 def gallery_page(names: list[str]) -> str:
     """The page of the gallery, in the words of the scripts."""
+    texts = {
+        name: ast.get_docstring(ast.parse((EXAMPLES / f"{name}.py").read_text(encoding="utf-8"))) or ""
+        for name in names
+    }
+    titles = {name: " ".join(text.split("\n\n")[0].split()) for name, text in texts.items()}
+    headings = {name: name.replace("_", " ").capitalize() for name in names}
     parts = [
         "# Gallery",
         "Every example is one file that states a problem, solves it with defaults, checks the answer and draws it. "
         "Each takes `--case`, `--coarse` for a quick look, `--animate` and `--help`; sizes and costs of all are in "
         "{doc}`table`. This page is written by `python benchmarks/example_table.py --docs docs`.",
     ]
-    for name in sorted(names):
-        text = ast.get_docstring(ast.parse((EXAMPLES / f"{name}.py").read_text(encoding="utf-8"))) or ""
-        title, *rest = text.split("\n\n")
+    for topic, members in TOPICS.items():
+        cards = [
+            f"```{{grid-item-card}} {headings[name]}\n:img-top: ../images/examples/{name}.png\n"
+            f":link: example-{name}\n:link-type: ref\n\n{titles[name]}\n```"
+            for name in members
+            if name in titles
+        ]
+        parts += [f"## {topic}", "\n\n".join(["````{grid} 2 2 3 3\n:gutter: 3", *cards, "````"])] if cards else []
+    parts.append("## Each example")
+    for name, text in sorted(texts.items()):
+        rest = " ".join("".join(text.split("\n\n")[1:2]).split())
         parts += [
-            f"## {name.replace('_', ' ').capitalize()}",
-            f"**{' '.join(title.split())}** {' '.join(rest[0].split()) if rest else ''}".replace("``", "`"),
-            f"```{{image}} ../images/examples/{name}.png\n:alt: {title.split('.')[0].strip()}\n:width: 640px\n```",
+            f"(example-{name})=\n### {headings[name]}",
+            f"**{titles[name]}** {rest}".replace("``", "`"),
+            f"```{{image}} ../images/examples/{name}.png\n:alt: {titles[name].removesuffix('.')}\n:width: 640px\n```",
             f"```bash\npython examples/{name}.py\n```",
         ]
     return "\n\n".join(parts) + "\n"

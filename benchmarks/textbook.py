@@ -9,7 +9,7 @@ say of itself that it is within the tolerance, also by `solve_refined`; with ``-
 Shown are the published value; the answers of both and how far each is from it, relatively; what the better one
 estimates as its own error of discretisation; elements, iterations of all runs of Ipopt together, and CPU seconds of
 both together. The verdict says whether the better answer is within 1e-3 of the published value, and whether that
-answer itself said so. A value marked with * is that of a fine mesh, where no source gives enough digits.
+answer itself said so. A value marked with * was found on a fine mesh, where no source gives enough digits.
 
 With ``--docs docs`` the page ``docs/examples/textbook.md`` is written, with pictures in ``docs/images/textbook``.
 The exit code is 0 only if no answer claims to be within the tolerance without being so.
@@ -184,8 +184,8 @@ def page(rows: list[tuple[Any, ...]], names: list[str]) -> str:
         ]
     parts += [
         "## All problems",
-        "`off` is the relative distance from the published value, `estimated` what the better answer says of its own "
-        "error of discretisation. A source with * gives too few digits: the value beside it is that of a fine mesh.",
+        "`off` is the relative distance from the published value, `estimated` the error of discretisation that the "
+        "better answer estimates. A source with * gives too few digits: the value beside it was found on a fine mesh.",
         markdown([title for title, _ in COLUMNS], cells_of(rows, COLUMNS), left=2),
     ]
     return "\n\n".join(parts) + "\n"

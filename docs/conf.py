@@ -12,6 +12,8 @@ release = pyrobocop_pyomo.__version__
 
 extensions = [
     "myst_nb",  # and with it myst_parser
+    "sphinx_copybutton",
+    "sphinx_design",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "sphinx.ext.mathjax",
@@ -32,6 +34,11 @@ offline = os.path.dirname(find_spec("sphinx-mathjax-offline").origin)
 html_static_path = ["_static", os.path.join(offline, "static", "mathjax", "tex-svg-full.js")]
 html_css_files = ["custom.css"]
 mathjax_path = "tex-svg-full.js"
+
+# Code has a copy button, and what it prints has none.
+copybutton_selector = "div:not(.highlight-output, .highlight-myst-ansi) > div.highlight > pre"
+copybutton_prompt_text = r">>> |\.\.\. "
+copybutton_prompt_is_regexp = True
 
 math_number_all = False
 math_eqref_format = "({number})"

@@ -1,7 +1,7 @@
 """Swing up an acrobot: two links, a motor in the elbow only.
 
-The published gravity terms take the full length of the second link where the distance to its centre of mass
-belongs. This mistake is kept for comparison; ``build(gravity_arm="physical")`` takes the centre of mass.
+The published gravity terms contain the full length of the second link in place of the distance to its centre of mass.
+They are kept for comparison; ``build(gravity_arm="physical")`` takes the centre of mass.
 
 Raghunathan, Jha & Romeres, PYROBOCOP: Python-based Robotic Control & Optimization Package for Manipulation,
 ICRA 2022, doi:10.1109/ICRA46639.2022.9812069

@@ -2,14 +2,14 @@
 
 The body is a point, the leg has no mass: a spring, a damper and a motor between body and foot. In flight the body falls
 freely (``x, y`` and their rates); in stance it moves about its foot (length and angle of the leg, and their rates). At
-lift-off the states of the leg give those of the body, at touch-down it is the other way round; neither loses
-energy, the damper does.
+lift-off the states of the body follow from the states of the leg, at touch-down the states of the leg from the body's.
+Only the damper loses energy.
 
 ``leap`` jumps from rest onto the height of a ledge. ``gait`` is a periodic run at a given mean speed: the end of stance
 is linked to the start of flight, all but the distance travelled. Both take the least motor force, squared and
 integrated; the gait per distance.
 
-The gait is that of the spring-loaded inverted pendulum with a damper and a motor along the leg: Blickhan, The
+The gait belongs to the spring-loaded inverted pendulum with a damper and a motor along the leg: Blickhan, The
 spring-mass model for running and hopping, J. Biomechanics 22 (1989), doi:10.1016/0021-9290(89)90224-8
 """
 

@@ -1,7 +1,7 @@
 """Swing a pendulum up with a motor that is barely stronger than gravity.
 
 The published problem takes the moment of inertia as ``m g l^2``, although gravity does not belong
-in an inertia. This mistake is kept for comparison; ``build(inertia="physical")`` takes ``m l^2``.
+in an inertia. It is kept for comparison; ``build(inertia="physical")`` takes ``m l^2``.
 
 Raghunathan, Jha & Romeres, PYROBOCOP: Python-based Robotic Control & Optimization Package for Manipulation,
 ICRA 2022, doi:10.1109/ICRA46639.2022.9812069

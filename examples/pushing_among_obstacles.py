@@ -1,9 +1,9 @@
 """Push a slider into a slot between two squares, with a finger that may stick or slip.
 
-The slider and its contact are those of `planar_pushing.py`. It must keep 2 cm from both squares, which leaves it 5 mm
+The slider and its contact are taken from `planar_pushing.py`. It must keep 2 cm from both squares, which leaves it 5 mm
 on either side in the slot of the case ``slot``. ``turned-slot`` asks for the least time, and for the slider to arrive
 after three quarters of a turn, with the finger behind it. The squares of the publication stand 5 mm from its goal,
-closer than the distance that it asks for: here they stand further apart, so that the slider has 3.5 cm on either side
+closer than the required distance: here they stand further apart, so that the slider has 3.5 cm on either side
 at the goal. The publication also turns the shape the other way round than it turns the dynamics; here both turn by
 theta.
 

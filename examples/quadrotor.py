@@ -1,8 +1,8 @@
 """Fly a quadrotor from rest to rest at another place, with little effort.
 
 Position with z downwards, yaw, pitch and roll, velocity and body rates; the controls are thrust and three torques. The
-published moments of inertia are ten times those of the literature on this quadrotor. The exponent is wrong, and
-kept for comparison; ``build(inertia="literature")`` takes the smaller ones.
+published moments of inertia are ten times the values in the literature on this quadrotor, by a wrong exponent. They
+are kept for comparison; ``build(inertia="literature")`` takes the smaller ones.
 
 Raghunathan, Jha & Romeres, PYROBOCOP: Python-based Robotic Control & Optimization Package for Manipulation,
 ICRA 2022, doi:10.1109/ICRA46639.2022.9812069; numbers of the quadrotor: Luukkonen, Modelling and control of quadcopter,

@@ -26,7 +26,7 @@ PACKAGE = {
 TESTS = {
     ".": 83, "adversary": 1073, "architecture": 488, "benchmarks": 293, "car_paths": 807, "catalogue": 1067,
     "complementarity": 3333, "continuous": 1643, "diagnosis": 440, "discretisation": 638, "distributed": 1554,
-    "docs": 1735, "estimation": 305, "examples": 817, "extension_templates": 181, "files": 632, "geometry": 1016,
+    "docs": 1743, "estimation": 305, "examples": 818, "extension_templates": 181, "files": 632, "geometry": 1016,
     "harness": 841, "ipopt": 1150, "linear_solver": 531, "mechanics": 1635, "mistakes": 559, "modeling": 918,
     "motion": 1652, "mpcc": 411, "mpcc_catalogue": 521, "native": 138, "nonsmooth": 186, "notebooks": 46,
     "numerics": 1101, "obstacles": 3113, "phases": 5620, "plotting": 522, "presentation": 221, "problem_classes":

@@ -86,5 +86,6 @@ def test_the_gallery_has_every_example_with_a_small_picture() -> None:
         if path.stem in ("run_example", "cart_pole_closed_loop"):
             continue
         assert f"python examples/{path.stem}.py" in page
+        assert f":link: example-{path.stem}\n" in page
         picture = GALLERY.parents[1] / "images" / "examples" / f"{path.stem}.png"
         assert 5_000 < picture.stat().st_size <= 80_000
