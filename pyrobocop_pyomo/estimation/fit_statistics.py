@@ -131,8 +131,8 @@ def statistics_of(problem: EstimationProblem) -> FitStatistics:
         )
     if known and freedom > 0 and squares > scipy.stats.chi2.isf(_RARE, freedom):
         remarks.append(
-            f"the residuals are {np.sqrt(squares / freedom):.2g} times as large as the errors that were stated, and the "
-            "standard errors are too small by about as much: state larger errors, or look for what the model lacks"
+            f"the residuals are {np.sqrt(squares / freedom):.2g} times as large as the errors that were stated, and "
+            "the standard errors are too small by about as much: state larger errors, or look for what the model lacks"
         )
     names = tuple(problem.names)
     return FitStatistics(
