@@ -191,7 +191,8 @@ def sweep(
     if put is None and callable(model) and not isinstance(model, BlockData) and not takes_arguments(model, 1):
         raise ModelError(
             f"{getattr(model, '__name__', 'the builder')} cannot be called with the data of a case. Without put= it "
-            "makes the model of each case, model(data): give it an argument, or give put=, which puts data on its one model."
+            "makes the model of each case, model(data): give it an argument, or give put=, which puts data on its one "
+            "model."
         )
     if "time_limit" in options or "progress" in options:
         raise ModelError("time_limit and progress are the sweep's own.")
