@@ -11,7 +11,6 @@ from pyrobocop_pyomo.car_paths import (
     CarTiming,
     ParkingCar,
     ParkingCase,
-    Trailer,
     VehiclesCase,
     hybrid_a_star,
 )
@@ -65,7 +64,6 @@ __all__ = [
     "Plane",
     "Pose",
     "SignedDistance",
-    "Trailer",
     "TurningPlane",
     "VehiclesCase",
     "VehiclesPlan",
