@@ -22,6 +22,7 @@ import numpy as np
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint, ConstraintData, ConstraintList
 from pyomo.core.base.expression import Expression
+from pyomo.core.base.initializer import IndexedCallInitializer
 from pyomo.core.base.param import Param
 from pyomo.core.base.set import Set, SetOf
 from pyomo.core.base.suffix import Suffix
@@ -35,6 +36,7 @@ from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import PyRobocopError, TranscriptionError
 from pyrobocop_pyomo.modeling.bulk_parts import copy_variable, new_row
 from pyrobocop_pyomo.modeling.variable_values import within_bounds
+from pyrobocop_pyomo.rules.rule_template import answers_over
 
 from .structure import PAIRS, Spot, axis_on
 
@@ -94,9 +96,13 @@ def expand(spots: list[Spot], domain: Any) -> None:
             ]
             with _naming(component) as place:
                 alike = 1 if ctype in (Var, DerivativeVar) and _says_the_same_everywhere(component) else len(missing)
+                known_answers = _known_answers(component, axis, missing) if ctype in _PUT else {}
                 for index in missing[:alike]:
                     place.index = index
-                    create(component, index)
+                    if index in known_answers:
+                        _PUT[ctype](component, index, known_answers[index])
+                    else:
+                        create(component, index)
                 if missing[alike:]:
                     copy_variable(component._data[missing[0]], missing[alike:])
             for index in missing:
@@ -133,20 +139,43 @@ def _by_asking(component: Any, index: Any) -> None:
         component._getitem_when_not_present(index)
 
 
-def _row(component: Any, index: Any) -> None:
-    row = component._rule(component.parent_block(), index)
+def _by_rule(component: Any, index: Any) -> None:
+    if component._rule is not None:
+        _PUT[component.ctype](component, index, component._rule(component.parent_block(), index))
+
+
+def _put_row(component: Any, index: Any, row: Any) -> None:
     if row.__class__ is EqualityExpression and component._ComponentDataClass is ConstraintData:
         new_row(component, index, row)
     else:
         component._setitem_when_not_present(index, row)
 
 
-def _expression(component: Any, index: Any) -> None:
-    if component._rule is None:
-        return
-    result = component._rule(component.parent_block(), index)
+def _put_expression(component: Any, index: Any, result: Any) -> None:
     if result is not Expression.Skip:
         component._setitem_when_not_present(index, result)
+
+
+_PUT: dict[Any, Callable[[Any, Any, Any], None]] = {Constraint: _put_row, Expression: _put_expression}
+
+
+def _known_answers(component: Any, axis: Any, missing: list[Any]) -> dict[Any, Any]:
+    """What the rule of a constraint or an expression says at indices where it says the same in other variables."""
+    if component._rule.__class__ is not IndexedCallInitializer:
+        return {}
+    function, known = component._rule._fcn, dict[Any, Any]()
+    lines: dict[Any, list[float]] = {}
+    for index in missing:
+        lines.setdefault(axis.others(index), []).append(axis.time(index))
+    for others, times in lines.items():
+
+        def ask(block: Any, t: Any, others: Any = others) -> Any:
+            index = axis.join(others, t)
+            return function(block, *(index if index.__class__ is tuple else (index,)))
+
+        answers = answers_over(ask, component.parent_block(), times)
+        known.update((axis.join(others, time), answer) for time, answer in answers.items())
+    return known
 
 
 def _parameter(component: Any, index: Any) -> None:
@@ -186,8 +215,8 @@ _CREATORS: dict[Any, Callable[[Any, Any], None]] = {
     Param: _parameter,
     Var: _variable,
     DerivativeVar: _variable,
-    Constraint: _row,
-    Expression: _expression,
+    Constraint: _by_rule,
+    Expression: _by_rule,
 }
 
 

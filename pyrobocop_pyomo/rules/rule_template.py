@@ -5,16 +5,17 @@ template, however the rule gets hold of ``b.x``. What it returns is compiled to 
 at a point of the grid, with proxies of the model or in placeholders is that function of what stands there.
 
 A rule that has to know the time, because it compares it, looks it up or computes with its value, is no template. It is
-called at every point.
+called at every point. Only `answers_over`, which asks for many points of a model at once, lets a rule compare the time
+with numbers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import fields, is_dataclass, replace
-from itertools import chain
+from itertools import chain, repeat
 from types import CodeType, FunctionType
 from typing import Any
 from weakref import ref
@@ -22,12 +23,13 @@ from weakref import ref
 import numpy as np
 from pyomo.common.errors import TemplateExpressionError
 from pyomo.core.base.var import ScalarVar
-from pyomo.core.expr import Expr_if, inequality, numvalue
+from pyomo.core.expr import EqualityExpression, Expr_if, InequalityExpression, inequality, numvalue
 from pyomo.core.expr import numeric_expr as functions_of_pyomo
 from pyomo.core.expr.template_expr import GetItemExpression
 
 from pyrobocop_pyomo.modeling.copied_rules import cell_content
 from pyrobocop_pyomo.modeling.expression_arrays import ArrayEntry, array, plain_entry
+from pyrobocop_pyomo.modeling.expression_columns import Column, over_points
 from pyrobocop_pyomo.modeling.expression_nodes import (
     LEAF,
     NAMED,
@@ -45,6 +47,9 @@ from pyrobocop_pyomo.modeling.straight_line import StraightLine
 from pyrobocop_pyomo.modeling.time_index import TimeIndex
 
 _IS_ASKING: ContextVar[bool] = ContextVar("a rule gives its template", default=False)
+
+# At fewer points of a model a rule is called, not its template.
+FEWEST_POINTS = 16
 
 # What functions and relations of Pyomo mean where expressions are made of expressions.
 _EXPRESSIONS: dict[str, Callable[..., Any]] = {
@@ -85,9 +90,43 @@ class _Unknown(ScalarVar):
 
 
 class TimeTemplate(_Unknown):
-    """Stands for all times while a rule gives its template; it has no value, no text, and is no key of a dictionary."""
+    """Stands for all times while a rule gives its template; it has no value, no text, and is no key of a dictionary.
+
+    Parameters
+    ----------
+    point : float, optional
+        Decides whether a rule may compare the time with numbers. The answers are those of this point, and what the rule
+        says is its template for the points that have the same answers.
+
+    Attributes
+    ----------
+    answers : list of pairs of relation and bool
+    """
 
     __hash__ = None  # type: ignore[assignment]
+
+    def __init__(self, point: float | None = None) -> None:
+        super().__init__()
+        self.point = point
+        self.answers: list[tuple[Any, bool]] = []
+
+    def _is_compared_with(self, other: Any) -> bool:
+        return self.point is not None and other.__class__ in numvalue.native_numeric_types
+
+    def __eq__(self, other: object) -> Any:
+        return _Equal((self, other)) if self._is_compared_with(other) else super().__eq__(other)
+
+    def __lt__(self, other: Any) -> Any:
+        return _Less((self, other), True) if self._is_compared_with(other) else super().__lt__(other)
+
+    def __le__(self, other: Any) -> Any:
+        return _Less((self, other), False) if self._is_compared_with(other) else super().__le__(other)
+
+    def __gt__(self, other: Any) -> Any:
+        return _Less((other, self), True) if self._is_compared_with(other) else super().__gt__(other)
+
+    def __ge__(self, other: Any) -> Any:
+        return _Less((other, self), False) if self._is_compared_with(other) else super().__ge__(other)
 
     def __str__(self) -> str:
         if is_asked_for_all_times():
@@ -96,6 +135,27 @@ class TimeTemplate(_Unknown):
 
     def __format__(self, how: str) -> str:
         return str(self)
+
+
+def _holds(relation: Any, point: float) -> bool:
+    """Whether a relation between the time and a number holds at a point."""
+    return bool(relation._apply_operation([point if isinstance(a, TimeTemplate) else a for a in relation.args]))
+
+
+def _decided(relation: Any) -> bool:
+    time = next(argument for argument in relation.args if isinstance(argument, TimeTemplate))
+    time.answers.append((relation, _holds(relation, time.point)))
+    return time.answers[-1][1]
+
+
+class _Equal(EqualityExpression):
+    __slots__ = ()
+    __bool__ = _decided
+
+
+class _Less(InequalityExpression):
+    __slots__ = ()
+    __bool__ = _decided
 
 
 class Reading(_Unknown):
@@ -246,11 +306,49 @@ def templated(rule: Callable[..., Any] | None) -> RuleTemplate | None:
     return rule if rule is None or isinstance(rule, RuleTemplate) else RuleTemplate(rule)
 
 
-def _formulas_of(rule: Callable[..., Any], home: Any, more: tuple[Any, ...]) -> _Formulas | None:
+def answers_over(rule: Callable[..., Any], block: Any, times: Sequence[float]) -> dict[float, Any]:
+    """What a rule ``rule(block, t)`` says at many points of a model, for which it is called a few times.
+
+    Parameters
+    ----------
+    rule : callable
+    block : block
+        The model, not a proxy of it.
+    times : sequence of float
+
+    Returns
+    -------
+    dict of time to what the rule says
+        Points are left out at which the rule has to be called: all where it is no template, and those at which
+        comparisons of the time with numbers come out as at few other points.
+    """
+    found: dict[float, Any] = {}
+    left = times
+    while len(left) >= FEWEST_POINTS:
+        formulas = _formulas_of(rule, block, (), left[len(left) // 2])
+        if formulas is None:
+            break
+        alike = [time for time in left if formulas.hold_at(time)]
+        if len(alike) < FEWEST_POINTS:
+            break
+        try:
+            results = formulas.at_points(block, alike)
+        except Exception:  # the rule says by itself what is wrong
+            break
+        if not _same(results[-1], rule(block, alike[-1])):
+            break
+        found.update(zip(alike, results, strict=True))
+        left = [time for time in left if time not in found]
+    return found
+
+
+def _formulas_of(
+    rule: Callable[..., Any], home: Any, more: tuple[Any, ...], point: float | None = None
+) -> _Formulas | None:
     """What a rule says for all times; None where it has to know the time."""
     if getattr(rule, "needs_the_time", False) or _looks_at_types(rule):
         return None
-    time = TimeTemplate()
+    time = TimeTemplate(point)
     try:
         with asked_for_all_times():
             return _Formulas(rule(home, time, *(given.template(i) for i, given in enumerate(more))), time)
@@ -284,10 +382,21 @@ class _Formulas:
         outputs: list[Any] = []
         self._form = _form_of(result, outputs)
         self._program = _Program(outputs, time)
+        self._answers = time.answers
+
+    def hold_at(self, point: float) -> bool:
+        """Whether the rule would compare the time at a point with the same answers."""
+        return all(_holds(relation, point) == answer for relation, answer in self._answers)
 
     def at(self, place: Place) -> Any:
         """The result of the rule at a place."""
         return self._form(iter(self._program.at(place)))
+
+    def at_points(self, block: Any, times: Sequence[float]) -> list[Any]:
+        """The results of the rule at many points of the model."""
+        columns = self._program.at_points(block, times)
+        rows = zip(*(column.entries for column in columns), strict=True) if columns else repeat((), len(times))
+        return [self._form(iter(row)) for row in rows]
 
 
 class _Program(StraightLine):
@@ -295,7 +404,8 @@ class _Program(StraightLine):
 
     def __init__(self, outputs: list[Any], time: TimeTemplate) -> None:
         self._time, self._is_on_model = time, True
-        super().__init__(outputs, (), {**_EXPRESSIONS, "choose": self._choose})
+        functions = {**_EXPRESSIONS, "choose": self._choose}
+        super().__init__(outputs, (), {name: over_points(function) for name, function in functions.items()})
         self._readers = [self._reader(leaf) for leaf in self.others]
 
     def at(self, place: Place) -> list[Any]:
@@ -303,6 +413,25 @@ class _Program(StraightLine):
         self._held[:] = [read(place) for read in self._readers]
         self._is_on_model = place.is_on_model
         return self()
+
+    def at_points(self, block: Any, times: Sequence[float]) -> list[Column]:
+        """The outputs at many points of the model."""
+        read = zip(self.others, self._readers, strict=True)
+        self._held[:] = [Column(self._items(leaf, times) or [of(Place(block, t)) for t in times]) for leaf, of in read]
+        self._is_on_model = True
+        return self()
+
+    def _items(self, leaf: Any, times: Sequence[float]) -> list[Any] | None:
+        """What is read at many points, where the items of a component are all there."""
+        if not isinstance(leaf, GetItemExpression) or leaf.args[0].is_reference():
+            return None
+        component, *keys = leaf.args
+        parts = [times if key is self._time else repeat(key) for key in keys]
+        places = times if len(keys) == 1 else zip(*parts, strict=False)
+        try:
+            return list(map(component._data.__getitem__, places))
+        except KeyError:
+            return None
 
     def _choose(self, condition: Any, then: Any, otherwise: Any) -> Any:
         """In rows, the side that the time decides; between the points a proof looks at the times around."""
