@@ -45,7 +45,7 @@ def tighten(block: Any, report: SafetyReport, *, split: bool) -> list[str]:
     report : SafetyReport
         Of that motion, by this block.
     split : bool
-        Whether the least margins have not been enough: then whole chord deviations are asked, and separations split.
+        Whether the least margins have not been enough: then whole chord deviations are required, and separations split.
 
     Returns
     -------

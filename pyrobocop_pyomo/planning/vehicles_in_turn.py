@@ -42,7 +42,7 @@ logger = logging.getLogger(__name__)
 STEP = 0.1
 # Expansions for the path of one vehicle, while another one could come first.
 FIRST_EXPANSIONS = 300
-# Of the clearance: what is asked for where no vehicle that is left finds a way with all of it.
+# Share of the clearance that is required where no vehicle that is left finds a way with all of it.
 LESS = 0.4
 # The cells in which a way for a disc is looked for: their side in widths of a car, the most along a side of the yard.
 CELL, MOST_CELLS = 0.15, 600
