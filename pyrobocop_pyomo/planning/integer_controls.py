@@ -183,7 +183,7 @@ def _held(choices: list[_Choice], approximations: list[IntegralApproximation]) -
 
 
 def solve_with_integer_controls(
-    model: Any, choices: list[_Choice], solve: Callable[[], SolveResult], deadline: Deadline
+    model: Any, choices: list[_Choice], solve: Callable[[], SolveResult], deadline: Deadline, *, keeps_mesh: bool
 ) -> SolveResult:
     """Solve relaxed, round, and solve again with the controls held; they are free again afterwards.
 
@@ -198,12 +198,14 @@ def solve_with_integer_controls(
     solve : callable
         Solves the model as it stands.
     deadline : Deadline
+    keeps_mesh : bool
+        Whether there are no other meshes.
     """
     guess, phases = PlanningPoint(model), phases_of(model)
     results, elements = [_solved_and_rounded(model, choices, solve, deadline)], [_elements(phases)]
     first, answer = results[0], PlanningPoint(model)
     meshes = {phase: phase.grid.mesh for phase in phases}
-    for _ in range(MOST_HALVINGS):
+    for _ in range(0 if keeps_mesh else MOST_HALVINGS):
         if not _is_rounded(results[-1], feasible=False) or results[-1].stop_reason.is_final or deadline.has_passed:
             break
         guess.restore()

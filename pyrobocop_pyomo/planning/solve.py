@@ -267,7 +267,9 @@ def solve(
         return replace(result, remarks=(*first.remarks, *result.remarks), doubts=(*_unseen(first), *result.doubts))
 
     if choices:
-        result = solve_with_integer_controls(model, choices, as_it_stands, settings.deadline)
+        result = solve_with_integer_controls(
+            model, choices, as_it_stands, settings.deadline, keeps_mesh=mesh_tolerance is None
+        )
     else:
         result = as_it_stands()
     # Controls that were rounded are free again: without their values the rows would be those of the relaxed problem.

@@ -84,6 +84,14 @@ def test_where_more_elements_do_not_help_the_mesh_stays_and_the_counts_are_told(
 
 
 @pytest.mark.ipopt
+def test_a_mesh_that_is_to_be_kept_is_kept() -> None:
+    m = near_a_line(4, width=0.15)
+    position = m.go.x[1.0]
+    assert not rcp.solve(m, mesh_tolerance=None).solved
+    assert m.go.x[1.0] is position
+
+
+@pytest.mark.ipopt
 def test_switches_and_dwelling_are_limited() -> None:
     m = fishing(24, max_switches=2, min_dwell=1.2)
     result = rcp.solve(m)
