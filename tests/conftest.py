@@ -7,6 +7,7 @@ import functools
 import os
 import signal
 import sys
+import time
 from collections.abc import Generator
 from typing import Any
 
@@ -43,6 +44,14 @@ ALLOWED = {
 
 
 _started: set[str] = set()
+_begun = time.monotonic()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """What `.ci/run` needs to end in time on a machine that is ten times slower than ours."""
+    parser.addoption(
+        "--begin-within", type=float, metavar="SECONDS", help="skip, and count, the tests not begun after these seconds"
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -73,6 +82,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for item in items:
         if getattr(item, "function", None) not in laws and longer.isdisjoint(mark.name for mark in item.iter_markers()):
             item.add_marker("quick")
+    # Whole files, for their fixtures' sake: of quick tests first, with a slow one last. A run that has to end early has
+    # then missed as few tests as possible.
+    cost = {item.path: 0 for item in items}
+    for item in items:
+        marks = {mark.name for mark in item.iter_markers()}
+        cost[item.path] = max(cost[item.path], 2 if "slow" in marks else 0 if "quick" in marks else 1)
+    items.sort(key=lambda item: cost[item.path])
     if config.getoption("--hypothesis-profile") == "thorough":
         for law in laws:
             asked = law._hypothesis_internal_use_settings
@@ -82,6 +98,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Skip what needs a backend that is missing; fail instead where all backends are promised, as in our CI."""
     _started.clear()
+    seconds = item.config.getoption("--begin-within")
+    if seconds is not None and time.monotonic() - _begun > seconds:
+        pytest.skip(f"not begun within {seconds:g} s (--begin-within)")
     if item.get_closest_marker("ctrl_c") is not None and sys.platform == "win32":
         pytest.skip("on Windows a process that sends itself Ctrl-C is ended")
     for backend, found in FINDERS.items():

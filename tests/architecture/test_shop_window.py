@@ -95,14 +95,13 @@ EXTRAS = (
     "shapely",
     "trimesh",
     "yourdfpy",
-    "coal",
 )
 
 
 def in_a_fresh_process(code: str) -> subprocess.CompletedProcess:
     # The same warnings as here: what is deprecated must not hide in an import.
     command = [sys.executable, "-W", "error", "-c", textwrap.dedent(code)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    return subprocess.run(command, capture_output=True, text=True, timeout=900, check=True)
 
 
 def found(namespace: str) -> ModuleType:

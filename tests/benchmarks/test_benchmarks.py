@@ -22,7 +22,7 @@ def run_quick(name: str, *arguments: str) -> str:
         [sys.executable, "-W", "error", BENCHMARKS / f"{name}.py", "--quick", *arguments],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=900,
         env={**os.environ, "OMP_NUM_THREADS": "1"},
     )
     assert ended.returncode == 0, ended.stdout + ended.stderr

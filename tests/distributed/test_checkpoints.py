@@ -146,7 +146,7 @@ def test_a_fingerprint_is_the_same_in_another_process() -> None:
         "from pyrobocop_pyomo.distributed.checkpoint import fingerprint\n"
         "print(fingerprint(SPECS))"
     )
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=900, check=True)
     assert ended.stdout.strip() == fingerprint(SPECS)
 
 
@@ -229,7 +229,7 @@ def test_fingerprints_of_an_example_are_the_same_whatever_the_hashes_of_texts_ar
             env={**os.environ, "PYTHONHASHSEED": seed},
             capture_output=True,
             text=True,
-            timeout=60,
+            timeout=900,
             check=True,
         ).stdout
         for seed in ("1", "2")

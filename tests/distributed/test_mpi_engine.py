@@ -25,7 +25,7 @@ def run(folder: Path, death: int) -> int:
     script = Path(__file__).with_name("mpi_script.py")
     command = [str(MPIEXEC), "-n", "2", sys.executable, "-m", "mpi4py", str(script), str(folder), str(death)]
     path = os.pathsep.join(filter(None, [str(Path(__file__).parent), os.environ.get("PYTHONPATH")]))
-    ended = subprocess.run(command, env={**os.environ, "PYTHONPATH": path}, timeout=300, check=False)
+    ended = subprocess.run(command, env={**os.environ, "PYTHONPATH": path}, timeout=900, check=False)
     return ended.returncode
 
 

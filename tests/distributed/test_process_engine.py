@@ -148,7 +148,7 @@ def test_a_script_that_does_not_protect_its_start_is_told(tmp_path: Path) -> Non
             ProcessEngine(workers=1).start(SPECS)
         """)
     )
-    ended = subprocess.run([sys.executable, str(path)], capture_output=True, text=True, timeout=60, check=False)
+    ended = subprocess.run([sys.executable, str(path)], capture_output=True, text=True, timeout=900, check=False)
     assert ended.returncode == 1
     last = ended.stderr.strip().splitlines()[-1]
     assert "EngineError" in last

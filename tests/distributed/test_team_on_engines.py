@@ -76,7 +76,7 @@ def test_a_killed_job_of_mpi_goes_on_from_its_file(serial: rcp.teams.TeamResult,
         command = [str(MPIEXEC), "-n", "2", sys.executable, "-m", "mpi4py", str(script), str(tmp_path), str(death)]
         path = os.pathsep.join(filter(None, [str(Path(__file__).parent), os.environ.get("PYTHONPATH")]))
         environment = {**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
-        return subprocess.run(command, env=environment, timeout=300, check=False).returncode
+        return subprocess.run(command, env=environment, timeout=900, check=False).returncode
 
     assert run(death=3) != 0
     assert run(death=-1) == 0

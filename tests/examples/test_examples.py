@@ -48,7 +48,7 @@ def run(name: str, *arguments: str, output: Path) -> subprocess.CompletedProcess
         [sys.executable, "-W", "error", EXAMPLES / f"{name}.py", "--output", output, *arguments],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=900,
         # The wheels of several solvers bring thread pools that fight over the cores of a small machine.
         env={**os.environ, "OMP_NUM_THREADS": "1"},
     )

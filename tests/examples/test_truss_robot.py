@@ -101,6 +101,6 @@ def test_nodes_walk_as_a_team(truss):
 
 def test_the_script_reads_its_command_line():
     asked = [sys.executable, "-W", "error", PATH, "--help"]
-    ended = subprocess.run(asked, capture_output=True, text=True, timeout=120)
+    ended = subprocess.run(asked, capture_output=True, text=True, timeout=900)
     assert ended.returncode == 0, ended.stderr
     assert "--coarse" in ended.stdout

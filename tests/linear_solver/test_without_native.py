@@ -54,7 +54,7 @@ def test_three_models_are_solved_without_compiler_and_asl(tmp_path):
         "CC": str(tmp_path / "none"),
     }
     ended = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(PROGRAM)], capture_output=True, text=True, timeout=120, env=environment
+        [sys.executable, "-c", textwrap.dedent(PROGRAM)], capture_output=True, text=True, timeout=900, env=environment
     )
     assert ended.returncode == 0, ended.stdout + ended.stderr
 
@@ -68,6 +68,6 @@ def test_a_compiler_that_writes_junk_ends_no_solve(tmp_path):
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYROBOCOP_")}
     environment |= {"PYROBOCOP_NATIVE_CACHE": str(tmp_path / "cache"), "CC": str(junk)}
     ended = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(PROGRAM)], capture_output=True, text=True, timeout=120, env=environment
+        [sys.executable, "-c", textwrap.dedent(PROGRAM)], capture_output=True, text=True, timeout=900, env=environment
     )
     assert ended.returncode == 0, ended.stdout + ended.stderr

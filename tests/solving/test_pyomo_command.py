@@ -32,7 +32,7 @@ def test_results_and_summary(tmp_path):
         *("solve", "--solver=pyrobocop.mpcc", "corners.py", "--summary", "--solver-suffix=dual"),
         *("--results-format=json", "--save-results=found.json", "--solver-options=tol=1e-10 polish=True timelimit=60"),
     ]
-    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=True)
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=900, check=True)
     assert "Number of solutions: 1" in run.stdout
     assert "Status: optimal" in run.stdout
     assert "Model two corners" in run.stdout

@@ -123,7 +123,7 @@ def test_every_rank_of_mpi_has_the_results_of_one_process(serial: list[Any], tmp
     script = Path(__file__).with_name("mpi_studies.py")
     command = [str(MPIEXEC), "-n", "2", sys.executable, "-m", "mpi4py", str(script), str(tmp_path)]
     path = os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
-    subprocess.run(command, env={**os.environ, "PYTHONPATH": path}, timeout=300, check=True)
+    subprocess.run(command, env={**os.environ, "PYTHONPATH": path}, timeout=900, check=True)
     for rank in range(2):
         told = json.loads((tmp_path / f"rank{rank}.json").read_text())
         assert told == json.loads(json.dumps([*serial, serial[0]]))
