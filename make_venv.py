@@ -33,7 +33,8 @@ def main(extras):
 
 def has(installer):
     """Whether the environment is there with its installer: an attempt that was broken off is made again."""
-    return PYTHON.exists() and subprocess.run([PYTHON, "-m", installer, "--version"], capture_output=True).returncode == 0
+    version = [PYTHON, "-m", installer, "--version"]
+    return PYTHON.exists() and subprocess.run(version, capture_output=True).returncode == 0
 
 
 def make():
