@@ -24,7 +24,7 @@ PACKAGE = {
     "studies": 2464, "trajectories": 508, "transcription": 105,
 }  # fmt: skip
 TESTS = {
-    ".": 97, "adversary": 1073, "architecture": 488, "benchmarks": 293, "car_paths": 744, "catalogue": 1067,
+    ".": 97, "adversary": 1073, "architecture": 560, "benchmarks": 293, "car_paths": 744, "catalogue": 1067,
     "complementarity": 3333, "continuous": 1643, "diagnosis": 440, "discretisation": 638, "distributed": 1554,
     "docs": 1743, "estimation": 313, "examples": 818, "extension_templates": 181, "files": 632, "geometry": 996,
     "harness": 841, "ipopt": 1150, "linear_solver": 533, "mechanics": 1635, "mistakes": 555, "modeling": 918,
