@@ -1,14 +1,35 @@
-"""Everything is said in setup.cfg; here only what a wheel is called that brings compiled libraries.
+"""What setup.cfg cannot say: what a wheel with compiled libraries is called, and where the links of README.md lead.
 
-They are loaded by ctypes and know nothing of Python: such a wheel is for one platform, and for any Python 3.
+Compiled libraries are loaded by ctypes and know nothing of Python: such a wheel is for one platform and any Python 3.
+
+README.md has relative links, which lead nowhere on a package index. Where PYROBOCOP_REPOSITORY is the address of the
+repository, as in the release workflow, they lead to the files there that have the tag of this version.
 """
 
+import os
+import re
 from pathlib import Path
 
 from setuptools import Distribution, setup
 from setuptools.command.bdist_wheel import bdist_wheel
 
 LIBRARIES = [path for kind in ("so", "dylib", "dll") for path in Path("pyrobocop_pyomo").rglob(f"*.{kind}")]
+REPOSITORY = os.environ.get("PYROBOCOP_REPOSITORY", "").rstrip("/")
+# Code stays as it is; of what follows "](", neither addresses with a scheme nor anchors of the page are relative.
+CODE_OR_LINK = re.compile(r"```.*?```|`[^`]*`|(?<=\]\()(?![\w+.-]+:|#)(?P<path>[^)\s]+)", re.DOTALL)
+PICTURES = (".png", ".gif", ".jpg", ".svg")
+
+
+def absolute_links(text: str, repository: str, tag: str) -> str:
+    """Markdown whose relative links and pictures are those of a tag in a repository."""
+
+    def absolute(found: re.Match[str]) -> str:
+        path = found["path"]
+        if path is None:
+            return found[0]
+        return f"{repository}/{'raw' if path.endswith(PICTURES) else 'blob'}/{tag}/{path}"
+
+    return CODE_OR_LINK.sub(absolute, text)
 
 
 class PlatformWheel(bdist_wheel):
@@ -19,15 +40,26 @@ class PlatformWheel(bdist_wheel):
         return "py3", "none", super().get_tag()[2]
 
 
-class WithLibraries(Distribution):
-    """What goes where compiled files go."""
+class Package(Distribution):
+    """What setup.cfg says, with compiled libraries and addresses."""
 
     def has_ext_modules(self) -> bool:
+        """Whether the files go where compiled ones do."""
+        return bool(LIBRARIES)
+
+    def parse_config_files(self, *arguments: object, **options: object) -> None:
         """See the base class."""
-        return True
+        super().parse_config_files(*arguments, **options)
+        if REPOSITORY:
+            tag = f"v{self.metadata.version}"
+            self.metadata.long_description = absolute_links(self.metadata.long_description, REPOSITORY, tag)
+            self.metadata.project_urls = {
+                "Source": REPOSITORY,
+                "Issues": f"{REPOSITORY}/issues",
+                "Changelog": f"{REPOSITORY}/blob/{tag}/CHANGELOG.md",
+                **self.metadata.project_urls,
+            }
 
 
-if LIBRARIES:
-    setup(distclass=WithLibraries, cmdclass={"bdist_wheel": PlatformWheel})
-else:
-    setup()
+if __name__ == "__main__":
+    setup(distclass=Package, cmdclass={"bdist_wheel": PlatformWheel} if LIBRARIES else {})

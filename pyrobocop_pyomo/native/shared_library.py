@@ -7,6 +7,7 @@ an older version, of another compiler, half written or changed by others is thus
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import hashlib
 import logging
@@ -19,6 +20,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -38,6 +40,7 @@ SUFFIX = {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
 
 _COMPILERS = ("cc", "gcc", "clang")
 _SECONDS_TO_COMPILE = 120.0
+_SCRATCH = ".building-"
 _lock = threading.Lock()
 
 
@@ -122,9 +125,14 @@ def build_shared_library(
     Raises
     ------
     BuildFailed
-        When there is no compiler; when it fails, with its command and output; when the folder of compiled libraries
-        cannot be written to, or others can write to it.
+        When the sources are no files; when there is no compiler; when it fails, with its command and output; when the
+        folder of compiled libraries cannot be written to, or others can write to it.
     """
+    if not sources or not all(source.is_file() for source in sources):
+        raise BuildFailed(
+            f"the C sources of '{name}' are no files here, as where the package is imported from a zip archive. "
+            "Install the package, for example by: python -m pip install pyrobocop_pyomo"
+        )
     texts = hashlib.sha256(repr((name, *flags, sys.platform, platform.machine())).encode())
     for source in sources:
         texts.update(source.read_bytes())
@@ -199,7 +207,8 @@ def _compiled(
     """Compile into a folder, under a name that may depend on what came out."""
     files = [str(source) for source in sources if source.suffix == ".c"]
     try:
-        with tempfile.TemporaryDirectory(prefix=".building-", dir=folder) as scratch:
+        _remove_abandoned(folder)
+        with tempfile.TemporaryDirectory(prefix=_SCRATCH, dir=folder) as scratch:
             built = Path(scratch) / f"{name}{SUFFIX}"
             command = [*compiler, *files, "-o", str(built), *([] if sys.platform == "win32" else ["-lm"])]
             logger.info("compiling '%s', once on this machine: %s", name, shlex.join(command))
@@ -213,11 +222,20 @@ def _compiled(
         raise BuildFailed(f"cannot write to '{folder}': {error}. Name another folder in {CACHE_VARIABLE}.") from error
 
 
+def _remove_abandoned(folder: Path) -> None:
+    """Remove the scratch folders of processes that were killed: none that still compiles is that old."""
+    for scratch in folder.glob(f"{_SCRATCH}*"):
+        with contextlib.suppress(OSError):  # another process may remove it too
+            if time.time() - scratch.stat().st_mtime > 2 * _SECONDS_TO_COMPILE:
+                shutil.rmtree(scratch)
+
+
 def _run_compiler(command: Sequence[str], built: Path) -> None:
     try:
         run = subprocess.run(
             command, capture_output=True, text=True, timeout=_SECONDS_TO_COMPILE, check=False,
-            env={**os.environ, "LC_ALL": "C"},
+            # A compiler that is killed leaves its temporary files: they vanish with the scratch folder.
+            env={**os.environ, "LC_ALL": "C", "TMPDIR": str(built.parent)},
         )  # fmt: skip
     except (OSError, subprocess.TimeoutExpired) as error:
         raise BuildFailed(f"cannot run: {shlex.join(command)}\n{error}") from error

@@ -122,6 +122,43 @@ def test_a_source_that_does_not_compile_is_told_with_the_command(source: Path) -
     assert not list(native_cache().iterdir())
 
 
+def test_a_compiler_that_is_killed_leaves_nothing(
+    source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    elsewhere = tmp_path / "temporary"
+    elsewhere.mkdir()
+    monkeypatch.setenv("TMPDIR", str(elsewhere))
+    killed = tmp_path / "killed-compiler"
+    killed.write_text('#!/bin/sh\ntouch "$TMPDIR/half-done.s"\nkill -KILL $$\n')
+    killed.chmod(0o755)
+    monkeypatch.setenv("CC", str(killed))
+    with pytest.raises(BuildFailed, match="code -9"):
+        build_shared_library("answer", [source])
+    assert [*elsewhere.iterdir(), *native_cache().iterdir()] == []
+
+
+def test_what_a_killed_process_left_is_removed_and_what_another_compiles_is_not(source: Path) -> None:
+    kept = build_shared_library("answer", [source])
+    abandoned, busy = (native_cache() / f".building-{name}" for name in ("abandoned", "busy"))
+    for scratch in (abandoned, busy):
+        scratch.mkdir()
+        (scratch / "half-done.so").touch()
+    yesterday = kept.stat().st_mtime - 86400
+    os.utime(abandoned, (yesterday, yesterday))
+    assert build_shared_library("answer", [source], force=True).parent == native_cache()
+    assert set(native_cache().iterdir()) == {kept, busy}
+
+
+@pytest.mark.parametrize("names", [[], ["answer.c"]], ids=["none", "inside"])
+def test_sources_in_an_archive_are_told(source: Path, tmp_path: Path, names: list[str]) -> None:
+    archive = tmp_path / "package.zip"
+    archive.touch()
+    sources = [archive / name for name in names]
+    with pytest.raises(BuildFailed, match="'answer' are no files here, as where .* zip"):
+        build_shared_library("answer", sources)
+    assert shared_library("answer", sources) is None
+
+
 def test_several_at_once_compile_the_same_library(source: Path) -> None:
     with ThreadPoolExecutor(4) as threads:
         found = set(threads.map(lambda _: build_shared_library("answer", [source]), range(4)))

@@ -19,8 +19,8 @@ PUBLIC void mc19ad_(const int *n, const int *nz, const double *a, const int *irn
     for (int round = 0; round < ROUNDS; round++) {
         for (int i = 0; i < *n; i++) w[i] = -INFINITY;
         for (int k = 0; k < *nz; k++) {
+            if (irn[k] < 1 || irn[k] > *n || icn[k] < 1 || icn[k] > *n || a[k] == 0.0) continue;
             const int i = irn[k] - 1, j = icn[k] - 1;
-            if (i < 0 || i >= *n || j < 0 || j >= *n || a[k] == 0.0) continue;
             const float size = (float)log(fabs(a[k])) + r[i] + r[j];
             if (size > w[i]) w[i] = size;
             if (size > w[j]) w[j] = size;

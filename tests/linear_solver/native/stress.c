@@ -1,5 +1,6 @@
 /* The linear solver under sanitizers: random matrices, arrays of exactly the length that is asked for, numbers that are
  * not finite, several threads. Prints what it did; returns 1 when a residual is large. */
+#include <limits.h>
 #include <math.h>
 #include <pthread.h>
 #include <stdint.h>
@@ -94,6 +95,7 @@ static void try_matrix(uint64_t *state)
     }
     float *r = malloc(sizeof(float) * (size_t)rows), *c = malloc(sizeof(float) * (size_t)rows);
     float *w = malloc(sizeof(float) * 5 * (size_t)rows);
+    i[below(state, nz)] = INT_MIN, j[below(state, nz)] = INT_MAX; /* entries beside the matrix are ignored */
     mc19ad_(&rows, &nz, value, i, j, r, c, w);
     free(r), free(c), free(w);
     free(i), free(j), free(keep), free(spare), free(value), free(b), free(x), free(a), free(iw);
