@@ -94,12 +94,22 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             law._hypothesis_internal_use_settings = settings(asked, max_examples=10 * asked.max_examples)
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item) -> bool | None:
+    """Report a test as skipped when it is too late to begin it."""
+    latest = item.config.getoption("--begin-before")
+    if latest is None or time.time() <= latest:
+        return None
+    reason = (__file__, 0, "not begun within the time of this run (--begin-before)")
+    item.ihook.pytest_runtest_logreport(
+        report=pytest.TestReport(item.nodeid, item.location, {}, "skipped", reason, "setup")
+    )
+    return True
+
+
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Skip what needs a backend that is missing; fail instead where all backends are promised, as in our CI."""
     _started.clear()
-    latest = item.config.getoption("--begin-before")
-    if latest is not None and time.time() > latest:
-        pytest.skip("not begun within the time of this run (--begin-before)")
     if item.get_closest_marker("ctrl_c") is not None and sys.platform == "win32":
         pytest.skip("on Windows a process that sends itself Ctrl-C is ended")
     for backend, found in FINDERS.items():
