@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import gc
 import os
 import signal
 import sys
@@ -54,7 +55,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Watch every start of Ipopt."""
+    """Watch every start of Ipopt, and look for no garbage among what is imported: it stays."""
+    gc.disable()
     sys.addaudithook(_note_executable)
     path = find_ipopt_library()
     if path is not None:
@@ -92,6 +94,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         for law in laws:
             asked = law._hypothesis_internal_use_settings
             law._hypothesis_internal_use_settings = settings(asked, max_examples=10 * asked.max_examples)
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """From here on there is garbage, and everything older is no longer searched for it."""
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.hookimpl(tryfirst=True)
