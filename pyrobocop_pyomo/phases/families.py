@@ -327,6 +327,8 @@ def references_by_component(names: FamilyNames, reference: Any, label: str) -> l
         When an array has another length.
     """
     label = f"{label}: the reference of '{names.name}'"
+    if isinstance(reference, VariableFamily):
+        reference = dict(zip(reference.names.labels, reference.members, strict=True))
     if isinstance(reference, tuple) and len(reference) == 2 and np.ndim(reference[0]) == 1 < np.ndim(reference[1]):
         return [(reference[0], values) for values in _split_guess(names, reference[1], label).ravel()]
     if callable(reference) and hasattr(reference, "families"):

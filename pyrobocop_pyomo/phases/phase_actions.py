@@ -227,18 +227,20 @@ class PhaseActions:
         ----------
         variable : Var, vector or str
             A state, algebraic or control of this phase; the squares of all components of a vector are summed.
-        reference : number, function, Trajectory or pair of lists
-            A function of time, or times and values, which are joined by lines; for a vector an array, a function that
-            returns one, or times and an array of shape ``(components, times)``. A trajectory is evaluated by its
-            polynomials. With a free duration a function gets an expression for the time, so that it has to be made of
-            Pyomo's functions.
-        weight : number or function
-            Constant, or a function of time.
+        reference : number, expression, indexed component, rule, function, Trajectory or pair of lists
+            A Param, Var or expression is followed as it is; a component over the times of the phase, such as another
+            state or an Expression, at each time; for a vector also another vector. A rule ``(phase, t)`` is as in
+            `integral`. A function of time, or times and values, which are joined by lines; for a vector an array, a
+            function that returns one, or times and an array of shape ``(components, times)``. A trajectory is
+            evaluated by its polynomials. With a free duration a function gets an expression for the time, so that it
+            has to be made of Pyomo's functions.
+        weight : number, expression, indexed component, rule, function or pair of lists
+            The same, for the components of a vector alike.
 
         Raises
         ------
         DeclarationError
-            When the variable is not of this phase, or the reference does not cover it.
+            When the variable is not of this phase, or the reference or the weight does not cover it.
         """
         return tracking_cost(self, self.record, variable, reference, weight)
 

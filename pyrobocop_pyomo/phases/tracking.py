@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from numbers import Real
 from typing import Any
 
 import numpy as np
+from pyomo.core.expr.numvalue import NumericValue
 
 from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.modeling.expressions import is_indexed_component
+from pyrobocop_pyomo.modeling.rule_slips import takes_arguments
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .families import family_in, references_by_component
@@ -24,24 +28,36 @@ def tracking_cost(block: Any, record: PhaseRecord, variable: Any, reference: Any
     component = block.component(name) if name in record.declarations else None
     if component is None or not component.is_indexed() or not (isinstance(variable, str) or component is variable):
         raise DeclarationError(f"{what}: it is no state, algebraic or control of this phase.")
-    wanted = _function(block, record, name, reference, what)
-    weigh = weight if callable(weight) else lambda t: weight
+    wanted = _rule(block, record, name, reference, f"{what}: the reference")
+    weigh = _rule(block, record, name, weight, f"{what}: the weight")
     # Read through the phase that the rule is given, so that it holds between the points of the mesh as well.
-    return block.integral(lambda b, t: weigh(b.time_at(t)) * (b.component(name)[t] - wanted(b.time_at(t))) ** 2)
+    return block.integral(lambda b, t: weigh(b, t) * (b.component(name)[t] - wanted(b, t)) ** 2)
 
 
-def _function(block: Any, record: PhaseRecord, name: str, reference: Any, label: str) -> Callable[[Any], Any]:
-    if isinstance(reference, (int, float)):
-        return lambda t: reference
-    if isinstance(reference, Trajectory):
-        if name not in reference.names:
-            raise DeclarationError(f"{label}: trajectory '{reference.name}' has no '{name}'.")
-        first, last = (float(time) for time in reference.time[[0, -1]])
-        asked: Callable[[Any], Any] = lambda t: reference(t)[name]  # noqa: E731
-    elif callable(reference):
-        return reference
+def _rule(block: Any, record: PhaseRecord, name: str, given: Any, label: str) -> Callable[[Any, Any], Any]:
+    """What is given for all times, as a rule of the phase."""
+    if isinstance(given, (Real, NumericValue)):  # the latter can be called, too
+        return lambda b, t: given
+    if is_indexed_component(given):
+        missing = [t for t in block.points if t not in given]
+        if missing:
+            raise DeclarationError(
+                f"{label} '{given.name}' has no value at t = {missing[0]:g}. Index it by the time or the points of the "
+                "phase."
+            )
+        return lambda b, t: given[t]
+    asked: Callable[[Any], Any]
+    if isinstance(given, Trajectory):
+        if name not in given.names:
+            raise DeclarationError(f"{label}: trajectory '{given.name}' has no '{name}'.")
+        first, last = (float(time) for time in given.time[[0, -1]])
+        asked = lambda t: given(t)[name]  # noqa: E731
+    elif callable(given):
+        if not takes_arguments(given, 1) and takes_arguments(given, 2):
+            return given
+        return lambda b, t: given(b.time_at(t))
     else:
-        times, values = _samples(reference, label)
+        times, values = _samples(given, label)
         first, last = float(times[0]), float(times[-1])
         asked = lambda t: float(np.interp(t, times, values))  # noqa: E731
     if block.has_normalised_time:
@@ -53,10 +69,9 @@ def _function(block: Any, record: PhaseRecord, name: str, reference: Any, label:
     start, end = record.grid.times[0], record.grid.times[-1]
     if first > start + slack or last < end - slack:
         raise DeclarationError(
-            f"{label}: the reference runs from {first:g} to {last:g}, the phase from {start:g} to {end:g}. "
-            "Give a reference for all of it."
+            f"{label} runs from {first:g} to {last:g}, the phase from {start:g} to {end:g}. Give it for all of it."
         )
-    return asked
+    return lambda b, t: asked(b.time_at(t))
 
 
 def _samples(reference: Any, label: str) -> tuple[Any, Any]:
@@ -64,7 +79,7 @@ def _samples(reference: Any, label: str) -> tuple[Any, Any]:
         times, values = (np.asarray(numbers, dtype=float) for numbers in reference)
     except (TypeError, ValueError) as error:
         raise DeclarationError(
-            f"{label}: the reference is no number, function, trajectory or pair (times, values) of numbers ({error})."
+            f"{label} is no number, expression, function, trajectory or pair (times, values) of numbers ({error})."
         ) from None
     if times.ndim != 1 or times.shape != values.shape or len(times) < 2:
         raise DeclarationError(
@@ -72,5 +87,5 @@ def _samples(reference: Any, label: str) -> tuple[Any, Any]:
             "each other."
         )
     if not (np.isfinite(times).all() and np.isfinite(values).all() and (np.diff(times) > 0).all()):
-        raise DeclarationError(f"{label}: times and values of a reference must be finite, and times increase.")
+        raise DeclarationError(f"{label}: times and values must be finite, and times increase.")
     return times, values

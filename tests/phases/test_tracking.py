@@ -30,6 +30,33 @@ def test_every_kind_of_reference_means_the_same() -> None:
     assert pyo.value(b.tracking(b.u, 3, weight=lambda t: t)) == pytest.approx(4 * 2)
 
 
+def test_expressions_and_rules_are_followed_as_they_are() -> None:
+    b = phase()
+    m = b.model()
+    m.goal, m.speed = pyo.Param(initialize=1.0, mutable=True), pyo.Var(initialize=3.0)
+    b.double = pyo.Expression(b.points, rule=lambda b, t: 2 * b.x[t])
+    costs = [b.tracking(b.u, m.goal), b.tracking("u", 2 * m.goal - 1), b.tracking(b.u, m.speed - 2)]
+    assert [pyo.value(cost) for cost in costs] == pytest.approx([0, 0, 0])
+    m.goal.set_value(3.0)
+    m.speed.set_value(6.0)
+    assert [pyo.value(cost) for cost in costs] == pytest.approx([8, 32, 18])
+    for reference in (b.double, lambda b, t: 2 * b.x[t]):
+        assert pyo.value(b.tracking(b.x, reference)) == pytest.approx(8 / 3)  # integral of t^2
+        assert pyo.value(b.tracking(b.u, 3, weight=reference)) == pytest.approx(4 * 4)
+    assert pyo.value(b.tracking(b.x, b.u, weight=m.goal)) == pytest.approx(3 * 2 / 3)  # integral of 3 (t - 1)^2
+    assert pyo.value(b.tracking(b.u, 3, weight=([0, 2], [0, 2]))) == pytest.approx(4 * 2)
+    b.first = pyo.Expression([0.0], rule=lambda b, t: b.x[t])
+    with pytest.raises(DeclarationError, match=r"the reference 'p.first' has no value at t = .* Index it by the time"):
+        b.tracking(b.x, b.first)
+
+
+def test_a_vector_follows_another_and_a_free_duration_a_rule() -> None:
+    b = phase(rcp.Duration(bounds=(1, 3), initial_guess=2.0))
+    b.y, b.z = rcp.State(index=2, initial_guess=3), rcp.State(index=2, initial_guess=[1, 2])
+    assert pyo.value(b.tracking(b.y, b.z)) == pytest.approx(2 * (4 + 1))
+    assert pyo.value(b.tracking(b.x, lambda b, t: b.x[t] + t)) == pytest.approx(8 / 3)  # t is the time in a formula
+
+
 def test_samples_are_joined_by_lines() -> None:
     b = phase()
     b.initialize(x=0)
@@ -54,8 +81,8 @@ def test_a_free_duration_takes_functions_of_pyomo() -> None:
         (([0, 1, 2], [0, 1]), r"times of shape \(3,\) and values of shape \(2,\)"),
         (([0, 2, 1], [0, 1, 2]), "must be finite, and times increase"),
         (([0, 2], [0, math.nan]), "must be finite"),
-        ("fast", "is no number, function, trajectory or pair"),
-        ((["a", "b"], [1, 2]), "is no number, function, trajectory or pair"),
+        ("fast", "is no number, expression, function, trajectory or pair"),
+        ((["a", "b"], [1, 2]), "is no number, expression, function, trajectory or pair"),
     ],
 )
 def test_what_is_no_reference_is_refused(reference: Any, message: str) -> None:
