@@ -20,18 +20,21 @@ def main(extras):
     """Make the environment unless it is there, then install or update."""
     if sys.version_info < (3, 10):  # noqa: UP036  an older Python is what this line is for
         sys.exit(f"Python 3.10 or newer is needed; this is {sys.version.split()[0]} ({sys.executable}).")
-    if not has_pip():
+    if not has("pip"):
         make()
     pip = [PYTHON, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     package = ["--editable", f"{ROOT}[{extras}]"]
     with_uv = [PYTHON, "-m", "uv", "pip", "install", "--quiet", "--python", PYTHON, *package]
-    if subprocess.run([*pip, "uv"]).returncode or subprocess.run(with_uv).returncode:
+    if not has("uv"):
+        subprocess.run([*pip, "uv"])
+    if not has("uv") or subprocess.run(with_uv).returncode:
         run([*pip, *package])
 
 
-def has_pip():
-    """Whether the environment is there and complete: an attempt that was broken off is made again."""
-    return PYTHON.exists() and subprocess.run([PYTHON, "-m", "pip", "--version"], capture_output=True).returncode == 0
+def has(installer):
+    """Whether the environment is there with its installer: an attempt that was broken off is made again."""
+    version = [PYTHON, "-m", installer, "--version"]
+    return PYTHON.exists() and subprocess.run(version, capture_output=True).returncode == 0
 
 
 def make():

@@ -59,21 +59,21 @@ def page(rows: list[tuple]) -> str:
 
 Written by `python benchmarks/comparison.py --docs docs`. Three smooth problems are solved like for like: the published
 mesh, implicit Euler, an initial guess of zero, and Ipopt's own tolerances. The versions by hand are in
-`benchmarks/smooth_problems`, one short file each. "PYROBOCOP" are the values of the authors' package (Raghunathan,
+`benchmarks/smooth_problems`, one short file each. Rows "PYROBOCOP" are values of the authors' package (Raghunathan,
 Jha & Romeres, ICRA 2022, doi:10.1109/ICRA46639.2022.9812069), as far as they are known.
 
 {markdown([title for title, _ in COLUMNS], cells_of(rows, COLUMNS), left=2)}
 
-Objective, residual and re-integration error are computed from the states and controls alone, by the same lines for all.
+The same lines compute objective, residual and re-integration error for all ways, from the states and controls alone.
 The residual is the largest violation of an equation, a bound or a boundary value. The re-integration error says how far
 the states are from the true motion under these controls: it is the error of implicit Euler, grows along a motion that
-is unstable, and is the same for all ways that find the same optimum. CPU seconds are from nothing to the answer; those
-of `rcp.solve` contain the recomputation of the answer's residuals.
+is unstable, and is the same for all ways that find the same optimum. CPU seconds are from nothing to the answer; for
+`rcp.solve` they include the recomputation of the answer's residuals.
 
-* The acrobot's bounds on rates keep derivatives as variables in all versions, and it has many local optima. Its path
-  from a guess of zero is long, and the number of iterations a matter of rounding and of the order of variables.
+* The acrobot's bounds on rates keep derivatives as variables in all versions. It has many local optima, and a long path
+  from a guess of zero: the number of iterations depends on rounding and on the order of variables.
 * Elsewhere `pyomo.dae` keeps derivatives as variables, while the others substitute them.
-* Where the time of a modelling layer goes is measured by `benchmarks/cart_pole_transcription.py`.
+* `benchmarks/cart_pole_transcription.py` measures where the time of a modelling layer goes.
 """
 
 

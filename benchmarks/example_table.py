@@ -168,20 +168,20 @@ by `rcp.solve(m)` with defaults from the initial guess that its script states (t
 
 ## Sizes and cost
 
-Variables are counted where they are free, rows are all constraints, and iterations are summed over all runs of Ipopt.
+Variables are the free ones, rows are all constraints, and iterations are summed over all runs of Ipopt.
 CPU seconds are from building the model to the last check.
 
 {size}
 
 ## Answers
 
-J is the objective; beside it stands the published value, or the value that the authors' package reaches, where it is
-known (`benchmarks/published.py`). The columns to its right are recomputed from the user's equations
+J is the objective; beside it stands the published value, or the value that the authors' package reaches, if it is
+known (`benchmarks/published.py`). The columns to the right are recomputed from the user's equations
 ({{doc}}`../explanation/verification`): the largest violation, the largest product of a pair, and the distance between
 the states and a re-integration of the whole horizon under the same controls. This distance is the error of the
-discretisation and no fault. The verdict is the quality of the point; with pairs, whether it is proven B-stationary
+discretisation, not a fault. The verdict is the quality of the point; with pairs, whether it is proven B-stationary
 ({{doc}}`../explanation/certificates`); with obstacles, whether the motion is proven to be clear at all times; for a
-team, how physics rates the plan.
+team, the physical score of the plan.
 
 {answer}
 

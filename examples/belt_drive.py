@@ -1,12 +1,12 @@
 """Assemble a belt drive: a gripper lays an elastic belt over one pulley, then draws it over a second one.
 
-The belt is a spring and a damper between two points. It pulls only while it is stretched (one pair), and the point that
-hangs below is held by the first pulley only while it touches it (another pair). In the ``first`` task the gripper pulls
+The belt is a spring and a damper between two points. It pulls only while it is stretched (one pair), and the first
+pulley holds the point that hangs below only while they touch (another pair). In the ``first`` task the gripper pulls
 the upper point until the lower one lies on the first pulley; in the ``second`` the belt runs from that pulley's rim to
-the gripper, which moves on to the second pulley and turns its hand. ``chain`` is both in one plan: where the first task
-ends the second begins, so that the first already prepares the second. Between the two
-tasks the lower point has to lie on the first pulley; without this condition, a plan that leaves the point beside the
-pulley is cheaper. The initial guess of the chain consists of straight lines.
+the gripper, which moves on to the second pulley and turns its hand. ``chain`` is both in one plan: the second task
+begins where the first ends, so the first already prepares the second. Between the two tasks the lower point has to lie
+on the first pulley; without this condition, a plan that leaves the point beside the pulley is cheaper. The initial
+guess of the chain consists of straight lines.
 
 Four scenarios put the second pulley at other places; the fourth has a longer belt. The second task keeps, as published,
 at least half of the tension that its target has: the pair lets the belt slacken to that, never below. There the lower

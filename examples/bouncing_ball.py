@@ -1,7 +1,7 @@
 """A ball that bounces: phases of free flight, linked by the law of impact.
 
 Each impact turns the vertical speed around and takes a part of it: ``v+ = -e v-``; the horizontal speed and the
-position continue. When the impacts happen is not given: every flight lasts until the ball is back on the floor.
+position continue. The times of the impacts are not given: every flight lasts until the ball is back on the floor.
 
 ``drop`` lets the ball fall from a height; nothing is left to choose, and the times of all impacts are known in
 closed form. The picture compares them with a simulation that knows no flights: one phase with the floor as a pair,

@@ -1,8 +1,8 @@
 """Find the mass of a pole and the stiffness of two soft walls from a noisy motion between them.
 
 A feedback keeps the pole between the walls while two sinusoids throw it against them; its force is recorded, and
-applied again to the model whose parameters are sought. (With sinusoids alone the unstable pole runs away, and nothing
-can be learned from it.) When the pole leans on which wall is no part of the data: the fit finds it, by complementarity.
+applied again to the model with the unknown parameters. (With sinusoids alone the unstable pole runs away, and nothing
+can be learned from it.) The data do not say when the pole leans on which wall: the fit finds it, by complementarity.
 
 Positions and velocities are measured with errors of a given standard deviation. The data come from the time stepping
 that the model has, implicit Euler, so that without errors the parameters are found exactly; ``fine`` steps ten times

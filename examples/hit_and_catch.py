@@ -1,9 +1,9 @@
 """Six robots on a field, each at home in its own part of it, bring a puck to a goal: by passing.
 
-The puck glides with viscous drag. No robot may leave its home, so the puck has to be hit, to fly, and to be caught, and
-one rule of the game asks that a player of the middle drives it forward: a short pass and a long one. Where and when is
-found by one solve; it starts from a kick schedule, the least forces that would bring the puck to the goal if they
-acted in three chosen spans of time. Where the solve ends at no plan, it starts again from another schedule.
+The puck glides with viscous drag. No robot may leave its home, so robots have to hit the puck, let it fly, and catch
+it. By one rule of the game a player of the middle drives it forward: a short pass and a long one. One solve finds where
+and when. It starts from a kick schedule, the least forces that would bring the puck to the goal if they acted in three
+chosen spans of time. If the solve finds no plan, it starts again from another schedule.
 
 Shorinwa, Devlin, Hawkes & Schwager, DisCo: Distributed Contact-Rich Trajectory Optimization for Forceful Multi-Robot
 Collaboration, 2024, arXiv:2410.23283, sec. V. Sizes, masses, limits and the rule about the middle are ours.

@@ -1,9 +1,9 @@
 """Roll a ball along the rings of a tilting maze, by a model of its friction that was learned from data.
 
-The plate tilts by two angles that follow the commands of two servos; the ball rolls in a circular ring. How it
-accelerates is known as far as gravity and rotation go; what friction does to it is learned as the mean of a Gaussian
-process in nine inputs, from 4842 recorded steps of 1/30 s. The data is made here: by a simulation with a dry friction
-that varies along the ring, which the planner does not know. The plan is then tried on that simulation.
+The plate tilts by two angles that follow the commands of two servos; the ball rolls in a circular ring. Its
+acceleration by gravity and rotation is known; the effect of friction is learned as the mean of a Gaussian process in
+nine inputs, from 4842 recorded steps of 1/30 s. The data are made here: by a simulation with a dry friction that varies
+along the ring, which the planner does not know. The plan is then tried on that simulation.
 
 What is learned from recorded steps is the mean acceleration over a step. So the model is a map from one step to the
 next, and is used as that map: as a step map with the very step of the data. Taken for a differential equation, and

@@ -1,9 +1,8 @@
 """Bring a slider to a pose in minimum time, trying every sequence of faces to push at.
 
-A finger pushes at one face after the other without slipping; between two pushes it moves for free. It may push
-anywhere along a face, and each push lasts as long as it wants: where and how long is a smooth choice, left to the
-optimiser. Which faces, and in which order, is not: all sequences of one or two different faces are solved and ranked,
-in several processes.
+A finger pushes at one face after the other without slipping; between two pushes it moves for free. It may push anywhere
+along a face, and each push may take any time: these are smooth choices, left to the optimiser. The faces and their
+order are not: all sequences of one or two different faces are solved and ranked, in several processes.
 
 The pushes are quasi-static; the pusher-slider is that of
 

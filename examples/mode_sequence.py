@@ -1,9 +1,9 @@
 """Turn a slider around in minimum time by a fixed sequence of two pushes, first on one face, then on another.
 
-Two things of the published problem are kept for comparison. The second push acts at the middle of the top face
-with the force axes of the left face: its "normal" force runs along the face. And rates of the pose are bounded in
-normalised time, that is per duration of their phase and not per second, which a long phase feels: without these
-bounds (``build(rate_bound=None)``) the turn takes 7.1 instead of 12.9 seconds.
+Two things of the published problem are kept for comparison. The second push acts at the middle of the top face with the
+force axes of the left face: its "normal" force runs along the face. And rates of the pose are bounded in normalised
+time, that is per duration of their phase and not per second, which restricts long phases: without these bounds
+(``build(rate_bound=None)``) the turn takes 7.1 instead of 12.9 seconds.
 
 Raghunathan, Jha & Romeres, PYROBOCOP: Python-based Robotic Control & Optimization Package for Manipulation,
 ICRA 2022, sec. V-D, doi:10.1109/ICRA46639.2022.9812069

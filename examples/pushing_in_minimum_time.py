@@ -1,8 +1,8 @@
 """Push a slider to its goal in the least time, with a finger that may stick or slip.
 
 Slider, contact and goals are taken from `planar_pushing.py`; the duration is free, and is the objective. The published
-formulation of minimum time multiplies the rates by the duration and keeps their bounds, so that they hold per duration
-and not per second: in the whole plan, however long it takes, the finger may slip by a quarter of the side at most. The
+formulation of minimum time multiplies the rates by the duration and keeps their bounds, which then hold per duration
+and not per second: in the whole plan, however long it takes, the finger may slip by at most a quarter of the side. The
 cases that end in ``scaled`` keep these bounds for comparison. Such problems have many local optima.
 
 Raghunathan, Jha & Romeres, PYROBOCOP: Python-based Robotic Control & Optimization Package for Manipulation,

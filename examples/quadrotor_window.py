@@ -3,7 +3,8 @@
 The body is a box of 0.6 m x 0.6 m x 0.2 m. Through ``narrow``, 0.6 m wide and 0.8 m high, it fits only on its side;
 through ``low``, 0.8 m wide and 0.5 m high, upright, with little room. The wall is 0.1 m thick: a plan that keeps its
 distance only at the points of a mesh may jump straight through it. The initial guess is a straight line, for ``narrow``
-rolled to one side in the middle: left of upright is as good as right, and from upright neither is downhill.
+rolled to one side in the middle: rolling left is as good as rolling right, and from upright neither lowers the
+objective.
 
 The states are position, roll, pitch and yaw, velocity and body rates; the controls are the thrusts of four rotors.
 Rigid-body model: Mahony, Kumar & Corke, Multirotor aerial vehicles, IEEE Robotics & Automation Magazine 19 (2012),

@@ -3,7 +3,8 @@
 The description is an ordinary URDF: joints with their axes and limits, collision geometry of boxes, cylinders and a
 sphere. Cylinders become prisms around them, 2 % wider. Links that share a joint are left out of the body pairs; all
 others keep clear of the boxes, and of each other. The hand goes from one side of the box to the other: the straight
-line between the two configurations leads through it. Joint accelerations are the controls; least squares of them.
+line between the two configurations leads through it. Joint accelerations are the controls, and their squares the
+objective.
 """
 
 from __future__ import annotations

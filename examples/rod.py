@@ -1,8 +1,8 @@
 """Discs push a rod to a goal pose, four of them or sixteen, through contacts that nobody has scheduled.
 
 The rod slides on the ground with friction. Each robot is driven by a force of its own, starts anywhere around the rod,
-and may touch it where it likes, with Coulomb friction. Who pushes where and when is for the solver to find. Run as a
-script, this file plans for all robots in one model; what each plan is worth is recomputed by physics.
+and may touch it where it likes, with Coulomb friction. The solver finds who pushes where and when. Run as a script,
+this file plans for all robots in one model; each plan gets a physical score.
 
 Shorinwa, Devlin, Hawkes & Schwager, DisCo: Distributed Contact-Rich Trajectory Optimization for Forceful Multi-Robot
 Collaboration, 2024, arXiv:2410.23283, sec. V-A. Masses, friction, limits and the sampling of tasks are ours.

@@ -2,8 +2,7 @@
 
 The ball is released at rest two metres up. The quadrotors are points with a size and a thrust, all of whose directions
 are free within limits; they carry their own weight, and push with friction: they stop the ball, carry it aside, turn it
-and hold it at rest. Run as a script, this file plans for all of them in one model; what a plan is worth is recomputed
-by physics.
+and hold it at rest. Run as a script, this file plans for all of them in one model; the plan gets a physical score.
 
 Shorinwa, Devlin, Hawkes & Schwager, DisCo: Distributed Contact-Rich Trajectory Optimization for Forceful Multi-Robot
 Collaboration, 2024, arXiv:2410.23283, sec. V-B. Sizes, masses, limits and the sampling of tasks are ours.

@@ -1,9 +1,9 @@
 """Three roller nodes on a closed tube walk by rolling over: the shape changes, the length of the tube does not.
 
 A triangle in the vertical plane whose corners are motors that roll along one tube: an edge grows as far as the others
-shrink. Edge forces act along the edges; every node may touch the ground, with Coulomb friction. Which nodes push when,
-and how often the truss rolls over, is for the solver to find. Then `track` replays the shapes of the plan with a model
-of the motors in place of the hardware: two of constant speed, measured lengths, commands twice a second.
+shrink. Edge forces act along the edges; every node may touch the ground, with Coulomb friction. The solver finds which
+nodes push when, and how often the truss rolls over. Then `track` replays the shapes of the plan with a model of the
+motors in place of the hardware: two of constant speed, measured lengths, commands twice a second.
 
 Shorinwa, Devlin, Hawkes & Schwager, DisCo: Distributed Contact-Rich Trajectory Optimization for Forceful Multi-Robot
 Collaboration, 2024, arXiv:2410.23283, sec. V-D. Masses, limits, friction and the model of the motors are ours.

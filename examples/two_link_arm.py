@@ -1,9 +1,9 @@
 """A two-link arm in a horizontal plane reaches around a box, between two posts.
 
-Each link is a capsule; the second is hinged to the end of the first, so that this pair is left out: two links that
-share a joint touch by design. The pose of the forearm is the pose of the upper arm, followed by a turn at the elbow.
-The arm starts below the box, ends above it, and has to fold on the way; the posts are where the forearm would like to
-swing. Least torque, squared and integrated.
+Each link is a capsule; the second is hinged to the end of the first, so this pair is left out: two links that share a
+joint touch by design. The pose of the forearm is the pose of the upper arm, followed by a turn at the elbow. The arm
+starts below the box, ends above it, and has to fold on the way; the posts stand where the forearm would swing. The
+objective is the integral of the squared torques.
 
 Rigid links with torques in both joints: Spong, Hutchinson & Vidyasagar, Robot Modeling and Control (2006), ch. 7
 """

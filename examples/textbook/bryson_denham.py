@@ -1,6 +1,6 @@
-"""Turn a point back with the least effort and without touching more than a wall: a state constraint of second order.
+"""Turn a moving point back before a wall, with the least effort: a state constraint of second order.
 
-The effort is 4 / (9 l) where the wall is at l; here l = 1/9, so that the point rests at the wall for a while.
+The effort is 4 / (9 l) where the wall is at l; here l = 1/9, so the point rests at the wall for a while.
 
 Bryson, Denham & Dreyfus, AIAA J. 1 (1963) 2544, doi:10.2514/3.2107; Bryson & Ho, Applied Optimal Control, sec. 3.11
 """

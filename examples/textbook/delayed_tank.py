@@ -1,4 +1,4 @@
-"""A stirred tank that feels its contents a second late and its inlet two seconds late, at the least cost.
+"""Steer a stirred tank, whose contents act one second late and whose inlet acts two seconds late, at the least cost.
 
 The history is a constant; kinks of the motion lie on element boundaries, one delay after the other.
 

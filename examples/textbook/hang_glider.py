@@ -1,4 +1,4 @@
-"""How far a hang glider comes with the help of one thermal updraft.
+"""The longest flight of a hang glider with the help of one thermal updraft.
 
 Bulirsch, Nerz, Pesch & von Stryk, in: Optimal Control, ISNM 111, 1993, p. 273; Dolan, More & Munson, COPS 3.0,
 ANL/MCS-TM-273, 2004, problem 9: 1248.03 m

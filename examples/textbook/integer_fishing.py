@@ -1,7 +1,7 @@
 """When to send the fleet: predators and prey come into balance by fishing with all or with none of the boats.
 
-The control is 0 or 1. Relaxed, the deviation is 1.34408; with finer and finer switching it comes as near to that as
-one likes, and rounding by its integral says how near.
+The control is 0 or 1. Relaxed, the deviation is 1.34408; with finer switching it comes arbitrarily close to this value,
+and the integral gap of the rounding bounds the difference.
 
 Sager, Numerical Methods for Mixed-Integer Optimal Control Problems, 2005, sec. 1.4; the collection mintOC.de: 1.34408
 """

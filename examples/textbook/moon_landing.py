@@ -1,4 +1,4 @@
-"""Land softly on the moon with the least fuel: fall freely, then brake with all there is.
+"""Land softly on the moon with the least fuel: fall freely, then brake at full thrust.
 
 The switch follows from the height: the fuel is the square root of 68, in units of the source.
 

@@ -210,14 +210,14 @@ class DiscretisationEstimate(Presented):
             return ""
         off = []
         objective = self.relative_objective_error
-        if objective is not None and not objective <= SMALL_OBJECTIVE_ERROR:
-            off.append(f"the objective may be off by {percent(objective)}")
         for phase in self.phases.values():
             if phase.relative is not None and not phase.relative <= SMALL_MOTION_ERROR:
-                off.append(f"'{phase.name}.{phase.state}' by {percent(phase.relative)} from one element to the next")
+                off.append(f"'{phase.name}.{phase.state}' is off by {percent(phase.relative)} within an element")
+        if objective is not None and not objective <= SMALL_OBJECTIVE_ERROR:
+            off.append(f"the objective {'' if off else 'is off '}by {percent(objective)}")
         count, now = self.elements_for(), sum(phase.elements or 0 for phase in self.phases.values())
-        remedy = "more are needed" if count is None or count <= now else f"about {count} would do"
-        return f"on {now} elements {', '.join(off)}; {remedy}"
+        more = f"more than {now}" if count is None or count <= now else f"about {count} in place of {now}"
+        return f"{', '.join(off)}; take {more} elements"
 
     def __str__(self) -> str:
         return "\n".join(line for line in (self.sentence(), self.advice(), *self.remarks) if line)

@@ -24,9 +24,9 @@ PACKAGE = {
     "studies": 2464, "trajectories": 570, "transcription": 105,
 }  # fmt: skip
 TESTS = {
-    ".": 83, "adversary": 1073, "architecture": 490, "benchmarks": 293, "car_paths": 744, "catalogue": 1067,
+    ".": 97, "adversary": 1073, "architecture": 489, "benchmarks": 293, "car_paths": 744, "catalogue": 1067,
     "complementarity": 3333, "continuous": 1643, "diagnosis": 440, "discretisation": 638, "distributed": 1554,
-    "docs": 1743, "estimation": 313, "examples": 818, "extension_templates": 181, "files": 632, "geometry": 1016,
+    "docs": 1743, "estimation": 313, "examples": 818, "extension_templates": 181, "files": 632, "geometry": 996,
     "harness": 841, "ipopt": 1150, "linear_solver": 531, "mechanics": 1635, "mistakes": 555, "modeling": 918,
     "motion": 1652, "mpcc": 411, "mpcc_catalogue": 521, "native": 138, "nonsmooth": 186, "notebooks": 46,
     "numerics": 1106, "obstacles": 3139, "phases": 5707, "plotting": 522, "presentation": 221, "problem_classes":

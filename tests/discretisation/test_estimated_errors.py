@@ -224,7 +224,7 @@ def test_a_cost_that_the_quadrature_misses_is_said_in_the_first_line() -> None:
     assert verdict.integral_error > 0.1
     assert result.discretisation.is_large
     assert "COARSE MESH" in str(result)
-    assert "would do" in str(result)
+    assert "in place of" in str(result)
     assert "solve_refined" in result.report()
 
 

@@ -75,6 +75,7 @@ def test_a_share_is_written_as_people_do(share: float) -> None:
     text = percent(share)
     assert text.endswith(" %")
     if share > 1e-9:
+        assert "e" not in text
         assert float(text[:-2]) == pytest.approx(100 * share, rel=0.5)
     else:
         assert text.startswith("below")
