@@ -1,7 +1,8 @@
 """Hold a pendulum upright between two soft walls.
 
-It starts a little off, its tip at a wall. A wall is a spring that acts while it is pressed in, ``0 <= force _|_ gap +
-force / stiffness >= 0``; the tip is at ``l sin(theta)``, so the gaps are ``d + l sin(theta)`` and ``d - l sin(theta)``.
+It starts a little off, its tip at a wall. A wall is a spring that acts while it is pressed in,
+``0 <= force _|_ gap + force / stiffness >= 0``; the tip is at ``l sin(theta)``, so the gaps are
+``d + l sin(theta)`` and ``d - l sin(theta)``.
 
 ``radau`` is implicit Euler. ``explicit`` is explicit Euler: equations, pairs, control and running cost then belong to
 the start of each element, so that the last state is neither paid for nor kept out of the walls.

@@ -80,15 +80,15 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """Mark what is quick: it needs no Ipopt, is neither heavy nor slow, and tries no hundred examples of a law."""
     longer = {*FINDERS, "heavy", "slow"}
     laws = {item.function for item in items if is_hypothesis_test(getattr(item, "function", None))}
-    for item in items:
-        if getattr(item, "function", None) not in laws and longer.isdisjoint(mark.name for mark in item.iter_markers()):
-            item.add_marker("quick")
     # Whole files, for their fixtures' sake: of quick tests first, with a slow one last. A run that has to end early has
     # then missed as few tests as possible.
-    cost = {item.path: 0 for item in items}
+    cost = dict.fromkeys((item.path for item in items), 0)
     for item in items:
         marks = {mark.name for mark in item.iter_markers()}
-        cost[item.path] = max(cost[item.path], 2 if "slow" in marks else 0 if "quick" in marks else 1)
+        if getattr(item, "function", None) not in laws and longer.isdisjoint(marks):
+            item.add_marker("quick")
+        else:
+            cost[item.path] = max(cost[item.path], 2 if "slow" in marks else 1)
     items.sort(key=lambda item: cost[item.path])
     if config.getoption("--hypothesis-profile") == "thorough":
         for law in laws:

@@ -200,9 +200,7 @@ class DiscretisationEstimate(Presented):
         """What to do about large errors; empty where they are small."""
         if not self.is_large:
             return ""
-        count, now = self.elements_for(), sum(phase.elements or 0 for phase in self.phases.values())
-        more = "more elements" if count is None or count <= now else f"about {count} elements in place of {now}"
-        return f"The mesh is coarse: take {more}, or rcp.studies.solve_refined."
+        return f"The mesh is coarse: take {self._finer()}, or rcp.studies.solve_refined."
 
     def in_words(self) -> str:
         """What is large, and how many elements would do; empty where nothing is."""
@@ -215,9 +213,11 @@ class DiscretisationEstimate(Presented):
                 off.append(f"'{phase.name}.{phase.state}' is off by {percent(phase.relative)} within an element")
         if objective is not None and not objective <= SMALL_OBJECTIVE_ERROR:
             off.append(f"the objective {'' if off else 'is off '}by {percent(objective)}")
+        return f"{', '.join(off)}; take {self._finer()}"
+
+    def _finer(self) -> str:
         count, now = self.elements_for(), sum(phase.elements or 0 for phase in self.phases.values())
-        more = f"more than {now}" if count is None or count <= now else f"about {count} in place of {now}"
-        return f"{', '.join(off)}; take {more} elements"
+        return "more elements" if count is None or count <= now else f"about {count} elements in place of {now}"
 
     def __str__(self) -> str:
         return "\n".join(line for line in (self.sentence(), self.advice(), *self.remarks) if line)
