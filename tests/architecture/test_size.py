@@ -17,7 +17,7 @@ LARGEST_SHARE = 0.12
 
 PACKAGE = {
     ".": 587, "car_paths": 1601, "complementarity": 3005, "continuous": 2397, "diagnosis": 1429, "discretisation":
-    1174, "distributed": 2259, "estimation": 1633, "execution": 1161, "files": 830, "geometry": 1667, "ipopt": 1795,
+    1173, "distributed": 2259, "estimation": 1633, "execution": 1161, "files": 830, "geometry": 1667, "ipopt": 1795,
     "linear_solver": 2026, "links": 456, "mechanics": 2253, "modeling": 2847, "motion": 2745, "mpcc": 1326,
     "native": 157, "numerics": 1985, "obstacles": 4164, "phases": 6875, "planning": 2361, "plotting": 866,
     "presentation": 147, "problem_classes": 1331, "programs": 3806, "robots": 391, "rules": 274, "solving": 5007,
