@@ -81,7 +81,7 @@ def parking_model(
         When there is no path, and one is needed.
     """
     car = ParkingCar() if car is None else car
-    clearance = _possible_clearance(case, car, clearance)
+    clearance, reductions = _possible_clearance(case, car, clearance)
     path: CarPath | None
     try:
         shares = (1.0,) if needs_path else CLEARANCES
@@ -93,6 +93,8 @@ def parking_model(
             "parking case '%s': no path was found; the initial guess is a straight line. %s", case.name, error
         )
         path, bounds = None, _regions(case, car)[-1]
+    for reduction in reductions:  # of a case that is refused nothing is required
+        logger.warning("%s", reduction)
     duration = 30.0 if path is None else path.timed(0.6 * car.speed, 0.5 * car.acceleration).duration
     if elements is None:
         elements = int(np.clip(math.ceil(duration / SECONDS_PER_ELEMENT), *ELEMENTS))
@@ -143,8 +145,8 @@ def _effort(b: Any, t: Any) -> Any:
     return b.acceleration[t] ** 2 + b.steering_rate[t] ** 2
 
 
-def _possible_clearance(case: ParkingCase, car: ParkingCar, clearance: float) -> float:
-    """The clearance asked for, or less where an end has less.
+def _possible_clearance(case: ParkingCase, car: ParkingCar, clearance: float) -> tuple[float, list[str]]:
+    """The clearance asked for, or less where an end has less, and each such reduction in words.
 
     Raises
     ------
@@ -153,6 +155,7 @@ def _possible_clearance(case: ParkingCase, car: ParkingCar, clearance: float) ->
     """
     if not (math.isfinite(clearance) and clearance > 0.0):
         raise ObstacleError(f"parking case '{case.name}': clearance = {clearance}; expected a positive length.")
+    reductions = []
     for which, end in (("start", case.start), ("goal", case.goal)):
         for name, shape in case.parts.items():
             distance = signed_distance(car.shape, shape, planar_pose(*end.tolist())).distance
@@ -162,12 +165,12 @@ def _possible_clearance(case: ParkingCase, car: ParkingCar, clearance: float) ->
                     "pose that of the middle of the rear axle, and its size that of ParkingCar?"
                 )
             if distance < clearance:
-                logger.warning(
-                    "parking case '%s': at the %s '%s' is %.4g away, less than the clearance %.4g; %.4g is required.",
-                    case.name, which, name, distance, clearance, SHARE_OF_AVAILABLE * distance,
-                )  # fmt: skip
+                reductions.append(
+                    f"parking case '{case.name}': at the {which} '{name}' is {distance:.4g} away, less than the "
+                    f"clearance {clearance:.4g}; {SHARE_OF_AVAILABLE * distance:.4g} is required."
+                )
                 clearance = SHARE_OF_AVAILABLE * distance
-    return clearance
+    return clearance, reductions
 
 
 def _regions(case: ParkingCase, car: ParkingCar) -> list[Any]:

@@ -51,6 +51,8 @@ CELL, MOST_CELLS = 0.15, 600
 SPARE = 0.02
 DOUBLINGS = 4
 _Planned = tuple[Trajectory, SafetyReport | None]
+# A vehicle, those that have arrived, the share of the clearance and the expansions.
+_Trial = tuple[int, frozenset[int], float, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,10 +146,11 @@ def plan_vehicles(
     left = sorted(range(len(case)), key=lambda k: -float(np.hypot(*(case.goals[k] - case.starts[k])[:2])))
     order: list[int] = []
     found: dict[int, _Planned] = {}
+    in_vain: set[_Trial] = set()
     changes = 0
     while left:
         fewest = 0 if changes < len(case) else len(order)
-        step = _next(case, car, order, left, fewest, clearance, search or CarSearch(), deadline)
+        step = _next(case, car, order, left, fewest, clearance, search or CarSearch(), deadline, in_vain)
         if step is None:
             raise InitialGuessError(
                 f"plan_vehicles: '{case.name}': of the vehicles {[k + 1 for k in left]} none finds a way to its goal "
@@ -180,7 +183,7 @@ def _refuse_overlaps(case: VehiclesCase, car: ParkingCar) -> None:
 
 def _next(
     case: VehiclesCase, car: ParkingCar, order: list[int], left: Sequence[int], fewest: int, clearance: float,
-    search: CarSearch, deadline: Deadline,
+    search: CarSearch, deadline: Deadline, in_vain: set[_Trial],
 ) -> tuple[int, int, _Planned] | None:  # fmt: skip
     """How many of the order stay, the vehicle that follows these, and its motion; None where none finds a way."""
     little = min(FIRST_EXPANSIONS, search.max_expansions)
@@ -192,9 +195,13 @@ def _next(
                 seconds = deadline.left
                 if seconds is not None and seconds <= 0.0:
                     return None
+                trial = vehicle, frozenset(order[:kept]), share, most
+                if trial in in_vain:
+                    continue
                 planned = _alone(case, car, vehicle, order[:kept], waiting, share * clearance, limited, seconds)
                 if planned is not None:
                     return kept, vehicle, planned
+                in_vain.add(trial)
     return None
 
 
