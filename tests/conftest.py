@@ -97,8 +97,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:
-    """From here on there is garbage, and everything older is no longer searched for it."""
-    gc.freeze()
+    """From here on there is garbage. As what was imported counts, Python seldom searches everything for it."""
     gc.enable()
 
 
