@@ -29,7 +29,7 @@ from pyrobocop_pyomo.phases import (
     phases_of,
     remesh_phases,
 )
-from pyrobocop_pyomo.trajectories import Trajectory, join_trajectories
+from pyrobocop_pyomo.trajectories import JoinedTrajectory, Trajectory, join_trajectories
 
 if TYPE_CHECKING:
     from pyrobocop_pyomo import estimation, files, ipopt, mechanics, scenes, studies, teams
@@ -100,6 +100,7 @@ __all__ = [
     "FreeClearance",
     "Function",
     "GaussianProcessMean",
+    "JoinedTrajectory",
     "KeepApart",
     "Link",
     "ObstacleAvoidanceBlock",

@@ -70,7 +70,8 @@ class Companion:
         first = start if element == 0 else float(np.nextafter(start, mesh.boundaries[-1]))
         time = min(max(start + local * mesh.widths[element], first), mesh.boundaries[element + 1])
         for name, number in self.trajectory(time).items():
-            self.scratch.instant[name].set_value(number, skip_validation=True)
+            if name in self.scratch.instant:  # an Expression is none of its variables
+                self.scratch.instant[name].set_value(number, skip_validation=True)
         self._instant = element, local
 
     def is_read_in(self, variables: Iterable[Any]) -> bool:

@@ -28,6 +28,8 @@ def label_measurements(
 ) -> Any:
     """Label a model with measurements of one of its phases: the last step of an experiment's ``get_labeled_model``.
 
+    Called for several phases of a model, it adds to the labels.
+
     Makes the suffixes ``experiment_outputs``, ``measurement_error`` and ``unknown_parameters`` on the model, and on the
     phase an expression ``<name>_measured[time]`` per output: the scheme's polynomial at the times of the data,
     which need not be those of the grid.
@@ -37,7 +39,7 @@ def label_measurements(
     model : ConcreteModel
         Where parmest looks for the suffixes.
     phase : PhaseBlock
-        With a fixed duration.
+        With a fixed start and duration. Times of the data are those of the phase.
     data : DataFrame or dict of str to array
         A frame has the times as its index, a dict under the key ``"time"``. Several outputs share the times, as parmest
         expects.
@@ -46,7 +48,7 @@ def label_measurements(
     error : number or dict of str to number, optional
         Standard deviation of the measurements; unknown to parmest by default.
     unknown : sequence of str, optional
-        Parameters of the phase to estimate; all of them by default.
+        Parameters of the phase to estimate; all of them by default. One that a link shares is named for one phase only.
 
     Returns
     -------
@@ -56,11 +58,13 @@ def label_measurements(
     Raises
     ------
     DeclarationError
-        When names, times or values do not fit, or the model is labelled already.
+        When names, times or values do not fit, or an output of the phase is labelled already.
     """
     what = f"phase '{phase.name}'"
-    if phase.has_free_duration:
-        raise DeclarationError(f"{what}: measurements have times that are numbers; give the phase a fixed duration.")
+    if phase.has_normalised_time:
+        raise DeclarationError(
+            f"{what}: measurements have times that are numbers; give the phase a fixed duration, start and mesh."
+        )
     times, series = _read(data, what)
     names = list(series) if outputs is None else list(outputs)
     known = [name for name, declaration in phase.record.declarations.items() if not isinstance(declaration, Parameter)]
@@ -87,12 +91,12 @@ def label_measurements(
     deviations = error if isinstance(error, Mapping) else dict.fromkeys(names, error)
     if set(deviations) != set(names):
         raise DeclarationError(f"{what}: error has {sorted(deviations)}, the outputs are {sorted(names)}.")
+    for name in names:
+        if phase.component(f"{name}_measured") is not None:
+            raise DeclarationError(f"{what}: '{name}' is labelled already; label a model that is freshly built.")
     for suffix in ("experiment_outputs", "measurement_error", "unknown_parameters"):
-        if model.component(suffix) is not None:
-            raise DeclarationError(
-                f"model '{model.name}' has a '{suffix}' already; label a model that is freshly built."
-            )
-        model.add_component(suffix, Suffix(direction=Suffix.LOCAL))
+        if model.component(suffix) is None:  # another phase may have been labelled
+            model.add_component(suffix, Suffix(direction=Suffix.LOCAL))
     for name in names:
         predicted = Expression(times.tolist(), initialize={t: _at(phase, name, t) for t in times.tolist()})
         phase.add_component(f"{name}_measured", predicted)

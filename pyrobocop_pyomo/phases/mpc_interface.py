@@ -15,6 +15,7 @@ from pyrobocop_pyomo.errors import InitialGuessError
 
 from .declarations import Algebraic, Control, Parameter, State
 from .initial_guesses import guess_values
+from .phase_values import expressions_over_time
 from .record import PhaseRecord
 
 
@@ -42,7 +43,9 @@ class PhaseInterface(DynamicModelInterface):
         self._block, self._record = block, record
         self._scalar_vars = scalars
         self._scalar_expr: list[Any] = []
-        # A piecewise linear control is an expression at each point: it can be read, and loaded at its knots.
+        # A piecewise linear control is an expression at each point: it can be read, and loaded at its knots. The
+        # user's Expressions can be read only.
+        linear += expressions_over_time(block)
         self._dae_expr = [Reference(block.component(name)[:], ctype=Expression) for name in linear]
         self._dae_vars = [Reference(block.component(name)[:], ctype=Var) for name in names]
         self._scalar_var_cuids = [ComponentUID(scalar, context=self.model) for scalar in scalars]
@@ -75,6 +78,8 @@ class PhaseInterface(DynamicModelInterface):
                 raise InitialGuessError(
                     f"phase '{block.name}': the series has the key '{key}'; the phase has {', '.join(self._names)}."
                 )
+            if name not in self._record.declarations:
+                continue  # an Expression, which follows
             is_state = isinstance(self._record.declarations[name], State)
             asked = np.array(grid.times if is_state else grid.points)
             if times[0] > asked[0] + slack or times[-1] < asked[-1] - slack:

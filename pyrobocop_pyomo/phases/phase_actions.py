@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from pyrobocop_pyomo.errors import InitialGuessError
@@ -10,8 +11,10 @@ from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import InitialGuess
 
+from .companions import put_on_model
 from .initial_guesses import set_guesses, set_straight_lines, set_trajectory
 from .mpc_interface import PhaseInterface
+from .phase_values import expression_values, expressions_over_time
 from .reintegration import Reintegration, element_end_errors, reintegrate
 from .remeshing import remesh_phases
 from .replay import Replay, replay
@@ -127,7 +130,11 @@ class PhaseActions:
         options = SimulationOptions(
             method=method, rtol=rtol, atol=atol, unknown=unknown, restitution=dict(restitution or {})
         )
-        return simulate(self, self.record, controls or {}, initial or {}, options)
+        found = simulate(self, self.record, controls or {}, initial or {}, options)
+        if not expressions_over_time(self):
+            return found
+        with put_on_model([(self, found)]):
+            return replace(found, expressions=expression_values(self))
 
     def remesh(self: Any, mesh: Any) -> None:
         """Give the phase another mesh, in place; see `remesh_phases`, which takes several at once.

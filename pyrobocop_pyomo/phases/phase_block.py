@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from numbers import Real
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pyomo.core.base.component import ModelComponentFactory
 from pyomo.core.expr.numvalue import NumericValue
@@ -16,9 +16,19 @@ from .declarations import Bounds, Declaration, Duration
 from .laws import Law
 from .phase_data import PhaseBlockData
 
+if TYPE_CHECKING:
+
+    class _Phases(BuiltBlock, PhaseBlockData):
+        """What editors and type checkers know: one phase, whose variables are attributes, or several by index."""
+
+        def __new__(cls, *indexes: Any, **options: Any) -> PhaseBlock: ...
+        def __getitem__(self, index: Any) -> PhaseBlockData: ...
+else:
+    _Phases = BuiltBlock
+
 
 @ModelComponentFactory.register("A phase of motion: states, controls and equations over one horizon.")
-class PhaseBlock(BuiltBlock, data=PhaseBlockData):
+class PhaseBlock(_Phases, data=PhaseBlockData):
     """One horizon with its states, algebraics, controls, parameters and equations, transcribed by collocation.
 
     Parameters

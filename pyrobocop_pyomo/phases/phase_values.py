@@ -8,6 +8,7 @@ from operator import attrgetter
 from typing import Any
 
 import numpy as np
+from pyomo.core.base.expression import Expression
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.complementarity import Complementarity, canonical_form, side_values
@@ -91,7 +92,7 @@ class PhaseValues:
             From the time indices of the phase to the times of the trajectory.
         """
         # Between schemes, rates of the polynomial through the new nodes would be less exact than the trajectory's own.
-        rates = replace(trajectory, states={}, signals=trajectory.rates, piecewise_linear={})
+        rates = replace(trajectory, states={}, signals=trajectory.rates, piecewise_linear={}, expressions={})
         results: dict[Any, dict[str, Array]] = {}
         found = {}
         for name, nodes in self.nodes.items():
@@ -111,7 +112,7 @@ class PhaseValues:
         ----------
         values : mapping of name to array, optional
         evaluate : bool
-            Also evaluate what is an expression: sides of pairs, and derivatives.
+            Also evaluate what is an expression: sides of pairs, derivatives, and the user's Expressions over time.
 
         Raises
         ------
@@ -131,6 +132,7 @@ class PhaseValues:
             parameters={name: float(value(phase.component(name))) for name in record.names(Parameter)},
             pairs=pairs_of_phase(phase, self._grid) if evaluate else {},
             rates={name: _rates(phase, name) for name in record.names_of_states if evaluate and _has_rate(phase, name)},
+            expressions=expression_values(phase) if evaluate else {},
             knot_values=values,
             outcome=outcome,
         )
@@ -190,6 +192,25 @@ def make_trajectory(
         phase=phase,
         **facts,
     )
+
+
+def expressions_over_time(phase: Any) -> dict[str, Any]:
+    """The Expressions of a phase over its times or its points by name, without the controls that are such."""
+    sets = (phase.time, phase.points)
+    return {
+        component.local_name: component
+        for component in phase.component_objects(Expression, descend_into=False)
+        if any(component.index_set() is times for times in sets)
+        if component.local_name not in phase.record.declarations
+    }
+
+
+def expression_values(phase: Any) -> dict[str, Array]:
+    """The values of these Expressions now; NaN where one has none."""
+    return {
+        name: np.array([number_or_nan(component[t]) if t in component else np.nan for t in component.index_set()])
+        for name, component in expressions_over_time(phase).items()
+    }
 
 
 def read_values(

@@ -73,7 +73,7 @@ def _add_state(block: Any, record: PhaseRecord, name: str, state: State, label: 
         else:
             _impose_boundary_value(variable[time], given, f"{label} (declared at {state.declared_at})", where)
     if state.initial_guess is None and record.restating is None:
-        stay_at_stated_end(variable, grid.times)
+        _stay_at_stated_end(variable, state, grid.times)
     rows = dict(continuity_rows(variable, grid))
     if rows:
         continuity = add_generated(block, record, f"{name}_continuity", Constraint(list(rows)))
@@ -82,12 +82,13 @@ def _add_state(block: Any, record: PhaseRecord, name: str, state: State, label: 
             continuity.add(time, row)
 
 
-def stay_at_stated_end(variable: Any, times: Sequence[float]) -> None:
+def _stay_at_stated_end(variable: Any, state: State, times: Sequence[float]) -> None:
     """Give a state the value that it starts with at all times, or the one that it ends with; nothing without either."""
-    stated = [variable[time].value for time in (times[0], times[-1]) if variable[time].fixed]
-    for data in variable.values() if stated else ():
-        if not data.fixed:
-            data.set_value(within(stated[0], data.bounds), skip_validation=True)
+    ends = {times[0]: state.initial, times[-1]: state.final}
+    stated = [time for time, end in ends.items() if variable[time].fixed or isinstance(end, NumericValue)]
+    for time, data in variable.items() if stated else ():
+        if time not in stated:
+            data.set_value(within(variable[stated[0]].value, data.bounds), skip_validation=True)
 
 
 def _impose_boundary_value(variable: Any, given: float | Bounds | None, label: str, where: str) -> None:

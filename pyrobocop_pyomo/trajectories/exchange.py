@@ -67,6 +67,9 @@ def facts_of_time_series(series: Any, like: Any = None) -> dict[str, Any]:
         "grid": like.grid,
         "states": {name: values[name] for name in like.states},
         "signals": {name: values[name][positions] for name in like.signals},
+        "expressions": {
+            name: values[name] if name in like.over_time else values[name][positions] for name in like.expressions
+        },
         "parameters": like.parameters,
         "piecewise_constant": like.piecewise_constant,
         "families": like.families,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,13 +17,13 @@ from pyrobocop_pyomo.numerics import Array, Grid, Mesh
 from pyrobocop_pyomo.plotting import mark_phases, plot_signals
 from pyrobocop_pyomo.presentation import Presented, sparkline, table
 
-from .exchange import as_data_frame
-from .trajectory import Trajectory, family_values, member_labels, members_of
+from .exchange import as_data_frame, write_archive
+from .trajectory import Trajectory, family_values, member_labels, members_of, read_trajectories
 
 
 @dataclass(frozen=True, eq=False)
 class JoinedTrajectory(Presented):
-    """The trajectories of several phases as one; made by `join_trajectories`.
+    """The trajectories of several phases as one; made by `join_trajectories`, or read from a file by `load`.
 
     Attributes
     ----------
@@ -43,7 +44,7 @@ class JoinedTrajectory(Presented):
             if name in self._states:
                 return np.concatenate([_at_own_times(part, name) for part in self.parts])
             if name in self._signals:
-                return np.concatenate([part.signals.get(name, _nothing(part.points)) for part in self.parts])
+                return np.concatenate([part.over_points.get(name, _nothing(part.points)) for part in self.parts])
             if name in self._families:
                 names = self._families[name]
                 return family_values(names, [getattr(self, member) for member in names.members])
@@ -51,11 +52,11 @@ class JoinedTrajectory(Presented):
 
     @cached_property
     def _states(self) -> list[str]:
-        return list(dict.fromkeys(name for part in self.parts for name in part.states))
+        return list(dict.fromkeys(name for part in self.parts for name in part.over_time))
 
     @cached_property
     def _signals(self) -> list[str]:
-        every = dict.fromkeys(name for part in self.parts for name in part.signals)
+        every = dict.fromkeys(name for part in self.parts for name in part.over_points)
         return [name for name in every if name not in self._states]
 
     @cached_property
@@ -88,7 +89,7 @@ class JoinedTrajectory(Presented):
         return float(self.boundaries[-1] - self.boundaries[0])
 
     def __call__(self, t: ArrayLike, *, after: bool = False) -> dict[str, Any]:
-        """Values of every state, algebraic and control at given times; NaN where a phase has no such name.
+        """Values of every state, algebraic, control and expression at given times; NaN where a phase has no such name.
 
         Parameters
         ----------
@@ -122,7 +123,7 @@ class JoinedTrajectory(Presented):
         Parameters
         ----------
         names : list of str, or mapping of name to label, optional
-            What to draw, and what to write beside it; everything under its name by default.
+            What to draw, and what to write beside it; all states, algebraics and controls under their names by default.
         figure : Figure or SubFigure, optional
             Where to draw; a new figure by default.
 
@@ -131,9 +132,9 @@ class JoinedTrajectory(Presented):
         TrajectoryError
             When a name is unknown, or none is given.
         """
-        chosen = [
-            member for name in (self.names if names is None else names) for member in members_of(self._families, name)
-        ]
+        declared = {name for part in self.parts for name in (*part.states, *part.signals)}
+        asked = [name for name in self.names if name in declared] if names is None else names
+        chosen = [member for name in asked for member in members_of(self._families, name)]
         unknown = [name for name in chosen if name not in self.names]
         if unknown or not chosen:
             missing = f"has no '{unknown[0]}'" if unknown else "was given nothing to draw"
@@ -172,6 +173,75 @@ class JoinedTrajectory(Presented):
         frame = as_data_frame(self.time, columns)
         frame.insert(0, "phase", [part.name for part in self.parts for _ in part.time])
         return frame
+
+    def save(self, path: str | Path) -> Path:
+        """Write all parts to one ``.npz`` file, as `Trajectory.save` does; returns the file written."""
+        archives = [part.as_archive() for part in self.parts]
+        groups = {f"{i}.{name}": arrays for i, (_, of) in enumerate(archives) for name, arrays in of.items()}
+        return write_archive(path, {"parts": [facts for facts, _ in archives]}, groups)
+
+    @classmethod
+    def load(cls, path: str | Path) -> JoinedTrajectory:
+        """Read what `save` wrote, or a file of one phase; to verify it, a model has to be named.
+
+        Raises
+        ------
+        TrajectoryError
+            When the file is not there, is damaged or holds no trajectory.
+        """
+        return cls(tuple(read_trajectories(path)))
+
+    def verify(self, model: Any = None) -> list[Any]:
+        """Check each part against the equations of its phase; see `Trajectory.verify`.
+
+        Links between phases are not checked: `Link.violation` says how well one holds on the model.
+
+        Parameters
+        ----------
+        model : Block, optional
+            With phases of the names of the parts; by default the phases that the parts came from.
+
+        Returns
+        -------
+        list of Verification
+            One per part.
+
+        Raises
+        ------
+        TrajectoryError
+            When a phase is missing, or a part was loaded from a file and no model is given.
+        """
+        own = [part if model is None else replace(part, phase=self._phase(model, part)) for part in self.parts]
+        # In the times of its phase, which may count its own from zero.
+        own = [
+            part if part.phase is None or part.phase.has_normalised_time else _moved(part, part.phase.initial_time)
+            for part in own
+        ]
+        return [part.verify(beside=[other for other in own if _is_beside(other, part)]) for part in own]
+
+    def initialize(self, model: Any) -> None:
+        """Start the phases of a model from the parts that have their names; see `PhaseBlock.initialize`.
+
+        Parameters
+        ----------
+        model : Block
+
+        Raises
+        ------
+        TrajectoryError
+            When it has no phase of such a name; nothing is set then.
+        InitialGuessError
+            When a phase has no name in common with its part.
+        """
+        for phase, part in [(self._phase(model, part), part) for part in self.parts]:
+            phase.initialize(part)
+
+    @staticmethod
+    def _phase(model: Any, part: Trajectory) -> Any:
+        phase = model.find_component(part.name)
+        if not hasattr(phase, "has_normalised_time"):
+            raise TrajectoryError(f"model '{model.name}' has no phase '{part.name}', of which there is a trajectory.")
+        return phase
 
     def _parts_named(self) -> str:
         return ", ".join(f"'{part.name}'" for part in self.__dict__.get("parts", ()))
@@ -215,15 +285,20 @@ def join_trajectories(parts: Iterable[Any]) -> JoinedTrajectory:
     return JoinedTrajectory(tuple(joined))
 
 
+def _is_beside(other: Trajectory, part: Trajectory) -> bool:
+    """Whether the rules of a part may read another one: of another phase, with as many elements."""
+    return other.phase is not part.phase and other.grid.mesh.elements == part.grid.mesh.elements
+
+
 def _nothing(times: Array) -> Array:
     return np.full(times.shape, np.nan)
 
 
 def _at_own_times(part: Trajectory, name: str) -> Array:
     """Values at the times of the states; what is no state is evaluated there by its polynomial."""
-    if name in part.states:
-        return part.states[name]
-    return part(part.time)[name] if name in part.signals else _nothing(part.time)
+    if name in part.over_time:
+        return part.over_time[name]
+    return part(part.time)[name] if name in part.over_points else _nothing(part.time)
 
 
 def _moved(part: Trajectory, start: float) -> Trajectory:

@@ -21,6 +21,7 @@ from pyrobocop_pyomo.presentation import Presented, facts_table, sparkline, tabl
 from .exchange import as_data_frame, as_data_set, as_time_series, facts_of_time_series, read_archive, write_archive
 
 SOLVED = "solved"
+_GROUPS = ("states", "signals", "pairs", "rates", "piecewise_linear", "expressions")
 
 
 def _which_there_are(name: str, held: list[str]) -> str:
@@ -54,6 +55,8 @@ class Trajectory(Presented):
         Values that do not change in time.
     pairs : dict of name to array, shape (2, len(points))
         Both sides of each complementarity pair, in canonical form ``0 <= a ⟂ b >= 0``.
+    expressions : dict of name to array, shape (len(time),) or (len(points),)
+        Values of the phase's Expressions over its times or its points.
     families : dict of name to FamilyNames
         Vectors and matrices among all these, whose components have names of their own.
     phase : PhaseBlock or None
@@ -78,12 +81,13 @@ class Trajectory(Presented):
     piecewise_linear: Mapping[str, Array] = field(default_factory=dict)
     piecewise_constant: frozenset[str] = frozenset()
     families: Mapping[str, FamilyNames] = field(default_factory=dict)
+    expressions: Mapping[str, Array] = field(default_factory=dict)
     phase: Any = field(default=None, repr=False)
     outcome: str | None = None
 
     def __getattr__(self, name: str) -> Any:
         if not name.startswith("_"):
-            for values in (self.states, self.signals, self.parameters):
+            for values in (self.states, self.signals, self.parameters, self.expressions):
                 if name in values:
                     return values[name]
             family = self.__dict__.get("families", {}).get(name)
@@ -92,6 +96,7 @@ class Trajectory(Presented):
             facts = self.__dict__
             if "states" in facts:
                 held = [*facts["states"], *facts["signals"], *facts["parameters"], *facts.get("families", ())]
+                held += facts.get("expressions", ())
                 raise AttributeError(f"trajectory '{facts['name']}' has no '{name}'. {_which_there_are(name, held)}")
         raise AttributeError(f"trajectory '{self.__dict__.get('name', '?')}' has no '{name}'.")
 
@@ -125,7 +130,17 @@ class Trajectory(Presented):
     @property
     def names(self) -> list[str]:
         """Names of everything that changes in time."""
-        return [*self.states, *self.signals]
+        return [*self.over_time, *self.over_points]
+
+    @cached_property
+    def over_time(self) -> dict[str, Array]:
+        """The states, and the expressions that have values at their times."""
+        return {**self.states, **{name: of for name, of in self.expressions.items() if len(of) == len(self.time)}}
+
+    @cached_property
+    def over_points(self) -> dict[str, Array]:
+        """Algebraics and controls, and the other expressions."""
+        return {**self.signals, **{name: of for name, of in self.expressions.items() if name not in self.over_time}}
 
     @property
     def title(self) -> str:
@@ -138,11 +153,11 @@ class Trajectory(Presented):
         return (
             set(self.piecewise_constant)
             if self.grid.scheme.stages > 1
-            else set(self.signals) - set(self.piecewise_linear)
+            else set(self.over_points) - set(self.piecewise_linear)
         )
 
     def __call__(self, t: ArrayLike) -> dict[str, Any]:
-        """Values of every state, algebraic and control at given times.
+        """Values of every state, algebraic, control and expression at given times.
 
         At an element boundary the element that ends there is evaluated, as the equations of a stiffly
         accurate scheme are.
@@ -176,8 +191,10 @@ class Trajectory(Presented):
         element = np.clip(np.searchsorted(boundaries, times, side="left") - 1, 0, self.grid.mesh.elements - 1)
         local = np.clip((times - boundaries[element]) / self.grid.mesh.widths[element], 0.0, 1.0)
         stage_weights = self.grid.scheme.stage_polynomial_at(local)
-        values = {name: self._interpolate_state(name, element, local) for name in self.states}
-        values |= {name: self._interpolate(self.element_signals(name), stage_weights, element) for name in self.signals}
+        values = {name: self._interpolate_state(name, element, local) for name in self.over_time}
+        values |= {
+            name: self._interpolate(self.element_signals(name), stage_weights, element) for name in self.over_points
+        }
         values |= {name: np.interp(times, *knots) for name, knots in self.piecewise_linear.items()}
         return _Values(self.families, values if np.ndim(t) else {name: float(of[0]) for name, of in values.items()})
 
@@ -213,11 +230,11 @@ class Trajectory(Presented):
 
     def element_states(self, name: str) -> Array:
         """A state per element at its nodes, the element start first, shape ``(N, nodes)``."""
-        return self.states[name][self.grid.node_positions]
+        return self.over_time[name][self.grid.node_positions]
 
     def element_signals(self, name: str) -> Array:
         """An algebraic or control per element at the stages, shape ``(N, s)``."""
-        return self._per_stage(self.signals[name])
+        return self._per_stage(self.over_points[name])
 
     def element_rates(self, name: str) -> Array:
         """The derivative of a state per element at the stages, shape ``(N, s)``."""
@@ -256,8 +273,8 @@ class Trajectory(Presented):
         Parameters
         ----------
         names : list of str, or mapping of name to label, optional
-            What to draw, and what to write beside it; the name of a vector stands for its components. Everything under
-            its name by default.
+            What to draw, and what to write beside it; the name of a vector stands for its components. All states,
+            algebraics and controls under their names by default.
         figure : Figure or SubFigure, optional
             Where to draw; by default a new figure, whose title is the name of the phase and, unless it was solved, the
             outcome.
@@ -267,9 +284,8 @@ class Trajectory(Presented):
         TrajectoryError
             When a name is unknown, or none is given.
         """
-        chosen = [
-            member for name in (self.names if names is None else names) for member in members_of(self.families, name)
-        ]
+        asked = [*self.states, *self.signals] if names is None else names
+        chosen = [member for name in asked for member in members_of(self.families, name)]
         unknown = [name for name in chosen if name not in self.names]
         if unknown:
             raise TrajectoryError(f"trajectory '{self.name}' has no '{unknown[0]}'; it has {', '.join(self.names)}.")
@@ -280,7 +296,7 @@ class Trajectory(Presented):
         dense = np.unique(np.concatenate([self.time, np.linspace(self.time[0], self.time[-1], 400)]))
         values = self(dense)
         nodes = {
-            name: (self.time, self.states[name]) if name in self.states else (self.points, self.signals[name])
+            name: (self.time, self.over_time[name]) if name in self.over_time else (self.points, self.over_points[name])
             for name in chosen
         }
         steps = self.stepwise & set(chosen)
@@ -295,7 +311,7 @@ class Trajectory(Presented):
         )
 
     def to_pandas(self) -> Any:
-        """A data frame: one row per time, one column per state, algebraic and control.
+        """A data frame: one row per time, one column per state, algebraic, control and expression.
 
         What lives at collocation points only is evaluated by its polynomial at the other times.
         """
@@ -330,6 +346,10 @@ class Trajectory(Presented):
 
     def save(self, path: str | Path) -> Path:
         """Write a ``.npz`` file of arrays and JSON (no pickle); returns the file written."""
+        return write_archive(path, *self.as_archive())
+
+    def as_archive(self) -> tuple[dict[str, Any], dict[str, Mapping[str, Array]]]:
+        """What fits into JSON, and groups of arrays by name."""
         facts = {
             "name": self.name,
             "scheme": self.grid.scheme.name,
@@ -340,8 +360,7 @@ class Trajectory(Presented):
         }
         scheme = self.grid.scheme
         grid = {"boundaries": np.array(self.grid.mesh.boundaries), "A": scheme.A, "b": scheme.b, "c": scheme.c}
-        groups = {name: getattr(self, name) for name in ("states", "signals", "pairs", "rates", "piecewise_linear")}
-        return write_archive(path, facts, {"grid": grid, **groups})
+        return facts, {"grid": grid, **{name: getattr(self, name) for name in _GROUPS}}
 
     @classmethod
     def load(cls, path: str | Path) -> Trajectory:
@@ -350,15 +369,15 @@ class Trajectory(Presented):
         Raises
         ------
         TrajectoryError
-            When the file is not there, is damaged or holds no trajectory.
+            When the file is not there, is damaged or holds no trajectory, or those of several phases.
         """
-        facts, groups = read_archive(path)
-        try:
-            return cls._from_archive(facts, groups)
-        except KeyError as error:
-            raise TrajectoryError(f"{path}: an archive that holds no trajectory ({error} is missing).") from error
-        except (TypeError, ValueError, AttributeError, IndexError) as error:
-            raise TrajectoryError(f"{path}: an archive that holds no trajectory ({error}).") from error
+        parts = read_trajectories(path)
+        if len(parts) != 1:
+            raise TrajectoryError(
+                f"{path}: holds the phases {', '.join(part.name for part in parts)}. Read it by "
+                "rcp.JoinedTrajectory.load(path)."
+            )
+        return parts[0]
 
     @classmethod
     def _from_archive(cls, facts: dict[str, Any], groups: dict[str, dict[str, Array]]) -> Trajectory:
@@ -377,11 +396,11 @@ class Trajectory(Presented):
             **groups,
         )
         states, points = len(read.grid.times), len(read.grid.points)
-        expected = {"states": (states,), "signals": (points,), "rates": (points,), "pairs": (2, points)}
-        for group, shape in expected.items():
+        expected = {"states": [(states,)], "signals": [(points,)], "rates": [(points,)], "pairs": [(2, points)]}
+        for group, shapes in {**expected, "expressions": [(states,), (points,)]}.items():
             for name, values in getattr(read, group).items():
-                if values.shape != shape or values.dtype.kind not in "fiu":
-                    raise TrajectoryError(f"'{name}' has shape {values.shape}, and its grid asks for {shape}")
+                if values.shape not in shapes or values.dtype.kind not in "fiu":
+                    raise TrajectoryError(f"'{name}' has shape {values.shape}, and its grid asks for {shapes[0]}")
         for name, knots in read.piecewise_linear.items():
             if knots.ndim != 2 or knots.shape[0] != 2 or knots.dtype.kind != "f":
                 raise TrajectoryError(f"'{name}' has knots of shape {knots.shape} in place of (2, knots)")
@@ -398,15 +417,45 @@ class Trajectory(Presented):
         return f"'{self.name}'{outcome}, t = {start:g} .. {end:g}: {', '.join(of)}: {', '.join(self.names)}"
 
     def _html_parts(self) -> list[str]:
+        kinds = {**dict.fromkeys(self.states, "state"), **dict.fromkeys(self.expressions, "expression")}
         rows = [
-            (name, "state", *_range_of(values), sparkline(self.time, values)) for name, values in self.states.items()
+            (name, kinds[name], *_range_of(values), sparkline(self.time, values))
+            for name, values in self.over_time.items()
         ]
         rows += [
-            (name, "signal", *_range_of(values), sparkline(self.points, values, steps=name in self.stepwise))
-            for name, values in self.signals.items()
+            (
+                name,
+                kinds.get(name, "signal"),
+                *_range_of(values),
+                sparkline(self.points, values, steps=name in self.stepwise),
+            )
+            for name, values in self.over_points.items()
         ]
         of_signals = table(("name", "kind", "first", "last", "smallest", "largest", "over time"), rows)
         return [of_signals, *([facts_table(self.parameters)] if self.parameters else [])]
+
+
+def read_trajectories(path: str | Path) -> list[Trajectory]:
+    """The trajectories of a file, of one phase or of several.
+
+    Raises
+    ------
+    TrajectoryError
+        When the file is not there, is damaged or holds no trajectory.
+    """
+    facts, groups = read_archive(path)
+    try:
+        if "parts" not in facts:
+            return [Trajectory._from_archive(facts, groups)]
+        parts: list[dict[str, dict[str, Array]]] = [{} for _ in facts["parts"]]
+        for name, arrays in groups.items():
+            number, _, group = name.partition(".")
+            parts[int(number)][group] = arrays
+        return list(map(Trajectory._from_archive, facts["parts"], parts))
+    except KeyError as error:
+        raise TrajectoryError(f"{path}: an archive that holds no trajectory ({error} is missing).") from error
+    except (TypeError, ValueError, AttributeError, IndexError) as error:
+        raise TrajectoryError(f"{path}: an archive that holds no trajectory ({error}).") from error
 
 
 class _Values(dict[str, Any]):

@@ -24,11 +24,12 @@ NAMESPACES = "errors estimation files ipopt mechanics relaxations scenes schemes
 PUBLIC = {
     "": """
         ActiveSide Agent Algebraic Body Certificate Complementarity Containment Control Diagnosis Duration
-        FreeClearance Function GaussianProcessMean KeepApart Link ObstacleAvoidanceBlock PairReport Parameter
-        PhaseBlock Polytope Quality SafetyReport Shared SolveResult Start State Stationarity StopReason Strategy
-        Table TablePath Team Trajectory Verification __version__ active_pairs array complements dae_trajectory
-        diagnose either_zero estimate from_pyrobocop join_trajectories label_measurements phases_of planar_pose
-        remesh_phases solution_arrays solve spatial_pose sweep verify_motion
+        FreeClearance Function GaussianProcessMean JoinedTrajectory KeepApart Link ObstacleAvoidanceBlock
+        PairReport Parameter PhaseBlock Polytope Quality SafetyReport Shared SolveResult Start State
+        Stationarity StopReason Strategy Table TablePath Team Trajectory Verification __version__ active_pairs
+        array complements dae_trajectory diagnose either_zero estimate from_pyrobocop join_trajectories
+        label_measurements phases_of planar_pose remesh_phases solution_arrays solve spatial_pose sweep
+        verify_motion
     """,
     "relaxations": """
         AllPairs AugmentedLagrangian BarrierSchedule ChenHarkerKanzowSmale Crossed Elastic FischerBurmeister

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from pyomo.contrib.mpc import TimeSeriesData
+from pyomo.contrib.mpc import DynamicModelInterface, TimeSeriesData
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import InitialGuessError, TrajectoryError
@@ -37,6 +37,14 @@ def test_a_series_over_the_points_leaves_and_comes_back(scheme: Any) -> None:
     fresh.interface().load_data(b.trajectory().to_time_series())
     assert [v.value for v in fresh.x.values()] == pytest.approx([1 + t for t in fresh.time])
     assert [v.value for v in fresh.u.values()] == pytest.approx([2 * t for t in fresh.points])
+
+
+def test_pyomos_own_interface_sees_the_states_and_that_of_the_phase_everything() -> None:
+    b = cart()
+    own = DynamicModelInterface(b.model(), b.time)
+    assert {str(key) for key in own.get_data_at_time().get_data()} == {"cart.x[*]"}
+    own.load_data(cart().trajectory().to_time_series().extract_variables([b.x[:]]))
+    assert {str(key) for key in b.interface().get_data_at_time().get_data()} == {"cart.x[*]", "cart.u[*]"}
 
 
 def test_a_series_is_interpolated_onto_another_mesh() -> None:

@@ -43,6 +43,15 @@ def test_a_param_at_both_ends_is_followed_by_the_next_solve() -> None:
     assert m.go.verify(plan).largest_violation == pytest.approx(5.0)
 
 
+def test_without_a_guess_a_state_starts_from_a_param_as_from_a_number() -> None:
+    assert {variable.value for variable in cart(lambda m: m.x0).go.x.values()} - {1.0} == {0.5}
+    assert {variable.value for variable in cart(None, lambda m: 2 * m.goal).go.x.values()} == {4.0}
+    both = cart(lambda m: m.x0, lambda m: m.goal).go.x
+    assert {variable.value for variable in both.values()} == {0.5, 2.0}
+    assert both.at_end.value == 2.0
+    assert {variable.value for variable in cart((0, 1), (0, 1)).go.x.values()} == {0.0}
+
+
 @pytest.mark.ipopt
 def test_a_copy_follows_its_own_param_also_on_another_mesh() -> None:
     m = cart(lambda m: m.x0)

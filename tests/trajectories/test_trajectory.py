@@ -91,6 +91,65 @@ def test_values_are_read_by_name() -> None:
         _ = trajectory.z
 
 
+def with_expressions(scheme: Any, **values: Any) -> Any:
+    """Expressions over the times and over the points, of degrees that the polynomials of the scheme have."""
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(duration=2.0, elements=3, scheme=scheme)
+    b.x, b.u = rcp.State(initial_guess=lambda t: 1 + t), rcp.Control(initial_guess=3)
+    b.l = rcp.Control(initial_guess=lambda t: t, parametrization="piecewise_linear")
+    b.twice = pyo.Expression(b.time, rule=lambda b, t: 2 * b.x[t])
+    b.power = pyo.Expression(b.points, rule=lambda b, t: b.u[t] ** 2)
+    b.unknown = pyo.Expression(b.points)
+    b.ends = pyo.Expression([0.0, 2.0], rule=lambda b, t: b.x[t])
+    b.ode(lambda b, t: {b.x: b.u[t] - 2})
+    b.initialize(**values)
+    return b
+
+
+@each_scheme
+def test_expressions_over_time_are_read_as_states_and_controls_are(scheme: Any, tmp_path: Path) -> None:
+    b = with_expressions(scheme)
+    trajectory = b.trajectory()
+    assert trajectory.names == ["x", "twice", "u", "l", "power", "unknown"]
+    np.testing.assert_allclose(trajectory.twice, 2 * trajectory.x)
+    np.testing.assert_allclose(trajectory["power"], np.full(trajectory.points.shape, 9.0))
+    assert np.isnan(trajectory.unknown).all()
+    assert (trajectory(0.7)["twice"], trajectory(0.7)["power"]) == pytest.approx((3.4, 9.0))
+    assert trajectory.verify().largest_violation < 1e-12
+    loaded = rcp.Trajectory.load(trajectory.save(tmp_path / "run"))
+    assert (loaded.names, loaded.twice.tolist()) == (trajectory.names, trajectory.twice.tolist())
+    assert "power" in repr(trajectory)
+    assert trajectory._repr_html_().count("expression") == 3
+    assert b.simulate({"u": 4.0}).power == pytest.approx(np.full(trajectory.points.shape, 16.0))
+    assert pyo.value(b.power[b.points.first()]) == 9.0
+
+
+def test_expressions_are_in_tables_and_plots_and_not_in_what_is_set() -> None:
+    pytest.importorskip("pandas")
+    pytest.importorskip("matplotlib")
+    b = with_expressions("radau")
+    b.del_component("unknown")
+    trajectory = b.trajectory()
+    frame = trajectory.to_pandas()
+    np.testing.assert_allclose(frame["twice"], 2 * frame["x"])
+    axes = [axis for axis in trajectory.plot(["twice", "power"]).axes if axis.get_visible()]
+    assert [axis.get_ylabel() for axis in axes] == ["twice", "power"]
+    series = trajectory.to_time_series()
+    again = rcp.Trajectory.from_time_series(series, like=trajectory)
+    np.testing.assert_allclose(again.power, trajectory.power)
+    np.testing.assert_allclose(again.twice, trajectory.twice)
+    fresh = with_expressions("gauss", x=0, u=0)
+    fresh.interface().load_data(series)
+    assert [pyo.value(fresh.power[t]) for t in fresh.points] == pytest.approx([9.0] * len(fresh.points))
+    fresh.initialize(u=0)
+    fresh.initialize(trajectory)
+    assert [pyo.value(fresh.power[t]) for t in fresh.points] == pytest.approx([9.0] * len(fresh.points))
+    read = b.interface().get_data_at_time(b.points.last(), include_expr=True)
+    assert read.get_data_from_key("p.power[*]") == pytest.approx(9.0)
+    b.remesh(5)
+    assert len(b.trajectory().power) == len(b.points) == 15
+
+
 def test_a_time_index_of_a_free_duration_is_real_time() -> None:
     fixed, free = polynomials(rcp.schemes.gauss_legendre(2)), polynomials(rcp.schemes.gauss_legendre(2), free=True)
     np.testing.assert_allclose(free.time, fixed.time, rtol=1e-15)
