@@ -44,8 +44,9 @@ def compiled(source: Path) -> Step:
     assert compiler is not None
     files = [str(file) for file in source.parent.glob("*.c")]
     link = [str(ipopt), f"-Wl,-rpath,{ipopt.parent}", "-ldl", "-lm"]
-    # Symbols are bound within the library: those of the linear solver stand in others of this process as well.
-    subprocess.run([*compiler, *FLAGS[:-1], "-Wl,-Bsymbolic", *files, "-o", str(library), *link], check=True)
+    # Symbols are bound within the library: those of the linear solver stand in others of this process as well. The
+    # results are those of -O3, which takes longer to compile.
+    subprocess.run([*compiler, *FLAGS[:-1], "-O1", "-Wl,-Bsymbolic", *files, "-o", str(library), *link], check=True)
     functions = ctypes.CDLL(str(library))
     functions.controller_plan.restype = ctypes.POINTER(ctypes.c_double)
     states, controls, variables = (
