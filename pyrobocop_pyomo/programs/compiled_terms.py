@@ -146,9 +146,9 @@ class CompiledFunction:
 
     def structure(self, places: np.ndarray, scales: FloatArray | None = None) -> _FunctionStructure:
         """As the library takes it; arrays of shape (outputs, instances), flat, and no scales instead of ones."""
-        self._places, self._scales = _indices(places), scales
+        self.places, self.scales = _indices(places), scales
         return _FunctionStructure(
-            len(self.steps), self.steps.ctypes.data, self.constants.ctypes.data, self.work, self._places.ctypes.data,
+            len(self.steps), self.steps.ctypes.data, self.constants.ctypes.data, self.work, self.places.ctypes.data,
             None if scales is None else scales.ctypes.data,
         )  # fmt: skip
 
@@ -184,16 +184,16 @@ class CompiledTerm:
         gradient_scales: FloatArray,
         instances: int,
     ) -> None:
-        self._functions = [CompiledFunction(function) for function in functions]
-        self._columns, self._rows, self._instances = _indices(columns), _indices(rows), instances
-        self._numbers, self._scales, self._gradient_scales = numbers, scales, gradient_scales
+        self.functions = [CompiledFunction(function) for function in functions]
+        self.columns, self.rows, self.instances = _indices(columns), _indices(rows), instances
+        self.numbers, self.scales, self._gradient_scales = numbers, scales, gradient_scales
 
     def structure(self, gradient_places: np.ndarray, hessian_places: np.ndarray) -> _TermStructure:
         """As the library takes it, with the places of the gradient's and the Hessian's entries."""
-        value, gradient, hessian = self._functions
+        value, gradient, hessian = self.functions
         return _TermStructure(
-            self._instances, self._columns.ctypes.data, self._numbers.ctypes.data, self._rows.ctypes.data,
-            self._scales.ctypes.data, value.structure(self._rows, self._scales),
+            self.instances, self.columns.ctypes.data, self.numbers.ctypes.data, self.rows.ctypes.data,
+            self.scales.ctypes.data, value.structure(self.rows, self.scales),
             gradient.structure(gradient_places, self._gradient_scales), hessian.structure(hessian_places),
         )  # fmt: skip
 
@@ -225,14 +225,14 @@ class CompiledSums:
         linear: tuple[np.ndarray, np.ndarray, FloatArray],
         constant_entries: FloatArray,
     ) -> None:
-        self._library, self._terms = library, terms
+        self._library, self.terms = library, terms
         places = zip(terms, gradient_places, hessian_places, strict=True)
         self._structures = (_TermStructure * len(terms))(*(term.structure(*both) for term, *both in places))
         order = np.argsort(linear[0], kind="stable")
         starts = np.searchsorted(linear[0][order], np.arange(offsets.size + 1))
-        self._linear = starts.astype(np.int64), _indices(linear[1][order]), np.ascontiguousarray(linear[2][order])
-        self._arrays = offsets, constant_entries
-        starts_at, columns, coefficients = (array.ctypes.data for array in self._linear)
+        self.linear = starts.astype(np.int64), _indices(linear[1][order]), np.ascontiguousarray(linear[2][order])
+        self.offsets, self.constant_entries = offsets, constant_entries
+        starts_at, columns, coefficients = (array.ctypes.data for array in self.linear)
         self.structure = SumsStructure(
             offsets.size, constant_entries.size, len(terms), ctypes.addressof(self._structures),
             offsets.ctypes.data, starts_at, columns, coefficients, constant_entries.ctypes.data,

@@ -97,6 +97,11 @@ class ModelNumbers:
             numbers = [0.0 if number is None else number for number in numbers]
         return np.array(numbers, dtype=float)
 
+    def index_of_parameter(self, data: Any) -> int | None:
+        """Where a fixed variable or a mutable Param stands in `parameters`; None for one that is not read."""
+        known = self._terms.columns.parameters
+        return next((i for i, parameter in enumerate(known) if parameter is data), None)
+
     def _read_bounds(self, i: int) -> bool:
         """Read the bounds of a variable; true when they are expressions, which may change by themselves."""
         variable = self._variables[i]

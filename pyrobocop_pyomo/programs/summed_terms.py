@@ -29,6 +29,10 @@ class SummedTerms:
     ----------
     rows : int
     functions : list of TermFunction
+    constants : float array
+        Of the rows.
+    given : tuple of arrays
+        Rows, parameters and coefficients of the parameters that are added to rows.
     structure : pair of int arrays
         Rows and columns of the Jacobian's entries.
     hessian_pairs : list of pairs of int arrays
@@ -40,15 +44,15 @@ class SummedTerms:
             list(terms.groups.values()), n, compiled=library is not None
         )
         self.rows = rows
-        self._constants = np.zeros(rows)
+        self.constants = np.zeros(rows)
         for row, constant in terms.constants.items():
-            self._constants[row] = constant
+            self.constants[row] = constant
         linear_rows = np.array(terms.linear_rows, dtype=np.intp)
         columns = np.array(terms.linear_columns, dtype=np.intp)
         coefficients = np.array(terms.linear_coefficients, dtype=float)
         free = (columns >= 0) & (coefficients != 0.0)
         given = columns < 0
-        self._given = linear_rows[given], -1 - columns[given], coefficients[given]
+        self.given = linear_rows[given], -1 - columns[given], coefficients[given]
         self._linear = linear_rows[free], columns[free], coefficients[free]
         self._value_rows = np.concatenate([self._linear[0], *(function.rows for function in self.functions)])
         nonlinear = [(function.gradient_rows, function.gradient_columns) for function in self.functions]
@@ -58,7 +62,7 @@ class SummedTerms:
         self._size = self.structure[0].size
         self._constant_jacobian: FloatArray = np.bincount(places[:count], self._linear[2], self._size).astype(float)
         self._places = places[count:]
-        self._offsets = self._constants.copy()
+        self._offsets = self.constants.copy()
         self.hessian_pairs = [(function.hessian_rows, function.hessian_columns) for function in self.functions]
         self._library = library
         self._compiled: CompiledSums | None = None
@@ -83,10 +87,10 @@ class SummedTerms:
 
     def set_parameters(self, values: FloatArray) -> None:
         """Evaluate with these values of all parameters from now on."""
-        rows, parameters, coefficients = self._given
+        rows, parameters, coefficients = self.given
         with np.errstate(all="ignore"):  # what is not finite is noticed in the sums
             given = coefficients * values[parameters]
-        self._offsets[:] = self._constants + np.bincount(rows, given, self._constants.size)
+        self._offsets[:] = self.constants + np.bincount(rows, given, self.constants.size)
         for function in self.functions:
             function.set_parameters(values)
 

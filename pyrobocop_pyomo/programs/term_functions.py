@@ -134,6 +134,8 @@ class TermFunction:
         Where each output is added.
     scales : float array
         The factors that it is added with.
+    parameters, places_of_parameters : int arrays
+        Parameters that are read, and where each stands among the numbers of `compiled`.
     gradient_rows, gradient_columns : int arrays
         Rows and variables of the values that `gradient` returns.
     gradient_scales : float array
@@ -174,8 +176,8 @@ class TermFunction:
         self.hessian_rows, self.hessian_columns = np.maximum(first, second), np.minimum(first, second)
 
         known = flat(parameters[:, varies])
-        self._places = np.flatnonzero(known >= 0)
-        self._parameters = known[self._places]
+        self.places_of_parameters = np.flatnonzero(known >= 0)
+        self.parameters = known[self.places_of_parameters]
         self._x, self._w, self._numbers = np.zeros(columns.size), np.zeros(rows.size), flat(numbers[:, varies])
         results = [
             casadi.cse(casadi.vertcat(*nonzeros))
@@ -196,7 +198,7 @@ class TermFunction:
 
     def set_parameters(self, values: FloatArray) -> None:
         """Evaluate with these values of all parameters from now on."""
-        self._numbers[self._places] = values[self._parameters]
+        self._numbers[self.places_of_parameters] = values[self.parameters]
 
     def value(self, x: FloatArray) -> FloatArray:
         """Value of each output, without its scale; overwritten by the next evaluation."""

@@ -24,6 +24,8 @@ class VectorisedProgram:
 
     Attributes
     ----------
+    numbers : ModelNumbers
+    cost, rows : SummedTerms
     arguments : list of ArgumentRows
         Arguments of the model's Python functions, level by level.
 
@@ -39,17 +41,17 @@ class VectorisedProgram:
 
     def __init__(self, terms: ModelTerms) -> None:
         require_casadi()
-        self._numbers = ModelNumbers(terms)
-        self.x_lower, self.x_upper = self._numbers.x_lower, self._numbers.x_upper
-        self.g_lower, self.g_upper = self._numbers.g_lower, self._numbers.g_upper
+        self.numbers = ModelNumbers(terms)
+        self.x_lower, self.x_upper = self.numbers.x_lower, self.numbers.x_upper
+        self.g_lower, self.g_upper = self.numbers.g_lower, self.numbers.g_upper
         self.g_multipliers_start: FloatArray | None = None
         self.n, self.m = len(terms.variables), len(terms.constraints)
         self._library = library = evaluation_library()
-        self._cost = SummedTerms(terms.cost, 1, self.n, library)
-        self._rows = SummedTerms(terms.rows, self.m, self.n, library)
+        self.cost = SummedTerms(terms.cost, 1, self.n, library)
+        self.rows = SummedTerms(terms.rows, self.m, self.n, library)
         self.arguments = [ArgumentRows(SummedTerms(rows, m, self.n, library), self.n) for rows, m in terms.arguments]
-        self.jacobian_structure = self._rows.structure
-        self.hessian_structure = place_hessians([self._cost, self._rows], self.n)
+        self.jacobian_structure = self.rows.structure
+        self.hessian_structure = place_hessians([self.cost, self.rows], self.n)
         self._read_point()
 
     def refresh(self) -> None:
@@ -62,37 +64,37 @@ class VectorisedProgram:
         InfeasibleConstraintException
             When a row without free variables contradicts itself.
         """
-        self._numbers.refresh()
+        self.numbers.refresh()
         self._read_point()
 
     def _read_point(self) -> None:
-        for sums in (self._cost, self._rows, *(level.sums for level in self.arguments)):
-            sums.set_parameters(self._numbers.parameters)
-        self.x_start = self._numbers.values_of_variables()
+        for sums in (self.cost, self.rows, *(level.sums for level in self.arguments)):
+            sums.set_parameters(self.numbers.parameters)
+        self.x_start = self.numbers.values_of_variables()
 
     def objective(self, x: FloatArray) -> float:
         """Value of f."""
-        return float(finite(self._cost.values(x), "CasADi", "objective")[0])
+        return float(finite(self.cost.values(x), "CasADi", "objective")[0])
 
     def gradient(self, x: FloatArray) -> FloatArray:
         """Gradient of f."""
         gradient = np.zeros(self.n)
-        gradient[self._cost.structure[1]] = self._cost.jacobian(x)
+        gradient[self.cost.structure[1]] = self.cost.jacobian(x)
         return finite(gradient, "CasADi", "gradient of the objective")
 
     def constraints(self, x: FloatArray) -> FloatArray:
         """Values of g."""
-        return finite(self._rows.values(x), "CasADi", "constraints")
+        return finite(self.rows.values(x), "CasADi", "constraints")
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """Values of the Jacobian of g."""
-        return finite(self._rows.jacobian(x), "CasADi", "Jacobian of the constraints")
+        return finite(self.rows.jacobian(x), "CasADi", "Jacobian of the constraints")
 
     def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
         """Values of the Hessian of the Lagrangian."""
         values = np.zeros(self.hessian_structure[0].size)
-        self._cost.add_hessian(x, np.array([objective_factor]), values)
-        self._rows.add_hessian(x, multipliers, values)
+        self.cost.add_hessian(x, np.array([objective_factor]), values)
+        self.rows.add_hessian(x, multipliers, values)
         return finite(values, "CasADi", "Hessian of the Lagrangian")
 
     def compiled_run(self, scales: Scales | None = None) -> CompiledRun | None:
@@ -106,7 +108,7 @@ class VectorisedProgram:
         if self._library is None:
             return None
         return CompiledRun(
-            self._library, self._cost.compiled, self._rows.compiled, self.n, self._cost.structure[1],
+            self._library, self.cost.compiled, self.rows.compiled, self.n, self.cost.structure[1],
             self.jacobian_structure, self.hessian_structure, scales,
         )  # fmt: skip
 

@@ -217,6 +217,10 @@ class PersistentNLP:
             return
         self._goes_on_from = PrimalDualPoint(np.copy(state.x), *map(np.copy, state.complete(self._nlp)))
 
+    def options_of_run(self, purpose: Mapping[str, Any], options: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """Ipopt's options of a run for a purpose, such as a warm start, with further ones of the user's."""
+        return IpoptOptions(user={**self._options, **(options or {})}, default={}).resolve(purpose)
+
     def solve(
         self,
         options: Mapping[str, Any] | None = None,
@@ -282,7 +286,7 @@ class PersistentNLP:
             # Without damping: it would move the solution by 1e-5 mu, and Ipopt would end in steps that are too small.
             barrier_problem = {"mu_strategy": "monotone", "mu_init": mu_target, "mu_target": mu_target, "kappa_d": 0.0}
             purpose = {**purpose, **barrier_problem}
-        resolved = IpoptOptions(user={**self._options, **(options or {})}, default={}).resolve(purpose)
+        resolved = self.options_of_run(purpose, options)
         if self._shifted is not None and self._barrier is not None:
             first = float(resolved.get("mu_init", IPOPT_MU_INIT))
             on_iteration = DeltaFollowsBarrier(self._shifted, self._barrier, first, on_iteration)

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.motion.safety_report import SafetyReport, joined_report
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.obstacles.clocks import warn_of_clocks_that_start_anew
-from pyrobocop_pyomo.phases import Parameter, PhaseBlockData
+from pyrobocop_pyomo.phases import Control, Parameter, PhaseBlockData
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
 from pyrobocop_pyomo.planning.safe_planning import avoidance_blocks, containments
 from pyrobocop_pyomo.presentation import Presented
@@ -32,6 +33,7 @@ from pyrobocop_pyomo.solving.persistent_nlp import PersistentNLP
 from pyrobocop_pyomo.solving.starts import defined_start
 from pyrobocop_pyomo.trajectories import Trajectory
 
+from .exported_controller import write_controller
 from .outcomes import seconds_left
 from .shifted_warm_start import PlaceInProgram, ShiftedPlan
 
@@ -243,6 +245,51 @@ class RecedingHorizon:
         seconds = time.perf_counter() - started
         iterations, ipopt_seconds = sum(run.iterations for run in runs), sum(run.seconds for run in runs)
         return HorizonStep(plan, outcome.status, iterations, seconds, ipopt_seconds, safety, remark, natural)
+
+    def export(self, folder: str | Path, advance: float, *, mu: float = 1e-4) -> Path:
+        """Write this controller as C source, for a robot that has Ipopt but no Python.
+
+        ``controller_step(state, control)`` does what `step` does with this `advance` and this `mu`. Its first plan is
+        that of the next `step`: warm where a plan has been made, else from the values on the model. Fixed values,
+        Params and bounds stay as they are now. Safety is not verified, and where the linear solver of this package
+        fails, no other has a try.
+
+        Parameters
+        ----------
+        folder : path
+            For ``controller.c``, ``controller.h`` and the sources of the linear solver; made where it is missing.
+        advance : float
+            From one step to the next, in the time of the phase.
+        mu : float
+            See `step`.
+
+        Returns
+        -------
+        Path
+            Of ``controller.c``. ``controller.h`` has the command that compiles all files to a library.
+
+        Raises
+        ------
+        ModelError
+            When pairs are made exact, or the phase keeps derivatives as variables; when `advance` is no time of the
+            phase; when the program has Python functions, or no compiled terms.
+        """
+        what = f"phase '{self.phase.name}'"
+        if self._exact is not None or self.phase.record.kept_derivatives:
+            raise ModelError(f"{what}: a controller with exact_pairs=True or kept derivatives cannot be exported.")
+        if not 0 < advance <= self.phase.duration:
+            raise ModelError(f"{what}: advance = {advance!r}; expected a time from 0 to {self.phase.duration:g}.")
+        starts = {name: self.phase.component(name)[self.phase.initial_time] for name in sorted(self._fixed)}
+        self._program.compiled.update()
+        return write_controller(
+            folder,
+            self._program,
+            self._place_in_program(),
+            self._moved.moves(advance),
+            starts,
+            self.phase.record.names(Control),
+            mu,
+        )
 
     def _made_exact(
         self, pairs: ExactPairs, relaxed: IpoptOutcome, ahead: FloatArray, mu: float, deadline: Deadline

@@ -55,10 +55,11 @@ class ShiftedPlan:
         if moves is None:
             if len(self._kept) >= KEPT:
                 self._kept.clear()
-            moves = self._kept[advance] = self._moves(advance)
+            moves = self._kept[advance] = self.moves(advance)
         return {name: moves[name](found) for name, found in values.items()}
 
-    def _moves(self, advance: float) -> dict[str, Move]:
+    def moves(self, advance: float) -> dict[str, Move]:
+        """What `ahead` does with the values of each name: a linear function of them."""
         alike: dict[tuple[type, tuple[float, ...]], Move] = {}
         moves = {}
         for name, nodes in self._values.nodes.items():
@@ -94,14 +95,21 @@ class PlaceInProgram:
     values : PhaseValues
     variables : sequence of VarData
         Of the program.
+
+    Attributes
+    ----------
+    columns : dict of str to int array
+        Of each name of the phase; -1 for what is no variable of the program.
     """
 
     def __init__(self, values: PhaseValues, variables: Sequence[Any]) -> None:
         self.variables = variables
         column_of = {id(variable): column for column, variable in enumerate(variables)}
+        self.columns: dict[str, NDArray[np.intp]] = {}
         self._names: dict[str, tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], list[Any]]] = {}
         for name, own in values.variables.items():
             columns = np.array([column_of.get(id(variable), -1) for variable in own], dtype=np.intp)
+            self.columns[name] = columns
             free, given = np.flatnonzero(columns >= 0), np.flatnonzero(columns < 0)
             self._names[name] = columns[free], free, given, [own[i] for i in given.tolist()]
 

@@ -1,0 +1,129 @@
+"""A receding horizon as C source, for robots that have Ipopt but no Python."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pyomo.core.expr.numvalue import value
+
+from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.ipopt.linear_solvers import with_linear_solver
+from pyrobocop_pyomo.linear_solver.library import linear_solver_sources
+from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.programs.compiled_terms import SOURCE as TERM_EVALUATION
+from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
+from pyrobocop_pyomo.programs.program_source import CSource, number, program_source
+from pyrobocop_pyomo.programs.vectorised_program import VectorisedProgram
+from pyrobocop_pyomo.solving.ipopt_options import warm_start
+from pyrobocop_pyomo.solving.persistent_nlp import PersistentNLP
+
+from .shifted_warm_start import Move, PlaceInProgram
+
+TEMPLATE, HEADER = Path(__file__).with_name("controller.c"), Path(__file__).with_name("controller.h")
+
+
+def write_controller(
+    folder: str | Path,
+    program: PersistentNLP,
+    place: PlaceInProgram,
+    moves: Mapping[str, Move],
+    states: Mapping[str, Any],
+    controls: Sequence[str],
+    mu: float,
+) -> Path:
+    """Write a folder of C files; see `RecedingHorizon.export`, which has checked its arguments.
+
+    Parameters
+    ----------
+    folder : path
+        Made where it is missing.
+    program : PersistentNLP
+    place : PlaceInProgram
+    moves : mapping of name to function
+        From the values of a plan to those of its rest.
+    states : mapping of name to VarData
+        Measured ones, where the phase starts.
+    controls : sequence of str
+    mu : float
+        First barrier parameter of a warm start.
+
+    Raises
+    ------
+    ModelError
+        When the program has parts that are not compiled.
+    """
+    nlp = program.program
+    if not isinstance(nlp, VectorisedProgram) or nlp.compiled_run() is None:
+        raise ModelError(
+            f"'{program.model.name}': an exported controller has compiled terms only. Leave Python functions out, and "
+            "see by 'python -m pyrobocop_pyomo doctor' whether terms are compiled here."
+        )
+    source = CSource()
+    counts = {"STATES": len(states), "CONTROLS": len(controls)}
+    counts |= program_source(nlp, list(states.values()), source)
+    counts["MOVES"] = source.structures("Move", "moves", _moves(place, moves, states, nlp.n))
+    for start, purpose in (("cold", {}), ("warm", warm_start(mu))):
+        options, own_solver = with_linear_solver(program.options_of_run(purpose), nlp)
+        listed = _options({**options, "print_level": 0, "sb": "yes"}, own_solver)
+        counts[f"{start.upper()}_OPTIONS"] = source.structures("Option", f"{start}_options", listed)
+    point = program.state or PrimalDualPoint(program.point())
+    for array, values in zip(
+        ("plan", "row_multipliers", "lower_multipliers", "upper_multipliers"),
+        (point.x, *point.complete(nlp)),
+        strict=True,
+    ):
+        # One more, since C has no empty arrays.
+        source.array(values if array == "plan" else np.append(values, 0.0), array, constant=False)
+    measured = np.array([float(value(state)) for state in states.values()])
+    source.array(measured, "measured", constant=False)
+    first = [int(place.columns[control][0]) for control in controls]
+    source.array(np.array(first, dtype=np.int32), "first_controls")
+    source.lines.append(f"static int planned = {int(program.state is not None)};")
+    for kind, names in (("state", list(states)), ("control", list(controls))):
+        quoted = ", ".join(f'"{each}"' for each in names) or "0"
+        source.lines.append(f"const char *const controller_{kind}_names[] = {{{quoted}}};")
+    enumeration = ", ".join(f"{name} = {count}" for name, count in counts.items())
+    problem = "\n".join([f"enum {{ {enumeration} }};", *source.lines])
+    text = TEMPLATE.read_text(encoding="utf-8")
+    text = text.replace('#include "term_evaluation.c"\n', TERM_EVALUATION.read_text(encoding="utf-8"))
+    target = Path(folder)
+    target.mkdir(parents=True, exist_ok=True)
+    for file in (HEADER, *linear_solver_sources()):
+        shutil.copy(file, target)
+    written = target / TEMPLATE.name
+    written.write_text(text.replace('#include "problem.c"\n', problem + "\n"), encoding="utf-8")
+    return written
+
+
+def _moves(
+    place: PlaceInProgram, moves: Mapping[str, Move], states: Mapping[str, Any], variables: int
+) -> Iterator[str]:
+    measured = {name: variables + k for k, name in enumerate(states)}
+    values_of_plan = place.read(np.zeros(variables))
+    for name, move in moves.items():
+        columns = place.columns[name]
+        given = values_of_plan[name]
+        weights: Array = np.array([move(unit) for unit in np.eye(columns.size)]).T
+        for row in np.flatnonzero(columns >= 0):
+            for k in np.flatnonzero(weights[row]).tolist():
+                weight, source = float(weights[row, k]), int(columns[k])
+                if source < 0 and k == 0 and name in measured:
+                    source = measured[name]
+                elif source < 0:
+                    weight *= float(given[k])
+                yield f"{{{columns[row]}, {source}, {number(weight)}}}"
+
+
+def _options(options: Mapping[str, Any], own_solver: bool) -> Iterator[str]:
+    for name, setting in options.items():
+        if own_solver and name == "hsllib":
+            yield f'{{"{name}", THIS_LIBRARY, 0, 0}}'
+        elif isinstance(setting, str | bool):
+            text = setting if isinstance(setting, str) else "yes" if setting else "no"
+            yield f'{{"{name}", TEXT, "{text}", 0}}'
+        else:
+            yield f'{{"{name}", {"INTEGER" if isinstance(setting, int) else "REAL"}, 0, {number(setting)}}}'
