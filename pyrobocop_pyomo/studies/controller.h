@@ -1,6 +1,6 @@
 /* A receding horizon that needs neither Python nor Pyomo, written by RecedingHorizon.export of pyrobocop_pyomo.
 
-   Compile all C files of this folder into one library, with Ipopt (3.13 or newer):
+   Compile all C files of this folder into one library, with Ipopt (3.14 or newer):
 
        cc -std=c11 -O3 -ffp-contract=off -fPIC -shared *.c -o controller.so -lipopt -ldl -lm
 

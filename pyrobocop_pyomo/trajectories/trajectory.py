@@ -396,8 +396,11 @@ class Trajectory(Presented):
             **groups,
         )
         states, points = len(read.grid.times), len(read.grid.points)
-        expected = {"states": [(states,)], "signals": [(points,)], "rates": [(points,)], "pairs": [(2, points)]}
-        for group, shapes in {**expected, "expressions": [(states,), (points,)]}.items():
+        expected: dict[str, list[tuple[int, ...]]] = {
+            "states": [(states,)], "signals": [(points,)], "rates": [(points,)], "pairs": [(2, points)],
+            "expressions": [(states,), (points,)],
+        }  # fmt: skip
+        for group, shapes in expected.items():
             for name, values in getattr(read, group).items():
                 if values.shape not in shapes or values.dtype.kind not in "fiu":
                     raise TrajectoryError(f"'{name}' has shape {values.shape}, and its grid asks for {shapes[0]}")
