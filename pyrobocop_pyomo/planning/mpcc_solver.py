@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import inspect
+import re
 from typing import Any
 
 from pyomo.common.config import ConfigValue
@@ -88,8 +89,8 @@ class Mpcc(SolverBase):
         return Availability.FullLicense if available_backends() else Availability.NotFound
 
     def version(self) -> tuple[int, ...]:
-        """Version of this package."""
-        return tuple(int(part) for part in __version__.split(".")[:3])
+        """Version of this package; of a release candidate, that of the release."""
+        return tuple(map(int, re.findall(r"\d+", __version__)[:3]))
 
     def solve(self, model: BlockData, **kwds: Any) -> Results:
         """Solve a Pyomo model with complementarity pairs.
