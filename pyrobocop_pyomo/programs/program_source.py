@@ -47,9 +47,11 @@ class CSource:
 
 def number(value: float) -> str:
     """A number that a C compiler reads as the same."""
-    if isinstance(value, float) and not math.isfinite(value):
+    if isinstance(value, int):
+        return repr(value)
+    if not math.isfinite(value):
         return "NAN" if math.isnan(value) else "INFINITY" if value > 0 else "-INFINITY"
-    return repr(value)
+    return repr(float(value))  # NumPy's own numbers are printed with their type
 
 
 def program_source(program: VectorisedProgram, states: Sequence[Any], source: CSource) -> dict[str, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -54,7 +55,7 @@ def write_controller(
     Raises
     ------
     ModelError
-        When the program has parts that are not compiled.
+        When the program has parts that are not compiled, or a control is fixed at first.
     """
     nlp = program.program
     if not isinstance(nlp, VectorisedProgram) or nlp.compiled_run() is None:
@@ -62,6 +63,9 @@ def write_controller(
             f"'{program.model.name}': an exported controller has compiled terms only. Leave Python functions out, and "
             "see by 'python -m pyrobocop_pyomo doctor' whether terms are compiled here."
         )
+    first = np.array([place.columns[control][0] for control in controls], dtype=np.int32)
+    for k in np.flatnonzero(first < 0):
+        raise ModelError(f"'{program.model.name}': the first value of '{controls[k]}' is fixed; it is no control then.")
     source = CSource()
     counts = {"STATES": len(states), "CONTROLS": len(controls)}
     counts |= program_source(nlp, list(states.values()), source)
@@ -80,11 +84,10 @@ def write_controller(
         source.array(values if array == "plan" else np.append(values, 0.0), array, constant=False)
     measured = np.array([float(value(state)) for state in states.values()])
     source.array(measured, "measured", constant=False)
-    first = [int(place.columns[control][0]) for control in controls]
-    source.array(np.array(first, dtype=np.int32), "first_controls")
+    source.array(first, "first_controls")
     source.lines.append(f"static int planned = {int(program.state is not None)};")
     for kind, names in (("state", list(states)), ("control", list(controls))):
-        quoted = ", ".join(f'"{each}"' for each in names) or "0"
+        quoted = ", ".join(map(json.dumps, names)) or "0"
         source.lines.append(f"const char *const controller_{kind}_names[] = {{{quoted}}};")
     enumeration = ", ".join(f"{name} = {count}" for name, count in counts.items())
     problem = "\n".join([f"enum {{ {enumeration} }};", *source.lines])
@@ -124,6 +127,6 @@ def _options(options: Mapping[str, Any], own_solver: bool) -> Iterator[str]:
             yield f'{{"{name}", THIS_LIBRARY, 0, 0}}'
         elif isinstance(setting, str | bool):
             text = setting if isinstance(setting, str) else "yes" if setting else "no"
-            yield f'{{"{name}", TEXT, "{text}", 0}}'
+            yield f'{{"{name}", TEXT, {json.dumps(text)}, 0}}'
         else:
             yield f'{{"{name}", {"INTEGER" if isinstance(setting, int) else "REAL"}, 0, {number(setting)}}}'
