@@ -64,7 +64,7 @@ def write_controller(
             "see by 'python -m pyrobocop_pyomo doctor' whether terms are compiled here."
         )
     first = np.array([place.columns[control][0] for control in controls], dtype=np.int32)
-    for k in np.flatnonzero(first < 0):
+    for k in np.flatnonzero(first < 0).tolist():
         raise ModelError(f"'{program.model.name}': the first value of '{controls[k]}' is fixed; it is no control then.")
     source = CSource()
     counts = {"STATES": len(states), "CONTROLS": len(controls)}
