@@ -97,7 +97,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:
-    """From here on there is garbage. As what was imported counts, Python seldom searches everything for it."""
+    """From here on there is garbage. Python seldom searches all objects for it, once it knows how many there are."""
+    gc.collect()
     gc.enable()
 
 

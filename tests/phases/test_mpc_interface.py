@@ -14,6 +14,8 @@ from pyrobocop_pyomo.errors import InitialGuessError, TrajectoryError
 
 SCHEMES = [rcp.schemes.radau(1), rcp.schemes.radau(3), rcp.schemes.gauss_legendre(2), rcp.schemes.lobatto(3)]
 
+MODELS: list[pyo.ConcreteModel] = []  # a block does not keep its model
+
 
 def cart(elements: int = 4, duration: Any = 2.0, scheme: Any = "radau", held: bool = False) -> Any:
     m = pyo.ConcreteModel()
@@ -21,6 +23,7 @@ def cart(elements: int = 4, duration: Any = 2.0, scheme: Any = "radau", held: bo
     b.x = rcp.State(initial_guess=lambda t: 1 + t)
     b.u = rcp.Control(initial_guess=lambda t: 2 * t, parametrization="piecewise_constant" if held else "collocated")
     b.k = rcp.Parameter(initial_guess=3)
+    MODELS.append(m)
     return b
 
 
