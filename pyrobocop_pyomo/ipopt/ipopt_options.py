@@ -87,7 +87,7 @@ def _version(library: IpoptLibrary) -> str:
 
 
 def _set(library: IpoptLibrary, problem: int, name: str, value: Any) -> bool:
-    for attempt in _readings(value):
+    for attempt in readings(value):
         if _add(library, problem, name, attempt):
             if isinstance(value, str | int | float):
                 _ACCEPTED[library.path, name, value.__class__, value] = attempt
@@ -104,7 +104,7 @@ def _add(library: IpoptLibrary, problem: int, name: str, attempt: str | int | fl
     return bool(functions.AddIpoptNumOption(problem, key, attempt))
 
 
-def _readings(value: Any) -> list[str | int | float]:
+def readings(value: Any) -> list[str | int | float]:
     """What a value can mean to Ipopt, most literal first."""
     if isinstance(value, bool):
         return ["yes" if value else "no"]

@@ -108,6 +108,15 @@ class PersistentNLP:
         self._compiled = CompiledModel(self.model, "vectorised")
         self._forget()
 
+    def update(self) -> None:
+        """Read the numbers on the model again, as each solve does; a model of another structure is prepared anew."""
+        before = self._compiled.nlp
+        self._compiled.update()
+        if self._compiled.nlp is not before:
+            self._forget()
+        if self._added is not None:
+            self._added.read_fixed()
+
     def _forget(self) -> None:
         """A model of another structure has another program: multipliers of the old one mean nothing there."""
         self.outcome: IpoptOutcome | None = None
@@ -268,12 +277,7 @@ class PersistentNLP:
         InfeasibleConstraintException
             When a row without free variables contradicts itself.
         """
-        before = self._compiled.nlp
-        self._compiled.update()  # also before the first solve: numbers may have changed since the model was prepared
-        if self._compiled.nlp is not before:
-            self._forget()
-        if self._added is not None:
-            self._added.read_fixed()
+        self.update()  # also before the first solve: numbers may have changed since the model was prepared
         here = self._compiled.nlp.x_start  # what stands on the model: the update has just read it
         start = PrimalDualPoint(here if moved is None else moved(here))
         purpose: dict[str, Any] = {}

@@ -12,6 +12,7 @@ import numpy as np
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.ipopt.ipopt_options import readings
 from pyrobocop_pyomo.ipopt.linear_solvers import with_linear_solver
 from pyrobocop_pyomo.linear_solver.library import linear_solver_sources
 from pyrobocop_pyomo.numerics import Array
@@ -125,8 +126,9 @@ def _options(options: Mapping[str, Any], own_solver: bool) -> Iterator[str]:
     for name, setting in options.items():
         if own_solver and name == "hsllib":
             yield f'{{"{name}", THIS_LIBRARY, 0, 0}}'
-        elif isinstance(setting, str | bool):
-            text = setting if isinstance(setting, str) else "yes" if setting else "no"
-            yield f'{{"{name}", TEXT, {json.dumps(text)}, 0}}'
+            continue
+        literal = readings(setting)[0]
+        if isinstance(literal, str):
+            yield f'{{"{name}", TEXT, {json.dumps(literal)}, 0}}'
         else:
-            yield f'{{"{name}", {"INTEGER" if isinstance(setting, int) else "REAL"}, 0, {number(setting)}}}'
+            yield f'{{"{name}", {"INTEGER" if isinstance(literal, int) else "REAL"}, 0, {number(literal)}}}'

@@ -280,7 +280,7 @@ class RecedingHorizon:
         if not 0 < advance <= self.phase.duration:
             raise ModelError(f"{what}: advance = {advance!r}; expected a time from 0 to {self.phase.duration:g}.")
         starts = {name: self.phase.component(name)[self.phase.initial_time] for name in sorted(self._fixed)}
-        self._program.compiled.update()
+        self._program.update()
         return write_controller(
             folder,
             self._program,

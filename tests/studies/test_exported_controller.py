@@ -107,6 +107,8 @@ def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:
     m.ahead.u[m.ahead.points.first()].fix(0.0)
     with pytest.raises(ModelError, match="'regulator': the first value of 'u' is fixed"):
         rcp.studies.RecedingHorizon(m, m.ahead).export(tmp_path / "robot", advance=0.2)
+    with pytest.raises(ModelError, match="'regulator': the first value of 'u' is fixed"):
+        controller.export(tmp_path / "robot", advance=0.2)  # prepared before that was fixed
     kept = regulator(derivative_bounds=(-3, 3))
     controller = rcp.studies.RecedingHorizon(kept, kept.ahead)
     with pytest.raises(ModelError, match="exact_pairs=True or kept derivatives cannot be exported"):
