@@ -1,13 +1,12 @@
 """The estimated error of the objective beside the true one, on three meshes of twenty-two smooth problems each.
 
-    python benchmarks/objective_errors.py [--quick] [--only NAME ...] [--docs FOLDER]
+    python benchmarks/objective_errors.py [--quick] [--only NAME ...]
 
 Each problem (``benchmarks/estimate_problems``) is solved on three meshes with the default scheme, three Radau stages
 per element, and on three more with another scheme. The estimate is `result.discretisation.objective_error`; the true
 error is the distance of the objective from its exact value, or from that on 96 elements with four Radau stages, which
 itself has to agree with that on 64 to a tenth of the true error. An error below 1e-9 of the objective is called
-rounding, and its estimate has to be as small. With ``--docs docs`` the table on the page
-``docs/explanation/mesh-refinement.md`` is written.
+rounding, and its estimate has to be as small.
 
 The exit code is 0 only if every estimate is within a factor of 10.
 """
@@ -17,12 +16,10 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from itertools import groupby
-from pathlib import Path
 from typing import Any
 
 from estimate_problems import FINE, FINER, PROBLEMS, EstimateProblem
-from table import Table, markdown, show_progress
+from table import Table, show_progress
 
 import pyrobocop_pyomo as rcp
 
@@ -32,7 +29,6 @@ COLUMNS = [
     ("estimate", ">8.1e"), ("true error", ">10.1e"), ("ratio", ">7.2f"), ("verdict", "<20"),
 ]  # fmt: skip
 QUICK = ("integrator", "mixed_limit", "two_linked")
-BEGIN, END = "<!-- table of estimates: begin -->", "<!-- table of estimates: end -->"
 
 
 def objective(problem: EstimateProblem, **how: Any) -> tuple[float, float | None, str]:
@@ -74,7 +70,6 @@ def main() -> None:
     names = [problem.name for problem in PROBLEMS]
     parser.add_argument("--quick", action="store_true", help="three problems")
     parser.add_argument("--only", nargs="+", choices=names, metavar="NAME", help="some of the problems")
-    parser.add_argument("--docs", type=Path, help="folder of the documentation, to write the table there")
     arguments = parser.parse_args()
     shown = arguments.only or (QUICK if arguments.quick else names)
     table = Table(COLUMNS)
@@ -97,28 +92,10 @@ def main() -> None:
                     verdict(estimate, true, abs(value), trusted),
                 )  # fmt: skip
     right = sum(row[-1] in ("within", "rounding") for row in table.rows)
-    print(f"\n{right} of {len(table.rows)} estimates within a factor of {FACTOR:g}")
-    if arguments.docs is not None and not arguments.only:
-        _write(arguments.docs / "explanation" / "mesh-refinement.md", table, right)
+    ratios = [row[-2] for row in table.rows if row[-2] is not None]
+    extremes = f"{min(ratios, default=math.nan):.2f} to {max(ratios, default=math.nan):.2f}"
+    print(f"\n{right} of {len(table.rows)} estimates within a factor of {FACTOR:g}: {extremes} times the true error")
     sys.exit(0 if right == len(table.rows) else 1)
-
-
-def _write(page: Path, table: Table, right: int) -> None:
-    text = page.read_text(encoding="utf-8")
-    head, rest = text.split(BEGIN)
-    tail = rest.split(END)[1]
-    said = f"{right} of {len(table.rows)} estimates are within a factor of {FACTOR:g} of the true error."
-    problems = [list(rows) for _, rows in groupby(table.rows, key=lambda row: row[0])]
-    rows = markdown(
-        ["problem", "with", "schemes", "estimate over true error"], [_summary(of) for of in problems], left=4
-    )
-    page.write_text(f"{head}{BEGIN}\n\n{said}\n\n{rows}\n\n{END}{tail}", encoding="utf-8")
-
-
-def _summary(rows: list[Any]) -> list[str]:
-    ratios = [row[-2] for row in rows if row[-2] is not None]
-    schemes = dict.fromkeys(row[2] for row in rows)
-    return [rows[0][0], rows[0][1], ", ".join(schemes), f"{min(ratios):.2f} to {max(ratios):.2f}"]
 
 
 if __name__ == "__main__":
