@@ -151,7 +151,9 @@ def _suggestion(result: Any) -> Iterable[str]:
         yield " ".join([*noticed[:1], str(remedy)])
     elif noticed:
         yield noticed[0]
-    elif result.stop_reason is StopReason.INFEASIBLE and least is not None:
-        yield str(least) if least.kind is Least.NONE else FAR
+    elif least is not None and least.kind is Least.NONE:
+        yield str(least)
+    elif result.stop_reason is StopReason.INFEASIBLE and least is not None and least.obstructions:
+        yield FAR
     elif remedy:
         yield remedy
