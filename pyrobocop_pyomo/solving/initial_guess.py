@@ -100,9 +100,8 @@ class InitialGuess:
         self.write()
         at_start = "" if began or self.remarks else named_undefined_rows(self._model)
         if at_start:
-            self.remarks.append(
-                f"The initial guess could not be evaluated: {at_start}. {_REMEDY_OF_FIXED if IS_FIXED in at_start else _REMEDY}"
-            )
+            remedy = _REMEDY_OF_FIXED if IS_FIXED in at_start else _REMEDY
+            self.remarks.append(f"The initial guess could not be evaluated: {at_start}. {remedy}")
         elif self._undefined_on_the_way:
             self.remarks.append(
                 f"On the way an expression had no value: {self._undefined_on_the_way}. Bounds that keep it away from "

@@ -1,4 +1,4 @@
-"""`print(result)`: one line on success, a second one on pairs, one for each doubt, and at most eight after a failure."""
+"""`print(result)`: one line on success, one more on pairs and for each doubt, and at most eight after a failure."""
 
 from __future__ import annotations
 
