@@ -23,9 +23,9 @@ FAR = "If you know that there is a solution, start nearer to it: try another ini
 FIRST_RUN = "Where the first run"
 
 _NEARBY = {
-    Certificate.PROVEN: "no other choice of zero sides nearby is better",
-    Certificate.DESCENT: "another choice of zero sides is better",
-    Certificate.UNKNOWN: "whether another choice of zero sides is better is not known",
+    Certificate.PROVEN: "no better branch nearby",
+    Certificate.DESCENT: "another branch descends",
+    Certificate.UNKNOWN: "whether another branch descends is not known",
 }
 _ENDS = {
     StopReason.ITERATION_LIMIT: "the iteration limit was reached",
