@@ -23,6 +23,9 @@ from .places import at_point, place_in_words
 # So often are all expressions gone through, until each has a value.
 _SWEEPS = 10
 
+# Said of an argument without free variables.
+IS_FIXED = ", which is fixed"
+
 
 @dataclass(frozen=True, eq=False)
 class UndefinedRow:
@@ -41,7 +44,7 @@ class UndefinedRow:
     def __str__(self) -> str:
         read = list(variables_in(self.part.argument))
         fixed = read and all(variable.fixed for variable in read)
-        return f"{self.part.what}{', which is fixed' if fixed else ''}, in {self.where}"
+        return f"{self.part.what}{IS_FIXED if fixed else ''}, in {self.where}"
 
 
 def undefined_rows(model: Any) -> Iterator[UndefinedRow]:

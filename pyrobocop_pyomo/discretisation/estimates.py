@@ -150,11 +150,15 @@ class DiscretisationEstimate(Presented):
 
     @property
     def is_large(self) -> bool:
-        """Whether an error is known to be above a thousandth of the objective, or a hundredth of a state."""
+        """Whether an error is known to be above a thousandth of the objective, or a hundredth of a state or limit."""
         objective, motion = self.relative_objective_error, self.motion_error
-        if objective is not None and not objective <= SMALL_OBJECTIVE_ERROR:
+        if self._passes_limits or (objective is not None and not objective <= SMALL_OBJECTIVE_ERROR):
             return True
         return motion is not None and not motion <= SMALL_MOTION_ERROR
+
+    @property
+    def _passes_limits(self) -> bool:
+        return self.excess is not None and not self.excess <= SMALL_MOTION_ERROR
 
     def elements_for(self, objective: float = SMALL_OBJECTIVE_ERROR, motion: float = SMALL_MOTION_ERROR) -> int | None:
         """How many elements of all phases together are expected to meet tolerances, by the orders of the schemes.
@@ -193,7 +197,7 @@ class DiscretisationEstimate(Presented):
         elif self.phases:
             parts.append("motion not known")
         if self.excess is not None and self.excess > WORTH_A_SENTENCE:
-            parts.append(f"limits of states passed between the points by {self.excess:.1e} of their sizes")
+            parts.append(f"limits of states passed between the points by {percent(self.excess)} of their sizes")
         return f"error of the mesh, estimated: {', '.join(parts)}" if parts else ""
 
     def advice(self) -> str:
@@ -213,10 +217,14 @@ class DiscretisationEstimate(Presented):
                 off.append(f"'{phase.name}.{phase.state}' is off by {percent(phase.relative)} within an element")
         if objective is not None and not objective <= SMALL_OBJECTIVE_ERROR:
             off.append(f"the objective {'' if off else 'is off '}by {percent(objective)}")
+        if self._passes_limits:
+            off.append(f"a limit of states is passed between the points by {percent(self.excess or 0.0)} of its size")
         return f"{', '.join(off)}; take {self._finer()}"
 
     def _finer(self) -> str:
-        count, now = self.elements_for(), sum(phase.elements or 0 for phase in self.phases.values())
+        # What is passed between the points says nothing of how many would do.
+        count = None if self._passes_limits else self.elements_for()
+        now = sum(phase.elements or 0 for phase in self.phases.values())
         return "more elements" if count is None or count <= now else f"about {count} elements in place of {now}"
 
     def __str__(self) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from typing import Any
 
-from pyrobocop_pyomo.diagnosis.undefined_rows import named_undefined_rows
+from pyrobocop_pyomo.diagnosis.undefined_rows import IS_FIXED, named_undefined_rows
 from pyrobocop_pyomo.modeling.variable_values import Values, VariableValues
 
 from .iterates import Iterate
@@ -13,6 +13,11 @@ from .session import Session
 from .starts import defined_start
 
 logger = logging.getLogger(__name__)
+
+_REMEDY = "Give another one, or keep the expression away from there by bounds."
+_REMEDY_OF_FIXED = (
+    "What is fixed needs another value, or a scheme without a point there: at a start 'radau', at an end 'gauss'."
+)
 
 
 class InitialGuess:
@@ -95,11 +100,8 @@ class InitialGuess:
         self.write()
         at_start = "" if began or self.remarks else named_undefined_rows(self._model)
         if at_start:
-            self.remarks.append(
-                f"The initial guess could not be evaluated: {at_start}. Give another one, or keep the expression away "
-                "from there by bounds; what is fixed, such as a start, needs another value, or a scheme without a "
-                "point there, such as 'radau'."
-            )
+            remedy = _REMEDY_OF_FIXED if IS_FIXED in at_start else _REMEDY
+            self.remarks.append(f"The initial guess could not be evaluated: {at_start}. {remedy}")
         elif self._undefined_on_the_way:
             self.remarks.append(
                 f"On the way an expression had no value: {self._undefined_on_the_way}. Bounds that keep it away from "

@@ -41,8 +41,8 @@ class StopReason(enum.Enum):
     TIME_LIMIT = "The time limit was reached. Raise time_limit."
     INTERRUPTED = "Ctrl-C or the stop button interrupted the procedure."
     INFEASIBLE = (
-        "Ipopt converged to a point of local infeasibility: no point near it violates less. Relax what is not met, or "
-        "try another initial guess."
+        "Ipopt converged to a point of local infeasibility: no point near it violates less. Relax bounds, fixed "
+        "values or constraints, or try another initial guess."
     )
     DIVERGED = (
         "Variables grow without end: the objective may have no optimum. Bound what grows, or give it a cost; check the "

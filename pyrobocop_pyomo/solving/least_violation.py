@@ -22,11 +22,15 @@ from .violated_rows import StatedRow, ViolatedRows, stated_rows
 # Larger models are left alone: each round differentiates every row.
 MOST_ROWS = 20_000
 MOST_ROUNDS = 40
-MOST_SECONDS = 3.0
+# Rows times rounds, about three seconds; linear rows need three rounds at most. Time itself depends on what else runs.
+MOST_WORK, LEAST_ROUNDS = 40_000, 3
+MOST_SECONDS = 30.0
 # A step that is predicted to take away a smaller share than this, per unit of its radius, is none.
 STATIONARY = 1e-3
 # A step is taken where it takes away at least this share of what is predicted.
 SUFFICIENT = 0.1
+# Relaxing one of them may not be enough: its multiplier only says that the violation falls.
+STANDS_AGAINST = "What stands against it, of which at least one must give way:"
 # Sums of violations below this are rounding: the rows can be met.
 MET = 1e-6
 
@@ -81,7 +85,7 @@ class LeastViolation:
         left = len(self.obstructions) - SHOWN
         more = [f"{indent}and {left} more"] if left > 0 else []
         named = [f"{indent}{obstruction}" for obstruction in self.obstructions[:SHOWN]]
-        return [f"{said} What stands against it, of which one must give way:", *named, *more]
+        return [f"{said} {STANDS_AGAINST}", *named, *more]
 
 
 def least_violation(model: Any, deadline: Deadline = NO_DEADLINE) -> LeastViolation | None:
@@ -128,7 +132,7 @@ def _descended(rows: Sequence[StatedRow], has_pairs: bool, deadline: Deadline) -
     # Pyomo finds a degree by evaluating what is fixed in a row, which may have no value.
     is_linear = at.is_finite and all(row.body.polynomial_degree() in (0, 1) for row in rows)
     radius = math.inf if is_linear else 1.0
-    for _ in range(MOST_ROUNDS):
+    for _ in range(min(MOST_ROUNDS, max(LEAST_ROUNDS, MOST_WORK // len(rows)))):
         if deadline.has_passed or not at.is_finite:
             return None
         if at.total <= MET:

@@ -1,7 +1,8 @@
-"""`print(result)`: one line on success, a second one where there is a doubt, and at most eight after a failure."""
+"""`print(result)`: one line on success, one more on pairs and for each doubt, and at most eight after a failure."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from textwrap import shorten
 from typing import Any
@@ -10,12 +11,14 @@ from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.presentation import percent
 
 from .iterates import Quality, StopReason
+from .least_violation import STANDS_AGAINST, Least
 
 MOST_LINES = 8
 # Of a line that is shown; `report()` has all of it.
 MOST_CHARACTERS = 400
 # So many violated components, and so many of what stands against a solution, are named.
 SHOWN_VIOLATIONS, SHOWN_OBSTRUCTIONS = 2, 3
+FAR = "If you know that there is a solution, start nearer to it: try another initial guess."
 # A remark that begins so is about a point that is not the answer.
 FIRST_RUN = "Where the first run"
 
@@ -30,12 +33,12 @@ _ENDS = {
     StopReason.INTERRUPTED: "it was interrupted",
     StopReason.INFEASIBLE: "no point nearby violates less",
     StopReason.DIVERGED: "variables grow without end",
-    StopReason.FAILED: "Ipopt failed",
+    StopReason.FAILED: "Ipopt could not go on",
 }
 _REMEDIES = {
-    StopReason.ITERATION_LIMIT: "Raise it with options={'max_iter': ...}, or try another initial guess.",
+    StopReason.ITERATION_LIMIT: "Raise the limit by options={'max_iter': ...}, or try another initial guess.",
     StopReason.TIME_LIMIT: "Raise time_limit.",
-    StopReason.INFEASIBLE: "Relax what is not met, or try another initial guess.",
+    StopReason.INFEASIBLE: "Relax bounds, fixed values or constraints, or try another initial guess.",
     StopReason.DIVERGED: "Bound what grows, or give it a cost; check the sign of the objective.",
     StopReason.FAILED: "Try another initial guess, or tee=True to see Ipopt's log.",
 }
@@ -48,7 +51,10 @@ def short_text(result: Any) -> str:
     ----------
     result : SolveResult
     """
-    lines = [_first_line(result), *_doubts(result)]
+    lines = [_first_line(result)]
+    if result.residuals and result.quality is not Quality.INFEASIBLE:
+        lines.append(_pairs(result))
+    lines += _doubts(result)
     if result.quality is Quality.INFEASIBLE:
         lines += _failure(result)
     elif not result.solved:
@@ -61,15 +67,26 @@ def _first_line(result: Any) -> str:
     iterations = f"{result.iterations} iteration{'' if result.iterations == 1 else 's'}"
     exact = []
     if result.quality is Quality.INFEASIBLE:
-        exact.append(f"violated by {violation:.2g}")
-    elif result.residuals:
-        exact.append(_pairs(result))
-    elif mesh.phases or violation > 0.0:
-        exact.append(f"{'equations' if mesh.phases else 'constraints'} to {max(violation, 1e-16):.0e}")
-    if not result.residuals and (error := mesh.relative_objective_error) is not None:
-        exact.append(f"mesh error {percent(error)} on {sum(of.elements or 0 for of in mesh.phases.values())} elements")
-    done = f"objective {result.objective:.6g}, {iterations}, {result.seconds:.2g} s"
+        exact.append(f"violated by {violation:.2g}" if math.isfinite(violation) else "expressions have no value")
+    elif not result.best.diverged:
+        if mesh.phases or violation > 0.0:
+            exact.append(f"{'equations' if mesh.phases else 'constraints'} to {max(violation, 1e-16):.0e}")
+        if mesh.phases:
+            exact.append(_mesh(mesh))
+    # The objective of a point that is no solution says nothing.
+    objective = "" if result.quality is Quality.INFEASIBLE else f"objective {result.objective:.6g}, "
+    done = f"{objective}{iterations}, {result.seconds:.2g} s"
     return f"{result.name}: {_verdict(result)}. {'; '.join((done, ', '.join(exact))) if exact else done}"
+
+
+def _mesh(mesh: Any) -> str:
+    """What the mesh makes of the objective, or where that is not known of the motion."""
+    elements = f"on {sum(of.elements or 0 for of in mesh.phases.values())} elements"
+    if (error := mesh.relative_objective_error) is not None:
+        return f"mesh error {percent(error)} {elements}"
+    if (error := mesh.motion_error) is not None:
+        return f"mesh error of the motion {percent(error)} {elements}, of the objective not known"
+    return "mesh error not known"
 
 
 def _verdict(result: Any) -> str:
@@ -79,6 +96,8 @@ def _verdict(result: Any) -> str:
         least = result.least_violation
         if least is not None and least.is_proof:
             return "NOT SOLVED, and proven to have no solution"
+        return f"NOT SOLVED{unsafe}{ended}"
+    if result.best.diverged:
         return f"NOT SOLVED{unsafe}{ended}"
     if result.quality is Quality.FEASIBLE:
         return f"feasible, but not shown to be optimal{unsafe}{ended}"
@@ -90,7 +109,7 @@ def _pairs(result: Any) -> str:
     exact = result.largest_natural_residual
     met = "exact" if exact <= 1e-12 else f"to {exact:.0e}"
     pairs = f"{count} pair{'s' if count > 1 else ''} {met}"
-    return pairs if result.quality is not Quality.OPTIMAL else f"{pairs}, {_NEARBY[result.certificate]}"
+    return f"{pairs}; {_NEARBY[result.certificate]}" if result.quality is Quality.OPTIMAL else pairs
 
 
 def _doubts(result: Any) -> Iterable[str]:
@@ -114,16 +133,27 @@ def _failure(result: Any) -> Iterable[str]:
         yield f"not met: {violation}"
     least = result.least_violation
     if least is not None and least.obstructions:
-        yield "What stands against it, of which one must give way:"
-        for obstruction in least.obstructions[:SHOWN_OBSTRUCTIONS]:
-            yield f"- {obstruction}"
+        yield STANDS_AGAINST
+        shown = least.obstructions[:SHOWN_OBSTRUCTIONS]
+        left = len(least.obstructions) - len(shown)
+        for obstruction in shown:
+            yield f"- {obstruction}{f', and {left} more' if left and obstruction is shown[-1] else ''}"
     yield from _suggestion(result)
 
 
 def _suggestion(result: Any) -> Iterable[str]:
     """One thing to do: what was noticed on the way, or what helps against how it ended."""
     noticed = [remark for remark in result.remarks if not remark.startswith(FIRST_RUN)]
-    remedy = _REMEDIES.get(result.stop_reason)
-    proven = result.least_violation is not None and result.least_violation.is_proof
-    if not proven and (noticed or remedy):
-        yield noticed[0] if noticed else str(remedy)
+    remedy, least = _REMEDIES.get(result.stop_reason), result.least_violation
+    if least is not None and least.is_proof:
+        return
+    if result.stop_reason is StopReason.DIVERGED:
+        yield " ".join([*noticed[:1], str(remedy)])
+    elif noticed:
+        yield noticed[0]
+    elif least is not None and least.kind is Least.NONE:
+        yield str(least)
+    elif result.stop_reason is StopReason.INFEASIBLE and least is not None and least.obstructions:
+        yield FAR
+    elif remedy:
+        yield remedy

@@ -87,7 +87,9 @@ def violations_of_pairs(
         # What has no value is not met either.
         if not (pair.product <= tolerances.product * size and -pair.natural <= tolerances.feasibility):
             amount = float("inf") if pair.product != pair.product else abs(pair.natural)
-            yield Violation(pair.name, f"pair '{pair.name}'", f"sides {pair.a:.3g} and {pair.b:.3g}", amount)
+            yield Violation(
+                pair.name, f"pair '{pair.name}'", f"sides {pair.a:.3g} and {pair.b:.3g}, not one of them 0", amount
+            )
 
 
 def worst_of_each_component(violations: Iterable[Violation]) -> tuple[Violation, ...]:

@@ -161,7 +161,7 @@ def test_a_result_names_what_holds_it_and_giving_way_leads_to_a_solution():
     assert "no values meet them together" in text
     assert "\n  'p.u' " in text
     assert "another initial guess" not in text  # none would help
-    assert any("of which one must give way" in finding.message for finding in result.diagnose().findings)
+    assert any("of which at least one must give way" in finding.message for finding in result.diagnose().findings)
     with pytest.raises(rcp.errors.SolveFailed, match="'p.u' <= 2 at "):
         result.raise_for_status()
     assert rcp.solve(cart(force=20.0)).solved

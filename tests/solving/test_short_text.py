@@ -1,16 +1,21 @@
-"""`print(result)`: one line where all is well, and at most eight where it is not."""
+"""`print(result)`: one line where all is well, two with pairs, and at most eight where it is not."""
 
 from __future__ import annotations
 
+import itertools
+import math
 from typing import Any
 
+import numpy as np
 import pyomo.environ as pyo
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.modeling import deadline as deadlines
 from pyrobocop_pyomo.presentation import percent
+from pyrobocop_pyomo.solving.least_violation import least_violation
 from pyrobocop_pyomo.solving.short_text import MOST_CHARACTERS, MOST_LINES
 
 pytestmark = pytest.mark.ipopt
@@ -42,9 +47,50 @@ def test_success_is_one_line_with_the_errors_of_equations_and_mesh() -> None:
     assert "on 10 elements" in line
 
 
-def test_pairs_are_counted_and_certified_in_the_same_line() -> None:
-    (line,) = str(rcp.solve(pair(2.0))).splitlines()
-    assert "1 pair exact, no better branch nearby" in line
+def test_pairs_are_counted_and_certified_in_a_second_line() -> None:
+    _, line = str(rcp.solve(pair(2.0))).splitlines()
+    assert line == "1 pair exact; no better branch nearby"
+
+
+def test_where_the_error_of_the_objective_is_not_known_the_line_says_so() -> None:
+    m = pyo.ConcreteModel(name="touch")
+    m.p = b = rcp.PhaseBlock(duration=1.0, elements=4, scheme="implicit_euler")
+    b.gap, b.force, b.u = rcp.State(initial=1, final=0), rcp.Algebraic(), rcp.Control(bounds=(-2, 2))
+    b.ode(lambda b, t: {b.gap: b.u[t] + b.force[t]})
+    b.complementarity(lambda b, t: rcp.complements(b.gap[t] >= 0, b.force[t] >= 0))
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
+    first, second = str(rcp.solve(m, mesh_tolerance=None, exploration=0)).splitlines()[:2]
+    assert "mesh error of the motion " in first
+    assert "of the objective not known" in first
+    assert second.startswith("4 pairs ")
+
+
+def winch() -> Any:
+    m = cart(force=2.0)
+    m.p.u.setlb(None)
+    m.p.u.setub(None)
+    m.effort.sense = pyo.maximize
+    return m
+
+
+def tank(final: float) -> Any:
+    m = pyo.ConcreteModel(name="tank")
+    m.p = b = rcp.PhaseBlock(duration=1.0, elements=3)
+    b.level, b.inflow = rcp.State(initial=1, final=final), rcp.Control(bounds=(0, 1))
+    b.ode(lambda b, t: {b.level: b.inflow[t] - pyo.sqrt(b.level[t] - 0.5)})
+    m.water = pyo.Objective(expr=b.integral(lambda b, t: b.inflow[t] ** 2))
+    return m
+
+
+def arm(fastest: float) -> Any:
+    """A path constraint that no motion meets, and that a fast one passes between the points."""
+    m = pyo.ConcreteModel(name="arm")
+    m.p = b = rcp.PhaseBlock(duration=2.0, elements=4, stages=2)
+    b.q, b.w = rcp.State(initial=0, final=2.6), rcp.Control(bounds=(-fastest, fastest))
+    b.ode(lambda b, t: {b.q: b.w[t]})
+    b.constraint(lambda b, t: pyo.sin(b.q[t]) <= 0.9, name="ceiling")
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.w[t] ** 2))
+    return m
 
 
 @pytest.mark.parametrize(
@@ -52,15 +98,47 @@ def test_pairs_are_counted_and_certified_in_the_same_line() -> None:
     [
         (lambda: cart(force=0.5), {}, ["NOT SOLVED, and proven to have no solution", "not met: ", "- 'p.u' "]),
         (cart, {"options": {"max_iter": 0}}, ["the iteration limit was reached", "max_iter"]),
+        (winch, {}, ["cart: NOT SOLVED: variables grow without end", "'p.u'", "Bound what grows", "the objective."]),
+        (lambda: tank(0.2), {}, ["expressions have no value", "which is fixed", "needs another value", "'gauss'"]),
+        (
+            lambda: arm(fastest=1.5),
+            {},
+            ["no point nearby violates less", "- constraint 'p.ceiling'", "start nearer to it"],
+        ),
     ],
 )
 def test_a_failure_says_why_and_what_to_do_in_eight_lines(model: Any, options: Any, words: list[str]) -> None:
     result = rcp.solve(model(), **options)
     assert not result.solved
+    assert not (result.quality is rcp.Quality.INFEASIBLE and "objective " in str(result).splitlines()[0])
     lines = str(result).splitlines()
     assert len(lines) <= MOST_LINES
     assert all(len(line) <= MOST_CHARACTERS for line in lines)
     assert all(word in str(result) for word in words)
+
+
+@pytest.mark.parametrize("busy", [False, True])
+def test_what_stands_against_a_solution_does_not_depend_on_how_busy_the_machine_is(
+    busy: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    m = arm(fastest=1.5)
+    m.p.initialize_straight_lines()
+    if busy:  # every reading of the clock is half a second after the one before
+        ticks = itertools.count()
+        monkeypatch.setattr(deadlines.time, "perf_counter", lambda: 0.5 * next(ticks))
+    found = least_violation(m)
+    assert found is not None
+    assert any("'p.ceiling" in str(one) for one in found.obstructions)
+
+
+def test_a_path_constraint_that_is_passed_between_the_points_is_doubtful() -> None:
+    m = arm(fastest=30)
+    result = rcp.solve(m, mesh_tolerance=None, exploration=0)
+    assert result.solved
+    assert max(math.sin(angle) for angle in m.p.trajectory()(np.linspace(0, 2, 200))["q"]) > 0.95
+    (doubt,) = [line for line in str(result).splitlines() if line.startswith("COARSE MESH: ")]
+    assert "a limit of states is passed between the points by " in doubt
+    assert doubt.endswith("take more elements")
 
 
 def test_everything_else_is_in_the_report() -> None:
