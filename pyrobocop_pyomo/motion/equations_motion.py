@@ -189,10 +189,13 @@ def needed_reductions(phase: Any, reduction: float, after: tuple[Any, ...] = ())
         When its motion, or where it starts, is not known.
     """
     following = (phase, *after)
+    before = [other for other in ties_of(phase).before if not any(other is of for of in following)]
+    if not before:
+        return [(phase, reduction)]
     own, led = _states(phase), reintegrated(phase, after)
     shares = [(phase, by_own := _apart(own.states, own.planned, own.planned))]
     taken_over = 0.0 if by_own == LOST else _apart(led.states, own.states, own.planned)
-    shares += [(other, taken_over) for other in ties_of(phase).before if not any(other is of for of in following)]
+    shares += [(other, taken_over) for other in before]
     allowed = reduction * max(share for _, share in shares)
     needed = [(of, allowed / share) for of, share in shares if share > allowed]
     return [

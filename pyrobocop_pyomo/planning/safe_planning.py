@@ -156,7 +156,8 @@ class SafePlanning:
 
     def _planned(self, copy: Any, settings: Settings) -> tuple[SolveResult, list[PlanningRound]]:
         """A plan on a copy whose mesh is coarse on purpose, with its rounds."""
-        planning = SafePlanning(copy, avoidance_blocks(copy), containments(copy), settings, equations=self._equations)
+        # The equations of so coarse a mesh lead elsewhere than those of the user's.
+        planning = SafePlanning(copy, avoidance_blocks(copy), containments(copy), settings, equations=False)
         # Among few separations margins are cheaper on the user's mesh, among many on the coarse one.
         few = sum(len(block.separations) for block in self._blocks) < LEAST_SEPARATIONS
         planning.is_for_a_start(any_point=few)
@@ -203,8 +204,8 @@ class SafePlanning:
             settings = replace(settings, options=settings.options.with_default({"max_iter": most_iterations}))
         self._began = VariableValues.of_free(self._model)
         result = solve_model(self._model, settings)
-        # After the time limit a plan that is not feasible is not integrated: its equations do not hold.
-        equations = self._equations and not (result.quality is Quality.INFEASIBLE and settings.deadline.has_passed)
+        # A plan that is not feasible is not integrated: its equations do not hold.
+        equations = self._equations and result.quality is not Quality.INFEASIBLE
         self._reports = [block.verify(equations=equations) for block in (*self._blocks, *self._regions)]
         report = joined_report(self._reports)
         made = PlanningRound.now(purpose, self._model, self._blocks, self._regions, result, report)

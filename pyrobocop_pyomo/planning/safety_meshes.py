@@ -18,7 +18,7 @@ from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.motion.equations_motion import needed_reductions, phases_of_motion
 from pyrobocop_pyomo.numerics import Array, Mesh
 from pyrobocop_pyomo.numerics.remeshing import remesh
-from pyrobocop_pyomo.phases.reintegration import Reintegration
+from pyrobocop_pyomo.phases.reintegration import Reintegration, reintegrate
 from pyrobocop_pyomo.phases.remeshing import remesh_phases, why_not_remeshed
 
 logger = logging.getLogger(__name__)
@@ -87,7 +87,7 @@ class SafetyMeshes:
         """A mesh on which the equations lead that much less far away; None where it would be too fine."""
         mesh, scheme = phase.grid.mesh, phase.grid.scheme
         first = self._first.setdefault(id(phase), mesh.elements)
-        errors = _errors_inside(phase.reintegrate())
+        errors = _errors_inside(reintegrate(phase, phase.record, phase.trajectory(), states_only=True))
         # A polynomial of degree s deviates by O(h^(s + 1)) inside an element, whatever the order at its end is.
         order = min(scheme.order, scheme.stages)
         tolerance = float(np.mean(errors)) * reduction ** ((order + 1) / order)

@@ -9,6 +9,7 @@ import pyomo.environ as pyo
 import pytest
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.planning import coarse_start
 
 pytestmark = [pytest.mark.ipopt, pytest.mark.slow]
@@ -52,3 +53,20 @@ def test_a_start_on_fewer_elements_leads_to_the_same_plan_and_keeps_the_users_va
     assert directly.safe
     assert result.objective == pytest.approx(directly.objective, rel=2e-2)
     assert np.isfinite(result.objective)
+
+
+def test_the_equations_are_integrated_on_the_users_mesh_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(coarse_start, "LEAST_ELEMENTS", 40)
+    monkeypatch.setattr(coarse_start, "LEAST_SEPARATIONS", 50)
+    asked: list[tuple[int, bool]] = []
+    verify = ObstacleAvoidanceBlockData.verify
+
+    def noted(block: Any, *, equations: bool) -> Any:
+        asked.append((len(block.motion.intervals), equations))
+        return verify(block, equations=equations)
+
+    monkeypatch.setattr(ObstacleAvoidanceBlockData, "verify", noted)
+    result = rcp.solve(field(40))
+    assert result.safe
+    assert {elements for elements, _ in asked} == {20, 40}
+    assert all(equations == (elements == 40) for elements, equations in asked)
