@@ -87,7 +87,7 @@ def _version(library: IpoptLibrary) -> str:
 
 
 def _set(library: IpoptLibrary, problem: int, name: str, value: Any) -> bool:
-    for attempt in readings(value):
+    for attempt in readings(name, value):
         if _add(library, problem, name, attempt):
             if isinstance(value, str | int | float):
                 _ACCEPTED[library.path, name, value.__class__, value] = attempt
@@ -104,8 +104,14 @@ def _add(library: IpoptLibrary, problem: int, name: str, attempt: str | int | fl
     return bool(functions.AddIpoptNumOption(problem, key, attempt))
 
 
-def readings(value: Any) -> list[str | int | float]:
-    """What a value can mean to Ipopt, most literal first."""
+def readings(name: str, value: Any) -> list[str | int | float]:
+    """What the value of an option can mean to Ipopt, most literal first.
+
+    Raises
+    ------
+    SolverOptionError
+        When it is neither text nor a number.
+    """
     if isinstance(value, bool):
         return ["yes" if value else "no"]
     if isinstance(value, str):
@@ -116,7 +122,7 @@ def readings(value: Any) -> list[str | int | float]:
     if isinstance(value, numbers.Real):
         number = float(value)
         return [number, int(number)] if number.is_integer() and abs(number) < 2**31 else [number]
-    return []
+    raise SolverOptionError(f"Ipopt option '{name}': the value {value!r} is neither text nor a number.")
 
 
 def _numeric_readings(text: str) -> list[int | float]:

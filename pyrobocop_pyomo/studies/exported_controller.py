@@ -57,6 +57,8 @@ def write_controller(
     ------
     ModelError
         When the program has parts that are not compiled, or a control is fixed at first.
+    SolverOptionError
+        When an option of Ipopt is neither text nor a number.
     """
     nlp = program.program
     if not isinstance(nlp, VectorisedProgram) or nlp.compiled_run() is None:
@@ -127,7 +129,7 @@ def _options(options: Mapping[str, Any], own_solver: bool) -> Iterator[str]:
         if own_solver and name == "hsllib":
             yield f'{{"{name}", THIS_LIBRARY, 0, 0}}'
             continue
-        literal = readings(setting)[0]
+        literal = readings(name, setting)[0]
         if isinstance(literal, str):
             yield f'{{"{name}", TEXT, {json.dumps(literal)}, 0}}'
         else:

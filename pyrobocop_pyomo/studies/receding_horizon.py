@@ -273,6 +273,8 @@ class RecedingHorizon:
         ModelError
             When pairs are made exact, or the phase keeps derivatives as variables; when `advance` is no time of the
             phase; when the program has Python functions, or no compiled terms.
+        SolverOptionError
+            When an option of Ipopt is neither text nor a number.
         """
         what = f"phase '{self.phase.name}'"
         if self._exact is not None or self.phase.record.kept_derivatives:

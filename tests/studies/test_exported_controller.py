@@ -13,7 +13,7 @@ import pyomo.environ as pyo
 import pytest
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.errors import ModelError, SolverOptionError
 from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
 from pyrobocop_pyomo.native.shared_library import FLAGS, find_compiler
 
@@ -96,6 +96,17 @@ def test_a_plan_that_fails_leaves_the_rest_of_the_one_before(tmp_path: Path) -> 
         assert (status in (0, 1)) == step.solved == (known["x"] < 1)
         np.testing.assert_allclose(plan, controller._program.point(), rtol=0, atol=1e-9)
     assert first.solved
+
+
+def test_an_option_that_ipopt_cannot_be_given_is_refused_by_an_export_as_by_a_step(tmp_path: Path) -> None:
+    m = regulator()
+    controller = rcp.studies.RecedingHorizon(m, m.ahead, options={"tol": [1e-6]})
+    refused = r"Ipopt option 'tol': the value \[1e-06\] is neither text nor a number"
+    with pytest.raises(SolverOptionError, match=refused):
+        controller.step({"x": 0.5, "v": 0.2})
+    with pytest.raises(SolverOptionError, match=refused):
+        controller.export(tmp_path / "robot", advance=0.2)
+    assert not (tmp_path / "robot").exists()
 
 
 def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:
