@@ -10,12 +10,18 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.numerics import Array, BoolArray
+from pyrobocop_pyomo.numerics.least_squares import DIFFERENCE
 
-from .car_kinematics import follow_arcs, relative_pose
+from .car_kinematics import Trailer, follow_arc, follow_arcs, relative_pose
 from .reeds_shepp import reeds_shepp_paths
 
 # Turning radii.
 CELL = 0.06
+# With a trailer: radians that a way to a target may turn, pieces of each of its segments that get curvatures of their
+# own, steps of Newton's method, and the largest change of a length. An end counts as reached within so many turning
+# radii and radians.
+MOST_TURNED = 2.0
+PIECES, STEPS, STRETCHED, REACHED, DAMPING = 2, 7, 0.5, 1e-5, 1e-9
 
 
 @dataclass(frozen=True)
@@ -93,6 +99,8 @@ class MotionPrimitives:
     cusp_cost : float
     change_cost : (b + 1, b) array
         Of one primitive after another; the last row is for the first primitive of a path.
+    trailer : Trailer or None
+        Poses have its angle as a fourth number.
     """
 
     turning_radius: float
@@ -104,9 +112,12 @@ class MotionPrimitives:
     samples: int
     cusp_cost: float
     change_cost: Array
+    trailer: Trailer | None = None
 
     @classmethod
-    def of(cls, wheelbase: float, steering_limit: float, search: CarSearch, level: int = 0) -> MotionPrimitives:
+    def of(
+        cls, wheelbase: float, steering_limit: float, search: CarSearch, level: int = 0, trailer: Trailer | None = None
+    ) -> MotionPrimitives:
         """Primitives of a car with a given wheelbase and largest steering angle, halved `level` times."""
         radius = wheelbase / math.tan(steering_limit)
         cell = CELL * radius if search.cell is None else search.cell
@@ -125,16 +136,23 @@ class MotionPrimitives:
         curvatures[np.abs(curvatures) < 1e-12 / radius] = 0.0
         return cls(
             radius, cell, headings, length / samples, lengths, curvatures, samples, cusp,
-            np.vstack([change, np.zeros(len(lengths))]),
+            np.vstack([change, np.zeros(len(lengths))]), trailer,
         )  # fmt: skip
+
+    def follow(self, poses: Array, lengths: Array, curvatures: Array) -> Array:
+        """Poses along arcs in a row, as `follow_arcs` has them."""
+        return follow_arcs(poses, lengths, curvatures, self.trailer)
 
     def poses_along(self, poses: Array) -> Array:
         """Poses along every primitive from each pose, ``(n, b, samples + 1, 3)``."""
         steps = np.repeat((self.lengths / self.samples)[:, None], self.samples, axis=1)
-        return follow_arcs(poses[:, None, :], steps[None], np.repeat(self.curvatures[:, None], self.samples, 1)[None])
+        return self.follow(poses[:, None, :], steps[None], np.repeat(self.curvatures[:, None], self.samples, 1)[None])
 
-    def reeds_shepp_paths(self, poses: Array, target: Array) -> tuple[Array, Array, Array]:
+    def paths_to(self, poses: Array, target: Array) -> tuple[Array, Array, Array]:
         """All Reeds-Shepp paths to a target, or to one for each pose.
+
+        With a trailer, where these would end with any angle, straight ways ahead and back that are about as long as a
+        way there, for `connecting_arcs` to bend.
 
         Returns
         -------
@@ -144,6 +162,13 @@ class MotionPrimitives:
             Of the segments, negative backwards.
         turns : (w, 5) array
         """
+        if self.trailer is not None:
+            x, y, turn = relative_pose(poses, target).T
+            length = np.hypot(x, y) / np.sinc(turn / (2.0 * np.pi))
+            exists = (np.abs(turn) < MOST_TURNED) & (np.abs(x) > np.abs(y))
+            signs = np.array([1.0, -1.0])[:, None]
+            lengths = np.repeat((signs * length)[..., None] / 5.0, 5, axis=-1)
+            return np.where(exists & (signs * x > 0.0), length, np.inf), lengths, np.zeros((2, 5))
         all_turns, all_lengths, all_exist = zip(*self._unit_paths(poses, target), strict=True)
         lengths, turns, exists = self.turning_radius * np.array(all_lengths), np.array(all_turns), np.array(all_exist)
         costs = np.abs(lengths).sum(axis=2) + self.cusp_cost * count_cusps(lengths)
@@ -161,12 +186,67 @@ class MotionPrimitives:
         x, y, heading = relative_pose(poses, target).T
         return reeds_shepp_paths(x / self.turning_radius, y / self.turning_radius, heading)
 
-    def short_arcs(self, lengths: Array, turns: Array) -> tuple[Array, Array]:
-        """Lengths and curvatures of short arcs that make up Reeds-Shepp paths, ``(n, s)`` each; zeros fill up.
+    def connecting_arcs(
+        self, poses: Array, lengths: Array, turns: Array, targets: Array
+    ) -> tuple[Array, Array, BoolArray]:
+        """Lengths and curvatures of short arcs from poses to targets, and whether these are reached.
 
         Parameters
         ----------
+        poses : (n, 3) array
         lengths, turns : (n, 5) arrays
+            As `paths_to` has them. With a trailer, lengths and curvatures are changed within their limits, as little as
+            possible, until everything has the pose of the target.
+        targets : (3,) or (n, 3) array
+
+        Returns
+        -------
+        lengths, curvatures : (n, s) arrays
+            Zeros fill up.
+        reached : (n,) array
+        """
+        reached = np.ones(len(poses), dtype=bool)
+        if self.trailer is None or not len(poses):
+            return (*self._short_arcs(lengths, turns), reached)
+        lengths, turns = np.repeat(lengths / PIECES, PIECES, axis=1), np.repeat(turns, PIECES, axis=1)
+        pieces, most = lengths.shape[1], np.abs(self.curvatures).max() * self.turning_radius
+        # Backwards small errors grow: a way back is found as the way ahead from its other end.
+        back = lengths.sum(axis=1) < 0.0
+        first = np.where(back[:, None], targets, poses)[:, None]
+        targets = np.where(back[:, None], poses, targets)[:, None]
+        lengths = np.abs(lengths)
+
+        def changed(points: Array) -> tuple[Array, Array]:
+            bent = np.clip(turns[:, None] + points[..., :pieces], -most, most)
+            return lengths[:, None] * (1.0 + np.repeat(points[..., pieces:], PIECES, axis=-1)), bent
+
+        def errors(points: Array) -> Array:
+            there = first
+            for length, bend in zip(*(np.moveaxis(each, -1, 0) for each in changed(points)), strict=True):
+                there = follow_arc(there, length, bend / self.turning_radius, self.trailer)
+            apart = relative_pose(there, targets) / [self.turning_radius, self.turning_radius, 1.0]
+            return np.concatenate([apart, there[..., 3:] - targets[..., 3:]], axis=-1)
+
+        bound = np.repeat([2.0 * most, STRETCHED], [pieces, pieces // PIECES])
+        found = np.zeros((len(poses), 1, len(bound)))
+        for _ in range(STEPS):
+            error = errors(found + DIFFERENCE * np.eye(len(bound) + 1, len(bound), -1))
+            slopes = (error[:, 1:] - error[:, :1]) / DIFFERENCE
+            # The smallest change that removes the error, in first order.
+            square = np.einsum("kin,kim->knm", slopes, slopes) + DAMPING * np.eye(4)
+            found = found - (slopes @ np.linalg.solve(square, error[:, 0, :, None]))[:, None, :, 0]
+            found = np.clip(found, -bound, bound)
+        reached = np.abs(errors(found)[:, 0]).max(axis=1) <= REACHED
+        lengths, turns = (each[:, 0] for each in changed(found))
+        lengths[back], turns[back] = -lengths[back, ::-1], turns[back, ::-1]
+        return (*self._short_arcs(lengths, turns), reached)
+
+    def _short_arcs(self, lengths: Array, turns: Array) -> tuple[Array, Array]:
+        """Lengths and curvatures of short arcs that make up paths of few arcs, ``(n, s)`` each; zeros fill up.
+
+        Parameters
+        ----------
+        lengths, turns : (n, p) arrays
         """
         moves = np.abs(lengths) > 1e-9 * self.turning_radius
         counts = np.where(moves, np.ceil(np.abs(lengths) / self.spacing), 0.0).astype(np.int64)

@@ -12,6 +12,7 @@ from pyrobocop_pyomo.errors import InitialGuessError, PathNotFound
 from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.modeling.deadline import Deadline
 
+from .car_kinematics import Trailer
 from .car_path import CarPath
 from .cost_to_go import Bounds
 from .hybrid_a_star import hybrid_a_star
@@ -57,6 +58,7 @@ def staged_search(
     shares: Sequence[float] = CLEARANCES,
     search: CarSearch | None = None,
     time_limit: float | None = None,
+    trailer: Trailer | None = None,
 ) -> StagedPath:
     """The first path that is found, with as much of the clearance as possible.
 
@@ -105,6 +107,7 @@ def staged_search(
                     clearance=share * clearance,
                     search=replace(_finer(given, finer, radius), max_expansions=most),
                     time_limit=limit,
+                    trailer=trailer,
                 )
                 return StagedPath(path, share * clearance, bounds)
             except InitialGuessError as error:
