@@ -36,7 +36,7 @@ def random_parking(seed: int, elements: int = 40, stages: int = 2, **options: An
 
 
 def random_warehouse(seed: int, elements: int = 40, stages: int = 2, **options: Any) -> pyo.ConcreteModel:
-    """A car with a trailer, from a straight line: into a bay in reverse, into the next aisle, or among pallets.
+    """A car with a trailer in a warehouse, from a straight line.
 
     Parameters
     ----------
@@ -46,6 +46,14 @@ def random_warehouse(seed: int, elements: int = 40, stages: int = 2, **options: 
     **options
         Of the `ObstacleAvoidanceBlock`.
     """
+    m = car_with_trailer.build(elements=elements, stages=stages, scene=warehouse(seed))
+    m.name = f"warehouse {seed}"
+    restate(m.drive, exclude=[("car", "trailer")], **options)
+    return m
+
+
+def warehouse(seed: int) -> dict[str, Any]:
+    """Start, goal and obstacles for a way into a bay in reverse, into the next aisle, or among pallets."""
     rng, box = np.random.default_rng([seed, 3]), car_with_trailer.box
 
     def between(low: float, high: float) -> float:
@@ -76,8 +84,4 @@ def random_warehouse(seed: int, elements: int = 40, stages: int = 2, **options: 
         while len(obstacles) < 7:
             x, y, wide, deep = between(-8, 8), between(-8, 8), between(0.5, 1.3), between(0.5, 1.3)
             obstacles[f"pallet {len(obstacles)}"] = box(x - wide, y - deep, x + wide, y + deep)
-    scene = {"start": start, "goal": goal, "obstacles": obstacles}
-    m = car_with_trailer.build(elements=elements, stages=stages, scene=scene)
-    m.name = f"warehouse {seed}"
-    restate(m.drive, exclude=[("car", "trailer")], **options)
-    return m
+    return {"start": start, "goal": goal, "obstacles": obstacles}
