@@ -9,6 +9,9 @@ import numpy as np
 from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.numerics import Array, BoolArray
 
+# Below this sinh(x) / x is 1 in floating point.
+TINY = 1e-9
+
 
 @dataclass(frozen=True, eq=False)
 class Trailer:
@@ -48,7 +51,8 @@ class Trailer:
             half * ((swing - curvatures) * cosine + pull * sine),
         )
         same = np.cosh(grown).real
-        other = np.where(grown == 0.0, 1.0, np.sinh(grown) / np.where(grown == 0.0, 1.0, grown)).real
+        tiny = np.abs(grown) < TINY
+        other = np.where(tiny, 1.0, np.sinh(grown) / np.where(tiny, 1.0, grown)).real
         along = same + other * (cosine * rates[0] + sine * rates[1])
         across = other * (cosine * rates[1] - sine * rates[0])
         return np.asarray(angles + 2.0 * np.arctan2(across, along))

@@ -8,6 +8,9 @@ Where the start is tight too, the search from the goal takes long; where an end 
 free, it ends soon. Therefore two searches take turns, the one from the goal first. Each may expand more in its next
 turn, and is repeated with finer primitives when it was exhausted.
 
+A trailer follows stably while the car drives ahead only. This holds for its paths as well: what drives ahead out of a
+bay at the goal is, driven back, the way into the bay in reverse.
+
 References
 ----------
 Dolgov, Thrun, Montemerlo, Diebel (2010). Path planning for autonomous vehicles in unknown semi-structured environments.

@@ -15,13 +15,14 @@ from pyrobocop_pyomo.numerics.least_squares import DIFFERENCE
 from .car_kinematics import Trailer, follow_arc, follow_arcs, relative_pose
 from .reeds_shepp import reeds_shepp_paths
 
-# Turning radii.
-CELL = 0.06
+# Turning radii, and divisions of a turn; with a trailer poses have one number more.
+CELL, HEADINGS = 0.06, 72
+CELL_WITH_TRAILER, HEADINGS_WITH_TRAILER = 0.25, 36
 # With a trailer: radians that a way to a target may turn, pieces of each of its segments that get curvatures of their
 # own, steps of Newton's method, and the largest change of a length. An end counts as reached within so many turning
 # radii and radians.
 MOST_TURNED = 2.0
-PIECES, STEPS, STRETCHED, REACHED, DAMPING = 2, 7, 0.5, 1e-5, 1e-9
+PIECES, STEPS, STRETCHED, REACHED, DAMPING = 2, 8, 0.5, 1e-8, 1e-9
 
 
 @dataclass(frozen=True)
@@ -31,9 +32,10 @@ class CarSearch:
     Attributes
     ----------
     cell : float or None
-        Side of the squares in which one path is kept per heading and direction; None: 0.06 turning radii.
-    headings : int
-        Into how many a full turn is divided.
+        Side of the squares in which one path is kept per heading and direction; None: 0.06 turning radii, 0.25
+        with a trailer.
+    headings : int or None
+        Into how many a full turn is divided; None: 72, 36 with a trailer.
     steerings : int
         How many steering angles are tried, from one limit to the other; odd, so that straight ahead is one.
     primitive_length : float or None
@@ -52,7 +54,7 @@ class CarSearch:
     """
 
     cell: float | None = None
-    headings: int = 72
+    headings: int | None = None
     steerings: int = 5
     primitive_length: float | None = None
     cusp_cost: float | None = None
@@ -67,7 +69,7 @@ class CarSearch:
             if number is not None and not (math.isfinite(number) and number > 0.0):
                 raise InitialGuessError(f"CarSearch: {name} = {number}; expected a positive number.")
         if (
-            self.headings < 8
+            (self.headings is not None and self.headings < 8)
             or self.steerings < 3
             or self.steerings % 2 == 0
             or self.max_expansions < 1
@@ -78,6 +80,11 @@ class CarSearch:
                 f"{self.max_expansions}; expected at least 8 headings, an odd number of steerings from 3 on, and a "
                 "positive number of expansions."
             )
+
+    def cells(self, radius: float, trailer: Trailer | None) -> tuple[float, int]:
+        """Side of the squares and divisions of a turn, for a turning radius."""
+        cell, headings = (CELL, HEADINGS) if trailer is None else (CELL_WITH_TRAILER, HEADINGS_WITH_TRAILER)
+        return cell * radius if self.cell is None else self.cell, self.headings or headings
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,10 +127,10 @@ class MotionPrimitives:
     ) -> MotionPrimitives:
         """Primitives of a car with a given wheelbase and largest steering angle, halved `level` times."""
         radius = wheelbase / math.tan(steering_limit)
-        cell = CELL * radius if search.cell is None else search.cell
-        turn = 2.0 * math.pi / search.headings * radius
+        cell, headings = search.cells(radius, trailer)
+        turn = 2.0 * math.pi / headings * radius
         length = max(1.5 * cell, 1.1 * turn) if search.primitive_length is None else search.primitive_length
-        length, cell, headings = length / 2**level, cell / 2**level, search.headings * 2**level
+        length, cell, headings = length / 2**level, cell / 2**level, headings * 2**level
         samples = max(1, math.ceil(length / (0.04 * radius)))
         steer = np.linspace(-steering_limit, steering_limit, search.steerings)
         steering = np.concatenate([steer, steer])
@@ -212,34 +219,53 @@ class MotionPrimitives:
         pieces, most = lengths.shape[1], np.abs(self.curvatures).max() * self.turning_radius
         # Backwards small errors grow: a way back is found as the way ahead from its other end.
         back = lengths.sum(axis=1) < 0.0
-        first = np.where(back[:, None], targets, poses)[:, None]
-        targets = np.where(back[:, None], poses, targets)[:, None]
+        first, last = np.where(back[:, None], targets, poses), np.where(back[:, None], poses, targets)
         lengths = np.abs(lengths)
+        units = np.array([self.turning_radius, self.turning_radius, 1.0, 1.0])
 
         def changed(points: Array) -> tuple[Array, Array]:
-            bent = np.clip(turns[:, None] + points[..., :pieces], -most, most)
-            return lengths[:, None] * (1.0 + np.repeat(points[..., pieces:], PIECES, axis=-1)), bent
+            bent = np.clip(turns + points[:, :pieces], -most, most)
+            return lengths * (1.0 + np.repeat(points[:, pieces:], PIECES, axis=1)), bent / self.turning_radius
 
-        def errors(points: Array) -> Array:
-            there = first
-            for length, bend in zip(*(np.moveaxis(each, -1, 0) for each in changed(points)), strict=True):
-                there = follow_arc(there, length, bend / self.turning_radius, self.trailer)
-            apart = relative_pose(there, targets) / [self.turning_radius, self.turning_radius, 1.0]
-            return np.concatenate([apart, there[..., 3:] - targets[..., 3:]], axis=-1)
+        def errors(along: Array) -> Array:
+            apart = along[:, -1] - last
+            apart[:, 2] = np.remainder(apart[:, 2] + np.pi, 2.0 * np.pi) - np.pi
+            return np.asarray(apart / units)
 
         bound = np.repeat([2.0 * most, STRETCHED], [pieces, pieces // PIECES])
-        found = np.zeros((len(poses), 1, len(bound)))
+        found = np.zeros((len(poses), len(bound)))
         for _ in range(STEPS):
-            error = errors(found + DIFFERENCE * np.eye(len(bound) + 1, len(bound), -1))
-            slopes = (error[:, 1:] - error[:, :1]) / DIFFERENCE
+            along = self.follow(first, *changed(found))
+            error, slopes = errors(along)[:, :, None], self._slopes(along, *changed(found)) / units[:, None]
+            of_lengths = (slopes[..., pieces:] * lengths[:, None]).reshape(len(poses), 4, -1, PIECES).sum(axis=-1)
+            # The tightest turns stay as they are.
+            free = (np.abs(turns + found[:, :pieces]) < most)[:, None] / self.turning_radius
+            slopes = np.concatenate([slopes[..., :pieces] * free, of_lengths], axis=-1)
             # The smallest change that removes the error, in first order.
-            square = np.einsum("kin,kim->knm", slopes, slopes) + DAMPING * np.eye(4)
-            found = found - (slopes @ np.linalg.solve(square, error[:, 0, :, None]))[:, None, :, 0]
+            square = slopes @ slopes.swapaxes(1, 2) + DAMPING * np.eye(4)
+            found = found - (slopes.swapaxes(1, 2) @ np.linalg.solve(square, error))[..., 0]
             found = np.clip(found, -bound, bound)
-        reached = np.abs(errors(found)[:, 0]).max(axis=1) <= REACHED
-        lengths, turns = (each[:, 0] for each in changed(found))
+        lengths, turns = changed(found)
+        reached = np.abs(errors(self.follow(first, lengths, turns))).max(axis=1) <= REACHED
+        turns = turns * self.turning_radius
         lengths[back], turns[back] = -lengths[back, ::-1], turns[back, ::-1]
         return (*self._short_arcs(lengths, turns), reached)
+
+    def _slopes(self, along: Array, lengths: Array, curvatures: Array) -> Array:
+        """Derivatives of the pose at the end of arcs by the curvature of each, then by its length: ``(n, 4, 2 s)``.
+
+        What an arc changes is carried to the end: a turn moves all that follows, and of a change of the trailer's angle
+        each later arc leaves a share.
+        """
+        start, end, step = along[:, :-1], along[:, 1:], DIFFERENCE * np.array([0.0, 0.0, 0.0, 1.0])
+        left = (follow_arc(start + step, lengths, curvatures, self.trailer) - end)[:, :, 3] / DIFFERENCE
+        left = np.cumprod(np.append(left[:, 1:], np.ones((len(along), 1)), axis=1)[:, ::-1], axis=1)[:, ::-1]
+        found = []
+        for moves in ((lengths, curvatures + DIFFERENCE), (lengths + DIFFERENCE, curvatures)):
+            x, y, turn, angle = np.moveaxis((follow_arc(start, *moves, self.trailer) - end) / DIFFERENCE, 2, 0)
+            away = along[:, -1:] - end
+            found.append(np.stack([x - turn * away[..., 1], y + turn * away[..., 0], turn, left * angle], axis=1))
+        return np.concatenate(found, axis=-1)
 
     def _short_arcs(self, lengths: Array, turns: Array) -> tuple[Array, Array]:
         """Lengths and curvatures of short arcs that make up paths of few arcs, ``(n, s)`` each; zeros fill up.

@@ -16,7 +16,7 @@ from .car_kinematics import Trailer
 from .car_path import CarPath
 from .cost_to_go import Bounds
 from .hybrid_a_star import hybrid_a_star
-from .motion_primitives import CELL, CarSearch
+from .motion_primitives import CarSearch
 
 logger = logging.getLogger(__name__)
 
@@ -105,7 +105,7 @@ def staged_search(
                     steering_limit=steering_limit,
                     bounds=bounds,
                     clearance=share * clearance,
-                    search=replace(_finer(given, finer, radius), max_expansions=most),
+                    search=replace(_finer(given, finer, radius, trailer), max_expansions=most),
                     time_limit=limit,
                     trailer=trailer,
                 )
@@ -124,11 +124,13 @@ def staged_search(
     raise first
 
 
-def _finer(search: CarSearch, divisor: int, radius: float) -> CarSearch:
+def _finer(search: CarSearch, divisor: int, radius: float, trailer: Trailer | None) -> CarSearch:
     """Smaller cells and more headings; and more steering angles, which matter in narrow places as well."""
     if divisor == 1:
         return search
-    cell = (CELL * radius if search.cell is None else search.cell) / divisor
+    cell, headings = search.cells(radius, trailer)
     length = None if search.primitive_length is None else search.primitive_length / divisor
-    headings, steerings = divisor * search.headings, 2 * search.steerings - 1
-    return replace(search, cell=cell, primitive_length=length, headings=headings, steerings=steerings)
+    return replace(
+        search, cell=cell / divisor, primitive_length=length, headings=divisor * headings,
+        steerings=2 * search.steerings - 1,
+    )  # fmt: skip

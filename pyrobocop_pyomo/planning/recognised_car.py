@@ -22,7 +22,7 @@ from pyomo.core.base.constraint import ConstraintData
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.car_paths import CarPath, CarSearch, Trailer, staged_search
+from pyrobocop_pyomo.car_paths import CarPath, Trailer, staged_search
 from pyrobocop_pyomo.errors import ObstacleError, PyRobocopError
 from pyrobocop_pyomo.geometry import Polytope, Pose, planar_pose, signed_distance
 from pyrobocop_pyomo.modeling.variable_values import within_bounds
@@ -41,8 +41,6 @@ NOTHING = 1e-7
 SMALLEST_RADIUS = 0.5
 ROOM = (3.0, 8.0)
 FINE = 400
-# Of a search with a trailer, since poses have one number more: turning radii, and divisions of a turn.
-CELL_WITH_TRAILER, HEADINGS_WITH_TRAILER = 0.25, 36
 # Angles of a trailer, to either side, that are compared with bounds and rows.
 ANGLES = np.linspace(-0.5 * math.pi, 0.5 * math.pi, 181)
 
@@ -123,11 +121,6 @@ class RecognisedCar:
             steering_limit=0.25 * math.pi,
             regions=[self._region(ends, room) for room in ROOM],
             clearance=clearances * clearance,
-            search=(
-                None
-                if self.trailer is None
-                else CarSearch(cell=CELL_WITH_TRAILER * radius, headings=HEADINGS_WITH_TRAILER)
-            ),
             time_limit=time_limit,
             trailer=self.trailer,
         ).path

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.moving import distances_by_shapely, placed
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.car_paths.car_kinematics import follow_arc, follow_arcs
@@ -66,6 +68,13 @@ def pulling(hitch: float, *, slips: bool = False, rigid: bool = False) -> Any:
     return m
 
 
+def integrated_angle(hitch: float, angle: float, length: float, bend: float) -> float:
+    def rate(s: float, own: Any) -> Any:
+        return -bend + (hitch * bend * np.cos(own) - np.sin(own)) / LENGTH
+
+    return float(solve_ivp(rate, (0.0, length), [angle], rtol=1e-10, atol=1e-11).y[0, -1])
+
+
 @given(hitch=HITCHES, length=st.floats(-20, 20))
 @settings(max_examples=20, deadline=None)
 def test_a_straight_trailer_stays_straight(hitch: float, length: float) -> None:
@@ -82,6 +91,17 @@ def test_a_path_driven_back_ends_where_it_began(hitch: float, seed: int) -> None
     np.testing.assert_allclose(back[::-1], there, atol=1e-9)
 
 
+@given(hitch=HITCHES, seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=10, deadline=None)
+def test_the_angle_is_what_its_equation_integrates_to(hitch: float, seed: int) -> None:
+    """eq-trailer by Runge-Kutta along arcs, ahead and back."""
+    rng, towed = np.random.default_rng(seed), trailer(hitch)
+    lengths, bends = rng.uniform(-2, 2, 4), rng.uniform(-0.27, 0.27, 4)
+    angles = follow_arcs(np.array([0.0, 0.0, 0.0, rng.uniform(-0.8, 0.8)]), lengths, bends, towed)[:, 3]
+    for before, after, length, bend in zip(angles[:-1], angles[1:], lengths, bends, strict=True):
+        assert integrated_angle(hitch, before, length, bend) == pytest.approx(after, abs=1e-7)
+
+
 @given(hitch=HITCHES, angle=st.floats(-1, 1), bend=st.floats(-0.3, 0.3))
 @settings(max_examples=25, deadline=None)
 def test_a_trailer_does_not_slip(hitch: float, angle: float, bend: float) -> None:
@@ -96,6 +116,34 @@ def test_a_trailer_does_not_slip(hitch: float, angle: float, bend: float) -> Non
     assert (rate[:2] @ ahead, rate[2]) == pytest.approx(tuple(map(float, expected)), abs=1e-8)
     of_car = poses[1, :2] + hitch * np.array([math.cos(poses[1, 2]), math.sin(poses[1, 2])])
     assert own[1, :2] + LENGTH * ahead == pytest.approx(of_car)
+
+
+def test_a_car_backs_its_trailer_into_a_bay() -> None:
+    """The way is clear by Shapely, the trailer rolls by its equation, and the car got there in reverse."""
+    towed, clearance = trailer(), 0.1
+    start, goal = (4.0, 4.0, 0.0, 0.0), (0.0, 0.3, 0.5 * math.pi, 0.0)
+    walls = {
+        "left": rcp.Polytope.box(7, 8, center=(-5.2, -4)), "right": rcp.Polytope.box(7, 8, center=(5.2, -4)),
+        "far side": rcp.Polytope.box(30, 1, center=(0, 12)),
+    }  # fmt: skip
+    path = rcp.scenes.hybrid_a_star(
+        start, goal, body=BODY, obstacles=walls, wheelbase=WHEELBASE, steering_limit=STEERING, trailer=towed,
+        bounds=((-14, 14), (-1, 10)), clearance=clearance,
+    )  # fmt: skip
+    assert path.directions[-1] == -1.0
+    assert path.poses[0] == pytest.approx(start)
+    assert path.poses[-1] == pytest.approx(goal)
+    assert np.abs(path.poses[:, 3]).max() <= towed.limit + 1e-9
+    arcs, bends = path.directions * np.diff(path.arc_lengths, append=path.length), np.tan(path.steering) / WHEELBASE
+    for k in range(len(arcs) - 1):
+        angle = integrated_angle(towed.hitch, path.poses[k, 3], arcs[k], bends[k])
+        assert angle == pytest.approx(path.poses[k + 1, 3], abs=1e-6)
+    driven = path.poses_at(np.linspace(0.0, path.length, 1500))
+    for places in (driven[:, :3], towed.poses(driven)):
+        corners = placed(BODY.vertices, places)
+        for wall in walls.values():
+            others = np.broadcast_to(wall.vertices, (len(corners), *wall.vertices.shape))
+            assert distances_by_shapely(corners, others).min() >= clearance - 1e-6
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
