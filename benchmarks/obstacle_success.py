@@ -4,7 +4,8 @@
 
 "flight": a quadrotor through a window of random place and size in a thin wall, between random ends, from a straight
 line that mostly runs into the wall. "parking": a car from a random place in the street into a slot, backwards or along
-the street, from the path of Hybrid A*. Scenes are numbered; the same number is the same scene.
+the street, from the path of Hybrid A*. "warehouse": a car with a trailer, from a straight line, into a bay in reverse,
+into the next aisle, or among pallets. Scenes are numbered; the same number is the same scene.
 
 "nodes" asks for the clearance at the points of the mesh only; "planes" is what `rcp.solve` does by default. *feasible*
 counts plans that meet every row that was asked for; *safe* those that are proven to keep their clearance at all times;
@@ -20,13 +21,13 @@ from statistics import median
 from typing import Any
 
 import pyomo.environ as pyo
-from obstacle_problems import random_flight, random_parking, random_shelf
+from obstacle_problems import random_flight, random_parking, random_shelf, random_warehouse
 from table import Table, show_progress
 
 import pyrobocop_pyomo as rcp
 
 PROBLEMS: dict[str, Callable[..., pyo.ConcreteModel]] = {
-    "flight": random_flight, "parking": random_parking, "shelf": random_shelf,
+    "flight": random_flight, "parking": random_parking, "shelf": random_shelf, "warehouse": random_warehouse,
 }  # fmt: skip
 WAYS: dict[str, dict[str, Any]] = {"nodes": {"between": None}, "planes": {}}
 

@@ -11,6 +11,7 @@ from pyrobocop_pyomo.car_paths import (
     CarTiming,
     ParkingCar,
     ParkingCase,
+    Trailer,
     VehiclesCase,
     hybrid_a_star,
 )
@@ -64,6 +65,7 @@ __all__ = [
     "Plane",
     "Pose",
     "SignedDistance",
+    "Trailer",
     "TurningPlane",
     "VehiclesCase",
     "VehiclesPlan",

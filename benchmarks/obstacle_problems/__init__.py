@@ -1,6 +1,6 @@
 """Plans around obstacles that the benchmarks measure: the examples, restated, and random scenes by seed."""
 
-from .car_in_street import random_parking
+from .car_in_street import random_parking, random_warehouse
 from .field import field, near_pairs
 from .quadrotor import random_flight
 from .restating import fix_ends, model_size, restate, sampled_distance, start_on_quarter_circle
@@ -17,6 +17,7 @@ __all__ = [
     "random_parking",
     "random_scene",
     "random_shelf",
+    "random_warehouse",
     "restate",
     "sampled_distance",
     "scattered",

@@ -1,5 +1,6 @@
 """Paths of cars among obstacles, as initial guesses: hybrid A* with Reeds-Shepp paths; parking cases from files."""
 
+from .car_kinematics import Trailer
 from .car_path import CarPath, CarTiming
 from .hybrid_a_star import hybrid_a_star
 from .motion_primitives import CarSearch
@@ -13,6 +14,7 @@ __all__ = [
     "CarTiming",
     "ParkingCar",
     "ParkingCase",
+    "Trailer",
     "VehiclesCase",
     "hybrid_a_star",
     "staged_search",

@@ -18,9 +18,8 @@ import numpy as np
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.numerics import Array, BoolArray, Indices
 
-from .car_kinematics import follow_arcs
 from .cost_to_go import Bounds, CostToGo
-from .free_space import FreeSpace
+from .free_space import FreeSpace, FreeSpaceWithTrailer
 from .motion_primitives import MotionPrimitives
 
 # Poses that are expanded together: array operations on a few hundred motions cost little more than on ten.
@@ -31,6 +30,8 @@ CHECKED_AT_ONCE = 16
 OFTEN, SELDOM = 12, 6
 # Every so many poses of a motion are checked first.
 COARSE = 12
+# Divisions of a turn for the angle of a trailer.
+TRAILER_ANGLES = 36
 
 
 class SearchEnd(Enum):
@@ -47,7 +48,7 @@ class BestFirstSearch:
 
     Attributes
     ----------
-    root : (3,) array
+    root : (3,) array, or (4,) array with a trailer
         Where it begins.
     cost_to_go : CostToGo
         The heuristic, and the target.
@@ -59,9 +60,9 @@ class BestFirstSearch:
     limits: Bounds
     primitives: MotionPrimitives
     heuristic_weight: float
-    space: FreeSpace
+    space: FreeSpace | FreeSpaceWithTrailer
     cost_to_go: CostToGo
-    poses: list[tuple[float, float, float]] = field(default_factory=list)
+    poses: list[tuple[float, ...]] = field(default_factory=list)
     costs: list[float] = field(default_factory=list)
     parents: list[int] = field(default_factory=list)
     made_by: list[int] = field(default_factory=list)
@@ -77,7 +78,7 @@ class BestFirstSearch:
         size = np.array([self.limits[0][1] - self.limits[0][0], self.limits[1][1] - self.limits[1][0]])
         self.cells = np.floor(size / self.primitives.cell).astype(int) + 1
         self.close = 1e-9 * float(size.max())
-        self._add_node((self.root[0], self.root[1], self.root[2]), 0.0, -1, len(self.primitives.lengths), 0.0)
+        self._add_node(tuple(self.root.tolist()), 0.0, -1, len(self.primitives.lengths), 0.0)
 
     def run(self, max_expansions: int, deadline: Deadline) -> SearchEnd:
         """Continue until no other path can be better than the best one, or until nothing is left or allowed.
@@ -111,9 +112,7 @@ class BestFirstSearch:
         lengths = np.repeat(self.primitives.lengths[made_by[::-1]] / samples, samples)
         return lengths, np.repeat(self.primitives.curvatures[made_by[::-1]], samples)
 
-    def _add_node(
-        self, pose: tuple[float, float, float], cost: float, parent: int, primitive: int, rest: float
-    ) -> None:
+    def _add_node(self, pose: tuple[float, ...], cost: float, parent: int, primitive: int, rest: float) -> None:
         self.poses.append(pose)
         self.costs.append(cost)
         self.parents.append(parent)
@@ -150,14 +149,16 @@ class BestFirstSearch:
         ):
             if cost < self.cost_of_cell.get(cell, math.inf) and cost + rest < self.best_cost:
                 self.cost_of_cell[cell] = cost
-                self._add_node((pose[0], pose[1], pose[2]), cost, here[parent], made, rest)
+                self._add_node(tuple(pose), cost, here[parent], made, rest)
 
     def _cells(self, ends: Array) -> Indices:
-        """Number of the cell of the end of each primitive: place, heading and direction, ``(n, b)``."""
+        """Number of the cell of the end of each primitive: place, headings and direction, ``(n, b)``."""
         origin = np.array([self.limits[0][0], self.limits[1][0]])
         place = np.clip(np.floor((ends[..., :2] - origin) / self.primitives.cell).astype(int), 0, self.cells - 1)
         turn = np.rint(ends[..., 2] * (self.primitives.headings / (2.0 * np.pi))).astype(int) % self.primitives.headings
         cell = (place[..., 0] * self.cells[1] + place[..., 1]) * self.primitives.headings + turn
+        if ends.shape[-1] > 3:
+            cell = cell * TRAILER_ANGLES + np.rint(ends[..., 3] * (TRAILER_ANGLES / (2.0 * np.pi))).astype(int)
         return np.asarray(2 * cell + (self.primitives.lengths > 0))
 
     def within(self, motions: Array) -> BoolArray:
@@ -177,12 +178,12 @@ class BestFirstSearch:
         arcs, curvatures : (n, s) arrays
             Signed lengths, none longer than the spacing of the primitives; zeros fill up.
         """
-        motions = follow_arcs(poses, arcs, curvatures)
+        motions = self.primitives.follow(poses, arcs, curvatures)
         clear = self.within(motions)
         # A few poses of each motion decide most that collide.
         kept = np.flatnonzero(clear)
         coarse = motions[kept, ::COARSE]
-        free = self.space.are_free(coarse.reshape(-1, 3)).reshape(coarse.shape[:2]).all(axis=1)
+        free = self.space.are_free(coarse.reshape(-1, motions.shape[-1])).reshape(coarse.shape[:2]).all(axis=1)
         clear[kept[~free]] = False
         kept = kept[free]
         spacings = np.full(len(kept), self.primitives.spacing)
@@ -194,7 +195,7 @@ class BestFirstSearch:
         here, poses, costs, made_by = (np.concatenate(column) for column in zip(*self.waiting, strict=True))
         checked = CHECKED_AT_ONCE * len(self.waiting)
         self.waiting.clear()
-        ahead, lengths, turns = self.primitives.reeds_shepp_paths(poses, self.cost_to_go.target)
+        ahead, lengths, turns = self.primitives.paths_to(poses, self.cost_to_go.target)
         first = np.sign(first_nonzero(lengths))
         before = np.append(np.sign(self.primitives.lengths), 0.0)[made_by]
         total = ahead + costs + self.primitives.cusp_cost * (first * before < 0)
@@ -202,8 +203,10 @@ class BestFirstSearch:
         kind, node = np.unravel_index(order[total.ravel()[order] < self.best_cost], total.shape)
         if not len(kind):
             return
-        arcs, curvatures = self.primitives.short_arcs(lengths[kind, node], turns[kind])
-        clear = self.are_clear(poses[node], arcs, curvatures)
+        arcs, curvatures, clear = self.primitives.connecting_arcs(
+            poses[node], lengths[kind, node], turns[kind], self.cost_to_go.target
+        )
+        clear[clear] = self.are_clear(poses[node[clear]], arcs[clear], curvatures[clear])
         if clear.any():
             winner = int(np.flatnonzero(clear)[0])
             self.best_cost = float(total[kind[winner], node[winner]])

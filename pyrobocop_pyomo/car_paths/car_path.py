@@ -19,7 +19,7 @@ from pyrobocop_pyomo.numerics import Array, Indices
 from pyrobocop_pyomo.phases.horizon import horizon_fraction
 from pyrobocop_pyomo.presentation import Presented, path_picture, sparkline
 
-from .car_kinematics import follow_arc
+from .car_kinematics import Trailer, follow_arc
 
 Function = Callable[[float], float]
 
@@ -36,16 +36,18 @@ class CarPath(Presented):
     ----------
     poses : (k, 3) array
         x, y and heading of the middle of the rear axle. Headings are continuous: the last may differ from the goal's
-        by whole turns.
+        by whole turns. With a trailer ``(k, 4)``: its heading less that of the car is the last one.
     directions : (k,) array
         1 forwards, -1 backwards, from each pose on; the last value is that of the last arc.
     steering : (k,) array
         Steering angle from each pose on, positive to the left.
+    trailer : Trailer or None
     """
 
     poses: Array
     directions: Array
     steering: Array
+    trailer: Trailer | None = None
 
     def __post_init__(self) -> None:
         for array in (self.poses, self.directions, self.steering):
@@ -128,13 +130,13 @@ class CarPath(Presented):
         return np.clip(np.searchsorted(self.arc_lengths, distances, side="right") - 1, 0, len(self.poses) - 2)
 
     def poses_at(self, distances: ArrayLike) -> Array:
-        """Poses after driving so far, exact on the arcs: ``(n, 3)`` from ``(n,)``."""
+        """Poses after driving so far, exact on the arcs: ``(n, 3)`` from ``(n,)``, or ``(n, 4)``."""
         driven = np.clip(np.asarray(distances, dtype=float), 0.0, self.length)
         i = self.arc_at(driven)
         lengths = np.diff(self.arc_lengths)
         on_arc = self.directions[i] * (driven - self.arc_lengths[i])
         curvatures = self.directions[:-1] * np.diff(self.poses[:, 2]) / np.where(lengths > 0, lengths, 1.0)
-        return follow_arc(self.poses[i], on_arc, curvatures[i])
+        return follow_arc(self.poses[i], on_arc, curvatures[i], self.trailer)
 
     def _html_parts(self) -> list[str]:
         return [path_picture(self.poses[:, :2])]

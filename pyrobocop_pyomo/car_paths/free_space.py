@@ -25,6 +25,8 @@ import numpy as np
 from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.numerics import Array, BoolArray, Indices
 
+from .car_kinematics import Trailer
+
 # An unbounded shape is cut off at this many scene sizes, for its corners only.
 FAR = 1e4
 ROUNDING = 1e-9
@@ -319,6 +321,36 @@ class FreeSpace:
         gaps = [(own_x * a + own_y * b - lift).min(axis=1) - reach
                 for (a, b), reach in zip(self.sides.tolist(), self.reaches.tolist(), strict=True)]  # fmt: skip
         return np.stack(gaps, axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class FreeSpaceWithTrailer:
+    """Poses, with the angle of the trailer as a fourth number, that a car and its trailer may take among obstacles.
+
+    Attributes
+    ----------
+    of_car, of_trailer : FreeSpace
+    trailer : Trailer
+    """
+
+    of_car: FreeSpace
+    of_trailer: FreeSpace
+    trailer: Trailer
+
+    def are_free(self, poses: Array) -> BoolArray:
+        """As for `FreeSpace`, from poses ``(n, 4)``; the angle is within its limit as well."""
+        free = self.trailer.are_within(poses)
+        free[free] = self.of_car.are_free(poses[free])
+        free[free] = self.of_trailer.are_free(self.trailer.poses(poses[free]))
+        return free
+
+    def is_clear(self, motions: Array, curvatures: Array, spacings: Array) -> BoolArray:
+        """As for `FreeSpace`, from motions ``(m, s, 4)``."""
+        clear = self.trailer.are_within(motions).all(axis=1)
+        clear[clear] = self.of_car.is_clear(motions[clear, :, :3], curvatures[clear], spacings[clear])
+        arcs = self.trailer.as_arcs(curvatures[clear], spacings[clear])
+        clear[clear] = self.of_trailer.is_clear(self.trailer.poses(motions[clear]), *arcs)
+        return clear
 
 
 def _padded(rows: Sequence[Any], shape: tuple[int, ...]) -> Array:

@@ -8,6 +8,9 @@ Where the start is tight too, the search from the goal takes long; where an end 
 free, it ends soon. Therefore two searches take turns, the one from the goal first. Each may expand more in its next
 turn, and is repeated with finer primitives when it was exhausted.
 
+A trailer follows stably while the car drives ahead only. This holds for its paths as well: what drives ahead out of a
+bay at the goal is, driven back, the way into the bay in reverse.
+
 References
 ----------
 Dolgov, Thrun, Montemerlo, Diebel (2010). Path planning for autonomous vehicles in unknown semi-structured environments.
@@ -28,16 +31,16 @@ from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.numerics import Array
 
 from .best_first_search import BestFirstSearch, SearchEnd
-from .car_kinematics import follow_arcs
+from .car_kinematics import Trailer, follow_arcs
 from .car_path import CarPath
 from .cost_to_go import Bounds, CostToGo
-from .free_space import FreeSpace
+from .free_space import FreeSpace, FreeSpaceWithTrailer
 from .meeting import joined_arcs
 from .motion_primitives import CarSearch, MotionPrimitives
 from .shortcuts import with_shortcuts
 
 # Expansions of a search until the end of its first turn, and how many times more until the end of each later one.
-FIRST_TURN = 130
+FIRST_TURN, FIRST_TURN_WITH_TRAILER = 130, 33
 GROWTH = 2
 # The search from the start is for hard cases, where any path will do.
 WEIGHT_FROM_START = 2.0
@@ -57,13 +60,14 @@ def hybrid_a_star(
     clearance: float = 0.0,
     search: CarSearch | None = None,
     time_limit: float | None = None,
+    trailer: Trailer | None = None,
 ) -> CarPath:
     """Path of a car that keeps its clearance all along, proven between its poses as well.
 
     Parameters
     ----------
     start, goal : (x, y, heading)
-        Of the middle of the rear axle; headings in radians.
+        Of the middle of the rear axle; headings in radians. With a trailer (x, y, heading, angle).
     body : Polytope
         The car in its own frame: origin in the middle of the rear axle, x ahead. Bounded, in the plane.
     obstacles : dict of str to Polytope, or sequence
@@ -80,6 +84,8 @@ def hybrid_a_star(
         Resolution and costs.
     time_limit : float, optional
         Seconds. Without it, and as long as it is not reached, the answer does not depend on how busy the machine is.
+    trailer : Trailer, optional
+        Keeps the same clearance.
 
     Returns
     -------
@@ -95,29 +101,37 @@ def hybrid_a_star(
     """
     options = CarSearch() if search is None else search
     shapes = _named_obstacles(obstacles)
-    ends = {"goal": _checked_pose(goal, "goal"), "start": _checked_pose(start, "start")}
+    ends = {"goal": _checked_pose(goal, "goal", trailer), "start": _checked_pose(start, "start", trailer)}
     _check_car(body, shapes, wheelbase, steering_limit, clearance, time_limit)
     limits, deadline = _checked_bounds(bounds), Deadline.after(time_limit)
     for which, pose in ends.items():
         _check_end(pose, which, body, shapes, limits, clearance)
+        if trailer is not None:
+            _check_end(trailer.poses(pose), which, trailer.shape, shapes, None, clearance)
     if np.array_equal(ends["start"], ends["goal"]):
         raise InitialGuessError("hybrid_a_star: start and goal are the same pose; there is no path to find.")
     scene = body.reach + float(np.abs([*limits[0], *limits[1]]).max())
     scene += max((float(np.abs(shape.vertices).max()) for shape in shapes), default=0.0)
-    coarse = MotionPrimitives.of(wheelbase, steering_limit, options)
-    region = np.array(limits).T + np.array([[-body.reach], [body.reach]])
+    coarse = MotionPrimitives.of(wheelbase, steering_limit, options, trailer=trailer)
+    reach = body.reach if trailer is None else body.reach + trailer.length + trailer.shape.reach
+    region = np.array(limits).T + np.array([[-reach], [reach]])
     cell = max(GRID_CELL * coarse.turning_radius, float(np.ptp(region, axis=0).max()) / MOST_CELLS)
-    space = FreeSpace.around(body, shapes, clearance, scene)
-    enough = space.disc_radius + 2.0 * cell + coarse.turning_radius
-    space = space.with_grid(region[0], region[1], cell, enough)
+
+    def free_space(shape: Polytope) -> FreeSpace:
+        space = FreeSpace.around(shape, shapes, clearance, scene)
+        return space.with_grid(*region, cell, space.disc_radius + 2.0 * cell + coarse.turning_radius)
+
+    space: FreeSpace | FreeSpaceWithTrailer = free_space(body)
+    if trailer is not None:
+        space = FreeSpaceWithTrailer(space, free_space(trailer.shape), trailer)
 
     def begin(which: str, cost_to_go: CostToGo, level: int) -> BestFirstSearch:
-        primitives = MotionPrimitives.of(wheelbase, steering_limit, options, level)
+        primitives = MotionPrimitives.of(wheelbase, steering_limit, options, level, trailer)
         weight = options.heuristic_weight * (1.0 if which == "goal" else WEIGHT_FROM_START)
         return BestFirstSearch(ends[which], limits, primitives, weight, space, cost_to_go)
 
     searches: list[_EndSearch] = []
-    turn = FIRST_TURN
+    turn = FIRST_TURN if trailer is None else FIRST_TURN_WITH_TRAILER
 
     def run(current: _EndSearch) -> SearchEnd:
         left = options.max_expansions - sum(one.expansions for one in searches)
@@ -138,11 +152,11 @@ def hybrid_a_star(
                 end = run(current)
             if end is SearchEnd.FOUND:
                 arcs = with_shortcuts(current.search, *current.search.arcs())
-                return _path(ends["start"], ends["goal"], *arcs, wheelbase, backwards=which == "goal")
+                return _path(ends["start"], ends["goal"], *arcs, wheelbase, trailer, backwards=which == "goal")
             joined = joined_arcs(current.search, searches[1 - k].search) if len(searches) == 2 else None
             if joined is not None:
                 arcs = with_shortcuts(current.search, *joined)
-                return _path(ends["start"], ends["goal"], *arcs, wheelbase, backwards=which == "goal")
+                return _path(ends["start"], ends["goal"], *arcs, wheelbase, trailer, backwards=which == "goal")
             if end is SearchEnd.EXHAUSTED:
                 raise PathNotFound(
                     f"hybrid_a_star: no path was found: from the {which}, {len(current.search.poses)} poses can be "
@@ -189,18 +203,21 @@ def _check_disc(root: Array, cost_to_go: CostToGo) -> None:
 
 
 def _path(
-    start: Array, goal: Array, lengths: Array, curvatures: Array, wheelbase: float, *, backwards: bool
-) -> CarPath:
+    start: Array, goal: Array, lengths: Array, curvatures: Array, wheelbase: float, trailer: Trailer | None,
+    *, backwards: bool,
+) -> CarPath:  # fmt: skip
     """The path from the start to the goal along arcs found from the start, or backwards from the goal."""
-    poses = follow_arcs(goal if backwards else start, lengths, curvatures)
+    poses = follow_arcs(goal if backwards else start, lengths, curvatures, trailer)
     if backwards:
         poses, lengths, curvatures = poses[::-1].copy(), -lengths[::-1], curvatures[::-1]
         poses[:, 2] += start[2] - poses[0, 2]
     # The ends exactly, up to whole turns: this takes off the rounding along the path.
     poses[0] = start
-    poses[-1] = goal[0], goal[1], goal[2] + 2.0 * math.pi * round((poses[-1, 2] - goal[2]) / (2.0 * math.pi))
+    turns = round((poses[-1, 2] - goal[2]) / (2.0 * math.pi))
+    poses[-1] = goal
+    poses[-1, 2] += 2.0 * math.pi * turns
     directions, steering = np.sign(lengths), np.arctan(wheelbase * curvatures)
-    return CarPath(poses, np.append(directions, directions[-1]), np.append(steering, steering[-1]))
+    return CarPath(poses, np.append(directions, directions[-1]), np.append(steering, steering[-1]), trailer)
 
 
 def _named_obstacles(obstacles: Mapping[str, Polytope] | Sequence[Polytope]) -> list[Polytope]:
@@ -235,12 +252,18 @@ def _check_car(
         raise InitialGuessError(f"hybrid_a_star: clearance = {clearance}; expected a length that is not negative.")
 
 
-def _checked_pose(pose: Sequence[float], which: str) -> Array:
-    """Three finite numbers."""
+def _checked_pose(pose: Sequence[float], which: str, trailer: Trailer | None) -> Array:
+    """Three finite numbers; four with a trailer, which is not bent beyond its limit."""
     numbers = np.array(pose, dtype=float)
-    if numbers.shape != (3,) or not np.isfinite(numbers).all():
+    wanted = "three finite numbers (x, y, heading)"
+    if trailer is not None:
+        wanted = "four finite numbers (x, y, heading, heading of the trailer less that of the car)"
+    if numbers.shape != (3 if trailer is None else 4,) or not np.isfinite(numbers).all():
+        raise InitialGuessError(f"hybrid_a_star: the {which} is {pose!r}; expected {wanted}.")
+    if trailer is not None and not trailer.are_within(numbers):
         raise InitialGuessError(
-            f"hybrid_a_star: the {which} is {pose!r}; expected three finite numbers (x, y, heading)."
+            f"hybrid_a_star: at the {which} the angle between trailer and car is {numbers[3]:.6g}, beyond its limit of "
+            f"{trailer.limit:.6g} to either side. Straighten it there, or widen the limit."
         )
     return numbers
 
@@ -257,17 +280,17 @@ def _checked_bounds(bounds: Bounds) -> Bounds:
 
 
 def _check_end(
-    pose: Array, which: str, body: Polytope, obstacles: list[Polytope], bounds: Bounds, clearance: float
+    pose: Array, which: str, body: Polytope, obstacles: list[Polytope], bounds: Bounds | None, clearance: float
 ) -> None:
     """Refuse an end out of bounds or too close to an obstacle, by the exact distance, independently of the search."""
-    for axis, (low, high) in enumerate(bounds):
+    for axis, (low, high) in enumerate(bounds or ()):
         if not low <= pose[axis] <= high:
             raise InitialGuessError(
                 f"hybrid_a_star: the {which} has {'xy'[axis]} = {pose[axis]:g}, out of the bounds from {low:g} to "
                 f"{high:g}. Widen the bounds, or move the {which}."
             )
     for obstacle in obstacles:
-        distance = signed_distance(body, obstacle, planar_pose(*pose.tolist())).distance
+        distance = signed_distance(body, obstacle, planar_pose(*pose[:3].tolist())).distance
         if distance < clearance - 1e-9:
             how = f"overlaps it by {-distance:.6g}" if distance < 0 else f"is only {distance:.6g} away from it"
             raise InitialGuessError(

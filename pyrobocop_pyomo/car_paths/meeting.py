@@ -14,6 +14,8 @@ from .best_first_search import BestFirstSearch
 
 # Turning radii from one pose to the other; a turn counts as much as the way of a point one radius away.
 NEAR = 0.5
+# How far ahead or back the other pose is looked for, turning radii; a trailer needs a way to get to another angle.
+AHEAD, AHEAD_WITH_TRAILER = (0.0,), (-1.0, 1.0)
 NEIGHBOURS = 3
 # Pairs of poses whose Reeds-Shepp paths are computed, and how many of these are checked for collisions.
 PAIRS, CHECKED = 3000, 400
@@ -30,20 +32,25 @@ def joined_arcs(one: BestFirstSearch, other: BestFirstSearch) -> tuple[Array, Ar
     radius = one.primitives.turning_radius
     mine, others = np.array(one.poses), np.array(other.poses)
     tree = scipy.spatial.cKDTree(_as_points(others, radius))
-    apart, found = tree.query(_as_points(mine, radius), NEIGHBOURS, distance_upper_bound=NEAR * radius)
-    here, column = np.nonzero(np.isfinite(apart))
-    there = found[here, column]
+    leads = radius * np.array(AHEAD if one.primitives.trailer is None else AHEAD_WITH_TRAILER)
+    places = one.primitives.follow(mine[:, None], leads[:, None], np.zeros((len(leads), 1)))[:, :, 1]
+    apart, found = tree.query(_as_points(places, radius), NEIGHBOURS, distance_upper_bound=NEAR * radius)
+    chosen = np.nonzero(np.isfinite(apart))
+    here, there = chosen[0], found[chosen]
     costs = np.array(one.costs)[here] + np.array(other.costs)[there]
-    kept = np.argsort(costs + apart[here, column], kind="stable")[:PAIRS]
+    kept = np.argsort(costs + apart[chosen], kind="stable")[:PAIRS]
     here, there, costs = here[kept], there[kept], costs[kept]
     if not len(here):
         return None
-    between, lengths, turns = one.primitives.reeds_shepp_paths(mine[here], others[there])
+    between, lengths, turns = one.primitives.paths_to(mine[here], others[there])
     total = between + costs
     order = np.argsort(total, axis=None, kind="stable")[:CHECKED]
     kind, pair = np.unravel_index(order[np.isfinite(total.ravel()[order])], total.shape)
-    arcs, curvatures = one.primitives.short_arcs(lengths[kind, pair], turns[kind])
-    clear = np.flatnonzero(one.are_clear(mine[here[pair]], arcs, curvatures))
+    arcs, curvatures, reached = one.primitives.connecting_arcs(
+        mine[here[pair]], lengths[kind, pair], turns[kind], others[there[pair]]
+    )
+    clear = np.flatnonzero(reached)
+    clear = clear[one.are_clear(mine[here[pair[clear]]], arcs[clear], curvatures[clear])]
     if not len(clear):
         return None
     best = int(clear[0])
@@ -58,4 +65,7 @@ def joined_arcs(one: BestFirstSearch, other: BestFirstSearch) -> tuple[Array, Ar
 
 
 def _as_points(poses: Array, radius: float) -> Array:
-    return np.column_stack([poses[:, :2], radius * np.cos(poses[:, 2]), radius * np.sin(poses[:, 2])])
+    heading = poses[..., 2:3]
+    return np.concatenate(
+        [poses[..., :2], radius * np.cos(heading), radius * np.sin(heading), radius * poses[..., 3:]], axis=-1
+    )

@@ -10,12 +10,19 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.numerics import Array, BoolArray
+from pyrobocop_pyomo.numerics.least_squares import DIFFERENCE
 
-from .car_kinematics import follow_arcs, relative_pose
+from .car_kinematics import Trailer, follow_arc, follow_arcs, relative_pose
 from .reeds_shepp import reeds_shepp_paths
 
-# Turning radii.
-CELL = 0.06
+# Turning radii, and divisions of a turn; with a trailer poses have one number more.
+CELL, HEADINGS = 0.06, 72
+CELL_WITH_TRAILER, HEADINGS_WITH_TRAILER = 0.25, 36
+# With a trailer: radians that a way to a target may turn, pieces of each of its segments that get curvatures of their
+# own, steps of Newton's method, and the largest change of a length. An end counts as reached within so many turning
+# radii and radians.
+MOST_TURNED = 2.0
+PIECES, STEPS, STRETCHED, REACHED, DAMPING = 2, 8, 0.5, 1e-8, 1e-9
 
 
 @dataclass(frozen=True)
@@ -25,9 +32,10 @@ class CarSearch:
     Attributes
     ----------
     cell : float or None
-        Side of the squares in which one path is kept per heading and direction; None: 0.06 turning radii.
-    headings : int
-        Into how many a full turn is divided.
+        Side of the squares in which one path is kept per heading and direction; None: 0.06 turning radii, 0.25
+        with a trailer.
+    headings : int or None
+        Into how many a full turn is divided; None: 72, 36 with a trailer.
     steerings : int
         How many steering angles are tried, from one limit to the other; odd, so that straight ahead is one.
     primitive_length : float or None
@@ -46,7 +54,7 @@ class CarSearch:
     """
 
     cell: float | None = None
-    headings: int = 72
+    headings: int | None = None
     steerings: int = 5
     primitive_length: float | None = None
     cusp_cost: float | None = None
@@ -61,7 +69,7 @@ class CarSearch:
             if number is not None and not (math.isfinite(number) and number > 0.0):
                 raise InitialGuessError(f"CarSearch: {name} = {number}; expected a positive number.")
         if (
-            self.headings < 8
+            (self.headings is not None and self.headings < 8)
             or self.steerings < 3
             or self.steerings % 2 == 0
             or self.max_expansions < 1
@@ -72,6 +80,11 @@ class CarSearch:
                 f"{self.max_expansions}; expected at least 8 headings, an odd number of steerings from 3 on, and a "
                 "positive number of expansions."
             )
+
+    def cells(self, radius: float, trailer: Trailer | None) -> tuple[float, int]:
+        """Side of the squares and divisions of a turn, for a turning radius."""
+        cell, headings = (CELL, HEADINGS) if trailer is None else (CELL_WITH_TRAILER, HEADINGS_WITH_TRAILER)
+        return cell * radius if self.cell is None else self.cell, self.headings or headings
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +106,8 @@ class MotionPrimitives:
     cusp_cost : float
     change_cost : (b + 1, b) array
         Of one primitive after another; the last row is for the first primitive of a path.
+    trailer : Trailer or None
+        Poses have its angle as a fourth number.
     """
 
     turning_radius: float
@@ -104,15 +119,18 @@ class MotionPrimitives:
     samples: int
     cusp_cost: float
     change_cost: Array
+    trailer: Trailer | None = None
 
     @classmethod
-    def of(cls, wheelbase: float, steering_limit: float, search: CarSearch, level: int = 0) -> MotionPrimitives:
+    def of(
+        cls, wheelbase: float, steering_limit: float, search: CarSearch, level: int = 0, trailer: Trailer | None = None
+    ) -> MotionPrimitives:
         """Primitives of a car with a given wheelbase and largest steering angle, halved `level` times."""
         radius = wheelbase / math.tan(steering_limit)
-        cell = CELL * radius if search.cell is None else search.cell
-        turn = 2.0 * math.pi / search.headings * radius
+        cell, headings = search.cells(radius, trailer)
+        turn = 2.0 * math.pi / headings * radius
         length = max(1.5 * cell, 1.1 * turn) if search.primitive_length is None else search.primitive_length
-        length, cell, headings = length / 2**level, cell / 2**level, search.headings * 2**level
+        length, cell, headings = length / 2**level, cell / 2**level, headings * 2**level
         samples = max(1, math.ceil(length / (0.04 * radius)))
         steer = np.linspace(-steering_limit, steering_limit, search.steerings)
         steering = np.concatenate([steer, steer])
@@ -125,16 +143,23 @@ class MotionPrimitives:
         curvatures[np.abs(curvatures) < 1e-12 / radius] = 0.0
         return cls(
             radius, cell, headings, length / samples, lengths, curvatures, samples, cusp,
-            np.vstack([change, np.zeros(len(lengths))]),
+            np.vstack([change, np.zeros(len(lengths))]), trailer,
         )  # fmt: skip
+
+    def follow(self, poses: Array, lengths: Array, curvatures: Array) -> Array:
+        """Poses along arcs in a row, as `follow_arcs` has them."""
+        return follow_arcs(poses, lengths, curvatures, self.trailer)
 
     def poses_along(self, poses: Array) -> Array:
         """Poses along every primitive from each pose, ``(n, b, samples + 1, 3)``."""
         steps = np.repeat((self.lengths / self.samples)[:, None], self.samples, axis=1)
-        return follow_arcs(poses[:, None, :], steps[None], np.repeat(self.curvatures[:, None], self.samples, 1)[None])
+        return self.follow(poses[:, None, :], steps[None], np.repeat(self.curvatures[:, None], self.samples, 1)[None])
 
-    def reeds_shepp_paths(self, poses: Array, target: Array) -> tuple[Array, Array, Array]:
+    def paths_to(self, poses: Array, target: Array) -> tuple[Array, Array, Array]:
         """All Reeds-Shepp paths to a target, or to one for each pose.
+
+        With a trailer, where these would end with any angle, straight ways ahead and back that are about as long as a
+        way there, for `connecting_arcs` to bend.
 
         Returns
         -------
@@ -144,6 +169,13 @@ class MotionPrimitives:
             Of the segments, negative backwards.
         turns : (w, 5) array
         """
+        if self.trailer is not None:
+            x, y, turn = relative_pose(poses, target).T
+            length = np.hypot(x, y) / np.sinc(turn / (2.0 * np.pi))
+            exists = (np.abs(turn) < MOST_TURNED) & (np.abs(x) > np.abs(y))
+            signs = np.array([1.0, -1.0])[:, None]
+            lengths = np.repeat((signs * length)[..., None] / 5.0, 5, axis=-1)
+            return np.where(exists & (signs * x > 0.0), length, np.inf), lengths, np.zeros((2, 5))
         all_turns, all_lengths, all_exist = zip(*self._unit_paths(poses, target), strict=True)
         lengths, turns, exists = self.turning_radius * np.array(all_lengths), np.array(all_turns), np.array(all_exist)
         costs = np.abs(lengths).sum(axis=2) + self.cusp_cost * count_cusps(lengths)
@@ -161,12 +193,86 @@ class MotionPrimitives:
         x, y, heading = relative_pose(poses, target).T
         return reeds_shepp_paths(x / self.turning_radius, y / self.turning_radius, heading)
 
-    def short_arcs(self, lengths: Array, turns: Array) -> tuple[Array, Array]:
-        """Lengths and curvatures of short arcs that make up Reeds-Shepp paths, ``(n, s)`` each; zeros fill up.
+    def connecting_arcs(
+        self, poses: Array, lengths: Array, turns: Array, targets: Array
+    ) -> tuple[Array, Array, BoolArray]:
+        """Lengths and curvatures of short arcs from poses to targets, and whether these are reached.
 
         Parameters
         ----------
+        poses : (n, 3) array
         lengths, turns : (n, 5) arrays
+            As `paths_to` has them. With a trailer, lengths and curvatures are changed within their limits, as little as
+            possible, until everything has the pose of the target.
+        targets : (3,) or (n, 3) array
+
+        Returns
+        -------
+        lengths, curvatures : (n, s) arrays
+            Zeros fill up.
+        reached : (n,) array
+        """
+        reached = np.ones(len(poses), dtype=bool)
+        if self.trailer is None or not len(poses):
+            return (*self._short_arcs(lengths, turns), reached)
+        lengths, turns = np.repeat(lengths / PIECES, PIECES, axis=1), np.repeat(turns, PIECES, axis=1)
+        pieces, most = lengths.shape[1], np.abs(self.curvatures).max() * self.turning_radius
+        # Backwards small errors grow: a way back is found as the way ahead from its other end.
+        back = lengths.sum(axis=1) < 0.0
+        first, last = np.where(back[:, None], targets, poses), np.where(back[:, None], poses, targets)
+        lengths = np.abs(lengths)
+        units = np.array([self.turning_radius, self.turning_radius, 1.0, 1.0])
+
+        def changed(points: Array) -> tuple[Array, Array]:
+            bent = np.clip(turns + points[:, :pieces], -most, most)
+            return lengths * (1.0 + np.repeat(points[:, pieces:], PIECES, axis=1)), bent / self.turning_radius
+
+        def errors(along: Array) -> Array:
+            apart = along[:, -1] - last
+            apart[:, 2] = np.remainder(apart[:, 2] + np.pi, 2.0 * np.pi) - np.pi
+            return np.asarray(apart / units)
+
+        bound = np.repeat([2.0 * most, STRETCHED], [pieces, pieces // PIECES])
+        found = np.zeros((len(poses), len(bound)))
+        for _ in range(STEPS):
+            along = self.follow(first, *changed(found))
+            error, slopes = errors(along)[:, :, None], self._slopes(along, *changed(found)) / units[:, None]
+            of_lengths = (slopes[..., pieces:] * lengths[:, None]).reshape(len(poses), 4, -1, PIECES).sum(axis=-1)
+            # The tightest turns stay as they are.
+            free = (np.abs(turns + found[:, :pieces]) < most)[:, None] / self.turning_radius
+            slopes = np.concatenate([slopes[..., :pieces] * free, of_lengths], axis=-1)
+            # The smallest change that removes the error, in first order.
+            square = slopes @ slopes.swapaxes(1, 2) + DAMPING * np.eye(4)
+            found = found - (slopes.swapaxes(1, 2) @ np.linalg.solve(square, error))[..., 0]
+            found = np.clip(found, -bound, bound)
+        lengths, turns = changed(found)
+        reached = np.abs(errors(self.follow(first, lengths, turns))).max(axis=1) <= REACHED
+        turns = turns * self.turning_radius
+        lengths[back], turns[back] = -lengths[back, ::-1], turns[back, ::-1]
+        return (*self._short_arcs(lengths, turns), reached)
+
+    def _slopes(self, along: Array, lengths: Array, curvatures: Array) -> Array:
+        """Derivatives of the pose at the end of arcs by the curvature of each, then by its length: ``(n, 4, 2 s)``.
+
+        What an arc changes is carried to the end: a turn moves all that follows, and of a change of the trailer's angle
+        each later arc leaves a share.
+        """
+        start, end, step = along[:, :-1], along[:, 1:], DIFFERENCE * np.array([0.0, 0.0, 0.0, 1.0])
+        left = (follow_arc(start + step, lengths, curvatures, self.trailer) - end)[:, :, 3] / DIFFERENCE
+        left = np.cumprod(np.append(left[:, 1:], np.ones((len(along), 1)), axis=1)[:, ::-1], axis=1)[:, ::-1]
+        found = []
+        for moves in ((lengths, curvatures + DIFFERENCE), (lengths + DIFFERENCE, curvatures)):
+            x, y, turn, angle = np.moveaxis((follow_arc(start, *moves, self.trailer) - end) / DIFFERENCE, 2, 0)
+            away = along[:, -1:] - end
+            found.append(np.stack([x - turn * away[..., 1], y + turn * away[..., 0], turn, left * angle], axis=1))
+        return np.concatenate(found, axis=-1)
+
+    def _short_arcs(self, lengths: Array, turns: Array) -> tuple[Array, Array]:
+        """Lengths and curvatures of short arcs that make up paths of few arcs, ``(n, s)`` each; zeros fill up.
+
+        Parameters
+        ----------
+        lengths, turns : (n, p) arrays
         """
         moves = np.abs(lengths) > 1e-9 * self.turning_radius
         counts = np.where(moves, np.ceil(np.abs(lengths) / self.spacing), 0.0).astype(np.int64)

@@ -9,13 +9,13 @@ first, until none is left or the budget is spent.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from pyrobocop_pyomo.numerics import Array, BoolArray, Indices
 
 from .best_first_search import BestFirstSearch, first_nonzero
-from .car_kinematics import follow_arcs
 from .motion_primitives import count_cusps
 
 NODES = 36
@@ -95,7 +95,7 @@ def with_shortcuts(search: BestFirstSearch, lengths: Array, curvatures: Array) -
 def _shortened(search: BestFirstSearch, lengths: Array, curvatures: Array) -> tuple[Array, Array] | None:
     moves = np.abs(lengths) > 0.0
     lengths, curvatures = lengths[moves], curvatures[moves]
-    poses = follow_arcs(search.root, lengths, curvatures)
+    poses = search.primitives.follow(search.root, lengths, curvatures)
     places, kept = _nodes(search, poses, lengths, curvatures)
     edges = _edges(search, places, kept, lengths)
     cusp = CUSP_FACTOR * search.primitives.cusp_cost
@@ -117,7 +117,7 @@ def _shortened(search: BestFirstSearch, lengths: Array, curvatures: Array) -> tu
         clear[chosen[good]], banned[chosen[~good]] = True, True
         if good.any():
             best, way, _ = _cheapest_way(edges, clear, len(places), cusp)
-    return _arcs_of(search, edges, way, kept, lengths, curvatures) if best < before - least else None
+    return _arcs_of(search, places, edges, way, kept, lengths, curvatures) if best < before - least else None
 
 
 def _nodes(
@@ -137,7 +137,7 @@ def _nodes(
             sign = np.sign(lengths[k - 1])
             for bend in dict.fromkeys((float(curvatures[k - 1]), 0.0, 1.0 / radius, -1.0 / radius)):
                 arcs = sign * radius * np.diff([0.0, *BEYOND])
-                beyond = follow_arcs(poses[k], arcs, np.full(len(arcs), bend))[1:]
+                beyond = search.primitives.follow(poses[k], arcs, np.full(len(arcs), bend))[1:]
                 inside = search.within(beyond[None])[0] if len(beyond) else False
                 free = search.space.are_free(beyond) if inside else np.zeros(len(beyond), bool)
                 for pose in beyond[np.cumprod(free).astype(bool)]:
@@ -155,7 +155,7 @@ def _edges(search: BestFirstSearch, places: Array, kept: list[tuple[int, int]], 
     number = np.array([k for k, _ in kept])
     on_path = np.array([own >= 0 for _, own in kept])
     start, end = np.triu_indices(count, 1)
-    found, words, turns = primitives.reeds_shepp_paths(places[start], places[end])
+    found, words, turns = primitives.paths_to(places[start], places[end])
     costs = np.abs(words).sum(axis=2) + cusp * count_cusps(words)
     costs[~np.isfinite(found) | (np.abs(words).sum(axis=2) <= 0.0)] = np.inf
     best = np.argsort(costs, axis=0, kind="stable")[:KEPT_PER_PAIR]
@@ -223,13 +223,21 @@ def _cheapest_way(edges: _Edges, allowed: BoolArray, count: int, cusp: float) ->
 
 
 def _are_clear(search: BestFirstSearch, places: Array, edges: _Edges, chosen: Indices) -> BoolArray:
-    arcs = search.primitives.short_arcs(edges.lengths[chosen], edges.turns[chosen])
-    return search.are_clear(places[edges.start[chosen]], *arcs)
+    arcs, curvatures, clear = _connecting_arcs(search, places, edges, chosen)
+    clear[clear] = search.are_clear(places[edges.start[chosen[clear]]], arcs[clear], curvatures[clear])
+    return clear
+
+
+def _connecting_arcs(
+    search: BestFirstSearch, places: Array, edges: _Edges, chosen: Any
+) -> tuple[Array, Array, BoolArray]:
+    ends = places[edges.start[chosen]], places[edges.end[chosen]]
+    return search.primitives.connecting_arcs(ends[0], edges.lengths[chosen], edges.turns[chosen], ends[1])
 
 
 def _arcs_of(
-    search: BestFirstSearch, edges: _Edges, way: list[int], kept: list[tuple[int, int]], lengths: Array,
-    curvatures: Array,
+    search: BestFirstSearch, places: Array, edges: _Edges, way: list[int], kept: list[tuple[int, int]],
+    lengths: Array, curvatures: Array,
 ) -> tuple[Array, Array]:  # fmt: skip
     found_lengths, found_curvatures = [], []
     for edge in way:
@@ -238,7 +246,7 @@ def _arcs_of(
             found_lengths.append(lengths[piece])
             found_curvatures.append(curvatures[piece])
         else:
-            arcs, bends = search.primitives.short_arcs(edges.lengths[[edge]], edges.turns[[edge]])
+            arcs, bends, _ = _connecting_arcs(search, places, edges, [edge])
             found_lengths.append(arcs[0])
             found_curvatures.append(bends[0])
     return np.concatenate(found_lengths), np.concatenate(found_curvatures)

@@ -12,10 +12,11 @@ from pyrobocop_pyomo.errors import InitialGuessError, PathNotFound
 from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.modeling.deadline import Deadline
 
+from .car_kinematics import Trailer
 from .car_path import CarPath
 from .cost_to_go import Bounds
 from .hybrid_a_star import hybrid_a_star
-from .motion_primitives import CELL, CarSearch
+from .motion_primitives import CarSearch
 
 logger = logging.getLogger(__name__)
 
@@ -57,6 +58,7 @@ def staged_search(
     shares: Sequence[float] = CLEARANCES,
     search: CarSearch | None = None,
     time_limit: float | None = None,
+    trailer: Trailer | None = None,
 ) -> StagedPath:
     """The first path that is found, with as much of the clearance as possible.
 
@@ -103,8 +105,9 @@ def staged_search(
                     steering_limit=steering_limit,
                     bounds=bounds,
                     clearance=share * clearance,
-                    search=replace(_finer(given, finer, radius), max_expansions=most),
+                    search=replace(_finer(given, finer, radius, trailer), max_expansions=most),
                     time_limit=limit,
+                    trailer=trailer,
                 )
                 return StagedPath(path, share * clearance, bounds)
             except InitialGuessError as error:
@@ -121,11 +124,13 @@ def staged_search(
     raise first
 
 
-def _finer(search: CarSearch, divisor: int, radius: float) -> CarSearch:
+def _finer(search: CarSearch, divisor: int, radius: float, trailer: Trailer | None) -> CarSearch:
     """Smaller cells and more headings; and more steering angles, which matter in narrow places as well."""
     if divisor == 1:
         return search
-    cell = (CELL * radius if search.cell is None else search.cell) / divisor
+    cell, headings = search.cells(radius, trailer)
     length = None if search.primitive_length is None else search.primitive_length / divisor
-    headings, steerings = divisor * search.headings, 2 * search.steerings - 1
-    return replace(search, cell=cell, primitive_length=length, headings=headings, steerings=steerings)
+    return replace(
+        search, cell=cell / divisor, primitive_length=length, headings=divisor * headings,
+        steerings=2 * search.steerings - 1,
+    )  # fmt: skip

@@ -97,7 +97,9 @@ class Recovery:
         """What solves from each start, after `start`; the caller stops asking when a plan is good enough."""
         cars = [(block, car) for block in self._blocks if (car := recognised_car(block)) is not None]
         # The path of a car comes close to obstacles, and is a good start nevertheless.
-        no_manoeuvres = not cars or (self._overlaps_deeply() and all(map(can_turn_at_both_ends, self._blocks)))
+        pulls = any(car.trailer is not None for _, car in cars)
+        can_turn = not pulls and self._overlaps_deeply() and all(map(can_turn_at_both_ends, self._blocks))
+        no_manoeuvres = not cars or can_turn
         in_the_way = no_manoeuvres and any(map(runs_into_several, self._blocks))
         is_led_around = in_the_way and self._has_a_way_around(freely=True)
         if is_led_around:
@@ -174,7 +176,7 @@ class Recovery:
             try:
                 path = car.path(block, clearances, None if math.isinf(left) else max(left, 1e-3))
             except InitialGuessError as error:
-                logger.info("'%s': no path for '%s': %s", block.name, car.body, error)
+                logger.info("'%s': no path for '%s': %s", block.name, car.bodies[0], error)
                 continue
             found = car.follow(path) or found
         if not found:
