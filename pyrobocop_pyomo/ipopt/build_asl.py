@@ -6,7 +6,7 @@ package ``coinor-ipopt``, the two C++ files of Ipopt's AMPL driver. Pyomo has th
 Compiling takes a few seconds; neither the distribution's own Ipopt nor the settings of apt are touched.
 
 The library's reader is compiled anew, out of the distribution's source package ``libamplsolver``: as it is, some of its
-derivatives are wrong (docs/explanation/evaluation.md). Everything else of the library is linked as it is.
+derivatives are wrong (docs/developer/evaluation.md). Everything else of the library is linked as it is.
 """
 
 from __future__ import annotations

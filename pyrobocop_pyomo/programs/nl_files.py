@@ -30,7 +30,7 @@ from .nonlinear_program import NonlinearProgram
 ProgramBuilder = Callable[[Path, list[str]], NonlinearProgram]
 
 # How a model is written wherever this package writes one. Named expressions are written out: not every ASL
-# differentiates them rightly (docs/explanation/evaluation.md). Presolving and scaling in the writer would alter the
+# differentiates them rightly (docs/developer/evaluation.md). Presolving and scaling in the writer would alter the
 # multipliers of a warm start.
 WRITER_OPTIONS = {"linear_presolve": False, "scale_model": False, "export_defined_variables": False}
 
