@@ -56,25 +56,29 @@ html_baseurl = os.environ.get("READTHEDOCS_CANONICAL_URL", "")  # where a host s
 html_title = f"pyrobocop_pyomo {release}"
 
 # Pages that were joined to others, or moved: the old address leads to the section, whose label is the old name.
-redirects = {
-    f"how-to/{old}": f"{new}.html#{old}"
-    for new, pages in {
-        "certified-solutions": ["sweep"],
-        "complementarity": ["relaxations"],
-        "contact-laws": ["contact-with-impacts", "simulate-contact"],
-        "estimation": ["data"],
-        "failed-solves": ["diagnose"],
-        "from-other-packages": ["from-casadi", "from-pyomo-dae", "from-pyrobocop"],
-        "mesh-refinement": ["choosing-a-scheme"],
-        "obstacles": ["maps-and-robots"],
-        "phases": ["delays"],
-        "solvers": ["faster-evaluation", "faster-linear-solver"],
-        "switches": ["integer-controls"],
-        "trajectories": ["initial-guesses", "notebooks"],
-        "vectors": ["numpy"],
-    }.items()
-    for old in pages
-} | {
-    f"explanation/{page}": f"../developer/{page}.html"
-    for page in ("linear-solver", "problem-classes", "python-functions")
-}
+redirects = (
+    {
+        f"how-to/{old}": f"{new}.html#{old}"
+        for new, pages in {
+            "certified-solutions": ["sweep"],
+            "complementarity": ["relaxations"],
+            "contact-laws": ["contact-with-impacts", "simulate-contact"],
+            "estimation": ["data"],
+            "failed-solves": ["diagnose"],
+            "from-other-packages": ["from-casadi", "from-pyomo-dae", "from-pyrobocop"],
+            "mesh-refinement": ["choosing-a-scheme"],
+            "obstacles": ["maps-and-robots"],
+            "phases": ["delays"],
+            "solvers": ["faster-evaluation", "faster-linear-solver"],
+            "switches": ["integer-controls"],
+            "trajectories": ["initial-guesses", "notebooks"],
+            "vectors": ["numpy"],
+        }.items()
+        for old in pages
+    }
+    | {
+        f"explanation/{page}": f"../developer/{page}.html"
+        for page in ("linear-solver", "problem-classes", "python-functions")
+    }
+    | {"explanation/complementarity-benchmarks": "../complementarity-benchmarks.html"}
+)
