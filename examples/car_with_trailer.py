@@ -126,7 +126,7 @@ if __name__ == "__main__":
         build,
         draw,
         cases={name: {"case": name} for name in CASES},
-        default="all",
+        default="bay",
         coarse={"elements": 25},
         size=(8, 9),
     )
