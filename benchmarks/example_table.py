@@ -57,7 +57,8 @@ TOPICS = {
     ),
     "Friction and switches": ("stick_slip", "turbo_car", "linear_complementarity_control"),
     "Around obstacles": (
-        "parking", "car_between_obstacles", "crossing", "quadrotor_window", "two_link_arm", "robot_arm",
+        "parking", "car_with_trailer", "car_between_obstacles", "crossing", "quadrotor_window", "two_link_arm",
+        "robot_arm",
     ),
     "Several robots": ("rod", "sphere"),
     "Learned and estimated models": ("maze", "cart_pole_identification"),

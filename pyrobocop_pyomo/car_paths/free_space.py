@@ -346,7 +346,7 @@ class FreeSpaceWithTrailer:
 
     def is_clear(self, motions: Array, curvatures: Array, spacings: Array) -> BoolArray:
         """As for `FreeSpace`, from motions ``(m, s, 4)``."""
-        clear = self.trailer.are_within(motions).all(axis=1)
+        clear: BoolArray = np.asarray(self.trailer.are_within(motions).all(axis=1))
         clear[clear] = self.of_car.is_clear(motions[clear, :, :3], curvatures[clear], spacings[clear])
         arcs = self.trailer.as_arcs(curvatures[clear], spacings[clear])
         clear[clear] = self.of_trailer.is_clear(self.trailer.poses(motions[clear]), *arcs)

@@ -258,8 +258,8 @@ class MotionPrimitives:
         each later arc leaves a share.
         """
         start, end, step = along[:, :-1], along[:, 1:], DIFFERENCE * np.array([0.0, 0.0, 0.0, 1.0])
-        left = (follow_arc(start + step, lengths, curvatures, self.trailer) - end)[:, :, 3] / DIFFERENCE
-        left = np.cumprod(np.append(left[:, 1:], np.ones((len(along), 1)), axis=1)[:, ::-1], axis=1)[:, ::-1]
+        kept = (follow_arc(start + step, lengths, curvatures, self.trailer) - end)[:, :, 3] / DIFFERENCE
+        left = np.cumprod(np.append(kept[:, 1:], np.ones((len(along), 1)), axis=1)[:, ::-1], axis=1)[:, ::-1]
         found = []
         for moves in ((lengths, curvatures + DIFFERENCE), (lengths + DIFFERENCE, curvatures)):
             x, y, turn, angle = np.moveaxis((follow_arc(start, *moves, self.trailer) - end) / DIFFERENCE, 2, 0)
