@@ -109,7 +109,7 @@ def _pairs(result: Any) -> str:
     exact = result.largest_natural_residual
     met = "exact" if exact <= 1e-12 else f"to {exact:.0e}"
     pairs = f"{count} pair{'s' if count > 1 else ''} {met}"
-    return f"{pairs}; {_NEARBY[result.certificate]}" if result.quality is Quality.OPTIMAL else pairs
+    return f"{pairs}, {_NEARBY[result.certificate]}" if result.quality is Quality.OPTIMAL else pairs
 
 
 def _doubts(result: Any) -> Iterable[str]:

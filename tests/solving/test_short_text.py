@@ -49,7 +49,7 @@ def test_success_is_one_line_with_the_errors_of_equations_and_mesh() -> None:
 
 def test_pairs_are_counted_and_certified_in_a_second_line() -> None:
     _, line = str(rcp.solve(pair(2.0))).splitlines()
-    assert line == "1 pair exact; no better branch nearby"
+    assert line == "1 pair exact, no better branch nearby"
 
 
 def test_where_the_error_of_the_objective_is_not_known_the_line_says_so() -> None:
