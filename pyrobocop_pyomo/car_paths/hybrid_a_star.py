@@ -118,12 +118,12 @@ def hybrid_a_star(
     cell = max(GRID_CELL * coarse.turning_radius, float(np.ptp(region, axis=0).max()) / MOST_CELLS)
 
     def free_space(shape: Polytope) -> FreeSpace:
-        space = FreeSpace.around(shape, shapes, clearance, scene)
-        return space.with_grid(*region, cell, space.disc_radius + 2.0 * cell + coarse.turning_radius)
+        around = FreeSpace.around(shape, shapes, clearance, scene)
+        enough = around.disc_radius + 2.0 * cell + coarse.turning_radius
+        return around.with_grid(region[0], region[1], cell, enough)
 
-    space: FreeSpace | FreeSpaceWithTrailer = free_space(body)
-    if trailer is not None:
-        space = FreeSpaceWithTrailer(space, free_space(trailer.shape), trailer)
+    of_car = free_space(body)
+    space = of_car if trailer is None else FreeSpaceWithTrailer(of_car, free_space(trailer.shape), trailer)
 
     def begin(which: str, cost_to_go: CostToGo, level: int) -> BestFirstSearch:
         primitives = MotionPrimitives.of(wheelbase, steering_limit, options, level, trailer)
