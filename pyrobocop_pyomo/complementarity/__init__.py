@@ -3,7 +3,7 @@
 from .absolute_values import AbsoluteValuesToComplementarity
 from .canonical import CanonicalForm, CanonicalPair, SidePart
 from .component import Complementarity, ComplementarityData
-from .disjunctions import ComplementarityToDisjunctions, DisjunctionToken
+from .disjunctions import ComplementarityToDisjunctions
 from .forms import form_of
 from .grouping import AllPairs, Crossed, Grouping, PerElement, PerPair, PerPhase
 from .lifting import LiftedPair, SideVariable
@@ -67,7 +67,6 @@ __all__ = [
     "Complements",
     "ComponentResidual",
     "Crossed",
-    "DisjunctionToken",
     "Elastic",
     "FischerBurmeister",
     "Fixed",

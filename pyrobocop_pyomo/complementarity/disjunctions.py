@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 from pyomo.common.autoslots import AutoSlots
 from pyomo.common.collections import ComponentMap
-from pyomo.common.config import Bool, ConfigDict, ConfigValue, PositiveFloat
+from pyomo.common.config import Bool, ConfigValue, PositiveFloat
 from pyomo.common.gc_manager import PauseGC
 from pyomo.common.modeling import unique_component_name
-from pyomo.core.base import Transformation, TransformationFactory
+from pyomo.core.base import TransformationFactory
 from pyomo.core.base.block import Block
 
 from pyrobocop_pyomo.errors import ComplementarityError
@@ -20,7 +19,8 @@ from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES, deactivate, enclosing
 from .branches import BoundedSides, add_disjunctions, add_special_ordered_sets
 from .canonical import CanonicalForm, CanonicalPair
 from .pairs import active_sources, canonical_form, home_of
-from .preconditions import refuse_foreign_token, refuse_leaves, refuse_nothing, refuse_unusable
+from .preconditions import refuse_leaves, refuse_nothing, refuse_unusable
+from .replaced_rows import ReplacementToken, ReversibleTransformation, targets_option
 from .residuals import PairResidual, pair_residuals
 
 BLOCK_NAME = "complementarity_disjunctions"
@@ -47,26 +47,10 @@ class DisjunctionRecord(AutoSlots.Mixin):
 Block.register_private_data_initializer(DisjunctionRecord)
 
 
-@dataclass(frozen=True, eq=False)
-class DisjunctionToken:
-    """What `ComplementarityToDisjunctions.revert` needs to undo one application.
-
-    Attributes
-    ----------
-    model : Block
-        The model that was transformed.
-    blocks : tuple of Block
-        The generated blocks: one on the model, and one in every disjunct that holds pairs of its own.
-    """
-
-    model: Any
-    blocks: tuple[Any, ...]
-
-
 @TransformationFactory.register(
     "pyrobocop.complementarity_to_disjunctions", doc="Turn complementarity pairs into disjunctions, reversibly."
 )
-class ComplementarityToDisjunctions(Transformation):
+class ComplementarityToDisjunctions(ReversibleTransformation):
     """Replace complementarity pairs by choices ``[a == 0] v [b == 0]`` for mixed-integer solvers.
 
     Nothing is relaxed: with linear sides and a convex objective the answer is global. A range ``l <= F <= u ⟂ H``
@@ -81,18 +65,15 @@ class ComplementarityToDisjunctions(Transformation):
     has no way back, or apply that to a copy.
     """
 
-    CONFIG = ConfigDict("pyrobocop.complementarity_to_disjunctions")
-    CONFIG.declare(
-        "targets",
-        ConfigValue(default=None, description="Blocks, Complementarity components or pairs to take; default all."),
-    )
+    generated = "disjunctions of pairs"
+    CONFIG = targets_option("pyrobocop.complementarity_to_disjunctions", "Complementarity components or pairs")
     CONFIG.declare("sos1", ConfigValue(default=False, domain=Bool, description="Write special ordered sets instead."))
     CONFIG.declare(
         "default_bound",
         ConfigValue(default=None, domain=PositiveFloat, description="Bound of a side where none can be derived."),
     )
 
-    def _apply_to(self, model: Any, **options: Any) -> DisjunctionToken:
+    def _apply_to(self, model: Any, **options: Any) -> ReplacementToken:
         config = self.CONFIG({**options.pop("options", {}), **options})
         refuse_unusable(model)
         with PauseGC():
@@ -105,34 +86,15 @@ class ComplementarityToDisjunctions(Transformation):
             for home, block in fresh:
                 home.add_component(unique_component_name(home, BLOCK_NAME), block)
             deactivate(sources)
-        return DisjunctionToken(model, tuple(block for _, block in fresh))
+        return ReplacementToken(model, tuple(block for _, block in fresh))
 
-    def revert(self, model: Any, token: DisjunctionToken | None = None) -> None:
-        """Undo one application, or all of them.
+    def _generated_on(self, model: Any) -> Iterator[Any]:
+        """The generated blocks of this model and of the disjuncts in it."""
+        return filter(_is_generated, model.block_data_objects(active=None, descend_into=BLOCK_TYPES))
 
-        Parameters
-        ----------
-        model : Block
-            The model that `apply_to` was called with.
-        token : DisjunctionToken, optional
-            What `apply_to` returned. Without it everything on this model is undone, which also serves a clone.
-
-        Raises
-        ------
-        ComplementarityError
-            If there is nothing to undo, or if the token is used up or belongs to another model.
-        """
-        refuse_foreign_token(model, token)
-        present = list(_generated_on(model))
-        wanted = present if token is None else [block for block in token.blocks if any(block is p for p in present)]
-        if not wanted:
-            raise ComplementarityError(
-                f"'{model.name}': nothing to revert; it has no disjunctions of pairs, or was reverted before."
-            )
-        for block in wanted:
-            block.parent_block().del_component(block)
-            for source in _record_of(block).forms:
-                source.activate()
+    def _restore(self, block: Any) -> None:
+        for source in _record_of(block).forms:
+            source.activate()
 
     def source_of(self, component: Any) -> Any:
         """Return the pair, as declared, that a generated disjunction, disjunct, set, variable or row came from."""
@@ -148,7 +110,7 @@ class ComplementarityToDisjunctions(Transformation):
 
     def choices_of(self, source: Any) -> list[Any]:
         """Return the disjunction, or the special ordered sets, of a pair; an equality has none."""
-        for block in (block for parent in enclosing_blocks(source) for block in _generated_on(parent)):
+        for block in (block for parent in enclosing_blocks(source) for block in self._generated_on(parent)):
             record = _record_of(block)
             if source in record.forms:
                 components = [block.component(name) for name in ("choices", "sets")]
@@ -160,7 +122,7 @@ class ComplementarityToDisjunctions(Transformation):
 
     def pairs_of(self, model: Any) -> list[CanonicalPair]:
         """Return the pairs of a model that are disjunctions, in canonical form; a range has two, an equality none."""
-        forms = [form for block in _generated_on(model) for form in _record_of(block).forms.values()]
+        forms = [form for block in self._generated_on(model) for form in _record_of(block).forms.values()]
         return [pair for form in forms for pair in form.pairs]
 
     def residuals(self, model: Any) -> list[PairResidual]:
@@ -197,11 +159,6 @@ def _by_home(model: Any, forms: list[CanonicalForm]) -> list[tuple[Any, list[Can
 
 def _record_of(block: Any) -> DisjunctionRecord:
     return block.private_data()
-
-
-def _generated_on(model: Any) -> Iterator[Any]:
-    """The generated blocks of this model and of the disjuncts in it."""
-    return filter(_is_generated, model.block_data_objects(active=None, descend_into=BLOCK_TYPES))
 
 
 def _is_generated(block: Any) -> bool:

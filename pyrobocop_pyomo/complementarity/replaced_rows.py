@@ -1,4 +1,4 @@
-"""Transformations that say rows or objectives in another way, on a block of their own, and take it back."""
+"""Transformations that say rows, objectives or pairs in another way, on blocks of their own, and take it back."""
 
 from __future__ import annotations
 
@@ -45,60 +45,18 @@ class ReplacementToken:
     ----------
     model : Block
         The model that was transformed.
-    block : Block
-        Holds what was generated.
+    blocks : tuple of Block
+        Hold what was generated: one on the model; of pairs, also one in every disjunct that has pairs of its own.
     """
 
     model: Any
-    block: Any
+    blocks: tuple[Any, ...]
 
 
-def targets_option(name: str, kinds: str) -> ConfigDict:
-    """The options of a transformation that takes ``targets``."""
-    options = ConfigDict(name)
-    options.declare("targets", ConfigValue(default=None, description=f"Blocks, {kinds} to take; default all."))
-    return options
+class ReversibleTransformation(Transformation):
+    """A transformation that generates blocks, and can take them back."""
 
-
-class RowReplacement(Transformation):
-    """What such transformations share: targets, the block, the record and the way back.
-
-    Subclasses say what they make of the rows. A model that is refused stays as it was.
-    """
-
-    CONFIG: ClassVar[ConfigDict]
-    ctypes: ClassVar[tuple[type, ...]]
-    block_name: ClassVar[str]
     generated: ClassVar[str]  # in words, for messages
-
-    def _apply_to(self, model: Any, **options: Any) -> ReplacementToken:
-        config = self.CONFIG({**options.pop("options", {}), **options})
-        refuse_unusable(model)
-        block = Block(concrete=True)
-        replaced = self._fill(block, list(self._rows(model, config.targets)))
-        if not replaced:
-            where = "it" if config.targets is None else "the targets"
-            raise ComplementarityError(f"'{model.name}': {self._nothing_found(where)}")
-        model.add_component(unique_component_name(model, self.block_name), block)
-        _record_of(block).rows = [(row, None if new is None else row.expr) for row, new in replaced]
-        deactivate(row for row, new in replaced if new is None)
-        for row, new in replaced:
-            if new is not None:
-                row.set_value(new)
-        return ReplacementToken(model, block)
-
-    def _fill(self, block: Any, rows: list[Any]) -> list[tuple[Any, Any]]:
-        """Put on the block what stands for some of the rows.
-
-        Returns
-        -------
-        list of (ConstraintData or ObjectiveData, expression or None)
-            Those rows, with what they hold from now on; None for one to deactivate.
-        """
-        raise NotImplementedError
-
-    def _nothing_found(self, where: str) -> str:
-        raise NotImplementedError
 
     def revert(self, model: Any, token: ReplacementToken | None = None) -> None:
         """Undo one application, or all of them.
@@ -116,20 +74,78 @@ class RowReplacement(Transformation):
             If there is nothing to undo, or if the token is used up or belongs to another model.
         """
         refuse_foreign_token(model, token)
-        present = list(self._generated_on(model))
-        wanted = present if token is None else [block for block in present if block is token.block]
+        wanted = list(self._generated_on(model))
+        if token is not None:
+            wanted = [block for block in wanted if any(block is made for made in token.blocks)]
         if not wanted:
             raise ComplementarityError(
                 f"'{model.name}': nothing to revert; it has no {self.generated}, or was reverted before."
             )
         for block in reversed(wanted):  # the last one holds what the first one made of a row
-            rows = rows_of_block(block)
-            model.del_component(block)
-            for row, expression in rows or ():
-                if expression is None:
-                    row.activate()
-                else:
-                    row.set_value(expression)
+            block.parent_block().del_component(block)
+            self._restore(block)
+
+    def _generated_on(self, model: Any) -> Iterator[Any]:
+        """The blocks that applications to this model have generated, in their order."""
+        raise NotImplementedError
+
+    def _restore(self, block: Any) -> None:
+        """Let the model say again what the block said in another way."""
+        raise NotImplementedError
+
+
+def targets_option(name: str, kinds: str) -> ConfigDict:
+    """The options of a transformation that takes ``targets``."""
+    options = ConfigDict(name)
+    options.declare("targets", ConfigValue(default=None, description=f"Blocks, {kinds} to take; default all."))
+    return options
+
+
+class RowReplacement(ReversibleTransformation):
+    """What such transformations share: targets, the block, the record and the way back.
+
+    Subclasses say what they make of the rows. A model that is refused stays as it was.
+    """
+
+    CONFIG: ClassVar[ConfigDict]
+    ctypes: ClassVar[tuple[type, ...]]
+    block_name: ClassVar[str]
+
+    def _apply_to(self, model: Any, **options: Any) -> ReplacementToken:
+        config = self.CONFIG({**options.pop("options", {}), **options})
+        refuse_unusable(model)
+        block = Block(concrete=True)
+        replaced = self._fill(block, list(self._rows(model, config.targets)))
+        if not replaced:
+            where = "it" if config.targets is None else "the targets"
+            raise ComplementarityError(f"'{model.name}': {self._nothing_found(where)}")
+        model.add_component(unique_component_name(model, self.block_name), block)
+        _record_of(block).rows = [(row, None if new is None else row.expr) for row, new in replaced]
+        deactivate(row for row, new in replaced if new is None)
+        for row, new in replaced:
+            if new is not None:
+                row.set_value(new)
+        return ReplacementToken(model, (block,))
+
+    def _fill(self, block: Any, rows: list[Any]) -> list[tuple[Any, Any]]:
+        """Put on the block what stands for some of the rows.
+
+        Returns
+        -------
+        list of (ConstraintData or ObjectiveData, expression or None)
+            Those rows, with what they hold from now on; None for one to deactivate.
+        """
+        raise NotImplementedError
+
+    def _nothing_found(self, where: str) -> str:
+        raise NotImplementedError
+
+    def _restore(self, block: Any) -> None:
+        for row, expression in rows_of_block(block) or ():
+            if expression is None:
+                row.activate()
+            else:
+                row.set_value(expression)
 
     def _rows(self, model: Any, targets: Sequence[Any] | None) -> Iterator[Any]:
         if targets is None:
