@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -69,8 +69,11 @@ class PlannedObject(Protocol):
         """Velocity and angular velocity that lead from pose to pose, shape (T + 1, 3 or 6); those planned first."""
 
 
+Planned = TypeVar("Planned", bound=PlannedObject)
+
+
 @dataclass(frozen=True)
-class PlanScore(ABC):
+class PlanScore(ABC, Generic[Planned]):
     """Scores combined plans of robots that push a body, by physics and never by the status of a solver.
 
     Nothing of the model is used: residuals are recomputed from poses, and the object is simulated by an implicit step
@@ -148,7 +151,7 @@ class PlanScore(ABC):
         score = self.of_plan(*self.combined(plans))
         return replace(score, bound_excess=bound_excess(plans, self.bounds))
 
-    def combined(self, plans: Mapping[str, Mapping[str, Array]]) -> tuple[Any, dict[str, PlannedRobot]]:
+    def combined(self, plans: Mapping[str, Mapping[str, Array]]) -> tuple[Planned, dict[str, PlannedRobot]]:
         """Reads the combined plan: the object and, by name, the robots.
 
         The object's trajectory is that of the agent that is no robot. Where all agents are robots, it is the mean of
@@ -210,7 +213,7 @@ class PlanScore(ABC):
         time, bodies = self.paths(plans)
         return animate_scene(time, bodies, (), path, **options)
 
-    def of_plan(self, planned: Any, robots: Mapping[str, PlannedRobot]) -> PhysicalScore:
+    def of_plan(self, planned: Planned, robots: Mapping[str, PlannedRobot]) -> PhysicalScore:
         """Score one combined plan, as `combined` returns it."""
         axes = len(self._place)
         twist = planned.twist(self.step)
@@ -254,7 +257,7 @@ class PlanScore(ABC):
             robot_end_speed=float(np.linalg.norm(speeds[:, 0, -1], axis=1).max() * self.rest_at_end),
         )
 
-    def _wrenches(self, planned: Any, robots: Mapping[str, PlannedRobot]) -> dict[str, Array]:
+    def _wrenches(self, planned: Planned, robots: Mapping[str, PlannedRobot]) -> dict[str, Array]:
         """Of each robot's own forces on the planned object, with the kinematics at element ends: shape (T, 3 or 6)."""
         found = {}
         for name, robot in robots.items():
@@ -297,22 +300,22 @@ class PlanScore(ABC):
         return np.zeros(len(self._place))
 
     @abstractmethod
-    def _simulated(self, planned: Any, wrench: Array) -> Any:
+    def _simulated(self, planned: Planned, wrench: Array) -> Planned:
         """The object's motion from the start of a plan under given wrenches, by implicit Euler steps."""
 
     @abstractmethod
-    def _object_of(self, name: str, plan: Mapping[str, Array]) -> Any:
+    def _object_of(self, name: str, plan: Mapping[str, Array]) -> Planned:
         """The object as an agent plans it.
 
         Copies are kinematic: their velocities live on elements, so that the start of the object is taken as rest.
         """
 
     @abstractmethod
-    def _mean_of(self, objects: Sequence[Any]) -> Any:
+    def _mean_of(self, objects: Sequence[Planned]) -> Planned:
         """The mean of several copies."""
 
     @abstractmethod
-    def _gap(self, robot: PlannedRobot, planned: Any) -> Any:
+    def _gap(self, robot: PlannedRobot, planned: Planned) -> Any:
         """How a robot stands to the object at the element boundaries."""
 
     @abstractmethod
@@ -324,9 +327,9 @@ class PlanScore(ABC):
         """Velocity of a robot relative to the object: along the normal, then along each tangent."""
 
     @abstractmethod
-    def _missing_wrench(self, planned: Any, twist: Array, wrench: Array) -> Array:
+    def _missing_wrench(self, planned: Planned, twist: Array, wrench: Array) -> Array:
         """What the object would need beside the robots' wrenches and what else acts on it, shape (T, 3 or 6)."""
 
     @abstractmethod
-    def _from_goal(self, planned: Any) -> tuple[float, float]:
+    def _from_goal(self, planned: Planned) -> tuple[float, float]:
         """Distance and angle of the last pose from the goal: metres, degrees."""

@@ -52,7 +52,7 @@ class PlannedPose:
 
 
 @dataclass(frozen=True)
-class PlanarScore(PlanScore):
+class PlanarScore(PlanScore[PlannedPose]):
     """Scores combined plans of disc robots that push a body, by physics and never by the status of a solver.
 
     Nothing of the model is used: residuals are recomputed from positions, and the object is simulated by an implicit

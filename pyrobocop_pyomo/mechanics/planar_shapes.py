@@ -39,7 +39,29 @@ class PlanarGap(NamedTuple):
 
 
 @dataclass(frozen=True)
-class PlanarShape(ABC):
+class PaddedShape(ABC):
+    """A core, padded by a radius, in the plane or in space; its lengths are positive.
+
+    Attributes
+    ----------
+    radius : float
+        Padding of the core, metres; may be 0.
+    """
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (np.isfinite(value) and (value > 0 or (name == "radius" and value >= 0))):
+                raise GeometryError(f"{type(self).__name__}: {name} = {value!r}; expected a positive length in metres.")
+
+    @abstractmethod
+    def outline(self) -> Polytope:
+        """The same shape for pictures and exact distances, without smoothing."""
+
+
+@dataclass(frozen=True)
+class PlanarShape(PaddedShape):
     """A core, a point or a segment or a rectangle, padded by a radius.
 
     The gap to a disc is the distance of its centre from the core, less both radii. Where the nearest point of the core
@@ -52,20 +74,9 @@ class PlanarShape(ABC):
         Padding of the core, metres.
     """
 
-    radius: float
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not (np.isfinite(value) and (value > 0 or (name == "radius" and value >= 0))):
-                raise GeometryError(f"{type(self).__name__}: {name} = {value!r}; expected a positive length in metres.")
-
     @abstractmethod
     def nearest_of_core(self, x: Any, y: Any) -> tuple[Any, Any]:
         """The point of the core that is nearest to (x, y), in the frame of the body."""
-
-    @abstractmethod
-    def outline(self) -> Polytope:
-        """The same shape for pictures and exact distances, without smoothing."""
 
     def gap_to_disc(
         self, disc_radius: float, x: Any, y: Any, pose: tuple[Any, Any, Any] = (0.0, 0.0, 0.0)

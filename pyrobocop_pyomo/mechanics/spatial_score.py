@@ -48,7 +48,7 @@ class PlannedBody:
 
 
 @dataclass(frozen=True)
-class SpatialScore(PlanScore):
+class SpatialScore(PlanScore[PlannedBody]):
     """Scores combined plans of sphere robots that move a body, by physics and never by the status of a solver.
 
     Nothing of the model is used: residuals are recomputed from positions and rotations, and the object is simulated by

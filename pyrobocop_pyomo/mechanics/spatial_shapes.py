@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Any, NamedTuple
-
-import numpy as np
 
 from pyrobocop_pyomo.errors import GeometryError
 from pyrobocop_pyomo.geometry import Polytope
 
-from .planar_shapes import limited, root
+from .planar_shapes import PaddedShape, limited, root
 from .rotations import Matrix, Vector, inner_product
 
 # Added to squared lengths before their root is taken, square metres: a length of zero would have no derivative.
@@ -51,7 +49,7 @@ class SpatialGap(NamedTuple):
 
 
 @dataclass(frozen=True)
-class SpatialShape(ABC):
+class SpatialShape(PaddedShape):
     """A core, a point or a segment or a box, padded by a radius.
 
     The gap to a sphere is the distance of its centre from the core, less both radii. Where the nearest point of the
@@ -64,20 +62,9 @@ class SpatialShape(ABC):
         Padding of the core, metres.
     """
 
-    radius: float
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not (np.isfinite(value) and (value > 0 or (name == "radius" and value >= 0))):
-                raise GeometryError(f"{type(self).__name__}: {name} = {value!r}; expected a positive length in metres.")
-
     @abstractmethod
     def nearest_of_core(self, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
         """The point of the core that is nearest to (x, y, z), in the frame of the body."""
-
-    @abstractmethod
-    def outline(self) -> Polytope:
-        """The same shape for pictures and exact distances, without smoothing."""
 
     @property
     def is_round(self) -> bool:

@@ -123,7 +123,7 @@ class _Spline(Function):
     """An interpolant, or one of its derivatives, for expressions, numbers and arrays."""
 
     def __init__(self, interpolant: _Interpolant, by: tuple[int, ...], **options: Any) -> None:
-        self._interpolant, self._by = interpolant, by
+        self._interpolant = interpolant
         self.lower, self.upper = interpolant.lower, interpolant.upper
         functions = [partial(interpolant.derivatives, by, order) for order in range(3)]
         super().__init__(*functions, inputs=interpolant.inputs, check_derivatives=False, **options)

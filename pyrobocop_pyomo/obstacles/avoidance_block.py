@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Hashable, Iterable, Mapping
+from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -18,14 +18,13 @@ from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.modeling.blocks import BuiltBlock, BuiltBlockData, Rule
+from pyrobocop_pyomo.modeling.blocks import Rule
 from pyrobocop_pyomo.motion.clearance_proof import verify_clearance
-from pyrobocop_pyomo.motion.motion import Motion, motion_of
 from pyrobocop_pyomo.motion.safety_report import SafetyReport
 from pyrobocop_pyomo.presentation import table
 
 from .avoidance_record import AvoidanceOptions, AvoidanceRecord, MotionSegment, segments_of_motion
-from .block_arguments import set_of_points, sort_arguments
+from .block_arguments import MotionBlock, MotionBlockData, set_of_points, sort_arguments
 from .broad_phase import (
     BUILT_WITHOUT_GUESS,
     add_back,
@@ -54,7 +53,7 @@ from .separation_rows import (
 from .snapshot import Snapshot, proven_gap
 
 
-class ObstacleAvoidanceBlockData(BuiltBlockData):
+class ObstacleAvoidanceBlockData(MotionBlockData):
     """One avoidance block; see `ObstacleAvoidanceBlock` for how to make one.
 
     Attributes
@@ -84,17 +83,11 @@ class ObstacleAvoidanceBlockData(BuiltBlockData):
     """
 
     _kind = "obstacle avoidance"
-    _error = ObstacleError
 
     @property
     def record(self) -> AvoidanceRecord:
         """Scene, segments of motion and poses behind this block."""
         return self._record_if_built()
-
-    @property
-    def motion(self) -> Motion:
-        """The motion over the set of points."""
-        return motion_of(self.record.points, self.parent_block())
 
     @property
     def axes(self) -> range:
@@ -173,15 +166,6 @@ class ObstacleAvoidanceBlockData(BuiltBlockData):
         update_soft_clearance_cost(self, record)
 
     # ---------------------------------------------------------------- another mesh below
-
-    @property
-    def can_follow_times(self) -> bool:
-        """True: separations can be made for other times."""
-        return True
-
-    def stands_on(self, sets: Container[int]) -> bool:
-        """True where the motion is over one of the sets, which are given by their identities."""
-        return id(self.record.points) in sets
 
     def follow_times(self) -> None:
         """Separate the shapes anew over the times that there are now; margins and splits start again.
@@ -448,7 +432,7 @@ class ObstacleAvoidanceBlockData(BuiltBlockData):
 
 
 @ModelComponentFactory.register("Bodies that keep clear of obstacles and of each other.")
-class ObstacleAvoidanceBlock(BuiltBlock, data=ObstacleAvoidanceBlockData):
+class ObstacleAvoidanceBlock(MotionBlock, data=ObstacleAvoidanceBlockData):
     """Bodies that keep clear of obstacles and of each other, over a set of times.
 
     Parameters
@@ -561,7 +545,3 @@ class ObstacleAvoidanceBlock(BuiltBlock, data=ObstacleAvoidanceBlockData):
         }
         indexes, built_from = sort_arguments("an ObstacleAvoidanceBlock", points, options, rule)
         super().__init__(*indexes, **built_from, **block_options)
-
-    @classmethod
-    def _is_scalar(cls, args: tuple[Any, ...], keywords: Mapping[str, Any]) -> bool:
-        return keywords.get("rule") is None or not args

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Container, Hashable, Mapping, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -19,14 +19,13 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, Pose
-from pyrobocop_pyomo.modeling.blocks import BuiltBlock, BuiltBlockData, Rule
+from pyrobocop_pyomo.modeling.blocks import Rule
 from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.motion.clearance_proof import verify_clearance
 from pyrobocop_pyomo.motion.containment_proof import room_in_regions, verify_inside
-from pyrobocop_pyomo.motion.motion import Motion, motion_of
 from pyrobocop_pyomo.motion.safety_report import BodyPairSafety, SafetyReport
 
-from .block_arguments import set_of_points, sort_arguments
+from .block_arguments import MotionBlock, MotionBlockData, set_of_points, sort_arguments
 from .clocks import check_rules
 from .formulations.rows import dot
 from .region_choice import choose_regions, shifted_changes
@@ -51,7 +50,7 @@ class ContainmentRecord:
     choice: list[int] = field(default_factory=list)  # the region of each cell
 
 
-class ContainmentData(BuiltBlockData):
+class ContainmentData(MotionBlockData):
     """One containment; see `Containment` for how to make one.
 
     Attributes
@@ -66,17 +65,11 @@ class ContainmentData(BuiltBlockData):
     """
 
     _kind = "containment"
-    _error = ObstacleError
 
     @property
     def record(self) -> ContainmentRecord:
         """Body, region and poses behind this block."""
         return self._record_if_built()
-
-    @property
-    def motion(self) -> Motion:
-        """The motion over the set of points."""
-        return motion_of(self.record.points, self.parent_block())
 
     def build(self, points: Any, **options: Any) -> None:
         """Build the block; for rules of indexed blocks, with the arguments of the class.
@@ -240,15 +233,6 @@ class ContainmentData(BuiltBlockData):
 
     # ---------------------------------------------------------------- margins and the proof
 
-    @property
-    def can_follow_times(self) -> bool:
-        """True: rows can be made for other times."""
-        return True
-
-    def stands_on(self, sets: Container[int]) -> bool:
-        """True where the motion is over one of the sets, which are given by their identities."""
-        return id(self.record.points) in sets
-
     def follow_times(self) -> None:
         """State the rows anew over the times that there are now; margins start again."""
         self.times.clear()
@@ -320,7 +304,7 @@ class ContainmentData(BuiltBlockData):
 
 
 @ModelComponentFactory.register("A body that stays inside a convex region, or a union of such.")
-class Containment(BuiltBlock, data=ContainmentData):
+class Containment(MotionBlock, data=ContainmentData):
     """A body that stays inside a convex region, or inside the union of several, over a set of times.
 
     Parameters
@@ -390,10 +374,6 @@ class Containment(BuiltBlock, data=ContainmentData):
         }
         indexes, built_from = sort_arguments("a Containment", points, options, rule)
         super().__init__(*indexes, **built_from, **block_options)
-
-    @classmethod
-    def _is_scalar(cls, args: tuple[Any, ...], keywords: Mapping[str, Any]) -> bool:
-        return keywords.get("rule") is None or not args
 
 
 def _moved_back(pair: BodyPairSafety, moved: float) -> BodyPairSafety:

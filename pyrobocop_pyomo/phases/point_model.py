@@ -65,7 +65,6 @@ class PointModel(Signals):
     """
 
     error = TrajectoryError
-    hold_numbers = True
 
     def __init__(
         self, block: Any, record: PhaseRecord, indices: Grid, grid: Grid, companions: Sequence[Companion] = ()

@@ -55,8 +55,6 @@ class RuleFormulas(PointModel):
         Whether one was.
     """
 
-    hold_numbers = False
-
     def __init__(self, block: Any, record: PhaseRecord, indices: Grid, grid: Grid, *, by_instant: bool = False) -> None:
         super().__init__(block, record, indices, grid)
         self._scratch.index_of_time = Var()

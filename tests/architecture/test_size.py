@@ -17,9 +17,9 @@ LARGEST_SHARE = 0.12
 
 PACKAGE = {
     ".": 588, "car_paths": 1601, "complementarity": 2995, "continuous": 2397, "diagnosis": 1429, "discretisation":
-    1173, "distributed": 2259, "estimation": 1633, "execution": 1161, "files": 830, "geometry": 1667, "ipopt": 1795,
-    "linear_solver": 2026, "links": 456, "mechanics": 2192, "modeling": 2847, "motion": 2745, "mpcc": 1326,
-    "native": 157, "numerics": 1985, "obstacles": 4167, "phases": 6911, "planning": 2368, "plotting": 866,
+    1173, "distributed": 2258, "estimation": 1633, "execution": 1161, "files": 830, "geometry": 1667, "ipopt": 1795,
+    "linear_solver": 2026, "links": 456, "mechanics": 2187, "modeling": 2843, "motion": 2745, "mpcc": 1326,
+    "native": 157, "numerics": 1985, "obstacles": 4159, "phases": 6909, "planning": 2368, "plotting": 866,
     "presentation": 147, "problem_classes": 1331, "programs": 3903, "robots": 391, "rules": 274, "solving": 5011,
     "studies": 2718, "trajectories": 572, "transcription": 105,
 }  # fmt: skip
