@@ -112,10 +112,10 @@ def pose_of_trailer(b: Any, t: Any) -> rcp.Pose:
 
 
 def draw(figure, m: pyo.ConcreteModel) -> None:
-    """Car and trailer on their way, with speed, steering and the angle between them below."""
+    """Car and trailer on their way, with speed, steering and the angle of the trailer to the car below."""
     above, below = figure.subfigures(2, 1, height_ratios=(2.2, 1))
     rcp.scenes.draw_avoidance(m.drive.avoid, snapshots=12, title=m.name, figure=above)
-    signals = {"v": "speed [m/s]", "steering": "steering [rad]", "angle": "angle of the trailer [rad]"}
+    signals = {"v": "speed", "steering": "steering", "angle": "trailer"}
     m.drive.trajectory().plot(signals, figure=below)
 
 
