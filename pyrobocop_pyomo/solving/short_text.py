@@ -151,6 +151,8 @@ def _suggestion(result: Any) -> Iterable[str]:
         yield " ".join([*noticed[:1], str(remedy)])
     elif noticed:
         yield noticed[0]
+    elif result.stop_reason in (StopReason.ITERATION_LIMIT, StopReason.TIME_LIMIT):
+        yield str(remedy)
     elif least is not None and least.kind is Least.NONE:
         yield str(least)
     elif result.stop_reason is StopReason.INFEASIBLE and least is not None and least.obstructions:

@@ -20,7 +20,7 @@ PACKAGE = {
     1179, "distributed": 2259, "estimation": 1633, "execution": 1161, "files": 830, "geometry": 1667, "ipopt": 1795,
     "linear_solver": 2026, "links": 456, "mechanics": 2253, "modeling": 2847, "motion": 2748, "mpcc": 1326,
     "native": 157, "numerics": 1985, "obstacles": 4167, "phases": 6911, "planning": 2462, "plotting": 866,
-    "presentation": 147, "problem_classes": 1331, "programs": 3903, "robots": 391, "rules": 274, "solving": 5042,
+    "presentation": 147, "problem_classes": 1331, "programs": 3903, "robots": 391, "rules": 274, "solving": 5044,
     "studies": 2718, "trajectories": 572, "transcription": 105,
 }  # fmt: skip
 TESTS = {
