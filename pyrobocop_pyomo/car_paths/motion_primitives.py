@@ -235,8 +235,9 @@ class MotionPrimitives:
         bound = np.repeat([2.0 * most, STRETCHED], [pieces, pieces // PIECES])
         found = np.zeros((len(poses), len(bound)))
         for _ in range(STEPS):
-            along = self.follow(first, *changed(found))
-            error, slopes = errors(along)[:, :, None], self._slopes(along, *changed(found)) / units[:, None]
+            arcs = changed(found)
+            along = self.follow(first, *arcs)
+            error, slopes = errors(along)[:, :, None], self._slopes(along, *arcs) / units[:, None]
             of_lengths = (slopes[..., pieces:] * lengths[:, None]).reshape(len(poses), 4, -1, PIECES).sum(axis=-1)
             # The tightest turns stay as they are.
             free = (np.abs(turns + found[:, :pieces]) < most)[:, None] / self.turning_radius

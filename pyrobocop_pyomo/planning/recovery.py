@@ -98,8 +98,9 @@ class Recovery:
         cars = [(block, car) for block in self._blocks if (car := recognised_car(block)) is not None]
         # The path of a car comes close to obstacles, and is a good start nevertheless.
         pulls = any(car.trailer is not None for _, car in cars)
-        can_turn = not pulls and self._overlaps_deeply() and all(map(can_turn_at_both_ends, self._blocks))
-        no_manoeuvres = not cars or can_turn
+        no_manoeuvres = not cars or (
+            not pulls and self._overlaps_deeply() and all(map(can_turn_at_both_ends, self._blocks))
+        )
         in_the_way = no_manoeuvres and any(map(runs_into_several, self._blocks))
         is_led_around = in_the_way and self._has_a_way_around(freely=True)
         if is_led_around:

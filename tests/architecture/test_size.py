@@ -16,10 +16,10 @@ ROOT = Path(__file__).parents[2]
 LARGEST_SHARE = 0.12
 
 PACKAGE = {
-    ".": 590, "car_paths": 1771, "complementarity": 3005, "continuous": 2397, "diagnosis": 1430, "discretisation":
+    ".": 590, "car_paths": 1772, "complementarity": 3005, "continuous": 2397, "diagnosis": 1430, "discretisation":
     1179, "distributed": 2259, "estimation": 1633, "execution": 1161, "files": 830, "geometry": 1667, "ipopt": 1795,
     "linear_solver": 2026, "links": 456, "mechanics": 2253, "modeling": 2847, "motion": 2748, "mpcc": 1326,
-    "native": 157, "numerics": 1985, "obstacles": 4167, "phases": 6911, "planning": 2462, "plotting": 866,
+    "native": 157, "numerics": 1985, "obstacles": 4167, "phases": 6911, "planning": 2463, "plotting": 866,
     "presentation": 147, "problem_classes": 1331, "programs": 3903, "robots": 391, "rules": 274, "solving": 5044,
     "studies": 2718, "trajectories": 572, "transcription": 105,
 }  # fmt: skip
