@@ -30,6 +30,8 @@ CHECKED_AT_ONCE = 16
 OFTEN, SELDOM = 12, 6
 # Every so many poses of a motion are checked first.
 COARSE = 12
+# Whole turns, to either side of the root's, that are told apart where they count.
+MOST_WHOLE_TURNS = 3
 # Divisions of a turn for the angle of a trailer.
 TRAILER_ANGLES = 36
 
@@ -78,6 +80,7 @@ class BestFirstSearch:
         size = np.array([self.limits[0][1] - self.limits[0][0], self.limits[1][1] - self.limits[1][0]])
         self.cells = np.floor(size / self.primitives.cell).astype(int) + 1
         self.close = 1e-9 * float(size.max())
+        self.first_turn = math.floor(float(self.root[2]) / (2.0 * math.pi))
         self._add_node(tuple(self.root.tolist()), 0.0, -1, len(self.primitives.lengths), 0.0)
 
     def run(self, max_expansions: int, deadline: Deadline) -> SearchEnd:
@@ -155,8 +158,13 @@ class BestFirstSearch:
         """Number of the cell of the end of each primitive: place, headings and direction, ``(n, b)``."""
         origin = np.array([self.limits[0][0], self.limits[1][0]])
         place = np.clip(np.floor((ends[..., :2] - origin) / self.primitives.cell).astype(int), 0, self.cells - 1)
-        turn = np.rint(ends[..., 2] * (self.primitives.headings / (2.0 * np.pi))).astype(int) % self.primitives.headings
+        turn = np.rint(ends[..., 2] * (self.primitives.headings / (2.0 * np.pi))).astype(int)
+        whole, turn = np.divmod(turn, self.primitives.headings)
         cell = (place[..., 0] * self.cells[1] + place[..., 1]) * self.primitives.headings + turn
+        if self.primitives.whole_turns:
+            cell = cell * (2 * MOST_WHOLE_TURNS + 1) + np.clip(
+                whole - self.first_turn, -MOST_WHOLE_TURNS, MOST_WHOLE_TURNS
+            )
         if ends.shape[-1] > 3:
             cell = cell * TRAILER_ANGLES + np.rint(ends[..., 3] * (TRAILER_ANGLES / (2.0 * np.pi))).astype(int)
         return np.asarray(2 * cell + (self.primitives.lengths > 0))

@@ -51,6 +51,9 @@ class CarSearch:
     max_expansions : int
         How often poses are expanded, 32 of them together, before a search is given up: the only limit that does not
         depend on the machine.
+    whole_turns : bool
+        Whether headings of start and goal are meant with their whole turns, so that from 0 to pi the car turns to the
+        left. Otherwise a path may end at any heading that looks the same.
     """
 
     cell: float | None = None
@@ -62,6 +65,7 @@ class CarSearch:
     heuristic_weight: float = 1.5
     refinements: int = 3
     max_expansions: int = 5_000
+    whole_turns: bool = False
 
     def __post_init__(self) -> None:
         for name in ("cell", "primitive_length", "cusp_cost", "steering_cost", "heuristic_weight"):
@@ -108,6 +112,8 @@ class MotionPrimitives:
         Of one primitive after another; the last row is for the first primitive of a path.
     trailer : Trailer or None
         Poses have its angle as a fourth number.
+    whole_turns : bool
+        Whether paths lead to the heading of a target, not only to one that looks the same.
     """
 
     turning_radius: float
@@ -120,6 +126,7 @@ class MotionPrimitives:
     cusp_cost: float
     change_cost: Array
     trailer: Trailer | None = None
+    whole_turns: bool = False
 
     @classmethod
     def of(
@@ -143,7 +150,7 @@ class MotionPrimitives:
         curvatures[np.abs(curvatures) < 1e-12 / radius] = 0.0
         return cls(
             radius, cell, headings, length / samples, lengths, curvatures, samples, cusp,
-            np.vstack([change, np.zeros(len(lengths))]), trailer,
+            np.vstack([change, np.zeros(len(lengths))]), trailer, search.whole_turns,
         )  # fmt: skip
 
     def follow(self, poses: Array, lengths: Array, curvatures: Array) -> Array:
@@ -172,14 +179,19 @@ class MotionPrimitives:
         if self.trailer is not None:
             x, y, turn = relative_pose(poses, target).T
             length = np.hypot(x, y) / np.sinc(turn / (2.0 * np.pi))
-            exists = (np.abs(turn) < MOST_TURNED) & (np.abs(x) > np.abs(y))
+            exists = (np.abs(turn) < MOST_TURNED) & (np.abs(x) > np.abs(y)) & self._leads_to(poses, turn, target)
             signs = np.array([1.0, -1.0])[:, None]
             lengths = np.repeat((signs * length)[..., None] / 5.0, 5, axis=-1)
             return np.where(exists & (signs * x > 0.0), length, np.inf), lengths, np.zeros((2, 5))
         all_turns, all_lengths, all_exist = zip(*self._unit_paths(poses, target), strict=True)
         lengths, turns, exists = self.turning_radius * np.array(all_lengths), np.array(all_turns), np.array(all_exist)
         costs = np.abs(lengths).sum(axis=2) + self.cusp_cost * count_cusps(lengths)
-        return np.where(exists, costs, np.inf), lengths, turns
+        turned = (lengths * turns[:, None]).sum(axis=2) / self.turning_radius
+        return np.where(exists & self._leads_to(poses, turned, target), costs, np.inf), lengths, turns
+
+    def _leads_to(self, poses: Array, turned: Array, target: Array) -> BoolArray:
+        """Whether turns lead to the heading of the target, or, where whole turns do not count, to one like it."""
+        return np.asarray((np.abs(poses[..., 2] + turned - target[..., 2]) < 1.0) | (not self.whole_turns))
 
     def reeds_shepp_cost(self, poses: Array, target: Array) -> Array:
         """Cost of the cheapest Reeds-Shepp path, ``(n,)``; for many poses."""

@@ -23,9 +23,6 @@ from .places import at_point, place_in_words
 # So often are all expressions gone through, until each has a value.
 _SWEEPS = 10
 
-# Said of an argument without free variables.
-IS_FIXED = ", which is fixed"
-
 
 @dataclass(frozen=True, eq=False)
 class UndefinedRow:
@@ -41,10 +38,14 @@ class UndefinedRow:
     where: str
     part: UndefinedPart
 
-    def __str__(self) -> str:
+    @property
+    def is_fixed(self) -> bool:
+        """Whether what is undefined reads variables, and all of them are fixed."""
         read = list(variables_in(self.part.argument))
-        fixed = read and all(variable.fixed for variable in read)
-        return f"{self.part.what}{IS_FIXED if fixed else ''}, in {self.where}"
+        return bool(read) and all(variable.fixed for variable in read)
+
+    def __str__(self) -> str:
+        return f"{self.part.what}{', which is fixed' if self.is_fixed else ''}, in {self.where}"
 
 
 def undefined_rows(model: Any) -> Iterator[UndefinedRow]:

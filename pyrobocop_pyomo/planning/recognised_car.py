@@ -11,6 +11,7 @@ hitch. Of the two, the car is the one whose velocities in its own frame do not d
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import math
 from collections.abc import Sequence
@@ -22,9 +23,10 @@ from pyomo.core.base.constraint import ConstraintData
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.car_paths import CarPath, Trailer, staged_search
-from pyrobocop_pyomo.errors import ObstacleError, PyRobocopError
+from pyrobocop_pyomo.car_paths import CarPath, CarSearch, Trailer, staged_search
+from pyrobocop_pyomo.errors import InitialGuessError, ObstacleError, PyRobocopError
 from pyrobocop_pyomo.geometry import Polytope, Pose, planar_pose, signed_distance
+from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import within_bounds
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases import PhaseBlockData, phases_of
@@ -77,7 +79,7 @@ class RecognisedCar:
     _equations: BodyEquations
 
     def path(self, block: Any, clearances: float, time_limit: float | None) -> CarPath:
-        """Path from where the bodies start to where they end, clear of all that rests.
+        """Path from where the bodies start to where they end, clear of all that rests; with its whole turns if it can.
 
         Parameters
         ----------
@@ -111,19 +113,30 @@ class RecognisedCar:
             if scene.is_static(part.body)
         }
         clearance = max(number for pair, number in scene.clearances.items() if not set(self.bodies).isdisjoint(pair))
-        radius = self.turning_radius
-        return staged_search(
-            tuple(ends[0]),
-            tuple(ends[1]),
-            body=self.shape,
-            obstacles=walls,
-            wheelbase=radius,
-            steering_limit=0.25 * math.pi,
-            regions=[self._region(ends, room) for room in ROOM],
-            clearance=clearances * clearance,
-            time_limit=time_limit,
-            trailer=self.trailer,
-        ).path
+        deadline = Deadline.after(time_limit)
+
+        def found(*, whole_turns: bool) -> CarPath:
+            return staged_search(
+                tuple(ends[0]),
+                tuple(ends[1]),
+                body=self.shape,
+                obstacles=walls,
+                wheelbase=self.turning_radius,
+                steering_limit=0.25 * math.pi,
+                regions=[self._region(ends, room) for room in ROOM],
+                clearance=clearances * clearance,
+                search=CarSearch(whole_turns=whole_turns),
+                time_limit=deadline.left,
+                trailer=self.trailer,
+            ).path
+
+        path = found(whole_turns=False)
+        last = (self.phase.component(name)[times[-1]] for name in self._equations.pose_states)
+        if any(variable.fixed for variable in last) and abs(path.poses[-1, 2] - ends[1][2]) > 1.0:
+            # The path that is easiest to find turns the other way: what is fixed says which way it has to be.
+            with contextlib.suppress(InitialGuessError):
+                path = found(whole_turns=True)
+        return path
 
     def _region(self, ends: Sequence[Array], room: float) -> Any:
         """Around start and goal, within the bounds of variables that are the body's place."""

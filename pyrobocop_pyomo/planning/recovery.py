@@ -141,12 +141,18 @@ class Recovery:
     def start(self, directions: Mapping[ObstacleAvoidanceBlockData, Any] | None = None) -> None:
         """Back to the initial guess, with separations that start there."""
         self._initial.restore()
+        self.initialize_separations(
+            {block: self._directions[block] | (directions or {}).get(block, {}) for block in self._blocks}
+        )
+
+    def initialize_separations(self, directions: Mapping[ObstacleAvoidanceBlockData, Any] | None = None) -> None:
+        """Separations and regions for the values on the model, without what another motion asked for."""
         for region in self._regions:
             region.margin.store_values(dict.fromkeys(region.times, 0.0))
             region.initialize()
         for block in self._blocks:
             clear_margins(block)
-            block.initialize(directions={**self._directions[block], **(directions or {}).get(block, {})})
+            block.initialize(directions=(directions or {}).get(block))
 
     def _from_initial_guess(self, most_iterations: int | None = None, *, is_at_start: bool = False) -> SolveResult:
         if not is_at_start:

@@ -127,11 +127,10 @@ class SafePlanning:
 
     def _plan(self) -> None:
         recovery = Recovery(self._model, self._blocks, self._regions, self)
+        # Separations on a fine mesh take long to initialise: where a plan on a coarse one comes first, once is enough.
+        if not self._is_start and self._from_fewer_elements(recovery) and self._is_good_enough:
+            return
         recovery.start()
-        if not self._is_start and self._from_fewer_elements():
-            if self._is_good_enough:
-                return
-            recovery.start()
         for step in recovery.steps():
             result = step()
             if result.quality is not Quality.INFEASIBLE and not self._is_any_start:
@@ -141,14 +140,13 @@ class SafePlanning:
         if self._is_good_enough and any(len(region.record.regions) > 1 for region in self._regions):
             self._revise_regions()
 
-    def _from_fewer_elements(self) -> bool:
+    def _from_fewer_elements(self, recovery: Recovery) -> bool:
         """Start from a plan on a copy with fewer elements, where that pays; returns whether there was one."""
         coarse = plan_on_fewer_elements(self._model, [*self._blocks, *self._regions], self._settings, self._planned)
         if coarse is None:
             return False
         self.rounds += [replace(made, purpose=f"fewer elements: {made.purpose}") for made in coarse.rounds]
-        for block in (*self._blocks, *self._regions):
-            block.initialize()
+        recovery.initialize_separations()
         result = self.solve(f"from a plan on {coarse.elements} elements", again=True, most_iterations=MOST_ITERATIONS)
         if result.quality is not Quality.INFEASIBLE:
             self._made_safe(result)

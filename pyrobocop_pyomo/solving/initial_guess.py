@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from typing import Any
 
-from pyrobocop_pyomo.diagnosis.undefined_rows import IS_FIXED, named_undefined_rows
+from pyrobocop_pyomo.diagnosis.undefined_rows import named_undefined_rows, undefined_rows
 from pyrobocop_pyomo.modeling.variable_values import Values, VariableValues
 
 from .iterates import Iterate
@@ -100,7 +100,7 @@ class InitialGuess:
         self.write()
         at_start = "" if began or self.remarks else named_undefined_rows(self._model)
         if at_start:
-            remedy = _REMEDY_OF_FIXED if IS_FIXED in at_start else _REMEDY
+            remedy = _REMEDY_OF_FIXED if next(undefined_rows(self._model)).is_fixed else _REMEDY
             self.remarks.append(f"The initial guess could not be evaluated: {at_start}. {remedy}")
         elif self._undefined_on_the_way:
             self.remarks.append(

@@ -140,6 +140,20 @@ def test_without_obstacles_the_shortest_path_is_found() -> None:
     assert np.abs(ahead.steering).max() == 0.0
 
 
+@pytest.mark.parametrize("turns", [-1, 0, 1])
+def test_a_heading_is_reached_with_its_whole_turns_where_they_count(turns: int) -> None:
+    goal = (3.0, 8.0, 2.0 + 2 * math.pi * turns)
+    options: dict[str, Any] = {"obstacles": {}, "bounds": ((-15, 15), (-15, 15))}
+    path = park(scene={"goal": goal}, search=CarSearch(whole_turns=True), **options)
+    assert path.poses[-1].tolist() == list(goal)
+    assert_drivable(path)
+    assert_ends(path, START, goal)
+    # It costs nothing where the easiest path ends there.
+    easiest = park(scene={"goal": goal}, **options)
+    assert path.length >= easiest.length - 1e-9
+    assert path.length < easiest.length + 1e-9 or easiest.poses[-1, 2] != goal[2]
+
+
 @pytest.mark.parametrize("walls", [{}, REVERSE["obstacles"]], ids=["open", "slot"])
 def test_shortcuts_take_out_what_goes_back_and_forth(walls: Any) -> None:
     """A path out of the slot that shunts three times for nothing."""

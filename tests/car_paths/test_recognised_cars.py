@@ -127,13 +127,29 @@ def test_what_cannot_turn_is_no_car() -> None:
 
 def test_an_end_that_is_whole_turns_away_is_told(caplog: pytest.LogCaptureFixture) -> None:
     m = from_rear_axle()
-    m.d.q[1.0].fix(math.pi / 2 - 2 * math.pi)
     car = recognised_car(m.d.avoid)
     assert car is not None
+    path = car.path(m.d.avoid, 1.0, 60.0)
+    m.d.q[1.0].fix(math.pi / 2 - 2 * math.pi)
     before = [v.value for v in m.d.x.values()]
-    assert not car.follow(car.path(m.d.avoid, 1.0, 60.0))
+    assert not car.follow(path)
     assert "State final=1.5708" in caplog.text
     assert [v.value for v in m.d.x.values()] == before
+
+
+@pytest.mark.parametrize("last", [math.pi, -math.pi])
+def test_a_car_turns_the_way_that_its_last_heading_says(last: float) -> None:
+    def ode(b: Any, t: Any) -> Any:
+        turn = b.v[t] * pyo.tan(b.wheel[t]) / WHEELBASE
+        return {b.x: b.v[t] * pyo.cos(b.q[t]), b.y: b.v[t] * pyo.sin(b.q[t]), b.q: turn, b.v: b.push[t]}
+
+    ends = {"x": (-4, -8), "y": (9.5, 9), "q": (0, last)}
+    m = in_the_street(ends, lambda b, t: rcp.planar_pose(b.x[t], b.y[t], b.q[t]), ode)
+    car = recognised_car(m.d.avoid)
+    assert car is not None
+    path = car.path(m.d.avoid, 1.0, None)
+    assert path.poses[-1, 2] == last
+    assert car.follow(path)
 
 
 @pytest.mark.casadi
