@@ -30,7 +30,7 @@ TESTS = {
     "harness": 841, "ipopt": 1148, "linear_solver": 527, "mechanics": 1635, "mistakes": 563, "modeling": 918,
     "motion": 1652, "mpcc": 411, "mpcc_catalogue": 521, "native": 169, "nonsmooth": 186, "notebooks": 46,
     "numerics": 1106, "obstacles": 3140, "phases": 5722, "plotting": 522, "presentation": 221, "problem_classes":
-    1172, "programs": 1521, "robots": 175, "rules": 167, "solving": 5733, "studies": 2005, "trajectories": 464,
+    1172, "programs": 1521, "robots": 175, "rules": 167, "solving": 5734, "studies": 2005, "trajectories": 464,
     "transcription": 127,
 }  # fmt: skip
 BUDGETS = {"pyrobocop_pyomo": PACKAGE, "tests": TESTS}

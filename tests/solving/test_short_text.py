@@ -63,7 +63,8 @@ def test_where_no_error_of_the_mesh_is_known_the_report_says_what_to_write() -> 
     m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
     result = rcp.solve(m)
     assert str(result).splitlines()[0].endswith("mesh error not known: result.report() says why")
-    assert "state it in an ode: {b.v: b.rate[t]}, with b.rate = rcp.Algebraic()" in result.report()
+    assert "Without explicit equation: v." in result.report()
+    assert "state it in an ode: {b.v: b.rate[t]}, with b.rate = rcp.Algebraic()" in str(b.trajectory().verify())
 
 
 def test_pairs_are_counted_and_certified_in_a_second_line() -> None:
