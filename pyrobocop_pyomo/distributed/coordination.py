@@ -228,7 +228,8 @@ class Coordination:
             if name not in values:
                 raise TeamError(
                     f"agent '{name}' found no point in its first round ({self._failed.get(name, 'no report')}). Check "
-                    "its model alone: build it and call rcp.solve, or rcp.diagnose."
+                    "its model alone: build it and call rcp.solve, or rcp.diagnose. If rcp.solve succeeds by other "
+                    "starts or rounds, which agents do not make, let the builder initialize its phases with that plan."
                 )
 
     def end_round(

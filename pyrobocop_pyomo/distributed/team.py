@@ -144,7 +144,10 @@ class Team:
             if names.count(name) > 1:
                 raise TeamError(f"{names.count(name)} agents have the name '{name}'. Give each a name of its own.")
         if not self.shared:
-            raise TeamError("the agents of a team share something: give shared=[Shared(...)].")
+            raise TeamError(
+                "the agents of a team share something: give shared=[Shared(...)]. Robots that only keep out of each "
+                "other's way need no team: give each a phase of one model, and the model an ObstacleAvoidanceBlock."
+            )
         if self.hub is None and any(shared.of_one_robot for shared in self.shared):
             raise TeamError("what is named with {robot} is shared with a hub; this team has none. Give hub=Agent(...).")
         if self.graph is not None:

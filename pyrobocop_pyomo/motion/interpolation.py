@@ -183,6 +183,7 @@ class PhaseStates:
 
     def __init__(self, phase: Any) -> None:
         self.phase = phase
+        self._phases = [phase]  # and others at the same times, whose states were read
 
     @property
     def grid(self) -> Grid:
@@ -191,8 +192,9 @@ class PhaseStates:
 
     @property
     def owner(self) -> str:
-        """The phase."""
-        return f"of phase '{self.phase.name}'"
+        """The phases."""
+        names = ", ".join(f"'{phase.name}'" for phase in self._phases)
+        return f"of phase{'s' if len(self._phases) > 1 else ''} {names}"
 
     def _home_of(self, signal: Signal) -> Any:
         """The phase that a signal is a state of; this one unless it is read from another."""
@@ -216,6 +218,8 @@ class PhaseStates:
         refuse_other_times(self.phase, home)
         if name is None:
             raise ObstacleError(f"'{signal.name}' is no state of phase '{home.name}'. {STATES_ONLY}")
+        if not any(home is phase for phase in self._phases):
+            self._phases.append(home)
 
     def joins_lines(self, signal: Signal) -> bool:
         """True for parameters."""

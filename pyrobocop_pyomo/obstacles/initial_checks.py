@@ -94,8 +94,8 @@ def check_fixed_poses(snapshot: Snapshot, clearance_at: Callable[[tuple[str, str
                 else:
                     distance_text, remedy = f"{-available:.6g} into each other", "Move"
                 raise ObstacleError(
-                    f"{snapshot.what}: '{first.name}' and '{second.name}' are {distance_text} at {time}, where both "
-                    f"poses are fixed, but the clearance is {asked:g}. {remedy} the fixed pose."
+                    f"{snapshot.what}: '{first.name}' and '{second.name}' are {distance_text} at t = {time}, where "
+                    f"both poses are fixed, but the clearance is {asked:g}. {remedy} the fixed pose."
                 )
 
 
@@ -212,7 +212,7 @@ def check_fixed_inside(region: Any, tolerance: float) -> None:
     if worst is not None and beyond[worst] > tolerance:
         time, side = worst
         raise ObstacleError(
-            f"containment '{region.name}': at {time}, where the pose is fixed, the body is {beyond[worst]:.6g} "
+            f"containment '{region.name}': at t = {time}, where the pose is fixed, the body is {beyond[worst]:.6g} "
             f"beyond side {side + 1} of the region, with the clearance of {value(region.clearance):g}. Move the fixed "
             "pose, or ask for a larger region."
         )
@@ -225,7 +225,7 @@ def _check_fixed_in_union(region: Any, fixed: set[Hashable], tolerance: float) -
         if len(rooms) and max(rooms) < asked - tolerance:
             nearest = int(np.argmax(rooms))
             raise ObstacleError(
-                f"containment '{region.name}': at {time}, where the pose is fixed, the body is inside none of the "
+                f"containment '{region.name}': at t = {time}, where the pose is fixed, the body is inside none of the "
                 f"{len(record.regions)} regions: region {nearest + 1} lacks {asked - max(rooms):.6g}, with the "
                 f"clearance of {asked:g}. Move the fixed pose, or add a region."
             )

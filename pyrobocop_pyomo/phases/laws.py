@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
+from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.modeling.keywords import check_keywords
+
 from .declarations import call_site
+
+_OTHER_WORDS = {"mu": "coefficient", "friction": "coefficient", "velocity": "slip", "speed": "slip", "distance": "gap"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,6 +27,12 @@ class Law(ABC):
     """
 
     declared_at: str = field(default_factory=call_site, repr=False, compare=False)
+
+    def __new__(cls, *_: Any, **given: Any) -> Any:
+        """Refuse a keyword that the law has not, with the one that may be meant."""
+        known = [each.name for each in fields(cls) if each.repr]
+        check_keywords(cls.__name__, given.keys() - {"declared_at"}, known, DeclarationError, _OTHER_WORDS)
+        return super().__new__(cls)
 
     @abstractmethod
     def state(self, phase: Any, name: str) -> None:

@@ -51,6 +51,8 @@ from .verification import Verification, verify
 # What other packages call a part of a phase -> what it is called here.
 _OTHER_WORDS = {
     **dict.fromkeys(("T", "tf", "horizon", "length"), "duration"),
+    **dict.fromkeys(("final", "end", "t_f", "tN"), "final_time"),
+    **dict.fromkeys(("initial", "t0", "t_0", "start_time"), "initial_time"),
     **dict.fromkeys(("plot", "results", "solution", "values"), "trajectory"),
     **dict.fromkeys(("initialise", "set_initial_guess", "set_initial", "guess", "initial_guess"), "initialize"),
     **dict.fromkeys(("dynamics", "equation", "equations", "set_der", "rhs", "odes"), "ode"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from pyomo.core.base.expression import IndexedExpression
@@ -14,6 +15,8 @@ from pyrobocop_pyomo.presentation import as_html, one_line, sparkline
 from pyrobocop_pyomo.rules.rule_template import Reading, TimeTemplate
 
 from .delays import delayed_value, value_at_time
+
+_ROUNDING = 1e-12
 
 
 class NoSuchTime(KeyError):
@@ -41,7 +44,12 @@ class _OverTime:
         try:
             return super()._validate_index(idx)  # type: ignore[misc]
         except KeyError:
-            raise NoSuchTime(self, point_of(idx)) from None
+            index = point_of(idx)
+            for time in self if isinstance(index, (int, float)) else ():
+                # Eight elements of a tenth may end beside 0.8.
+                if isinstance(time, float) and math.isclose(time, index, rel_tol=_ROUNDING):
+                    return time
+            raise NoSuchTime(self, index) from None
 
     def __getitem__(self: Any, index: Any) -> Any:
         if index.__class__ is TimeTemplate:

@@ -24,7 +24,7 @@ MOST_ROWS = 20_000
 MOST_ROUNDS = 40
 # Rows times rounds, about three seconds; linear rows need three rounds at most. Time itself depends on what else runs.
 MOST_WORK, LEAST_ROUNDS = 40_000, 3
-MOST_SECONDS = 30.0
+MOST_SECONDS = 120.0
 # A step that is predicted to take away a smaller share than this, per unit of its radius, is none.
 STATIONARY = 1e-3
 # A step is taken where it takes away at least this share of what is predicted.

@@ -75,7 +75,7 @@ def _first_line(result: Any) -> str:
             exact.append(_mesh(mesh))
     # The objective of a point that is no solution says nothing.
     objective = "" if result.quality is Quality.INFEASIBLE else f"objective {result.objective:.6g}, "
-    done = f"{objective}{iterations}, {result.seconds:.2g} s"
+    done = f"{objective}{iterations}, {format(result.seconds, '.2g' if result.seconds < 10 else '.0f')} s"
     return f"{result.name}: {_verdict(result)}. {'; '.join((done, ', '.join(exact))) if exact else done}"
 
 
@@ -86,7 +86,7 @@ def _mesh(mesh: Any) -> str:
         return f"mesh error {percent(error)} {elements}"
     if (error := mesh.motion_error) is not None:
         return f"mesh error of the motion {percent(error)} {elements}, of the objective not known"
-    return "mesh error not known"
+    return "mesh error not known: result.report() says why"
 
 
 def _verdict(result: Any) -> str:

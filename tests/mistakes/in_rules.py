@@ -212,6 +212,18 @@ def a_value_of_a_while_ago(m: Any, followed: bool) -> None:
     b.ode(lambda b, t: {b.x: b.w.delayed(t, 0.3) if followed else b.v[t - 0.3], b.v: b.u[t], b.w: b.u[t]}, name="o")
 
 
+@refused("CoulombFriction has no keyword 'mu'", "Did you mean 'coefficient'?")
+def the_coefficient_of_friction_by_its_letter(m: Any, followed: bool) -> None:
+    b = cart(m)
+    b.floor = rcp.mechanics.CoulombFriction(b.v, normal=9.81, **{"coefficient" if followed else "mu": 0.3})
+
+
+@refused("phase 'p' has no 'final'", "Did you mean 'final_time'?")
+def the_end_of_a_phase_by_another_name(m: Any, followed: bool) -> None:
+    b = cart(m, final=None)
+    m.c = pyo.Constraint(expr=b.x[b.final_time if followed else b.final] >= 1)
+
+
 @refused("phase 'p' has no 'T'", "Did you mean 'duration'?")
 def the_duration_by_another_name(m: Any, followed: bool) -> None:
     b = cart(m, duration=rcp.Duration(bounds=(1, 3)))

@@ -96,12 +96,12 @@ def test_fixed_poses_that_are_too_close_are_named_with_the_room_there_is():
     m = turning_move(elements=2)
     avoid = avoiding(m, obstacles={"post": rcp.Polytope.box(1, 1, center=(-1, 0))}, clearance={("post", "arrow"): 0.3})
     with pytest.raises(
-        rcp.errors.ObstacleError, match=r"'arrow' and 'post' are only 0\.2 apart at 0\.0.*clearance is 0\.3.*0\.2"
+        rcp.errors.ObstacleError, match=r"'arrow' and 'post' are only 0\.2 apart at t = 0\.0.*clearance is 0\.3.*0\.2"
     ):
         avoid.initialize()
     inside = turning_move(elements=2)
     avoid = avoiding(inside, obstacles={"post": rcp.Polytope.box(1, 1, center=(4, 0))})
-    with pytest.raises(rcp.errors.ObstacleError, match=r"'arrow' and 'post' are .* into each other at 1\.0"):
+    with pytest.raises(rcp.errors.ObstacleError, match=r"'arrow' and 'post' are .* into each other at t = 1\.0"):
         avoid.initialize()
 
 

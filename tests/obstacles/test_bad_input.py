@@ -250,7 +250,7 @@ REFUSED = [
     Entry(
         "slot at the goal that is too narrow for the clearance",
         lambda: guessed(placed, obstacles=SLOT, clearance=0.3),
-        ["'arrow' and 'above'", "at 1.0", "poses are fixed", "clearance is 0.3", "Ask for less than 0.1"],
+        ["'arrow' and 'above'", "at t = 1.0", "poses are fixed", "clearance is 0.3", "Ask for less than 0.1"],
     ),
     Entry(
         "slot that is too narrow, in a solve",
@@ -260,12 +260,12 @@ REFUSED = [
     Entry(
         "goal inside an obstacle",
         lambda: solved(obstacles={"post": Polytope.box(1, 1, center=(4, 0))}),
-        ["'arrow' and 'post'", "into each other at 1.0", "clearance is 0.05", "Move the fixed pose"],
+        ["'arrow' and 'post'", "into each other at t = 1.0", "clearance is 0.05", "Move the fixed pose"],
     ),
     Entry(
         "two moving bodies that start on each other",
         lambda: solved(bodies={name: rcp.Body(ARROW, pose=placed) for name in ("arrow", "twin")}),
-        ["'arrow' and 'twin'", "into each other at 0.0"],
+        ["'arrow' and 'twin'", "into each other at t = 0.0"],
     ),
 ]
 

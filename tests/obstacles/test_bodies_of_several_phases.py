@@ -71,6 +71,7 @@ def test_two_robots_that_change_places_pass_each_other() -> None:
 def test_a_pose_may_read_both_phases() -> None:
     m = two_robots()
     keep_apart(m, one=one, middle=lambda m, t: rcp.planar_pose(0.5 * m.one.x[t] + 0.5 * m.two.x[t], 3 + m.two.y[t]))
+    assert "the states of phases 'one', 'two' (radau(2))" in m.avoid.verify().motion
     assert m.avoid.verify().worst.proven > 2.4  # of the plan: its controls are no solution yet
 
 

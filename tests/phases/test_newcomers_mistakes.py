@@ -42,6 +42,18 @@ def test_a_time_without_a_value_is_answered_by_the_nearest_and_by_what_gives_one
     b.u.at(time)  # what the message says
 
 
+def test_a_boundary_is_found_by_its_number_whatever_its_rounding():
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(duration=2.4, elements=24)
+    b.x, b.v = rcp.State(), rcp.State(index=2)
+    for number in range(25):
+        time = number / 10  # the boundary at 0.8 is 0.7999999999999999
+        assert b.x[time].index() in b.time
+        assert abs(b.v[1, time].index() - time) < 1e-12
+    with pytest.raises(KeyError, match="no value of its own"):
+        b.x[0.8 + 1e-9]
+
+
 def test_an_integral_of_a_variable_is_answered_by_the_rule_to_write():
     m = pyo.ConcreteModel()
     b = cart(m)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from typing import Any
@@ -45,6 +46,25 @@ def test_success_is_one_line_with_the_errors_of_equations_and_mesh() -> None:
     assert "equations to " in line
     assert "mesh error " in line
     assert "on 10 elements" in line
+
+
+@pytest.mark.parametrize(("seconds", "said"), [(0.234, "0.23 s"), (9.96, "10 s"), (123.4, "123 s")])
+def test_seconds_are_written_without_an_exponent(seconds: float, said: str) -> None:
+    assert f", {said}" in str(dataclasses.replace(rcp.solve(cart()), seconds=seconds))
+
+
+def test_where_no_error_of_the_mesh_is_known_the_report_says_what_to_write() -> None:
+    m = pyo.ConcreteModel(name="rub")
+    m.p = b = rcp.PhaseBlock(duration=1.0, elements=4, scheme="implicit_euler")
+    b.x, b.v, b.u = rcp.State(initial=0, final=0.1), rcp.State(initial=0), rcp.Control(bounds=(-5, 5))
+    b.floor = rcp.mechanics.CoulombFriction(b.v, normal=1.0, coefficient=0.3)
+    b.ode(lambda b, t: {b.x: b.v[t]})
+    b.residual(lambda b, t: 2 * b.derivative(b.v)[t] == b.u[t] + b.floor[t])
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
+    result = rcp.solve(m)
+    assert str(result).splitlines()[0].endswith("mesh error not known: result.report() says why")
+    assert "Without explicit equation: v." in result.report()
+    assert "state it in an ode: {b.v: b.rate[t]}, with b.rate = rcp.Algebraic()" in str(b.trajectory().verify())
 
 
 def test_pairs_are_counted_and_certified_in_a_second_line() -> None:
