@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
+from inspect import signature
 from typing import Any
 
 from pyrobocop_pyomo.errors import DeclarationError
@@ -30,7 +31,7 @@ class Law(ABC):
 
     def __new__(cls, *_: Any, **given: Any) -> Any:
         """Refuse a keyword that the law has not, with the one that may be meant."""
-        known = [each.name for each in fields(cls) if each.repr]
+        known = [name for name in signature(cls.__init__).parameters if name not in ("self", "declared_at")]
         check_keywords(cls.__name__, given.keys() - {"declared_at"}, known, DeclarationError, _OTHER_WORDS)
         return super().__new__(cls)
 

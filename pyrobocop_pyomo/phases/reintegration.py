@@ -216,8 +216,8 @@ def _flows(
         implicit = sorted(set(names) - set(record.equation_of))
         raise TrajectoryError(
             f"re-integration needs explicit equations; implicit are those of {', '.join(implicit)}, and the residual "
-            "equations determine neither all algebraics nor the derivatives alone. Declare an Algebraic for each of these "
-            f"derivatives, and state it in an ode: {{b.{implicit[0]}: b.rate[t]}}, with b.rate = rcp.Algebraic()."
+            "equations determine neither all algebraics nor the derivatives alone. Declare an Algebraic for each of "
+            f"these derivatives, and state it in an ode: {{b.{implicit[0]}: b.rate[t]}}, with b.rate = rcp.Algebraic()."
         )
     indices = indices_of(record, trajectory.grid)
     fractions = instants_to_look_at(block, record, trajectory, indices, record.statements_of("ode"))
