@@ -80,7 +80,6 @@ class BestFirstSearch:
         size = np.array([self.limits[0][1] - self.limits[0][0], self.limits[1][1] - self.limits[1][0]])
         self.cells = np.floor(size / self.primitives.cell).astype(int) + 1
         self.close = 1e-9 * float(size.max())
-        self.first_turn = math.floor(float(self.root[2]) / (2.0 * math.pi))
         self._add_node(tuple(self.root.tolist()), 0.0, -1, len(self.primitives.lengths), 0.0)
 
     def run(self, max_expansions: int, deadline: Deadline) -> SearchEnd:
@@ -162,9 +161,8 @@ class BestFirstSearch:
         whole, turn = np.divmod(turn, self.primitives.headings)
         cell = (place[..., 0] * self.cells[1] + place[..., 1]) * self.primitives.headings + turn
         if self.primitives.whole_turns:
-            cell = cell * (2 * MOST_WHOLE_TURNS + 1) + np.clip(
-                whole - self.first_turn, -MOST_WHOLE_TURNS, MOST_WHOLE_TURNS
-            )
+            whole = whole - math.floor(self.root[2] / (2.0 * math.pi))
+            cell = cell * (2 * MOST_WHOLE_TURNS + 1) + np.clip(whole, -MOST_WHOLE_TURNS, MOST_WHOLE_TURNS)
         if ends.shape[-1] > 3:
             cell = cell * TRAILER_ANGLES + np.rint(ends[..., 3] * (TRAILER_ANGLES / (2.0 * np.pi))).astype(int)
         return np.asarray(2 * cell + (self.primitives.lengths > 0))

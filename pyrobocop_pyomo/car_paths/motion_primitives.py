@@ -179,19 +179,18 @@ class MotionPrimitives:
         if self.trailer is not None:
             x, y, turn = relative_pose(poses, target).T
             length = np.hypot(x, y) / np.sinc(turn / (2.0 * np.pi))
-            exists = (np.abs(turn) < MOST_TURNED) & (np.abs(x) > np.abs(y)) & self._leads_to(poses, turn, target)
+            exists = (np.abs(turn) < MOST_TURNED) & (np.abs(x) > np.abs(y))
+            if self.whole_turns:
+                exists &= _lead_to(poses, turn, target)
             signs = np.array([1.0, -1.0])[:, None]
             lengths = np.repeat((signs * length)[..., None] / 5.0, 5, axis=-1)
             return np.where(exists & (signs * x > 0.0), length, np.inf), lengths, np.zeros((2, 5))
         all_turns, all_lengths, all_exist = zip(*self._unit_paths(poses, target), strict=True)
         lengths, turns, exists = self.turning_radius * np.array(all_lengths), np.array(all_turns), np.array(all_exist)
         costs = np.abs(lengths).sum(axis=2) + self.cusp_cost * count_cusps(lengths)
-        turned = (lengths * turns[:, None]).sum(axis=2) / self.turning_radius
-        return np.where(exists & self._leads_to(poses, turned, target), costs, np.inf), lengths, turns
-
-    def _leads_to(self, poses: Array, turned: Array, target: Array) -> BoolArray:
-        """Whether turns lead to the heading of the target, or, where whole turns do not count, to one like it."""
-        return np.asarray((np.abs(poses[..., 2] + turned - target[..., 2]) < 1.0) | (not self.whole_turns))
+        if self.whole_turns:
+            exists &= _lead_to(poses, (lengths * turns[:, None]).sum(axis=2) / self.turning_radius, target)
+        return np.where(exists, costs, np.inf), lengths, turns
 
     def reeds_shepp_cost(self, poses: Array, target: Array) -> Array:
         """Cost of the cheapest Reeds-Shepp path, ``(n,)``; for many poses."""
@@ -296,6 +295,11 @@ class MotionPrimitives:
         arcs[filled] = np.repeat((lengths / np.maximum(counts, 1)).ravel(), counts.ravel())
         curvatures[filled] = np.repeat((turns / self.turning_radius).ravel(), counts.ravel())
         return arcs, curvatures
+
+
+def _lead_to(poses: Array, turned: Array, target: Array) -> BoolArray:
+    """Whether turns lead to the heading of a target, its whole turns included."""
+    return np.asarray(np.abs(poses[..., 2] + turned - target[..., 2]) < 1.0)
 
 
 def count_cusps(lengths: Array) -> Array:

@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 LARGEST_SHARE = 0.12
 
 PACKAGE = {
-    ".": 590, "car_paths": 1784, "complementarity": 3005, "continuous": 2397, "diagnosis": 1431, "discretisation":
+    ".": 590, "car_paths": 1785, "complementarity": 3005, "continuous": 2397, "diagnosis": 1431, "discretisation":
     1179, "distributed": 2263, "estimation": 1633, "execution": 1161, "files": 830, "geometry": 1667, "ipopt": 1795,
     "linear_solver": 2026, "links": 456, "mechanics": 2253, "modeling": 2847, "motion": 2752, "mpcc": 1326,
     "native": 157, "numerics": 1985, "obstacles": 4167, "phases": 6928, "planning": 2474, "plotting": 866,
