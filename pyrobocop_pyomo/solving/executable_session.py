@@ -93,6 +93,12 @@ _STATUS_OF_MESSAGE = {
 _ARRIVED = ("dual", "ipopt_zL_out", "ipopt_zU_out")
 
 
+class _PatientIpopt(Ipopt):
+    """Pyomo's interface, which raises where ``ipopt --version`` has not answered within two seconds."""
+
+    _version_timeout = 60
+
+
 class ExecutableSession:
     """See `Session`; parameters as for `InProcessSession`, without a choice of derivatives."""
 
@@ -105,7 +111,7 @@ class ExecutableSession:
         if path is None:
             raise SolverNotFoundError(NO_IPOPT)
         self.solver = f"{ipopt_executable_version(path) or 'Ipopt'} ({path})"
-        self._ipopt = Ipopt(executable=path)
+        self._ipopt = _PatientIpopt(executable=path)
         model = self._model = relaxed.model
         refuse_function_calls(model)
         self._relaxed, self._output = relaxed, list(output)

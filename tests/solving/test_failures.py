@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import pathlib
 import subprocess
 import sys
 import textwrap
@@ -20,6 +21,7 @@ from test_robust_procedure import LOOSE, RANK, Broken, without_derivative
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import HomotopyStalled
+from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable
 
 solve = partial(rcp.solve, progress=False)
 
@@ -97,6 +99,18 @@ def test_the_tolerance_is_the_users_on_the_executables_path(name: str, monkeypat
     result = solve(mpcc_problem(name).build(), strategies="barrier", backend="executable", options={"tol": 1e-9})
     assert {options["tol"] for options in seen} == {1e-9}
     assert {step.options["tol"] for step in result.steps if step.status is not None} == {1e-9}
+
+
+@pytest.mark.executable
+def test_an_executable_may_take_its_time_to_say_its_version(
+    tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pyomo waits for two seconds, which a machine under load needs to load the libraries of Ipopt."""
+    slow = tmp_path / "ipopt"
+    slow.write_text(f'#!/bin/sh\n[ "$1" = --version ] && sleep 3\nexec {find_ipopt_executable()} "$@"\n')
+    slow.chmod(0o755)
+    monkeypatch.setenv("PYROBOCOP_IPOPT_EXECUTABLE", str(slow))
+    assert solve(mpcc_problem("bard1").build(), strategies="barrier", backend="executable").solved
 
 
 def weighted() -> pyo.ConcreteModel:
