@@ -64,7 +64,7 @@ Jha & Romeres, ICRA 2022, doi:10.1109/ICRA46639.2022.9812069), as far as they ar
 
 {markdown([title for title, _ in COLUMNS], cells_of(rows, COLUMNS), left=2)}
 
-The same lines compute objective, residual and re-integration error for all ways, from the states and controls alone.
+The same code computes objective, residual and re-integration error for all ways, from the states and controls alone.
 The residual is the largest violation of an equation, a bound or a boundary value. The re-integration error says how far
 the states are from the true motion under these controls: it is the error of implicit Euler, grows along a motion that
 is unstable, and is the same for all ways that find the same optimum. CPU seconds are from nothing to the answer; for

@@ -188,8 +188,8 @@ team, the physical score of the plan.
 
 * The published objective of the car beside one obstacle belongs to a motion on 50 elements that comes closer to the
   obstacle than the task allows: slightly at the points, and by a quarter between them. Here the mesh is refined until
-  the motion of the equations keeps clear as well. On these elements the same motion costs more: implicit Euler costs
-  less on few elements.
+  the motion of the equations keeps clear as well. On these elements the same motion costs more: implicit Euler is
+  cheaper on few elements.
 * The published objective of the slot belongs to a motion that comes within 4 mm of the squares, where 2 cm are
   required.
 """

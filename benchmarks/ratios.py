@@ -5,7 +5,7 @@
 All ways state the same collocation at Radau points, with the same initial guess (``cart_pole_ways.py``,
 ``cart_pole_fatrop.py``). Seconds are CPU seconds of this process and of the processes that it starts. Columns in
 milliseconds are of one iteration: "linear algebra" is all of Ipopt's linear systems, "evaluation" the functions,
-"rest" all other work of the solver. For fatrop, whose clock for linear systems is no CPU clock, "rest" contains them.
+"rest" all other work of the solver. fatrop does not measure the CPU time of linear systems: there "rest" contains them.
 "around" is everything outside the solver, in all iterations together: stating, transforming, handing over, checking.
 "ratio" is the total against the first row. "faster" marks ways that need less in total than this package.
 

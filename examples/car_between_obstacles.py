@@ -3,8 +3,8 @@
 The heading is measured from the y axis, clockwise: the car moves along (sin theta, cos theta), and its shape is turned
 by -theta. The term (theta - pi/3)^2 of the cost is kept as published, although the car has to arrive with a heading of
 pi/2. The published model keeps a hidden distance of 0.02, the square root of four of its tolerances; here it is
-requested, and holds between the points of the mesh as well. This costs half a percent where there is one obstacle: with
-the distance required at the points only, as published (``build(between=None)``), the car comes to 0.0155 between two.
+required between the points of the mesh as well, which costs half a percent with one obstacle. If it is required at the
+points only, as published (``build(between=None)``), the car comes as close as 0.0155 between two points.
 
 Raghunathan, Jha & Romeres, PYROBOCOP: Python-based Robotic Control & Optimization Package for Manipulation and
 Collision Avoidance, arXiv:2106.03220, sec. V

@@ -1,9 +1,9 @@
 """A car backs its trailer into a loading bay, or pulls it from one aisle of a warehouse into the next.
 
 The hitch is a metre behind the rear axle of a kinematic bicycle, and the wheels of the trailer do not slip either. So
-its angle to the car decays while the car drives ahead, and grows while it reverses: the car has to steer the wrong way
-first. It may not exceed 57 degrees. Car and trailer keep 10 cm from shelves and walls, also between the points of the
-mesh; duration and effort are penalised.
+the trailer's angle to the car decays while the car drives ahead, and grows while it reverses: the car has to steer the
+wrong way first. The angle may not exceed 57 degrees. Car and trailer keep 10 cm from shelves and walls, also between
+the points of the mesh; duration and effort are penalised.
 
 The initial guess is a straight line through the shelves. The solver recognises the trailer by its equations, and
 searches for a path by itself.

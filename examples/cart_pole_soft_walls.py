@@ -1,7 +1,7 @@
 """Keep a pole upright on a cart between two soft walls, which its tip may lean on.
 
 The motor is too weak to catch the pole by itself from where it falls: a wall has to push it back. A wall is a spring
-that acts only while it is pressed in; nothing tells the optimiser whether and when.
+that acts only while it is pressed in; the optimiser finds whether and when.
 
 ``linear`` is the published model, linear but for the walls. ``nonlinear`` is the same machine with its full equations:
 the tip is at ``x - l sin(theta)``, and the force on it moves the cart too.

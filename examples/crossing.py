@@ -1,8 +1,8 @@
 """Two cars meet at a crossing, both at the same moment: one has to give way.
 
-Nothing in the problem tells them apart. In the initial guess both drive straight on at constant speed and sit on top of
-each other in the middle of the crossing, and a solver that starts from there has no reason to prefer one: a seeded
-random direction chooses, once, the side on which they pass each other. The corners of the streets are endless wedges.
+The problem treats both alike. In the initial guess both drive straight on at constant speed and overlap in the middle
+of the crossing, and a solver that starts from there has no reason to prefer one side: a seeded random direction
+chooses, once, the side on which they pass each other. The corners of the streets are endless wedges.
 
 Both are points with a heading, a speed and a curvature, in one phase: the distance between two bodies is evaluated
 at the same time for both.

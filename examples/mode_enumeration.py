@@ -2,7 +2,7 @@
 
 A finger pushes at one face after the other without slipping; between two pushes it moves for free. It may push anywhere
 along a face, and each push may take any time: these are smooth choices, left to the optimiser. The faces and their
-order are not: all sequences of one or two different faces are solved and ranked, in several processes.
+order are discrete: all sequences of one or two different faces are solved and ranked, in several processes.
 
 The pushes are quasi-static; the pusher-slider is that of
 

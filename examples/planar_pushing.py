@@ -1,8 +1,8 @@
 """Push a square slider across a table with one finger that may stick or slip.
 
-The finger pushes the left face. Its force lies within the friction cone; while it lies strictly within, the finger
-sticks, and it slips along the face only at the edge of the cone: one complementarity pair per direction. Nothing
-tells the optimiser when to stick and when to slip.
+The finger pushes the left face. Its force lies within the friction cone. While the force is strictly inside, the finger
+sticks; the finger slips along the face only at the edge of the cone: one complementarity pair per direction. The
+optimiser finds when to stick and when to slip.
 
 Raghunathan, Jha & Romeres, PYROBOCOP: Python-based Robotic Control & Optimization Package for Manipulation,
 ICRA 2022, sec. V-C and fig. 2, doi:10.1109/ICRA46639.2022.9812069

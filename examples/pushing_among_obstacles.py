@@ -4,7 +4,7 @@ The slider and its contact are taken from `planar_pushing.py`. It must keep 2 cm
 on either side in the slot of the case ``slot``. In ``turned-slot`` the duration is minimised, and the slider arrives
 after three quarters of a turn, with the finger behind it. The squares of the publication stand 5 mm from its goal,
 closer than the required distance: here they stand further apart, so that the slider has 3.5 cm on either side at the
-goal. The publication also turns the shape the other way round than it turns the dynamics; here both turn by theta.
+goal. The publication also turns the shape opposite to the dynamics; here both turn by theta.
 
 Raghunathan, Jha & Romeres, PYROBOCOP: Python-based Robotic Control & Optimization Package for Manipulation and
 Collision Avoidance, arXiv:2106.03220, sec. V and fig. 5

@@ -1,7 +1,7 @@
-"""Stick and slip: a mass on a moving belt, with dry friction that holds it or drags it, but never more than so much.
+"""Stick and slip: a mass on a moving belt, with dry friction of limited strength that holds it or drags it.
 
 ``v' = u + F`` (or ``- k x + F``), where the force of friction pulls the mass towards the speed V of the belt with its
-full strength while they differ, and takes whatever value keeps them equal while the mass sticks.
+full strength while the speeds differ, and takes the value that keeps them equal while the mass sticks.
 
 ``ride`` puts the mass at rest onto the belt and asks where to let it ride: it has to stand still again 2.5 m further
 on, with as little effort of the actuator as possible. Riding is free; braking over a time tau against friction a
