@@ -278,9 +278,10 @@ def plan_scenes(seeds: Sequence[int]) -> None:
             continue
         seconds.append(time.process_time() - began)
         safe += plan.safe
+        last = max(move.departure for move in plan.moves)
         print(
             f"{seed:>4} {len(case):>3} vehicles {seconds[-1]:>6.1f} CPU s  {'safe' if plan.safe else 'NOT SAFE'} "
-            f"all there after {plan.duration:.1f} s, the last leaves after {plan.departures.max():.1f}; closest "
+            f"all there after {plan.duration:.1f} s, {len(plan.moves)} moves, the last after {last:.1f}; closest "
             f"{plan.safety.worst.proven:.4f}",
             flush=True,
         )

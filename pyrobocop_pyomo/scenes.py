@@ -37,7 +37,7 @@ from pyrobocop_pyomo.obstacles import (
     sampled_path,
     waypoint_initial_guess,
 )
-from pyrobocop_pyomo.planning import VehiclesPlan, plan_vehicles
+from pyrobocop_pyomo.planning import VehicleMove, VehiclesPlan, plan_vehicles
 from pyrobocop_pyomo.plotting import (
     AnimationFile,
     BodyPath,
@@ -67,6 +67,7 @@ __all__ = [
     "SignedDistance",
     "Trailer",
     "TurningPlane",
+    "VehicleMove",
     "VehiclesCase",
     "VehiclesPlan",
     "animate_avoidance",

@@ -4,6 +4,7 @@ While a vehicle drives, those before it in the order have driven or drive still,
 their starts. Its path keeps clear of the starts of these and of the goals of the others, so that it can drive at
 the latest when all before it have arrived. It leaves as soon as its motion keeps clear of theirs. Where no vehicle that
 is left finds a way, the last ones of the order are taken back, as few as possible, so that one of those goes first.
+Where vehicles are in each other's way so that no order helps, one of them moves aside before all others.
 
 Erdmann and Lozano-Pérez, On multiple moving objects, Algorithmica 2 (1987), doi:10.1007/BF01840371, for the order;
 Kant and Zucker, Toward efficient trajectory planning: the path-velocity decomposition, The International Journal of
@@ -30,7 +31,7 @@ from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.obstacles import parking_model, verify_motion
 from pyrobocop_pyomo.obstacles.parking_model import ROOM
-from pyrobocop_pyomo.optional_imports import scipy
+from pyrobocop_pyomo.optional_imports import networkx, scipy
 from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.trajectories import Trajectory
 
@@ -50,9 +51,43 @@ CELL, MOST_CELLS = 0.15, 600
 # them. Added in the choice of departures as well; more each time that a proof fails.
 SPARE = 0.02
 DOUBLINGS = 4
+# How many move aside at most, how far the places for that are apart, in lengths of a car, and how many are tried.
+MOST_ASIDE, ASIDE_STEP, ASIDE_TRIALS = 3, 0.5, 4
 _Planned = tuple[Trajectory, SafetyReport | None]
 # A vehicle, those that have arrived, the share of the clearance and the expansions.
 _Trial = tuple[int, frozenset[int], float, int]
+
+
+@dataclass(frozen=True, eq=False)
+class VehicleMove:
+    """What one vehicle drives without a stop.
+
+    Attributes
+    ----------
+    vehicle : int
+        Counted from 0, as everywhere here.
+    trajectory : Trajectory
+        ``x``, ``y``, ``theta``, ``v``, ``steering`` and the controls, from the moment it leaves.
+    report : SafetyReport or None
+        The obstacles, and the other vehicles where they stand; None where there is neither.
+    departure : float
+        When it leaves, in seconds; it has to have arrived from its move before.
+    """
+
+    vehicle: int
+    trajectory: Trajectory
+    report: SafetyReport | None
+    departure: float = 0.0
+
+    @property
+    def arrival(self) -> float:
+        """When it arrives, in seconds."""
+        return self.departure + self.trajectory.duration
+
+    def poses_at(self, times: Array) -> Array:
+        """x, y and heading ``(m, 3)`` at times; where it begins before, where it ends afterwards."""
+        found = self.trajectory(np.clip(times - self.departure, 0.0, self.trajectory.duration))
+        return np.column_stack([found["x"], found["y"], found["theta"]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,34 +97,25 @@ class VehiclesPlan(Presented):
     Attributes
     ----------
     case : VehiclesCase
-    order : list of int
-        In which they were planned; counted from 0, as everywhere here.
-    trajectories : list of Trajectory
-        Of each vehicle: ``x``, ``y``, ``theta``, ``v``, ``steering`` and the controls, from the moment it leaves.
-    departures : (n,) array
-        Seconds that each waits at its start.
-    reports : list of SafetyReport
-        Of each vehicle: the obstacles, and the other vehicles where they stand.
+    moves : list of VehicleMove
+        In the order in which they were planned. A vehicle that moves aside first has two.
     safety : SafetyReport
         Of the vehicles among each other, moving.
     """
 
     case: VehiclesCase
-    order: list[int]
-    trajectories: list[Trajectory]
-    departures: Array
-    reports: list[SafetyReport]
+    moves: list[VehicleMove]
     safety: SafetyReport
 
     @property
     def safe(self) -> bool:
         """Whether all distances are proven at all times."""
-        return self.safety.safe and all(report.safe for report in self.reports)
+        return self.safety.safe and all(move.report is None or move.report.safe for move in self.moves)
 
     @property
     def duration(self) -> float:
         """Until the last vehicle has arrived."""
-        return max(float(wait) + of.duration for wait, of in zip(self.departures, self.trajectories, strict=True))
+        return max(move.arrival for move in self.moves)
 
     def poses_at(self, times: Any) -> Array:
         """x, y and heading of every vehicle, ``(n, m, 3)``.
@@ -100,8 +126,8 @@ class VehiclesPlan(Presented):
             From 0; before its departure a vehicle is at its start, after its arrival at its goal.
         """
         times = np.asarray(times, dtype=float)
-        rows = zip(self.trajectories, self.departures.tolist(), strict=True)
-        return np.array([_poses(trajectory, times - wait) for trajectory, wait in rows])
+        moves = [[move for move in self.moves if move.vehicle == k] for k in range(len(self.case))]
+        return np.array([_poses(of_vehicle, times) for of_vehicle in moves])
 
     def __str__(self) -> str:
         worst = self.safety.worst
@@ -136,13 +162,41 @@ def plan_vehicles(
     Raises
     ------
     InitialGuessError
-        When no vehicle that is left finds a way while the others stand, in any order tried, or the time is over.
+        When no vehicle that is left finds a way while the others stand, in any order tried, also where some move
+        aside first; or the time is over.
     ObstacleError
         When vehicles overlap at their starts or at their goals.
     """
     car = ParkingCar() if car is None else car
-    deadline = Deadline.after(time_limit)
+    search, deadline = search or CarSearch(), Deadline.after(time_limit)
     _refuse_overlaps(case, car)
+    # Where each begins after those that move aside.
+    begun, aside = case, list[VehicleMove]()
+    while True:
+        moves, stuck = [], _in_a_ring(begun, car, clearance)
+        if not stuck:
+            moves, stuck = _in_turn(begun, car, clearance, search, deadline)
+        if not stuck:
+            return _timed(case, car, [*aside, *moves], clearance)
+        makes_room = _moves_aside(begun, car, stuck, clearance, search, deadline) if len(aside) < MOST_ASIDE else None
+        if makes_room is None:
+            raise InitialGuessError(
+                f"plan_vehicles: '{case.name}': of the vehicles {[k + 1 for k in stuck]} none finds a way to its goal "
+                f"while the others stand and {[move.vehicle + 1 for move in moves]} have arrived. Give more time, less "
+                "clearance, or starts and goals that leave a way."
+            )
+        move, place = makes_room
+        logger.info("'%s': vehicle %d moves aside, to %s", case.name, move.vehicle + 1, place)
+        aside.append(move)
+        starts = begun.starts.copy()
+        starts[move.vehicle] = place
+        begun = replace(begun, starts=starts)
+
+
+def _in_turn(
+    case: VehiclesCase, car: ParkingCar, clearance: float, search: CarSearch, deadline: Deadline
+) -> tuple[list[VehicleMove], list[int]]:
+    """One move of each, in an order in which each has a way, and those that have none in any order tried."""
     left = sorted(range(len(case)), key=lambda k: -float(np.hypot(*(case.goals[k] - case.starts[k])[:2])))
     order: list[int] = []
     found: dict[int, _Planned] = {}
@@ -150,22 +204,59 @@ def plan_vehicles(
     changes = 0
     while left:
         fewest = 0 if changes < len(case) else len(order)
-        step = _next(case, car, order, left, fewest, clearance, search or CarSearch(), deadline, in_vain)
+        step = _next(case, car, order, left, fewest, clearance, search, deadline, in_vain)
         if step is None:
-            raise InitialGuessError(
-                f"plan_vehicles: '{case.name}': of the vehicles {[k + 1 for k in left]} none finds a way to its goal "
-                f"while the others stand and {[k + 1 for k in order]} have arrived. Give more time, less clearance, or "
-                "starts and goals that leave a way."
-            )
+            break
         kept, vehicle, found[vehicle] = step
         if kept < len(order):
             changes += 1
             logger.info("'%s': vehicle %d goes before %s", case.name, vehicle + 1, [k + 1 for k in order[kept:]])
         left = order[kept:] + [k for k in left if k != vehicle]
         order = [*order[:kept], vehicle]
-    trajectories = [found[k][0] for k in range(len(case))]
-    reports = [report for k in range(len(case)) if (report := found[k][1]) is not None]
-    return _timed(case, car, order, trajectories, reports, clearance)
+    return [VehicleMove(k, *found[k]) for k in order], left
+
+
+def _in_a_ring(case: VehiclesCase, car: ParkingCar, clearance: float) -> list[int]:
+    """Vehicles of which each has to leave before the next one arrives; none where there is an order."""
+    space = FreeSpace.around(car.shape, [], 0.0, 1.0)
+    goal, start = (~np.eye(len(case), dtype=bool)).nonzero()
+    taken = space.gaps_of_two(case.goals[goal], case.starts[start]) < LESS * clearance
+    leaves_before = networkx.DiGraph(zip(start[taken].tolist(), goal[taken].tolist(), strict=True))
+    ring = next(networkx.simple_cycles(leaves_before), [])
+    return sorted(ring)
+
+
+def _moves_aside(
+    case: VehiclesCase, car: ParkingCar, stuck: Sequence[int], clearance: float, search: CarSearch, deadline: Deadline
+) -> tuple[VehicleMove, Array] | None:
+    """The move of one of those that are stuck to a place where it is in nobody's way, and that place."""
+    parts = [part for shapes in case.obstacles.values() for part in shapes]
+    scene = float(np.abs([case.starts, case.goals]).max())
+    space = FreeSpace.around(car.shape, parts, clearance + SPARE, scene)
+    length = float(np.ptp(car.shape.vertices[:, 0]))
+    reach = np.arange(-4.0, 4.0 + ASIDE_STEP, ASIDE_STEP) * length
+    for vehicle in stuck:
+        start, others = case.starts[vehicle], [k for k in range(len(case)) if k != vehicle]
+        taken = np.concatenate([case.starts[others], case.goals])
+        offsets = np.stack(np.meshgrid(reach, reach, 0.25 * math.pi * np.arange(-3, 5)), axis=-1).reshape(-1, 3)
+        places = start + offsets[np.hypot(offsets[:, 0], offsets[:, 1]).argsort(kind="stable")]
+        gaps = space.gaps_of_two(np.repeat(places, len(taken), 0), np.tile(taken, (len(places), 1)))
+        apart = gaps.reshape(len(places), -1).min(axis=1) >= 2.0 * (clearance + SPARE)
+        trials = ASIDE_TRIALS
+        for place in places[apart & space.are_free(places)]:
+            if not trials or deadline.has_passed:
+                break
+            if not _discs_have_ways(case, car, place[None], others):
+                continue
+            trials -= 1
+            goals = case.goals.copy()
+            goals[vehicle] = place
+            to_place = replace(case, goals=goals)
+            planned = _alone(to_place, car, vehicle, [], range(len(case)), clearance, search, deadline.left)
+            if planned is not None:
+                move = VehicleMove(vehicle, *planned)
+                return move, move.poses_at(np.array([np.inf]))[0]
+    return None
 
 
 def _refuse_overlaps(case: VehiclesCase, car: ParkingCar) -> None:
@@ -266,21 +357,22 @@ def _alone(
     return (model.drive.trajectory(), result.safety) if result.safe and result.safety is not None else None
 
 
-def _timed(
-    case: VehiclesCase, car: ParkingCar, order: list[int], trajectories: list[Trajectory],
-    reports: list[SafetyReport], clearance: float,
-) -> VehiclesPlan:  # fmt: skip
+def _timed(case: VehiclesCase, car: ParkingCar, moves: list[VehicleMove], clearance: float) -> VehiclesPlan:
     """Departures in the given order, so that all distances are proven."""
     space = FreeSpace.around(car.shape, [], 0.0, 1.0)
+    reports = [move.report for move in moves if move.report is not None]
     least = min((pair.clearance for report in reports for pair in report.body_pairs), default=clearance + SPARE)
     asked = clearance if least >= clearance + SPARE else 0.6 * least
-    off = np.array([_chord_deviation(trajectory, space.corners_reach) for trajectory in trajectories])
-    if reports:
-        off += [max((pair.deviation for pair in report.body_pairs), default=0.0) for report in reports]
+    off = np.zeros(len(case))
+    for move in moves:
+        deviates = max((pair.deviation for pair in move.report.body_pairs), default=0.0) if move.report else 0.0
+        deviates += _chord_deviation(move.trajectory, space.corners_reach)
+        off[move.vehicle] = max(off[move.vehicle], deviates)
     spare = SPARE
     while True:
-        departures = _departures(space, order, trajectories, asked + 2.0 * float(off.max()) + spare)
-        plan = VehiclesPlan(case, order, trajectories, departures, reports, SafetyReport((), True))
+        plan = VehiclesPlan(
+            case, _departures(space, moves, asked + 2.0 * float(off.max()) + spare), SafetyReport((), True)
+        )
         times = np.arange(0.0, plan.duration + 2.0 * STEP, STEP)
         names = [f"vehicle {k + 1}" for k in range(len(case))]
         rows = dict(zip(names, plan.poses_at(times), strict=True))
@@ -301,12 +393,15 @@ def _timed(
         )
         spare *= 2.0
         if safety.safe or spare > SPARE * 2.0**DOUBLINGS:
-            return VehiclesPlan(case, order, trajectories, departures, reports, safety)
+            return replace(plan, safety=safety)
 
 
-def _poses(trajectory: Trajectory, times: Array) -> Array:
-    found = trajectory(np.clip(times, 0.0, trajectory.duration))
-    return np.column_stack([found["x"], found["y"], found["theta"]])
+def _poses(moves: Sequence[VehicleMove], times: Array) -> Array:
+    """Poses of one vehicle: those of the last move that has begun."""
+    poses = moves[0].poses_at(times)
+    for move in moves[1:]:
+        poses = np.where((times < move.departure)[:, None], poses, move.poses_at(times))
+    return poses
 
 
 def _chord_deviation(trajectory: Trajectory, reach: float) -> float:
@@ -330,21 +425,22 @@ def _chord_deviation(trajectory: Trajectory, reach: float) -> float:
     return math.hypot(bounds["x"], bounds["y"]) + reach * bounds["theta"]
 
 
-def _departures(space: FreeSpace, order: Sequence[int], trajectories: Sequence[Trajectory], clearance: float) -> Array:
-    """The earliest time at which each can leave, those before it in the order being settled."""
-    departures = np.zeros(len(order))
+def _departures(space: FreeSpace, moves: Sequence[VehicleMove], clearance: float) -> list[VehicleMove]:
+    """Each leaves at the earliest time that is possible, those before it in the order being settled."""
+    settled: list[VehicleMove] = []
     last = 0.0
-    for number, vehicle in enumerate(order):
-        own = trajectories[vehicle]
-        times = np.arange(0.0, last + own.duration + 2.0 * STEP, STEP)
-        before = np.array([_poses(trajectories[k], times - departures[k]) for k in order[:number]])
-        mine = _poses(own, np.arange(0.0, own.duration + STEP, STEP))
-        wait, latest = 0, math.ceil(last / STEP)
-        while wait < latest and not _keeps_clear(space, mine, wait, before, clearance):
+    for own in moves:
+        times = np.arange(0.0, last + own.trajectory.duration + 2.0 * STEP, STEP)
+        others = dict.fromkeys(move.vehicle for move in settled if move.vehicle != own.vehicle)
+        before = np.array([_poses([move for move in settled if move.vehicle == k], times) for k in others])
+        mine = replace(own, departure=0.0).poses_at(np.arange(0.0, own.trajectory.duration + STEP, STEP))
+        arrived = max((move.arrival for move in settled if move.vehicle == own.vehicle), default=0.0)
+        wait, latest = math.ceil(arrived / STEP), math.ceil(last / STEP)
+        while wait < latest and len(before) and not _keeps_clear(space, mine, wait, before, clearance):
             wait += 2
-        departures[vehicle] = wait * STEP
-        last = max(last, departures[vehicle] + own.duration)
-    return departures
+        settled.append(replace(own, departure=wait * STEP))
+        last = max(last, settled[-1].arrival)
+    return settled
 
 
 def _keeps_clear(space: FreeSpace, mine: Array, wait: int, before: Array, clearance: float) -> bool:

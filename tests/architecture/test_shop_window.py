@@ -40,7 +40,7 @@ PUBLIC = {
     "scenes": """
         AnimationFile BodyPath CarPath CarSearch CarTiming DescribedRobot Dual Formulation Mixed Offset
         Optimality ParkingCar ParkingCase Plane Pose SignedDistance Trailer TurningPlane
-        VehiclesCase VehiclesPlan animate_avoidance animate_scene
+        VehicleMove VehiclesCase VehiclesPlan animate_avoidance animate_scene
         cover_occupancy_grid cover_point_cloud decompose draw_avoidance draw_linkage draw_planar_pushing
         draw_scene from_urdf hybrid_a_star parking_model plan_vehicles sampled_path signed_distance
         waypoint_initial_guess

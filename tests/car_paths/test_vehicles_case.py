@@ -60,11 +60,18 @@ def test_what_is_no_case_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.casadi
 @pytest.mark.slow
-def test_vehicles_that_change_places_keep_apart() -> None:
-    """One in the way of the other: the order and the departures follow from that."""
+@pytest.mark.parametrize("exactly", [False, True], ids=["beside", "exactly"])
+def test_vehicles_that_change_places_keep_apart(exactly: bool) -> None:
+    """One in the way of the other: the order and the departures follow from that.
+
+    Where each goes exactly where the other one stands, one of them moves aside first.
+    """
     starts, goals = [(-9.0, 0.0, 0.0), (9.0, 0.5, math.pi)], [(9.0, 4.0, 0.0), (-9.0, 0.5, math.pi)]
+    if exactly:
+        goals = starts[::-1]
     plan = rcp.scenes.plan_vehicles(rcp.scenes.VehiclesCase("lane", starts, goals, {}))
     assert plan.safe
+    assert [move.vehicle for move in plan.moves].count(plan.moves[0].vehicle) == 1 + exactly
     times = np.arange(0.0, plan.duration, 0.05)
     poses, shape = plan.poses_at(times), rcp.scenes.ParkingCar().shape
     np.testing.assert_allclose(poses[:, 0], starts, atol=1e-6)
@@ -109,7 +116,7 @@ def test_a_vehicle_that_finds_no_way_goes_before_as_few_as_possible(
         return None if vehicle == 3 and blocked_by in arrived else (vehicle, None)
 
     monkeypatch.setattr(vehicles_in_turn, "_alone", alone)
-    monkeypatch.setattr(vehicles_in_turn, "_timed", lambda case, car, order, *rest: order)
+    monkeypatch.setattr(vehicles_in_turn, "_timed", lambda case, car, moves, *rest: [move.vehicle for move in moves])
     before = list(range(blocked_by))
     assert rcp.scenes.plan_vehicles(case) == [*before, 3, *range(blocked_by, 3)]
 
@@ -121,5 +128,6 @@ def test_vehicles_that_shut_each_other_in_are_refused(monkeypatch: pytest.Monkey
         vehicles_in_turn, "_alone",
         lambda case, car, vehicle, arrived, *rest: None if arrived else (vehicle, None),
     )  # fmt: skip
+    monkeypatch.setattr(vehicles_in_turn, "_moves_aside", lambda *given: None)
     with pytest.raises(InitialGuessError, match=r"of the vehicles \[\d\] none finds a way"):
         rcp.scenes.plan_vehicles(case)
