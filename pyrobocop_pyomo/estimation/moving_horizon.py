@@ -37,6 +37,9 @@ from pyrobocop_pyomo.studies.shifted_warm_start import ShiftedPlan
 
 from .outputs import PhaseOutputs
 
+# Of the variance in the prior: the arrival cost knows nothing more exactly, so that rounding does not decide its sign.
+SMALLEST_VARIANCE = 1e-10
+
 
 @dataclass(frozen=True)
 class HorizonEstimate(Presented):
@@ -185,7 +188,7 @@ class MovingHorizon:
             for name, weight in zip(noise, noise_weights.tolist(), strict=True)
         ]
         self._mean = np.array([variable.value for variable in estimated], dtype=float)
-        self._covariance = np.diag(deviations**2)
+        self._covariance, self._prior = np.diag(deviations**2), np.outer(deviations, deviations)
         self._measured = np.full(self._outputs.shape, np.nan)
         self._newest = -1  # which sample of the window
         self._moved = ShiftedPlan(phase, self._values)
@@ -266,7 +269,9 @@ class MovingHorizon:
 
     def _move_on(self) -> None:
         """Let the window start one sample later; its first sample goes into the arrival cost."""
-        self._mean, self._covariance = self._linearised(0).estimate(self._places_at(1))
+        self._mean, covariance = self._linearised(0).estimate(self._places_at(1))
+        variances, directions = np.linalg.eigh(covariance / self._prior)
+        self._covariance = (directions * np.maximum(variances, SMALLEST_VARIANCE)) @ directions.T * self._prior
         moved = self._moved.ahead(self._values.read(), self._times[1] - self._times[0])
         self._values.set(moved)
         for name in self._inputs:
