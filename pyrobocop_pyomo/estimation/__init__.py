@@ -1,12 +1,13 @@
 """Parameters from data: data sets, estimates with their uncertainty, and what measurements can say at all.
 
 `rcp.estimate` is the way in; these are the types that it takes and gives, and `EstimationProblem`, which is the same
-problem with data that may be exchanged, for `rcp.sweep`.
+problem with data that may be exchanged, for `rcp.sweep`. `MovingHorizon` estimates while measurements arrive.
 """
 
 from .data_sets import DataSet
 from .estimation_result import EstimationResult
 from .fit_statistics import FitStatistics, statistics_of
+from .moving_horizon import HorizonEstimate, MovingHorizon
 from .problem import EstimatedNumber, EstimationProblem
 from .profiles import Profile
 
@@ -16,6 +17,8 @@ __all__ = [
     "EstimationProblem",
     "EstimationResult",
     "FitStatistics",
+    "HorizonEstimate",
+    "MovingHorizon",
     "Profile",
     "statistics_of",
 ]

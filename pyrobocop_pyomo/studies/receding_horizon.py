@@ -134,18 +134,7 @@ class RecedingHorizon:
         verify: bool = True,
         exact_pairs: bool = False,
     ) -> None:
-        if not isinstance(phase, PhaseBlockData) or phase.model() is not model.model():
-            raise ModelError(f"'{getattr(phase, 'name', phase)}' is no phase of '{model.name}'.")
-        if phase.has_normalised_time:
-            raise ModelError(
-                f"phase '{phase.name}': a receding horizon needs a fixed start, a fixed duration and a fixed mesh."
-            )
-        phase.check()
-        if active_sources(model):
-            raise ComplementarityError(
-                f"'{model.name}' has active complementarity pairs. Apply pyrobocop.relax_complementarity first, "
-                "with the delta that the controller works at."
-            )
+        refuse_unfit_phase(model, phase, "a receding horizon")
         self.phase = phase
         self._fixed = {name for name in phase.record.names_of_states if phase.component(name)[phase.initial_time].fixed}
         self._values = PhaseValues(phase)
@@ -389,3 +378,30 @@ class RecedingHorizon:
                 raise ModelError(f"{what}: the measured '{name}' is {number}.")
         if not 0 <= advance <= self.phase.duration:
             raise ModelError(f"{what}: advance = {advance!r}; expected a time between 0 and {self.phase.duration:g}.")
+
+
+def refuse_unfit_phase(model: Any, phase: PhaseBlockData, what: str) -> None:
+    """Refuse what cannot be solved over and over on the same grid.
+
+    Parameters
+    ----------
+    model : Block
+    phase : PhaseBlock
+    what : str
+        Solves it, for messages.
+
+    Raises
+    ------
+    ModelError, ComplementarityError
+        When the phase is no phase of the model, starts or lasts as the optimiser likes, or has active pairs.
+    """
+    if not isinstance(phase, PhaseBlockData) or phase.model() is not model.model():
+        raise ModelError(f"'{getattr(phase, 'name', phase)}' is no phase of '{model.name}'.")
+    if phase.has_normalised_time:
+        raise ModelError(f"phase '{phase.name}': {what} needs a fixed start, a fixed duration and a fixed mesh.")
+    phase.check()
+    if active_sources(model):
+        raise ComplementarityError(
+            f"'{model.name}' has active complementarity pairs. Apply pyrobocop.relax_complementarity first, "
+            f"with the delta that {what} works at."
+        )

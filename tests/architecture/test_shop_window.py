@@ -52,7 +52,10 @@ PUBLIC = {
         PlanScore PlanningStep ProblemFacts ProblemSpec ProcessEngine QuantityFacts Report Round SerialEngine
         SimulatedNetwork Sova TargetedPenalties TeamHorizon TeamResult TeamState find_engine fingerprint merge_agents
     """,
-    "estimation": "DataSet EstimatedNumber EstimationProblem EstimationResult FitStatistics Profile statistics_of",
+    "estimation": """
+        DataSet EstimatedNumber EstimationProblem EstimationResult FitStatistics HorizonEstimate MovingHorizon Profile
+        statistics_of
+    """,
     "files": "FilePoint FileProblem read_file write_file",
     "ipopt": "Backend InProcessIpopt available_backends configure_ipopt_executable linear_solver_options",
     "mechanics": """
