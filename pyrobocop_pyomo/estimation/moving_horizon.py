@@ -174,7 +174,7 @@ class MovingHorizon:
         added.row = Constraint(range(len(predicted)), rule=lambda b, i: b.output[i] == predicted[i])
 
         self._place: dict[int, int] = {}  # of each variable among those of the cost
-        variables, times = [], []
+        variables, times = list[Any](), list[float]()
         for variable, moment in self._timed(estimated, added.output):
             if not variable.fixed and id(variable) not in self._place:
                 self._place[id(variable)] = len(variables)
@@ -353,7 +353,7 @@ class MovingHorizon:
     def _refuse_unfit_window(self) -> None:
         record, mesh = self.phase.record, self.phase.grid.mesh
         for name in record.names_of_states:
-            state = record.declarations[name]
+            state: Any = record.declarations[name]
             if state.final is not None or not isinstance(state.initial, (Real, NoneType)):
                 raise EstimationError(
                     f"{self._what}: '{name}' has initial={state.initial!r} and final={state.final!r}; the state of a "

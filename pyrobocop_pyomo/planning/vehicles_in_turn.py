@@ -173,7 +173,7 @@ def plan_vehicles(
     # Where each begins after those that move aside.
     begun, aside = case, list[VehicleMove]()
     while True:
-        moves, stuck = [], _in_a_ring(begun, car, clearance)
+        moves, stuck = list[VehicleMove](), _in_a_ring(begun, car, clearance)
         if not stuck:
             moves, stuck = _in_turn(begun, car, clearance, search, deadline)
         if not stuck:
@@ -222,7 +222,7 @@ def _in_a_ring(case: VehiclesCase, car: ParkingCar, clearance: float) -> list[in
     goal, start = (~np.eye(len(case), dtype=bool)).nonzero()
     taken = space.gaps_of_two(case.goals[goal], case.starts[start]) < LESS * clearance
     leaves_before = networkx.DiGraph(zip(start[taken].tolist(), goal[taken].tolist(), strict=True))
-    ring = next(networkx.simple_cycles(leaves_before), [])
+    ring: list[int] = next(networkx.simple_cycles(leaves_before), [])
     return sorted(ring)
 
 
