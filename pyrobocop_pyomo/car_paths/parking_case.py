@@ -55,10 +55,15 @@ class ParkingCar:
             raise GeometryError(f"ParkingCar: steering = {self.steering}; expected radians below pi / 2.")
 
     @property
+    def length(self) -> float:
+        """From its rear end to its front end."""
+        return self.rear_overhang + self.wheelbase + self.front_overhang
+
+    @property
     def shape(self) -> Polytope:
         """The car's rectangle in its own frame: origin in the middle of the rear axle, x ahead."""
-        back, front = -self.rear_overhang, self.wheelbase + self.front_overhang
-        return Polytope.box(front - back, self.width, center=(0.5 * (front + back), 0.0), name="car")
+        middle = 0.5 * self.length - self.rear_overhang
+        return Polytope.box(self.length, self.width, center=(middle, 0.0), name="car")
 
 
 @dataclass(frozen=True, eq=False)

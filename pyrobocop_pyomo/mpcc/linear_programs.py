@@ -133,7 +133,11 @@ class _Highs:
         self._put(program, lower, upper)
         # Its clock counts all runs of the object.
         highs.setOptionValue("time_limit", highs.getRunTime() + time_limit)
+        # All objects of a thread share the threads of the first run, and one that asks for another number of them is
+        # refused: those of the user's runs are given up before ours, and ours before the user's next.
+        highs.resetGlobalScheduler(True)
         highs.run()
+        highs.resetGlobalScheduler(True)
         status = highs.getModelStatus()
         if status == statuses.kOptimal:
             return LinearStatus.SOLVED, np.array(highs.getSolution().col_value)

@@ -176,10 +176,9 @@ def _possible_clearance(case: ParkingCase, car: ParkingCar, clearance: float) ->
 def _regions(case: ParkingCase, car: ParkingCar) -> list[Any]:
     """Where the rear axle may be, the smallest first."""
     ends = np.array([case.start[:2], case.goal[:2]])
-    length = car.wheelbase + car.front_overhang + car.rear_overhang
     regions = []
     for room in ROOM:
-        low, high = ends.min(axis=0) - room * length, ends.max(axis=0) + room * length
+        low, high = ends.min(axis=0) - room * car.length, ends.max(axis=0) + room * car.length
         regions.append(tuple(zip(low.tolist(), high.tolist(), strict=True)))
     return regions
 

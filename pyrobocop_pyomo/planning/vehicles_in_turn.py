@@ -25,7 +25,7 @@ from pyrobocop_pyomo.car_paths import CarSearch, ParkingCar, VehiclesCase
 from pyrobocop_pyomo.car_paths.cost_to_go import free_cells_of_disc
 from pyrobocop_pyomo.car_paths.free_space import FreeSpace
 from pyrobocop_pyomo.errors import InitialGuessError, ObstacleError
-from pyrobocop_pyomo.geometry import planar_pose
+from pyrobocop_pyomo.geometry import Polytope, planar_pose
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.numerics import Array
@@ -84,9 +84,15 @@ class VehicleMove:
         """When it arrives, in seconds."""
         return self.departure + self.trajectory.duration
 
-    def poses_at(self, times: Array) -> Array:
-        """x, y and heading ``(m, 3)`` at times; where it begins before, where it ends afterwards."""
-        found = self.trajectory(np.clip(times - self.departure, 0.0, self.trajectory.duration))
+    def poses_at(self, times: Any) -> Array:
+        """x, y and heading, ``(m, 3)``.
+
+        Parameters
+        ----------
+        times : (m,) array
+            Before its departure it is where it begins, after its arrival where it ends.
+        """
+        found = self.trajectory(np.clip(np.asarray(times) - self.departure, 0.0, self.trajectory.duration))
         return np.column_stack([found["x"], found["y"], found["theta"]])
 
 
@@ -126,8 +132,7 @@ class VehiclesPlan(Presented):
             From 0; before its departure a vehicle is at its start, after its arrival at its goal.
         """
         times = np.asarray(times, dtype=float)
-        moves = [[move for move in self.moves if move.vehicle == k] for k in range(len(self.case))]
-        return np.array([_poses(of_vehicle, times) for of_vehicle in moves])
+        return np.array([_poses(self.moves, k, times) for k in range(len(self.case))])
 
     def __str__(self) -> str:
         worst = self.safety.worst
@@ -230,16 +235,15 @@ def _moves_aside(
     case: VehiclesCase, car: ParkingCar, stuck: Sequence[int], clearance: float, search: CarSearch, deadline: Deadline
 ) -> tuple[VehicleMove, Array] | None:
     """The move of one of those that are stuck to a place where it is in nobody's way, and that place."""
-    parts = [part for shapes in case.obstacles.values() for part in shapes]
     scene = float(np.abs([case.starts, case.goals]).max())
-    space = FreeSpace.around(car.shape, parts, clearance + SPARE, scene)
-    length = float(np.ptp(car.shape.vertices[:, 0]))
-    reach = np.arange(-4.0, 4.0 + ASIDE_STEP, ASIDE_STEP) * length
+    space = FreeSpace.around(car.shape, _parts(case), clearance + SPARE, scene)
+    reach = np.arange(-4.0, 4.0 + ASIDE_STEP, ASIDE_STEP) * car.length
+    offsets = np.stack(np.meshgrid(reach, reach, 0.25 * math.pi * np.arange(-3, 5)), axis=-1).reshape(-1, 3)
+    offsets = offsets[np.hypot(offsets[:, 0], offsets[:, 1]).argsort(kind="stable")]
     for vehicle in stuck:
-        start, others = case.starts[vehicle], [k for k in range(len(case)) if k != vehicle]
+        others = [k for k in range(len(case)) if k != vehicle]
         taken = np.concatenate([case.starts[others], case.goals])
-        offsets = np.stack(np.meshgrid(reach, reach, 0.25 * math.pi * np.arange(-3, 5)), axis=-1).reshape(-1, 3)
-        places = start + offsets[np.hypot(offsets[:, 0], offsets[:, 1]).argsort(kind="stable")]
+        places = case.starts[vehicle] + offsets
         gaps = space.gaps_of_two(np.repeat(places, len(taken), 0), np.tile(taken, (len(places), 1)))
         apart = gaps.reshape(len(places), -1).min(axis=1) >= 2.0 * (clearance + SPARE)
         trials = ASIDE_TRIALS
@@ -257,6 +261,10 @@ def _moves_aside(
                 move = VehicleMove(vehicle, *planned)
                 return move, move.poses_at(np.array([np.inf]))[0]
     return None
+
+
+def _parts(case: VehiclesCase) -> list[Polytope]:
+    return [part for parts in case.obstacles.values() for part in parts]
 
 
 def _refuse_overlaps(case: VehiclesCase, car: ParkingCar) -> None:
@@ -318,9 +326,8 @@ def _discs_have_ways(case: VehiclesCase, car: ParkingCar, standing: Array, vehic
 
     Where it has none, no search finds one for the vehicle.
     """
-    parts = [part for shapes in case.obstacles.values() for part in shapes]
-    shapes = [*parts, *(car.shape.placed(planar_pose(*pose)) for pose in standing.tolist())]
-    room = ROOM[-1] * float(np.ptp(car.shape.vertices[:, 0]))
+    shapes = [*_parts(case), *(car.shape.placed(planar_pose(*pose)) for pose in standing.tolist())]
+    room = ROOM[-1] * car.length
     points = np.concatenate([case.starts, case.goals])[:, :2]
     low, high = points.min(axis=0) - room, points.max(axis=0) + room
     bounds = (float(low[0]), float(high[0])), (float(low[1]), float(high[1]))
@@ -396,10 +403,11 @@ def _timed(case: VehiclesCase, car: ParkingCar, moves: list[VehicleMove], cleara
             return replace(plan, safety=safety)
 
 
-def _poses(moves: Sequence[VehicleMove], times: Array) -> Array:
-    """Poses of one vehicle: those of the last move that has begun."""
-    poses = moves[0].poses_at(times)
-    for move in moves[1:]:
+def _poses(moves: Sequence[VehicleMove], vehicle: int, times: Array) -> Array:
+    """Poses of one vehicle: those of its last move that has begun."""
+    own = [move for move in moves if move.vehicle == vehicle]
+    poses = own[0].poses_at(times)
+    for move in own[1:]:
         poses = np.where((times < move.departure)[:, None], poses, move.poses_at(times))
     return poses
 
@@ -431,12 +439,12 @@ def _departures(space: FreeSpace, moves: Sequence[VehicleMove], clearance: float
     last = 0.0
     for own in moves:
         times = np.arange(0.0, last + own.trajectory.duration + 2.0 * STEP, STEP)
-        others = dict.fromkeys(move.vehicle for move in settled if move.vehicle != own.vehicle)
-        before = np.array([_poses([move for move in settled if move.vehicle == k], times) for k in others])
-        mine = replace(own, departure=0.0).poses_at(np.arange(0.0, own.trajectory.duration + STEP, STEP))
+        others = {move.vehicle for move in settled} - {own.vehicle}
+        before = np.array([_poses(settled, k, times) for k in others]).reshape(len(others), len(times), 3)
+        mine = own.poses_at(np.arange(0.0, own.trajectory.duration + STEP, STEP))
         arrived = max((move.arrival for move in settled if move.vehicle == own.vehicle), default=0.0)
         wait, latest = math.ceil(arrived / STEP), math.ceil(last / STEP)
-        while wait < latest and len(before) and not _keeps_clear(space, mine, wait, before, clearance):
+        while wait < latest and not _keeps_clear(space, mine, wait, before, clearance):
             wait += 2
         settled.append(replace(own, departure=wait * STEP))
         last = max(last, settled[-1].arrival)

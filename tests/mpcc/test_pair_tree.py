@@ -103,6 +103,25 @@ def test_bounds_that_contradict_each_other_have_no_point():
     np.testing.assert_allclose(x, [0.5])
 
 
+@pytest.mark.parametrize("threads", [0, 2])
+def test_the_users_own_runs_of_highs_keep_their_threads_and_ours_go_on(threads: int) -> None:
+    """HiGHS refuses a run that asks for another number of threads than the first run of the thread did."""
+    highspy = pytest.importorskip("highspy")
+    program = LinearProgram(np.array([-1.0]), np.zeros(1), np.ones(1))
+
+    def users_own_run() -> object:
+        highs = highspy.Highs()
+        highs.setOptionValue("output_flag", False)
+        highs.setOptionValue("threads", threads)
+        highs.addVariable(0.0, 5.0, -1.0)
+        highs.run()
+        return highs.getModelStatus()
+
+    for _ in range(2):
+        assert users_own_run() == highspy.HighsModelStatus.kOptimal
+        assert program.solve(time_limit=5.0)[0] is LinearStatus.SOLVED
+
+
 def test_each_thread_has_an_object_of_its_own_and_programs_may_take_turns():
     programs = [LinearProgram(np.array([-1.0]), np.zeros(1), np.array([float(size)])) for size in range(1, 9)]
     found: dict[int, list[float]] = {}

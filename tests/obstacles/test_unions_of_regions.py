@@ -99,7 +99,7 @@ def test_a_body_too_large_for_an_overlap_is_said_with_the_distance(caplog: pytes
 def test_a_fixed_pose_outside_all_regions_is_refused_with_the_distance() -> None:
     m = corridor(BEND, (3.5, 5.0))
     m.move.theta[2.0].fix(0.0)
-    with pytest.raises(rcp.errors.ObstacleError, match=r"at 2.0, .* inside none of the 2 regions: region 2 lacks 1.7"):
+    with pytest.raises(rcp.errors.ObstacleError, match=r"at t = 2.0, .* none of the 2 regions: region 2 lacks 1.7"):
         rcp.solve(m)
 
 

@@ -61,7 +61,7 @@ def test_a_region_that_is_left_between_the_points_is_no_plan() -> None:
 @pytest.mark.ipopt
 def test_a_fixed_pose_outside_is_refused_with_what_is_missing() -> None:
     m = turning_over_a_floor(ceiling=0.25)
-    with pytest.raises(rcp.errors.ObstacleError, match=r"'turn.inside': at [01].0, .* is 0.05 beyond side 2"):
+    with pytest.raises(rcp.errors.ObstacleError, match=r"'turn.inside': at t = [01].0, .* is 0.05 beyond side 2"):
         rcp.solve(m)
 
 
