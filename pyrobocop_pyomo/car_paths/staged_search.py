@@ -1,8 +1,8 @@
-"""Hybrid A* again and again until its expansions are used: with more room, less clearance, and finer cells."""
+"""Hybrid A* again and again until its expansions are used: more room, coarser and finer cells, less clearance."""
 
 from __future__ import annotations
 
-import itertools
+import enum
 import logging
 import math
 from collections.abc import Mapping, Sequence
@@ -22,10 +22,22 @@ logger = logging.getLogger(__name__)
 
 # Of the clearance that was asked for, one after the other.
 CLEARANCES = (1.0, 0.6, 0.4, 0.2, 0.1)
-# Divisors of the cells from the beginning.
-FINER = (1, 2)
-# Of the expansions and the time that are left: what one search may take.
-SHARE = 0.4
+# Divisors of the cells from the beginning. Coarse cells lead round what fine ones would have to be driven through with
+# many cusps.
+COARSE, FINER = 0.25, 2.0
+# Of the expansions and the time that are left: what one search may take, and what the first ones may.
+SHARE, LITTLE = 0.4, 0.15
+# Paths with more cusps are compared with one that leads round, where a cusp counts as so many turning radii: a car that
+# stops, turns its wheels and accelerates could have driven that far.
+FEW_CUSPS, CUSP = 4, 2.0
+
+
+class _Failure(enum.Enum):
+    """Why a search found nothing."""
+
+    CLOSED = enum.auto()  # an end collides, or not even a disc has a way
+    EXHAUSTED = enum.auto()
+    LIMIT = enum.auto()
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +72,7 @@ def staged_search(
     time_limit: float | None = None,
     trailer: Trailer | None = None,
 ) -> StagedPath:
-    """The first path that is found, with as much of the clearance as possible.
+    """A path with as much of the clearance as possible, and the first one found unless it has many cusps.
 
     Parameters
     ----------
@@ -85,52 +97,67 @@ def staged_search(
     radius = wheelbase / math.tan(steering_limit)
     expansions, deadline = given.max_expansions, Deadline.after(time_limit)
     first: InitialGuessError | None = None
-    closed: Bounds | None = None
-    for share in shares:
-        for bounds, finer in itertools.product(regions, FINER):
-            if first is not None and (expansions <= 0 or deadline.has_passed):
-                raise first
-            if finer > 1 and bounds == closed:
-                continue
-            most = max(1, round(SHARE * expansions))
-            limit = None if deadline.left is None else max(SHARE * deadline.left, 1e-9)
-            until = Deadline.after(limit)
-            try:
-                path = hybrid_a_star(
-                    start,
-                    goal,
-                    body=body,
-                    obstacles=obstacles,
-                    wheelbase=wheelbase,
-                    steering_limit=steering_limit,
-                    bounds=bounds,
-                    clearance=share * clearance,
-                    search=replace(_finer(given, finer, radius, trailer), max_expansions=most),
-                    time_limit=limit,
-                    trailer=trailer,
-                )
-                return StagedPath(path, share * clearance, bounds)
-            except InitialGuessError as error:
-                logger.info("%.0f %% of the clearance, cells divided by %d: %s", 100.0 * share, finer, error)
-                first = error if first is None else first
-                spent = error.expansions if isinstance(error, PathNotFound) else 0
-            expansions -= spent
-            # Finer cells do not help where an end collides or nothing was expanded.
-            closed = bounds if spent == 0 else None
-            if spent >= most or until.has_passed:
-                # There is a lot to reach, and neither more room nor finer cells make it less.
+
+    def attempt(needed: float, bounds: Bounds, divisor: float, part: float) -> StagedPath | _Failure:
+        nonlocal expansions, first
+        if first is not None and (expansions <= 0 or deadline.has_passed):
+            return _Failure.LIMIT
+        most = max(1, round(part * expansions))
+        limit = None if deadline.left is None else max(part * deadline.left, 1e-9)
+        until = Deadline.after(limit)
+        try:
+            path = hybrid_a_star(
+                start,
+                goal,
+                body=body,
+                obstacles=obstacles,
+                wheelbase=wheelbase,
+                steering_limit=steering_limit,
+                bounds=bounds,
+                clearance=needed,
+                search=replace(_with_cells(given, divisor, radius, trailer), max_expansions=most),
+                time_limit=limit,
+                trailer=trailer,
+            )
+            return StagedPath(path, needed, bounds)
+        except InitialGuessError as error:
+            logger.info("a clearance of %.4g, cells divided by %g: %s", needed, divisor, error)
+            first = error if first is None else first
+            spent = error.expansions if isinstance(error, PathNotFound) else 0
+        expansions -= spent
+        if spent >= most or until.has_passed:
+            return _Failure.LIMIT
+        return _Failure.EXHAUSTED if spent else _Failure.CLOSED
+
+    for needed in (share * clearance for share in shares):
+        near = attempt(needed, regions[0], 1.0, LITTLE)
+        if isinstance(near, StagedPath) and near.path.cusps <= FEW_CUSPS:
+            return near
+        around = attempt(needed, regions[-1], COARSE, LITTLE)
+        found = [path for path in (near, around) if isinstance(path, StagedPath)]
+        if found:
+            return min(found, key=lambda one: one.path.length + CUSP * radius * one.path.cusps)
+        for bounds in regions:
+            # A limit that is reached says that there is a lot to reach, and neither more room nor finer cells make it
+            # less.
+            last = near if near is not _Failure.LIMIT and bounds == regions[0] else attempt(needed, bounds, 1.0, SHARE)
+            if last is _Failure.EXHAUSTED:
+                last = attempt(needed, bounds, FINER, SHARE)
+            if isinstance(last, StagedPath):
+                return last
+            if last is _Failure.LIMIT:
                 break
     assert first is not None
     raise first
 
 
-def _finer(search: CarSearch, divisor: int, radius: float, trailer: Trailer | None) -> CarSearch:
-    """Smaller cells and more headings; and more steering angles, which matter in narrow places as well."""
-    if divisor == 1:
+def _with_cells(search: CarSearch, divisor: float, radius: float, trailer: Trailer | None) -> CarSearch:
+    """Other cells and headings; where they are finer, more steering angles, which matter in narrow places too."""
+    if divisor == 1.0:
         return search
     cell, headings = search.cells(radius, trailer)
     length = None if search.primitive_length is None else search.primitive_length / divisor
     return replace(
-        search, cell=cell / divisor, primitive_length=length, headings=divisor * headings,
-        steerings=2 * search.steerings - 1,
+        search, cell=cell / divisor, primitive_length=length, headings=max(8, round(divisor * headings)),
+        steerings=2 * search.steerings - 1 if divisor > 1.0 else search.steerings,
     )  # fmt: skip
