@@ -83,5 +83,8 @@ def warehouse(seed: int) -> dict[str, Any]:
         obstacles = {}
         while len(obstacles) < 7:
             x, y, wide, deep = between(-8, 8), between(-8, 8), between(0.5, 1.3), between(0.5, 1.3)
+            # Car and trailer stand at both ends, up to eight metres from the place that is given.
+            if any(abs(x - end[0]) < 8.0 + wide and abs(y - end[1]) < 2.5 + deep for end in (start, goal)):
+                continue
             obstacles[f"pallet {len(obstacles)}"] = box(x - wide, y - deep, x + wide, y + deep)
     return {"start": start, "goal": goal, "obstacles": obstacles}

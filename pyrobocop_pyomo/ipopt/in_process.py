@@ -22,6 +22,7 @@ from pyomo.core.staleflag import StaleFlagManager
 
 from pyrobocop_pyomo.errors import EvaluationError, ModelError, SolverNotFoundError
 from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.modeling.rare_collections import rare_collections
 from pyrobocop_pyomo.programs.asl_program import asl_available
 from pyrobocop_pyomo.programs.casadi_program import casadi_available
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
@@ -101,6 +102,7 @@ class InProcessIpopt(SolverBase):
         except SolverNotFoundError:
             return None
 
+    @rare_collections()
     def solve(self, model: BlockData, **kwds: Any) -> Results:
         """Solve a Pyomo model.
 

@@ -202,8 +202,10 @@ def _may_hold_rules(held: Any) -> bool:
 
 def _is_of_pyomo(held: Any) -> bool:
     """True for components, their data, blocks, expressions of them, and Pyomo's collections."""
-    return not isinstance(held, type) and (
-        hasattr(type(held), "ctype")
+    # Classes are asked: a module that loads its names on demand would look for one that it lacks.
+    cls = type(held)
+    return cls is not type and (
+        hasattr(cls, "ctype")
         or isinstance(held, (ComponentMap, ComponentSet))
-        or bool(getattr(held, "is_expression_type", bool)())
+        or (hasattr(cls, "is_expression_type") and bool(held.is_expression_type()))
     )

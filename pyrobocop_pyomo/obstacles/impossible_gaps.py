@@ -13,6 +13,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -76,7 +77,7 @@ def check_gaps(snapshot: Snapshot) -> None:
         )
         walls, grown = _walls(snapshot, name, radius)
         shapes = [wall.shape for wall in walls]
-        gaps = closed_gaps(shapes, grown)
+        gaps = closed_gaps(tuple(shapes), tuple(grown.tolist()))
         unbounded = [k for k, shape in enumerate(shapes) if not shape.is_bounded]
         ends = [rotation @ middle + shift for rotation, shift in (snapshot.pose(part.body, at) for at in places)]
         for (before, start), (after, goal) in itertools.pairwise(zip(places, ends, strict=True)):
@@ -91,6 +92,7 @@ def check_gaps(snapshot: Snapshot) -> None:
                 )
 
 
+@lru_cache(maxsize=64)
 def largest_disc(shape: Polytope) -> tuple[Array, float]:
     """Middle (d,) and radius of the largest disc or ball inside a shape, its padding included."""
     if shape.is_flat or not shape.is_bounded:
@@ -110,10 +112,12 @@ def largest_disc(shape: Polytope) -> tuple[Array, float]:
     return middle, max(float((offsets - normals @ middle).min()), 0.0) + shape.radius
 
 
-def closed_gaps(shapes: Sequence[Polytope], grown: Array) -> list[ClosedGap]:
+@lru_cache(maxsize=8)  # walls rest, and each mesh and start of a plan asks again
+def closed_gaps(shapes: tuple[Polytope, ...], widths: tuple[float, ...]) -> list[ClosedGap]:
     """Gaps between shapes in the plane that are narrower than what both are grown by together."""
     if len(shapes) < 2:
         return []
+    grown = np.array(widths)
     low = np.array([shape.vertices.min(axis=0) for shape in shapes]) - grown[:, None]
     high = np.array([shape.vertices.max(axis=0) for shape in shapes]) + grown[:, None]
     size = float(np.ptp(np.concatenate([low, high]), axis=0).max())

@@ -86,6 +86,10 @@ def check_fixed_poses(snapshot: Snapshot, clearance_at: Callable[[tuple[str, str
             asked = clearance_at((first.body, second.body), time)
             p, q = snapshot.vertices(first, [time]), snapshot.vertices(second, [time])
             rays = snapshot.rays(first, [time]), snapshot.rays(second, [time])
+            if not len(rays[0]) + len(rays[1]):
+                apart = np.maximum(q.min(axis=0) - p.max(axis=0), p.min(axis=0) - q.max(axis=0)).max()
+                if apart > asked + first.shape.radius + second.shape.radius:
+                    continue  # as boxes around most of them are
             near = distance_of_points(p, q, q_rays=rays[1], p_rays=rays[0])
             available = near.distance - first.shape.radius - second.shape.radius
             if available < asked - NEARLY * max(1.0, float(np.abs(p).max())):

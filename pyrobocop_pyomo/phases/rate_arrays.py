@@ -256,6 +256,8 @@ class FormulasWithDelays(RuleFormulas):
 
     def delayed_numbers(self, trajectory: Trajectory, times: Array, widths: Array, fraction: float) -> dict[int, Array]:
         """Numbers for these variables at times in all elements, by their identity."""
+        if not len(self._scratch.delayed):
+            return {}
         start, end = self._boundaries[0], self._boundaries[-1]
         found = {}
         for (name, delay), variable in self._scratch.delayed.items():

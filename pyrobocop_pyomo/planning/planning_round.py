@@ -42,7 +42,7 @@ class PlanningRound:
     worst : str
         The two bodies for which that is so.
     safe : bool
-        Whether the clearance is proven for the whole motion.
+        Whether the clearance is proven for the whole motion; False as well where nobody looked.
     seconds : float
         Of the solve.
     result : SolveResult
@@ -75,13 +75,13 @@ class PlanningRound:
         blocks: list[ObstacleAvoidanceBlockData],
         regions: list[ContainmentData],
         result: SolveResult,
-        report: SafetyReport,
+        report: SafetyReport | None,
     ) -> PlanningRound:
-        """The round that has just been verified."""
-        worst = report.worst
+        """The round that has just been solved, and verified unless there is no report."""
+        safe, worst = (False, None) if report is None else (report.safe, report.worst)
         shortfall = worst.shortfall if worst is not None else 0.0
         # A motion that is not proven stands behind every one that is, also where no instant of it is too close.
-        lacking = 0.0 if worst is None or report.safe else max(shortfall, worst.tolerance)
+        lacking = 0.0 if worst is None or safe else max(shortfall, worst.tolerance)
         standing = replace(result.standing, shortfall=lacking)
         return cls(
             purpose=purpose,
@@ -90,7 +90,7 @@ class PlanningRound:
             iterations=result.iterations,
             shortfall=shortfall,
             worst=f"{worst.first} - {worst.second}" if worst is not None else "",
-            safe=report.safe,
+            safe=safe,
             seconds=result.seconds,
             result=replace(result, safety=report, standing=standing),
             restore=way_back(model, blocks, regions),
@@ -104,14 +104,19 @@ class PlanningRound:
     @property
     def is_settled(self) -> bool:
         """Whether it is a plan to go by, as far as can be known."""
-        return self.result.safety.is_settled and self.quality is not Quality.INFEASIBLE
+        safety = self.result.safety
+        return safety is not None and safety.is_settled and self.quality is not Quality.INFEASIBLE
 
     @property
     def is_nearly_safe(self) -> bool:
-        """Whether it is feasible, and too close by its clearance at most: what margins or a finer mesh make safe."""
-        worst = self.result.safety.worst
-        feasible = self.quality is not Quality.INFEASIBLE
-        return feasible and worst is not None and worst.shortfall <= worst.clearance
+        """Whether it is feasible, and too close by its clearance at most: what margins or a finer mesh make safe.
+
+        What was not verified is taken to be: a plan on a finer mesh starts from there.
+        """
+        safety = self.result.safety
+        worst = None if safety is None else safety.worst
+        is_near = safety is None or (worst is not None and worst.shortfall <= worst.clearance)
+        return is_near and self.quality is not Quality.INFEASIBLE
 
     def record(self) -> PlanningRound:
         """The same without its result and the way back: what a result keeps, and a pickle can hold."""

@@ -130,7 +130,8 @@ class SafePlanning:
         # Separations on a fine mesh take long to initialise: where a plan on a coarse one comes first, once is enough.
         if not self._is_start and self._from_fewer_elements(recovery) and self._is_good_enough:
             return
-        recovery.start()
+        if not self._is_start:  # separations of a copy were made for its mesh, where it starts
+            recovery.start()
         for step in recovery.steps():
             result = step()
             if result.quality is not Quality.INFEASIBLE and not self._is_any_start:
@@ -204,8 +205,12 @@ class SafePlanning:
         result = solve_model(self._model, settings)
         # A plan that is not feasible is not integrated: its equations do not hold.
         equations = self._equations and result.quality is not Quality.INFEASIBLE
-        self._reports = [block.verify(equations=equations) for block in (*self._blocks, *self._regions)]
-        report = joined_report(self._reports)
+        # What is only a start, at any feasible point, is not verified.
+        unseen = self._is_any_start
+        self._reports = (
+            [] if unseen else [block.verify(equations=equations) for block in (*self._blocks, *self._regions)]
+        )
+        report = None if unseen else joined_report(self._reports)
         made = PlanningRound.now(purpose, self._model, self._blocks, self._regions, result, report)
         self.rounds.append(made)
         if len(self.rounds) == 1:

@@ -18,6 +18,7 @@ from pyrobocop_pyomo.ipopt.backends import Backend, available_backends, best_bac
 from pyrobocop_pyomo.ipopt.c_output import standard_output
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.keywords import keywords_checked
+from pyrobocop_pyomo.modeling.rare_collections import rare_collections
 from pyrobocop_pyomo.modeling.variable_values import checksum_of_model
 from pyrobocop_pyomo.obstacles.clocks import check_clocks
 from pyrobocop_pyomo.obstacles.initial_checks import (
@@ -63,6 +64,7 @@ _OTHER_WORDS = {
 
 
 @keywords_checked(_OTHER_WORDS)
+@rare_collections()
 def solve(
     model: Any,
     *,

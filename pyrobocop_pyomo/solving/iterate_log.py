@@ -77,7 +77,7 @@ class ModelCheck:
         self._lower = np.array([-np.inf if bounds[1] is None else bounds[1] for _, bounds in self._rows], dtype=float)
         self._upper = np.array([np.inf if bounds[2] is None else bounds[2] for _, bounds in self._rows], dtype=float)
         self._bodies: RowValues | None = None
-        self._terms: RowTerms | None = None
+        self._terms: tuple[NDArray[np.intp], RowTerms] | None = None
 
     def objective(self) -> float:
         """The user's objective; NaN where it has no value."""
@@ -92,7 +92,8 @@ class ModelCheck:
     def violated(self, tolerances: Tolerances) -> list[Violation]:
         """Constraints and bounds that do not hold within the tolerance of feasibility, the worst of each component."""
         of_rows, of_variables = self._row_violations(), self._bounded.violations()
-        rows = np.flatnonzero(self._relative(of_rows) > tolerances.feasibility)
+        rows = np.flatnonzero(of_rows > tolerances.feasibility)  # none is larger by its size
+        rows = rows[self._relative(of_rows, rows) > tolerances.feasibility]
         bounded = np.flatnonzero(of_variables / self._bounded.sizes() > tolerances.feasibility)
         violated = [(row, *bounds) for row, bounds in map(self._rows.__getitem__, rows)]
         violated += [(data, data.value, *data.bounds) for data in map(self._bounded.variables.__getitem__, bounded)]
@@ -107,7 +108,7 @@ class ModelCheck:
         of_rows, of_variables = self._row_violations(), self._bounded.violations()
         of_relations = [relation_violation(relation, unknown=float("inf")) for relation in self._relations]
         found = [
-            (of_rows, self._relative(of_rows)),
+            (of_rows, self._largest_relative(of_rows)),
             (of_variables, of_variables / self._bounded.sizes()),
             (np.array(of_relations), np.array(of_relations)),
         ]
@@ -124,14 +125,20 @@ class ModelCheck:
             violations = np.maximum(np.maximum(self._lower - bodies, bodies - self._upper), 0.0)
         return np.where(np.isnan(bodies), np.inf, violations)
 
-    def _relative(self, violations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Violations of the rows, divided by the sizes of these where they are above 1."""
+    def _largest_relative(self, violations: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The violations that can be the largest ones by the sizes of their rows, divided by these."""
         if not violations.max(initial=0.0) > NO_VIOLATION:
             return violations  # whatever the sizes
-        if self._terms is None or not self._terms.is_current:
-            self._terms = RowTerms([body for _, (body, _, _) in self._rows])
-        sizes = self._terms.largest()
-        return np.where(np.isfinite(sizes), violations / np.maximum(1.0, sizes), violations)
+        # Sizes are at least 1: what is less than the relative violation of one row cannot be larger than it.
+        one = self._relative(violations, np.array([violations.argmax()]))
+        return self._relative(violations, np.flatnonzero(violations >= one[0]))
+
+    def _relative(self, violations: NDArray[np.float64], rows: NDArray[np.intp]) -> NDArray[np.float64]:
+        """Violations of some rows, divided by the sizes of these where they are above 1."""
+        if self._terms is None or not np.array_equal(self._terms[0], rows) or not self._terms[1].is_current:
+            self._terms = rows, RowTerms([self._rows[k][1][0] for k in rows.tolist()])
+        sizes = self._terms[1].largest()
+        return np.where(np.isfinite(sizes), violations[rows] / np.maximum(1.0, sizes), violations[rows])
 
 
 class IterateLog:

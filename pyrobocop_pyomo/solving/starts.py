@@ -161,10 +161,12 @@ def _copy_for_other_times(model: Any, phases: Iterable[Any]) -> Any:
 
 def take_values_of_copy(model: Any, copy: Any) -> None:
     """Values of a copy: those of phases with another mesh by their trajectories, all others one by one."""
-    for variable in model.component_data_objects(Var, active=True):
-        twin = copy.find_component(variable)
-        if twin is not None and twin.value is not None and not variable.fixed:
-            variable.set_value(twin.value, skip_validation=True)
+    for component in model.component_objects(Var, active=True):
+        twins = copy.find_component(component)
+        for index in component if twins is not None else ():
+            variable = component[index]
+            if index in twins and twins[index].value is not None and not variable.fixed:
+                variable.set_value(twins[index].value, skip_validation=True)
     for phase in phases_of(model):
         twin = copy.find_component(phase)
         if twin.grid.mesh != phase.grid.mesh:
