@@ -49,7 +49,7 @@ class PhaseBlock(_Phases, data=PhaseBlockData):
     start : float, Start, expression, PhaseBlock or callable
         Time at which the phase starts: a number, a variable, an expression, or the phase after whose end it starts.
         For indexed phases also ``start(model, *index)``, which returns one of these for each.
-    free_element_widths : (smallest, largest), optional
+    free_element_widths : tuple of two floats, optional
         Lets the element boundaries move: factors between which each element's width may change, so that a switch
         or a contact can fall on an element end.
     allow_higher_index : bool
