@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import islice
+from itertools import chain, islice
 from typing import Any
 
 from pyomo.core.base.block import Block, BlockData
@@ -19,8 +19,7 @@ from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES, active_sources
 from pyrobocop_pyomo.errors import ComplementarityError, DeclarationError, ModelError, TranscriptionError
 from pyrobocop_pyomo.modeling.expressions import holds_variable
 from pyrobocop_pyomo.modeling.foreign_variables import ONE_MODEL, foreign_read, foreign_variable
-from pyrobocop_pyomo.modeling.lent_items import variables_read
-from pyrobocop_pyomo.modeling.shared_nodes import variables_in
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in, variables_in_any
 from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.phases.declarations import Declaration
 from pyrobocop_pyomo.phases.structure import sides_of
@@ -80,7 +79,8 @@ def foreign_findings(block: Any, rows_of_each: int | None = None) -> Iterator[Fi
     """
     for component in block.component_objects((Constraint, Objective, *PAIR_TYPES), active=True, descend_into=Block):
         rows = islice((row for row in component.values() if row.active), rows_of_each)
-        read = variables_read([sides_of(row) if component.ctype in PAIR_TYPES else row.expr for row in rows])
+        stated = (sides_of(row) if component.ctype in PAIR_TYPES else (row.expr,) for row in rows)
+        read = variables_in_any(chain.from_iterable(stated)).values()
         foreign = foreign_variable(block, (variable for variable in read if not variable.fixed))
         if foreign is not None:
             yield _error(f"'{component.name}' {foreign_read(foreign, block)}", (component.name,), ONE_MODEL)

@@ -36,12 +36,17 @@ def in_place_of_nodes(variables: Iterable[tuple[Any, VarData]], index: float) ->
                 items[index] = before
 
 
-def variables_read(result: Any) -> list[Any]:
-    """Variables in whatever a rule returned: expressions, relations, pairs, in lists, tuples and mappings."""
+def expressions_returned(result: Any) -> Iterator[Any]:
+    """Expressions and relations in whatever a rule returned: also pairs, in lists, tuples and mappings."""
     if isinstance(result, Mapping):
-        return list(chain.from_iterable(map(variables_read, result.values())))
+        result = list(result.values())
     if isinstance(result, (list, tuple)):
-        return list(chain.from_iterable(map(variables_read, result)))
-    if hasattr(result, "is_expression_type"):
-        return list(variables_in(result, include_fixed=True))
-    return []
+        for each in result:
+            yield from expressions_returned(each)
+    elif hasattr(result, "is_expression_type"):
+        yield result
+
+
+def variables_read(result: Any) -> list[Any]:
+    """Variables in whatever a rule returned, those of one expression after those of the one before."""
+    return list(chain.from_iterable(map(variables_in, expressions_returned(result))))

@@ -19,8 +19,9 @@ from pyrobocop_pyomo.errors import DeclarationError, TranscriptionError
 from pyrobocop_pyomo.modeling.bulk_parts import new_row
 from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions, plain_scalar
 from pyrobocop_pyomo.modeling.foreign_variables import ONE_MODEL, foreign_read, foreign_variable
-from pyrobocop_pyomo.modeling.lent_items import variables_read
+from pyrobocop_pyomo.modeling.lent_items import expressions_returned
 from pyrobocop_pyomo.modeling.rule_slips import slips_explained
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.transcription import can_step, collocation_rows, step_rows
 
 from .declarations import State, check_bounds, within
@@ -333,7 +334,7 @@ def refuse_foreign_reads(block: Any, label: str, result: Any) -> None:
     """
     if not isinstance(block.model(), Model):
         return  # what it stands on is assigned to a model later
-    foreign = foreign_variable(block, variables_read(result))
+    foreign = foreign_variable(block, variables_in_any(expressions_returned(result)).values())
     if foreign is not None:
         raise TranscriptionError(f"{label} {foreign_read(foreign, block)} {ONE_MODEL}")
 
