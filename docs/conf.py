@@ -78,7 +78,7 @@ redirects = (
     }
     | {
         f"explanation/{page}": f"../developer/{page}.html"
-        for page in ("linear-solver", "problem-classes", "python-functions")
+        for page in ("evaluation", "linear-solver", "problem-classes", "python-functions")
     }
     | {"explanation/complementarity-benchmarks": "../complementarity-benchmarks.html"}
 )
