@@ -1,10 +1,11 @@
 """A quadrotor flies through a window in a wall that is too narrow for it: it has to roll.
 
 The body is a box of 0.6 m x 0.6 m x 0.2 m. Through ``narrow``, 0.6 m wide and 0.8 m high, it fits only on its side;
-through ``low``, 0.8 m wide and 0.5 m high, upright, with little room. The wall is 0.1 m thick: a plan that keeps its
-distance only at the points of a mesh may jump straight through it. The initial guess is a straight line, for ``narrow``
-rolled to one side in the middle: rolling left is as good as rolling right, and from upright neither lowers the
-objective.
+through ``low``, 0.8 m wide and 0.5 m high, upright, with little room. ``three`` has three windows of 0.9 m x 0.6 m
+behind each other, none in line with the next. A wall is 0.1 m thick: a plan that keeps its distance only at the points
+of a mesh may jump straight through it. The initial guess is a straight line, for ``narrow`` rolled to one side in the
+middle: rolling left is as good as rolling right, and from upright neither lowers the objective. For ``three`` the line
+runs into walls, and `solve` leads it through the windows.
 
 The states are position, roll, pitch and yaw, velocity and body rates; the controls are the thrusts of four rotors.
 Rigid-body model: Mahony, Kumar & Corke, Multirotor aerial vehicles, IEEE Robotics & Automation Magazine 19 (2012),
@@ -24,30 +25,46 @@ CLEARANCE = 0.04
 MASS, GRAVITY, INERTIA = 1.0, 9.81, (0.012, 0.012, 0.02)
 ARM, DRAG, MOST_THRUST = 0.2, 0.02, 6.0  # of a rotor: lever in metres, torque per thrust in metres, newtons
 THICKNESS, WALL = 0.1, 3.0  # of the wall: depth, and half of its width and height
-WINDOWS = {"narrow": (0.6, 0.8), "low": (0.8, 0.5)}  # width and height
-ROLL = {"narrow": 0.9, "low": 0.0}  # of the initial guess, in the middle
+# Width and height of each, and where its middle is; by the middle's distance ahead.
+WINDOWS = {
+    "narrow": {0.0: (0.6, 0.8, 0.0, 0.0)},
+    "low": {0.0: (0.8, 0.5, 0.0, 0.0)},
+    "three": {-2.0: (0.9, 0.6, 0.5, 0.3), 0.0: (0.9, 0.6, -0.5, -0.2), 2.0: (0.9, 0.6, 0.4, 0.3)},
+}
+ROLL = {"narrow": 0.9}  # of the initial guess, in the middle
+ENDS = {"three": ((-3.5, 0.0, 0.0), (3.5, 0.0, 0.0))}
 START, GOAL = (-1.5, 0.4, -0.3), (1.5, -0.4, 0.3)
 
 
-def wall(width: float, height: float) -> dict[str, rcp.Polytope]:
-    """Four boxes around an opening in the middle."""
-    beside, above = (WALL - width / 2), (WALL - height / 2)
-    return {
-        "left": rcp.Polytope.box(THICKNESS, beside, 2 * WALL, center=(0, width / 2 + beside / 2, 0)),
-        "right": rcp.Polytope.box(THICKNESS, beside, 2 * WALL, center=(0, -width / 2 - beside / 2, 0)),
-        "above": rcp.Polytope.box(THICKNESS, width, above, center=(0, 0, height / 2 + above / 2)),
-        "below": rcp.Polytope.box(THICKNESS, width, above, center=(0, 0, -height / 2 - above / 2)),
-    }
+def walls(case: str) -> dict[str, rcp.Polytope]:
+    """Four boxes around each opening."""
+    boxes = {}
+    for number, (x, (width, height, y, z)) in enumerate(WINDOWS[case].items(), start=1):
+        left, right, top, bottom = y + width / 2, y - width / 2, z + height / 2, z - height / 2
+        around = {
+            "left": (left, WALL, -WALL, WALL),
+            "right": (-WALL, right, -WALL, WALL),
+            "above": (right, left, top, WALL),
+            "below": (right, left, -WALL, bottom),
+        }
+        for side, (y_low, y_high, z_low, z_high) in around.items():
+            middle = (x, (y_low + y_high) / 2, (z_low + z_high) / 2)
+            boxes[f"{side} of window {number}"] = rcp.Polytope.box(
+                THICKNESS, y_high - y_low, z_high - z_low, center=middle
+            )
+    return boxes
 
 
 def build(case: str = "narrow", elements: int = 24, stages: int = 3) -> pyo.ConcreteModel:
     """From hovering to hovering on the other side, in little time and with little effort."""
     m = pyo.ConcreteModel(name="quadrotor")
     m.flight = b = rcp.PhaseBlock(
-        duration=rcp.Duration(bounds=(0.5, 6), initial_guess=2.5), elements=elements, stages=stages
+        duration=rcp.Duration(bounds=(0.5, 12), initial_guess=2.5), elements=elements, stages=stages
     )
-    for name, start, goal in zip(("x", "y", "z"), START, GOAL, strict=True):
-        b.declare(name, rcp.State(initial=start, final=goal, bounds=(-2, 2)))
+    ends = zip(("x", "y", "z"), *ENDS.get(case, (START, GOAL)), strict=True)
+    for name, start, goal in ends:
+        far = 4 if name == "x" else 2  # the walls have no way around them
+        b.declare(name, rcp.State(initial=start, final=goal, bounds=(-far, far)))
     for name, largest in {"roll": 1.5, "pitch": 1.2, "yaw": 1.5}.items():
         b.declare(name, rcp.State(initial=0, final=0, bounds=(-largest, largest)))
     for name, largest in {"v_x": 5, "v_y": 5, "v_z": 5, "p": 12, "q": 12, "r": 12}.items():
@@ -59,7 +76,7 @@ def build(case: str = "narrow", elements: int = 24, stages: int = 3) -> pyo.Conc
         b.declare(rotor, thrust)
     b.ode(rigid_body)
     b.initialize_straight_lines()
-    b.initialize(roll=lambda t: ROLL[case] * sin(pi * t))
+    b.initialize(roll=lambda t: ROLL.get(case, 0.0) * sin(pi * t))
 
     def pose(b, t):
         return rcp.spatial_pose((b.x[t], b.y[t], b.z[t]), euler=(b.roll[t], b.pitch[t], b.yaw[t]))
@@ -67,7 +84,7 @@ def build(case: str = "narrow", elements: int = 24, stages: int = 3) -> pyo.Conc
     m.flight.avoid = rcp.ObstacleAvoidanceBlock(
         b.time,
         bodies={"quadrotor": rcp.Body(BODY, pose=pose)},
-        obstacles=wall(*WINDOWS[case]),
+        obstacles=walls(case),
         clearance=CLEARANCE,
     )
     hover = MASS * GRAVITY / 4
@@ -113,7 +130,8 @@ def rigid_body(b, t):
 def draw(figure, m: pyo.ConcreteModel) -> None:
     """The flight, and the angles over time."""
     above, below = figure.subfigures(2, 1, height_ratios=(2.4, 1))
-    view = [(-2, -1.2, -1.2), (2, 1.2, 1.2)]
+    far = max(abs(place) for place in m.flight.trajectory().states["x"].ravel().tolist()) + 0.5
+    view = [(-far, -1.2, -1.2), (far, 1.2, 1.2)]
     rcp.scenes.draw_avoidance(m.flight.avoid, snapshots=8, view=view, title=m.name, figure=above)
     m.flight.trajectory().plot({"roll": "roll [rad]", "pitch": "pitch [rad]"}, figure=below)
 
@@ -124,7 +142,7 @@ if __name__ == "__main__":
     run_example(
         build,
         draw,
-        cases={name: {"case": name} for name in WINDOWS},
+        cases={name: {"case": name, "elements": 48 if name == "three" else 24} for name in WINDOWS},
         default="all",
         coarse={"elements": 16},
         size=(12, 8),

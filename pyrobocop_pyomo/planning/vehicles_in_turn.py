@@ -17,6 +17,7 @@ import logging
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,7 @@ from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.obstacles import parking_model, verify_motion
 from pyrobocop_pyomo.obstacles.parking_model import ROOM
 from pyrobocop_pyomo.optional_imports import networkx, scipy
+from pyrobocop_pyomo.plotting import AnimationFile, BodyPath, animate_scene
 from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.trajectories import Trajectory
 
@@ -103,6 +105,8 @@ class VehiclesPlan(Presented):
     Attributes
     ----------
     case : VehiclesCase
+    car : ParkingCar
+        Size and limits of each.
     moves : list of VehicleMove
         In the order in which they were planned. A vehicle that moves aside first has two.
     safety : SafetyReport
@@ -110,6 +114,7 @@ class VehiclesPlan(Presented):
     """
 
     case: VehiclesCase
+    car: ParkingCar
     moves: list[VehicleMove]
     safety: SafetyReport
 
@@ -133,6 +138,24 @@ class VehiclesPlan(Presented):
         """
         times = np.asarray(times, dtype=float)
         return np.array([_poses(self.moves, k, times) for k in range(len(self.case))])
+
+    def animate(self, path: str | Path | None = None, **options: Any) -> AnimationFile:
+        """Write an animation of all vehicles; in a notebook, what is returned plays.
+
+        Parameters
+        ----------
+        path : str or Path, optional
+            Such as ``"yard.gif"``, or ``"yard.mp4"`` where ffmpeg is there; a temporary GIF by default.
+        **options
+            ``frames``, ``seconds``, ``view``, ``title``, ``unit`` and ``size``, as of `animate_avoidance`.
+        """
+        times = np.arange(0.0, self.duration + STEP, STEP)
+        vehicles = []
+        for number, poses in enumerate(self.poses_at(times), start=1):
+            cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+            turned = np.array([[cos, -sin], [sin, cos]]).transpose(2, 0, 1)
+            vehicles.append(BodyPath(self.car.shape, turned, poses[:, :2], name=f"vehicle {number}"))
+        return animate_scene(times, vehicles, _parts(self.case), path, **{"title": self.case.name, **options})
 
     def __str__(self) -> str:
         worst = self.safety.worst
@@ -378,7 +401,7 @@ def _timed(case: VehiclesCase, car: ParkingCar, moves: list[VehicleMove], cleara
     spare = SPARE
     while True:
         plan = VehiclesPlan(
-            case, _departures(space, moves, asked + 2.0 * float(off.max()) + spare), SafetyReport((), True)
+            case, car, _departures(space, moves, asked + 2.0 * float(off.max()) + spare), SafetyReport((), True)
         )
         times = np.arange(0.0, plan.duration + 2.0 * STEP, STEP)
         names = [f"vehicle {k + 1}" for k in range(len(case))]

@@ -226,6 +226,12 @@ def test_random_parkings_end_safe_where_the_points_alone_collide() -> None:
     assert rows["planes"][:5] == ["2", "2", "2", "0", "0"]
 
 
+def test_the_film_of_two_cars_is_of_a_safe_plan() -> None:
+    name, _, safe, size = run_quick("films").splitlines()[-1].split()
+    assert (name, safe) == ("vehicles", "yes")
+    assert float(size) > 1.0
+
+
 def test_planes_take_a_fifth_of_the_work_of_optimality_conditions() -> None:
     lines = [line for line in run_quick("seed_obstacles").splitlines() if line.startswith("car")]
     rows = {line[9:25].strip(): line[25:].split() for line in lines}

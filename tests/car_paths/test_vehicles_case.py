@@ -131,3 +131,19 @@ def test_vehicles_that_shut_each_other_in_are_refused(monkeypatch: pytest.Monkey
     monkeypatch.setattr(vehicles_in_turn, "_moves_aside", lambda *given: None)
     with pytest.raises(InitialGuessError, match=r"of the vehicles \[\d\] none finds a way"):
         rcp.scenes.plan_vehicles(case)
+
+
+def test_a_film_has_each_vehicle_where_the_plan_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[Any] = []
+    monkeypatch.setattr(vehicles_in_turn, "animate_scene", lambda *arguments, **options: drawn.extend(arguments))
+    yard = rcp.scenes.VehiclesCase("yard", [(-8, 0, 0), (8, 4, math.pi)], [(8, 0, 0), (-8, 4, math.pi)], {})
+    plan = rcp.scenes.plan_vehicles(yard)
+    plan.animate()
+    times, vehicles, *_ = drawn
+    assert (times[0], len(vehicles)) == (0.0, 2)
+    assert times[-1] >= plan.duration
+    for vehicle, poses in zip(vehicles, plan.poses_at(times), strict=True):
+        np.testing.assert_allclose(vehicle.translation, poses[:, :2])
+        ahead = np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])])
+        np.testing.assert_allclose(vehicle.rotation[:, :, 0], ahead)
+        np.testing.assert_allclose(np.linalg.det(vehicle.rotation), 1.0)

@@ -105,7 +105,7 @@ def test_a_quadrotor_gets_through_the_window_and_not_through_the_wall(load: Any)
     half = np.array([0.3, 0.3, 0.1])
     corners = half * (2 * np.array(list(np.ndindex(2, 2, 2))) - 1)
     placed = np.einsum("ijt,kj->tki", rotation, corners) + np.stack(position, axis=-1)[:, None, :]
-    for wall in example.wall(*example.WINDOWS[case]).values():
+    for wall in example.walls(case).values():
         low, high = wall.vertices.min(axis=0), wall.vertices.max(axis=0)
         # Along the wall's own axes the boxes are at least so far apart; where that does not do, ask exactly.
         apart = np.maximum(placed.min(axis=1) - high, low - placed.max(axis=1)).max(axis=1)

@@ -124,7 +124,7 @@ def test_parallel_parking(elements: int) -> None:
 def test_a_quadrotor_at_a_window(case: str, elements: int) -> None:
     window = example("quadrotor_window")
     m = window.build(case, elements=elements, stages=1)
-    obstacles = window.wall(*window.WINDOWS[case])
+    obstacles = window.walls(case)
 
     def pose(b: Any, t: Any) -> rcp.scenes.Pose:
         return rcp.spatial_pose((b.x[t], b.y[t], b.z[t]), euler=(b.roll[t], b.pitch[t], b.yaw[t]))
