@@ -133,6 +133,7 @@ def test_vehicles_that_shut_each_other_in_are_refused(monkeypatch: pytest.Monkey
         rcp.scenes.plan_vehicles(case)
 
 
+@pytest.mark.casadi
 def test_a_film_has_each_vehicle_where_the_plan_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: list[Any] = []
     monkeypatch.setattr(vehicles_in_turn, "animate_scene", lambda *arguments, **options: drawn.extend(arguments))
