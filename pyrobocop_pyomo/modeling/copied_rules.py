@@ -202,7 +202,7 @@ def _may_hold_rules(held: Any) -> bool:
 
 def _is_of_pyomo(held: Any) -> bool:
     """True for components, their data, blocks, expressions of them, and Pyomo's collections."""
-    # Classes are asked: a module that loads its names on demand would look for one that it lacks.
+    # Of its class, since a module that loads its names on demand would look for one that it lacks.
     cls = type(held)
     return cls is not type and (
         hasattr(cls, "ctype")

@@ -64,6 +64,8 @@ def short_text(result: Any) -> str:
 
 def _first_line(result: Any) -> str:
     mesh, violation = result.errors_of_answer, result.constraint_violation
+    if result.quality is Quality.INFEASIBLE:
+        violation = max(violation, result.largest_natural_residual)
     iterations = f"{result.iterations} iteration{'' if result.iterations == 1 else 's'}"
     exact = []
     if result.quality is Quality.INFEASIBLE:
