@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 import importlib
 import sys
+import warnings
 from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
 from typing import Any
@@ -45,8 +46,22 @@ parmest_models, _ = attempt_import("pyomo.contrib.parmest.utils.model_utils")
 shapely, shapely_available = attempt_import("shapely", error_message=_remedy("Shapely", "shapes"))
 trimesh, trimesh_available = attempt_import("trimesh", error_message=_remedy("trimesh", "shapes"))
 yourdfpy, yourdfpy_available = attempt_import("yourdfpy", error_message=_remedy("yourdfpy", "robots"))
+# A dependency of meshcat.
+umsgpack, _ = attempt_import("umsgpack", error_message=_remedy("meshcat", "view"))
 pandas, pandas_available = attempt_import("pandas", error_message=_remedy("pandas", "tables"))
 xarray, xarray_available = attempt_import("xarray", error_message=_remedy("xarray", "tables"))
+
+
+def _import_meshcat() -> ModuleType:
+    """Import meshcat without the warnings of its server, which is not used here."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        return importlib.import_module("meshcat")
+
+
+meshcat, meshcat_available = attempt_import(
+    "meshcat", error_message=_remedy("meshcat", "view"), importer=_import_meshcat
+)
 
 
 class _OrdinaryFinder:

@@ -190,8 +190,12 @@ class PlanarScore:
         bodies = [BodyPath.planar(self.body.shape.outline(), x, y, theta, name="")]
         disc = self.robot.shape.outline()
         for name, robot in robots.items():
-            x, y = robot.position.T
-            bodies.append(BodyPath.planar(disc, x, y, np.zeros(len(x)), name=name))
+            level = np.tile(np.eye(2), (len(pose), 1, 1))
+            at, force = self._gap(robot, pose), self._wrench(pose, {name: robot})[:, :2]
+            contact = pose[:, :2] + np.column_stack([at.point_x, at.point_y])
+            # A force lasts over an element; the start shows that of the first.
+            force = np.vstack([force[:1], force])
+            bodies.append(BodyPath(disc, level, robot.position, name, force, contact))
         return np.linspace(0.0, self.step * (len(pose) - 1), len(pose)), bodies
 
     def animate(

@@ -212,7 +212,12 @@ class SpatialScore:
         bodies = [BodyPath(self.body.shape.outline(), shown.rotation, shown.position, "")]
         level = np.tile(np.eye(3), (len(body.position), 1, 1))
         outline = self.robot.shape.outline()
-        bodies += [BodyPath(outline, level, robot.position, name) for name, robot in robots.items()]
+        for name, robot in robots.items():
+            at = self._gap(robot, shown.position, shown.rotation)
+            force = self._wrench(robot, at)[:, :3]
+            # A force lasts over an element; the start shows that of the first.
+            force, contact = np.vstack([force[:1], force]), shown.position + np.column_stack(at.point)
+            bodies.append(BodyPath(outline, level, robot.position, name, force, contact))
         return np.linspace(0.0, self.step * (len(body.position) - 1), len(body.position)), bodies
 
     def animate(

@@ -8,6 +8,7 @@ import sys
 import tempfile
 import weakref
 from base64 import b64encode
+from html import escape
 from pathlib import Path, PosixPath, WindowsPath
 from typing import Any
 
@@ -21,7 +22,7 @@ else:
 
 
 class AnimationFile(_OwnPath):
-    """Path of a GIF or MP4 file; at the end of a notebook cell, its animation plays.
+    """Path of a GIF, MP4 or HTML file; at the end of a notebook cell, its animation plays.
 
     The notebook holds a copy of the animation, and needs the file no longer. A temporary file is there as long as this
     object, and is removed with it, at the latest when Python ends; `save` keeps it.
@@ -34,12 +35,12 @@ class AnimationFile(_OwnPath):
         ----------
         path : str or Path
             A name that ends in ``.mp4`` makes a film (by the program ffmpeg), any other a GIF, whose suffix is made
-            ``.gif``.
+            ``.gif``. Only a page can be saved as ``.html``, and only so.
 
         Raises
         ------
         GeometryError
-            Where ffmpeg is needed and not found, or fails.
+            Where ffmpeg is needed and not found, or fails, or a page would have to be made of pictures or the reverse.
         FileNotFoundError
             When the file of this animation is gone.
         """
@@ -48,6 +49,11 @@ class AnimationFile(_OwnPath):
             if not (target.exists() and target.samefile(self)):
                 shutil.copyfile(self, target)
             return target
+        if is_page(self) or is_page(target):
+            raise GeometryError(
+                f"'{self}' cannot become '{target}': a page holds bodies, other animations hold pictures. Write the "
+                "animation again, with this name."
+            )
         program = _ffmpeg(path)
         self.stat()
         # Players want an even number of pixels, and colours at half the resolution.
@@ -61,6 +67,9 @@ class AnimationFile(_OwnPath):
     def _repr_html_(self) -> str | None:
         if not self.is_file():
             return None
+        if is_page(self):
+            page = escape(self.read_text(encoding="utf-8"))
+            return f'<iframe srcdoc="{page}" style="width: 100%; height: 480px; border: none"></iframe>'
         data = b64encode(self.read_bytes()).decode("ascii")
         if _is_film(self):
             return f'<video controls autoplay loop muted src="data:video/mp4;base64,{data}"></video>'
@@ -68,7 +77,7 @@ class AnimationFile(_OwnPath):
 
 
 def animation_file(path: str | Path | None) -> AnimationFile:
-    """Where an animation goes: a name that ends in ``.mp4`` as it is, any other as ``.gif``; None: a temporary file.
+    """Where an animation goes: ``.mp4`` and ``.html`` as named, any other as ``.gif``; None: a temporary file.
 
     Raises
     ------
@@ -80,6 +89,8 @@ def animation_file(path: str | Path | None) -> AnimationFile:
         made = AnimationFile(Path(folder) / "animation.gif")
         weakref.finalize(made, shutil.rmtree, folder, ignore_errors=True)
         return made
+    if is_page(Path(path)):
+        return AnimationFile(path)
     if not _is_film(Path(path)):
         return AnimationFile(Path(path).with_suffix(".gif"))
     _ffmpeg(path)
@@ -90,6 +101,11 @@ def frame_writer(path: AnimationFile, frames_per_second: float) -> Any:
     """What collects the frames of a file, and writes it at the end."""
     kind = animation.FFMpegWriter if _is_film(path) else animation.PillowWriter
     return kind(fps=frames_per_second)
+
+
+def is_page(path: Path) -> bool:
+    """Whether an animation is a web page, and not a series of pictures."""
+    return path.suffix.lower() == ".html"
 
 
 def _is_film(path: Path) -> bool:

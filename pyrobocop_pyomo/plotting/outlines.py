@@ -30,7 +30,7 @@ def outline(shape: Any, view: Array | None = None) -> Array:
         Three corners or more; two for a segment and one for a point without padding; none for what lies wholly
         outside the view.
     """
-    points = _padded(np.asarray(shape.vertices, dtype=float), float(shape.radius))
+    points = padded(np.asarray(shape.vertices, dtype=float), float(shape.radius))
     if not len(shape.rays):
         return convex_outline(points)
     frame = _frame(view, points)
@@ -52,7 +52,7 @@ def faces(shape: Any, view: Array | None = None) -> list[Array]:
     list of arrays, shape (k, 3)
         Corners of each face in order. A flat shape has one face, a segment one of two corners, a point one of one.
     """
-    points = _padded(np.asarray(shape.vertices, dtype=float), float(shape.radius))
+    points = padded(np.asarray(shape.vertices, dtype=float), float(shape.radius))
     if view is None and not len(shape.rays):
         return convex_faces(points)
     frame = _frame(None, points) if view is None else np.asarray(view, dtype=float)
@@ -122,7 +122,8 @@ def _turn(a: Array, b: Array, c: Array) -> float:
     return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 
 
-def _padded(points: Array, radius: float) -> Array:
+def padded(points: Array, radius: float) -> Array:
+    """Points whose hull is that of the given points with a margin; the points themselves without one."""
     if not radius:
         return points
     angle = np.linspace(0, 2 * np.pi, _CORNERS_OF_A_CIRCLE, endpoint=False)

@@ -14,10 +14,11 @@ from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import art3d, matplotlib
 
-from .animation_files import AnimationFile, animation_file, frame_writer
+from .animation_files import AnimationFile, animation_file, frame_writer, is_page
 from .figures import figure_or_new
 from .outlines import faces, outline
 from .time_colours import evenly_moved, time_colours
+from .viewer_pages import write_page
 
 
 def draw_scene(
@@ -214,15 +215,17 @@ def animate_scene(
     bodies, obstacles, view, title, unit
         As in `draw_scene`.
     path : str or Path, optional
-        Where to write: a name that ends in ``.mp4`` makes a film (by the program ffmpeg), any other a GIF, whose suffix
-        is made ``.gif``. A temporary GIF by default.
+        Where to write: a name that ends in ``.html`` makes a web page with meshcat's viewer, to be turned and zoomed in
+        a browser (extra ``view``); ``.mp4`` makes a film (by the program ffmpeg), any other a GIF, whose suffix is made
+        ``.gif``. A temporary GIF by default.
     frames : int
-        Pictures, at equal distances in time; each shows the poses of the given time nearest to its own.
+        Pictures, at equal distances in time; each shows the poses of the given time nearest to its own. A page has the
+        poses of all times, and moves bodies straight between them.
     seconds : float, optional
         How long the animation runs; as long as the motion, but between 2 and 10 s, by default. The last picture stays
         for another second.
     size : (width, height)
-        Of the picture, inches; 100 pixels each.
+        Of the picture, inches; 100 pixels each. A page fills the window of the browser.
 
     Returns
     -------
@@ -240,6 +243,12 @@ def animate_scene(
     if frames < 2 or not lasts > 0:
         raise GeometryError(f"an animation of {frames} frames in {lasts:g} s; give at least 2, and a positive time.")
     target = animation_file(path)
+    window = _window(bodies, obstacles) if view is None else np.asarray(view, dtype=float)
+    forces = _arrows(bodies, 0.25 * float((window[1] - window[0]).max()))
+    if is_page(target):
+        speed = float(time[-1] - time[0]) / lasts
+        write_page(target, time, bodies, obstacles, forces, window=window, speed=speed, title=title)
+        return target
     figure = matplotlib.figure.Figure(figsize=size, dpi=100, layout="constrained")
     axis = scene_axis(figure, bodies, obstacles, view=view, title=title, unit=unit)
     for body in bodies:
@@ -263,6 +272,10 @@ def animate_scene(
             for body, local in zip(bodies, polygons, strict=True)
             for corners in body.at(i, local)
         ]
+        shown += [
+            add_polygon(axis, np.array([tip[i] - vector[i], tip[i]]), (0.8, 0.2, 0.1), (0.8, 0.2, 0.1), 4)
+            for tip, vector in forces
+        ]
         label.set_text(f"{frame:.2f} s")
         if frame == wanted[0]:
             # The layout is computed once, so that the picture does not shift between frames.
@@ -271,6 +284,13 @@ def animate_scene(
         writer.grab_frame()
     writer.finish()
     return target
+
+
+def _arrows(bodies: Sequence[BodyPath], longest: float) -> list[tuple[Array, Array]]:
+    """Tips and vectors of the forces of contact; the largest is as long as told."""
+    known = [(body.contact, body.force) for body in bodies if body.contact is not None and body.force is not None]
+    largest = max((float(np.linalg.norm(force, axis=1).max()) for _, force in known), default=0.0)
+    return [(tip, longest / max(largest, 1e-300) * force) for tip, force in known]
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,12 +306,18 @@ class BodyPath:
     translation : array, shape (T, d)
         Of the body's reference point, the origin of its frame.
     name : str
+    force : array, shape (T, d), optional
+        With which it pushes another body, newtons; animations show it.
+    contact : array, shape (T, d), optional
+        Where the force acts.
     """
 
     parts: Polytope | Sequence[Polytope]
     rotation: Array
     translation: Array
     name: str = "body"
+    force: Array | None = None
+    contact: Array | None = None
 
     def __post_init__(self) -> None:
         parts = (self.parts,) if isinstance(self.parts, Polytope) else tuple(self.parts)
@@ -302,6 +328,14 @@ class BodyPath:
                 f"body '{self.name}': parts of dimension {[part.dimension for part in parts]}, rotations of shape "
                 f"{rotation.shape}, translations of shape {translation.shape}; expected are (T, d, d) and (T, d)."
             )
+        for name in ("force", "contact"):
+            value = getattr(self, name)
+            if value is not None and np.shape(value) != translation.shape:
+                raise GeometryError(
+                    f"body '{self.name}': {name} of shape {np.shape(value)}; expected is that of the translations, "
+                    f"{translation.shape}."
+                )
+            object.__setattr__(self, name, None if value is None else np.asarray(value, float))
         object.__setattr__(self, "parts", parts)
         object.__setattr__(self, "rotation", rotation)
         object.__setattr__(self, "translation", translation)

@@ -99,6 +99,7 @@ EXTRAS = (
     "shapely",
     "trimesh",
     "yourdfpy",
+    "meshcat",
 )
 
 
