@@ -42,7 +42,7 @@ def information(start: float, rate: float) -> float:
 def test_a_rate_and_its_standard_error_are_those_of_theory_and_the_model_holds_the_fit() -> None:
     m = decay()
     names = [component.name for component in m.component_objects()]
-    found = rcp.estimate(m, data(), error=0.01)
+    found = rcp.estimate(m, rcp.estimation.DataSet(data(), inputs=None, initial=None), error=0.01)
     rate = found.estimates["rate"]
     gradient = TIMES * np.exp(-rate * TIMES) @ (data()["c"] - np.exp(-rate * TIMES))
     assert gradient == pytest.approx(0.0, abs=1e-5)
