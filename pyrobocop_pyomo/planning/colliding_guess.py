@@ -47,9 +47,8 @@ def colliding_guess(model: Any, guess: VariableValues, blocks: Sequence[Obstacle
     apart = f"overlap {-worst.distance:.3g}" if worst.distance < 0 else f"distance {worst.distance:.3g}"
     return (
         f"The initial guess collides: '{worst.first}' with '{worst.second}', {apart} at t = {worst.time:.3g}. "
-        "Start from a motion that is clear. For a car: path = rcp.scenes.hybrid_a_star(start, goal, "
-        f"body=..., obstacles=...), then {phase}.initialize(path.initial_guess({phase}, speed=...)); for an arm: "
-        f"{phase}.initialize(rcp.scenes.sampled_path({phase})). Otherwise "
-        f"{phase}.initialize(rcp.scenes.waypoint_initial_guess({phase}, "
-        '{"x": [...], "y": [...]})) through points that are clear, or rcp.studies.multistart(model).'
+        f"Start from a motion that is clear: {phase}.initialize(rcp.scenes.waypoint_initial_guess({phase}, "
+        f'{{"x": [...], "y": [...]}})), for an arm {phase}.initialize(rcp.scenes.sampled_path({phase})), for a car '
+        "path = rcp.scenes.hybrid_a_star(start, goal, body=..., obstacles=...) and "
+        f"{phase}.initialize(path.initial_guess({phase}, speed=...))."
     )

@@ -60,11 +60,9 @@ def advice_on_motion(safety: SafetyReport) -> str:
     if safety.is_settled:
         return f"The plan keeps its clearances, and what its equations make of it may not. {safety.equations}"
     return (
-        f"No motion was found that keeps its clearances; the closest: {safety.worst}. Give an initial "
-        "guess that is clear of obstacles: for a car, rcp.scenes.hybrid_a_star(start, goal, body=..., "
-        "obstacles=..., ...) finds a path; otherwise rcp.studies.multistart(model) tries several. Or say where to pass "
-        "by initialize(directions=...), refine the mesh, or keep a smaller clearance. With between=None nothing is "
-        "checked between the points. There may be no such motion."
+        f"No motion was found that keeps its clearances; the closest: {safety.worst}. There may be none. Otherwise "
+        "start from a clear one: rcp.scenes.waypoint_initial_guess, sampled_path (arms) or hybrid_a_star (cars), or "
+        "rcp.studies.multistart."
     )
 
 
