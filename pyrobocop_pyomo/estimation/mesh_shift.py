@@ -17,6 +17,8 @@ logger = logging.getLogger(__name__)
 
 # In standard errors: an interval that is off by less still has nearly its level.
 LARGE_SHIFT = 0.5
+# First-order shifts beyond this say no more than that they are large.
+MOST_SHIFT = 100.0
 
 
 def remark_on_mesh(problem: EstimationProblem, statistics: FitStatistics) -> str:
@@ -50,10 +52,10 @@ def remark_on_mesh(problem: EstimationProblem, statistics: FitStatistics) -> str
     worst = int(shifts.argmax())
     if shifts[worst] <= LARGE_SHIFT:
         return ""
-    name = np.array(statistics.names)[free][worst]
+    name, shift = np.array(statistics.names)[free][worst], shifts[worst]
+    amount = f"about {shift:.2g}" if shift < MOST_SHIFT else f"more than {MOST_SHIFT:.0f}"
     return (
-        f"the mesh is coarse: a finer one would shift '{name}' by about {shifts[worst]:.2g} of its standard "
-        "errors; take more elements"
+        f"the mesh is coarse: a finer one would shift '{name}' by {amount} of its standard errors; take more elements"
     )
 
 
