@@ -52,6 +52,8 @@ class DataSet(Presented):
     name: str = ""
 
     def __post_init__(self) -> None:
+        for name in ("inputs", "initial"):
+            object.__setattr__(self, name, getattr(self, name) or {})  # None stands for nothing here too
         object.__setattr__(self, "series", _read(self.measurements, f"data set '{self.name}'" if self.name else "data"))
 
     series: dict[str, Series] = field(init=False, repr=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from pyrobocop_pyomo.studies.sweep import SweepResult, sweep
 from .estimation_result import EstimationResult
 from .fit_statistics import statistics_of
 from .identifiability import identifiability
+from .mesh_shift import remark_on_mesh
 from .problem import EstimationProblem
 
 
@@ -151,11 +153,15 @@ def estimate(
     else:
         bar.live("fitting")
         result = _fit(problem, deadline, {"progress": progress, **options})
+    bar.live("the mesh")
+    statistics = statistics_of(problem)
+    if result.solved and not deadline.has_passed and (remark := remark_on_mesh(problem, statistics)):
+        statistics = replace(statistics, remarks=(*statistics.remarks, remark))
     bar.live("")
     found = EstimationResult(
         problem=problem,
         result=result,
-        statistics=statistics_of(problem),
+        statistics=statistics,
         diagnosis=diagnosis,
         starts=several,
         level=confidence,

@@ -111,9 +111,11 @@ def statistics_of(problem: EstimationProblem) -> FitStatistics:
     else:
         matrix = derivatives.matrix
         if derivatives.biactive:
+            count_of_others = len(derivatives.biactive) - 1
+            others = f" and of {count_of_others} more" if count_of_others else ""
             remarks.append(
-                f"{len(derivatives.biactive)} pairs have both sides at zero, among them {derivatives.biactive[0]}: "
-                "standard errors hold to one side of the estimates"
+                f"both sides of {derivatives.biactive[0]}{others} are zero: standard errors hold to one side of the "
+                "estimates"
             )
         if derivatives.undetermined:
             remarks.append(

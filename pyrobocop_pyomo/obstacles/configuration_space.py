@@ -362,14 +362,15 @@ class ConfigurationSpace:
             found = some if rows is None else self._solved(rows, some, free, low, high)
             if rows is None and (self._are_clear_as_asked(guess[None])).all():
                 found = guess[None]
-        if len(found):
-            found = found[self._are_clear_as_asked(found)]
-        if not len(found):
+        clear = found[self._are_clear_as_asked(found)]
+        if not len(clear):
             end = "end" if is_last else "start"
             raise InitialGuessError(
-                f"{self.label}: no clear configuration for its {end} was found, of {', '.join(self.names)}. Check that "
-                f"one exists which keeps every clearance, or give the {end} as values of these states."
+                f"{self.label}: no clear configuration for its {end} was found, of {', '.join(self.names)}: "
+                f"{self._what_is_close(found)}. Check that one exists which keeps every clearance, or give the {end} "
+                "as values of these states."
             )
+        found = clear
         order = np.argsort(np.linalg.norm((found - near) * self.lengths, axis=1), kind="stable")
         kept = found[order[:1]]
         for each in found[order]:
@@ -377,6 +378,15 @@ class ConfigurationSpace:
             if np.linalg.norm((kept - each) * self.lengths, axis=1).min() > self.spacing and len(kept) < MOST_ENDS:
                 kept = np.vstack([kept, each])
         return np.asarray(kept)
+
+    def _what_is_close(self, points: Array) -> str:
+        """The body pairs without their clearance, in the one of these configurations (k, n) with the fewest."""
+        if not len(points):
+            return "no values within their bounds meet the rows of the model there"
+        close = self._apart(points, self._asked, self._asked) < self._asked
+        fewest = close[close.sum(axis=1).argmin()]
+        pairs = [" and ".join(f"'{self._parts[k][1].body}'" for k in pair) for pair in self._pairs[fewest]]
+        return f"at best, {', '.join(dict.fromkeys(pairs))} are too close there"
 
     def _are_clear_as_asked(self, points: Array) -> BoolArray:
         self._asked = self._clearances - ROUNDING * self._extent

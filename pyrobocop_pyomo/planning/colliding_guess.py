@@ -47,6 +47,8 @@ def colliding_guess(model: Any, guess: VariableValues, blocks: Sequence[Obstacle
     apart = f"overlap {-worst.distance:.3g}" if worst.distance < 0 else f"distance {worst.distance:.3g}"
     return (
         f"The initial guess collides: '{worst.first}' with '{worst.second}', {apart} at t = {worst.time:.3g}. "
-        f"Give {phase}.initialize(...) a motion that is clear: rcp.scenes.sampled_path({phase}), for a car the path of "
-        f"rcp.scenes.hybrid_a_star, or rcp.scenes.waypoint_initial_guess({phase}, ...) through points that are clear."
+        f"Start from a motion that is clear: {phase}.initialize(rcp.scenes.waypoint_initial_guess({phase}, "
+        f'{{"x": [...], "y": [...]}})), for an arm {phase}.initialize(rcp.scenes.sampled_path({phase})), for a car '
+        "path = rcp.scenes.hybrid_a_star(start, goal, body=..., obstacles=...) and "
+        f"{phase}.initialize(path.initial_guess({phase}, speed=...))."
     )

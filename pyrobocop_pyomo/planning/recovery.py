@@ -83,6 +83,11 @@ class Recovery:
     blocks : list of ObstacleAvoidanceBlockData
     regions : list of ContainmentData
     planning : Solves
+
+    Attributes
+    ----------
+    why_no_path : str
+        Why the first search among random configurations found none; empty where all did, or there was none.
     """
 
     def __init__(
@@ -92,6 +97,7 @@ class Recovery:
         self._initial = PlanningPoint(model)
         self._directions = {block: dict(block.record.directions) for block in blocks}
         self._was_cut_short = False
+        self.why_no_path = ""
 
     def steps(self) -> Iterator[Callable[[], SolveResult]]:
         """What solves from each start, after `start`; the caller stops asking when a plan is good enough."""
@@ -217,7 +223,8 @@ class Recovery:
             try:
                 guess = sampled_path(space.phase, clearances=clearances, samples=SAMPLES, seed=seed)
             except InitialGuessError as error:
-                logger.info("%s: %s", space.label, error)
+                logger.info("%s", error)
+                self.why_no_path = self.why_no_path or str(error)
                 continue
             space.phase.initialize(guess)
             found = True

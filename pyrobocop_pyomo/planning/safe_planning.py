@@ -92,6 +92,7 @@ class SafePlanning:
         self._interrupted = False
         self._meshes = SafetyMeshes([*blocks, *regions])
         self._is_start = self._is_any_start = False
+        self._why_no_path = ""
         self._began = self._guess = VariableValues.of_free(model)
 
     def is_for_a_start(self, *, any_point: bool) -> None:
@@ -138,6 +139,7 @@ class SafePlanning:
                 result = self._made_safe(result)
             if self._is_good_enough or not self.may_go_on(result):
                 break
+        self._why_no_path = recovery.why_no_path
         if self._is_good_enough and any(len(region.record.regions) > 1 for region in self._regions):
             self._revise_regions()
 
@@ -348,10 +350,11 @@ class SafePlanning:
         before = sum(len(made.result.steps) for made in self.rounds[: self.rounds.index(self._best)])
         best = self._best.result
         said = self._said_of_the_guess()
+        why_no_path = "" if self._best.is_settled else self._why_no_path
         return replace(
             best,
             stop_reason=self._stop_reason(),
-            remarks=(*best.remarks, *filter(None, [said])),
+            remarks=(*filter(None, [why_no_path]), *best.remarks, *filter(None, [said])),
             best=replace(best.best, number=best.best.number + before),
             steps=[step for made in self.rounds for step in made.result.steps],
             checking_seconds=sum(made.result.checking_seconds for made in self.rounds),

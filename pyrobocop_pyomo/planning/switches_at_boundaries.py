@@ -140,16 +140,16 @@ class SwitchesAtBoundaries:
         source = self._families[family].pairs[0].source
         phase = next(p for p in self._phases if is_inside(source, p))
         boundaries = phase.trajectory().grid.mesh.boundaries
-        places = ", ".join(f"{boundaries[i]:.4g} to {boundaries[i + 1]:.4g}" for i in elements[:3])
-        more = f" and {len(elements) - 3} elements more" if len(elements) > 3 else ""
+        place = f"{boundaries[elements[0]]:.4g} to {boundaries[elements[0] + 1]:.4g}"
+        more = f" and {count} element{'s' if count > 1 else ''} more" if (count := len(elements) - 1) else ""
         message = (
-            f"Pairs change sides inside of elements: '{family[0]}' at t = {places}{more}. There the error is of the "
-            "order of the elements' width whatever the scheme is, and an optimiser can gain by it."
+            f"Pairs change sides inside of elements: '{family[0]}' at t = {place}{more}. The error there is of the "
+            "order of the elements' width, and an optimiser can gain by it."
         )
         remedy = (
-            "Let the boundaries move to the switches: PhaseBlock(..., free_element_widths=(0.2, 3)) and "
-            'rcp.solve(m, grouping=rcp.relaxations.Crossed(left_end="first")), with the side that is continuous in '
-            "time first in each pair; or take more elements and compare."
+            "Let the boundaries move: PhaseBlock(..., free_element_widths=(0.2, 3)) and rcp.solve(m, "
+            'grouping=rcp.relaxations.Crossed(left_end="first")), with the side that is continuous in time first in '
+            "each pair; or compare with more elements."
         )
         return Finding(Severity.WARNING, Subject.OUTCOME, message, (family[0],), remedy)
 

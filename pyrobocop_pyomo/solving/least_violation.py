@@ -38,7 +38,7 @@ MET = 1e-6
 class Least(enum.Enum):
     """What linear programs show of the violation near a point; the value is a sentence."""
 
-    PROVEN = "All rows are linear, and no values meet them together."
+    PROVEN = "Linear rows contradict each other: no values meet them together."
     LOCAL = "No point nearby violates less: linear programs find no step that does."
     UNKNOWN = "Points nearby violate less: the runs ended before the least violation."
     NONE = (
@@ -98,7 +98,8 @@ def least_violation(model: Any, deadline: Deadline = NO_DEADLINE) -> LeastViolat
     Parameters
     ----------
     model : Block
-        Of its pairs, the side that is at zero stays there.
+        Of its pairs, the side that is at zero stays there. Where its linear constraints alone contradict each other, it
+        is they that are told of.
     deadline : Deadline
 
     Returns
@@ -122,8 +123,23 @@ def least_violation(model: Any, deadline: Deadline = NO_DEADLINE) -> LeastViolat
     free = {id(v): v for row in rows for v in variables_in(row.body, include_fixed=False)}.values()
     with values_restored(free):
         put_values([*free], [within_bounds(number_or_nan(variable), variable) for variable in free])
+        with values_restored(free):
+            contradiction = _contradiction(rows, deadline)
+        if contradiction is not None:
+            return contradiction
         found = _descended(rows, bool(pairs), deadline)
     return None if found is None or (pairs and not found.obstructions) else found
+
+
+def _contradiction(rows: Sequence[StatedRow], deadline: Deadline) -> LeastViolation | None:
+    """The proof that the linear constraints contradict each other, whatever pairs and nonlinear rows say."""
+    if not ViolatedRows(rows).is_finite:
+        return None
+    linear = [row for row in rows if row.data.ctype is Constraint and row.body.polynomial_degree() in (0, 1)]
+    if not 0 < len(linear) < len(rows):
+        return None
+    found = _descended(linear, False, deadline)
+    return found if found is not None and found.kind is Least.PROVEN else None
 
 
 def _descended(rows: Sequence[StatedRow], has_pairs: bool, deadline: Deadline) -> LeastViolation | None:

@@ -47,11 +47,14 @@ class Obstruction:
         What it is, with its number and where in time.
     influence : float
         By how much the least violation falls where they give way by their own size, in sum.
+    is_fixed : bool
+        Whether it is a fixed value.
     """
 
     name: str
     words: str
     influence: float
+    is_fixed: bool = False
 
     def __str__(self) -> str:
         return self.words
@@ -102,7 +105,7 @@ def _obstruction(some: list[ObstructingData]) -> Obstruction:
         words = f"{'pairs of' if component.ctype in PAIR_TYPES else 'constraint'} {words}"
     if len(some) > 1:
         words += f" at {len(some)} of {len(component)} {'points,' if times else 'indices'}"
-    return Obstruction(name, f"{words} {_span(times)}" if times else words, influence)
+    return Obstruction(name, f"{words} {_span(times)}" if times else words, influence, first.sign == "=")
 
 
 def _span(times: list[float]) -> str:

@@ -60,8 +60,9 @@ def advice_on_motion(safety: SafetyReport) -> str:
     if safety.is_settled:
         return f"The plan keeps its clearances, and what its equations make of it may not. {safety.equations}"
     return (
-        f"No motion was found that keeps its clearances; the closest: {safety.worst}. There may be none; otherwise an "
-        "initial guess that is clear of obstacles helps, initialize(directions=...), more elements, or less clearance."
+        f"No motion was found that keeps its clearances; the closest: {safety.worst}. There may be none. Otherwise "
+        "start from a clear one: rcp.scenes.waypoint_initial_guess, sampled_path (arms) or hybrid_a_star (cars), or "
+        "rcp.studies.multistart."
     )
 
 

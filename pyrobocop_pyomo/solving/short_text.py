@@ -103,7 +103,9 @@ def _verdict(result: Any) -> str:
         return f"NOT SOLVED{unsafe}{ended}"
     if result.quality is Quality.FEASIBLE:
         return f"feasible, but not shown to be optimal{unsafe}{ended}"
-    return f"solved{unsafe}" if unsafe or result.safety is None else "solved, and safe"
+    if unsafe:
+        return "NOT SAFE"
+    return "solved" if result.safety is None else "solved, and safe"
 
 
 def _pairs(result: Any) -> str:
@@ -125,18 +127,24 @@ def _doubts(result: Any) -> Iterable[str]:
     if mesh.is_large:
         yield f"COARSE MESH: {mesh.in_words()}"
     yield from mesh.bounds_passed
-    if result.advice_on_motion:
+    # Where no motion exists at all, obstacles are not what is in the way.
+    if result.advice_on_motion and not (result.least_violation is not None and result.least_violation.is_proof):
         yield result.advice_on_motion
 
 
 def _failure(result: Any) -> Iterable[str]:
     """What is not met, what stands against a solution, and one thing to do."""
-    for violation in result.violations[:SHOWN_VIOLATIONS]:
-        yield f"not met: {violation}"
     least = result.least_violation
+    # What helps is the last line, and must not be cut off by what is said of a motion.
+    is_long = bool(result.advice_on_motion) and least is not None and bool(least.obstructions)
+    for violation in result.violations[: 1 if is_long else SHOWN_VIOLATIONS]:
+        yield f"not met: {violation}"
     if least is not None and least.obstructions:
         yield STANDS_AGAINST
-        shown = least.obstructions[:SHOWN_OBSTRUCTIONS]
+        shown = list(least.obstructions[:SHOWN_OBSTRUCTIONS])
+        fixed = [obstruction for obstruction in least.obstructions if obstruction.is_fixed]
+        if fixed and not any(obstruction.is_fixed for obstruction in shown):
+            shown[-1] = fixed[0]  # an end that was given wrongly is what a user looks for
         left = len(least.obstructions) - len(shown)
         for obstruction in shown:
             yield f"- {obstruction}{f', and {left} more' if left and obstruction is shown[-1] else ''}"

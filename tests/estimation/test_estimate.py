@@ -42,7 +42,7 @@ def information(start: float, rate: float) -> float:
 def test_a_rate_and_its_standard_error_are_those_of_theory_and_the_model_holds_the_fit() -> None:
     m = decay()
     names = [component.name for component in m.component_objects()]
-    found = rcp.estimate(m, data(), error=0.01)
+    found = rcp.estimate(m, rcp.estimation.DataSet(data(), inputs=None, initial=None), error=0.01)
     rate = found.estimates["rate"]
     gradient = TIMES * np.exp(-rate * TIMES) @ (data()["c"] - np.exp(-rate * TIMES))
     assert gradient == pytest.approx(0.0, abs=1e-5)
@@ -75,6 +75,26 @@ def test_residuals_that_the_stated_errors_do_not_explain_are_told() -> None:
     times = (fits.sum_of_squares / 4) ** 0.5 * 10
     assert remark.startswith(f"the residuals are {times:.2g} times as large as the errors that were stated")
     assert remark in str(too_small)
+
+
+@pytest.mark.casadi
+def test_an_estimate_that_a_coarse_mesh_shifts_is_told() -> None:
+    def first_order(elements: int) -> Any:
+        m = pyo.ConcreteModel("decay")
+        m.tank = b = rcp.PhaseBlock(duration=2.0, elements=elements, scheme="implicit_euler")
+        b.c = rcp.State(initial=1.0)
+        b.rate = rcp.Parameter(bounds=(0.01, 10), initial_guess=1.0)
+        b.ode(lambda b, t: {b.c: -b.rate * b.c[t]})
+        return m
+
+    exact = {"time": TIMES, "c": np.exp(-0.7 * TIMES)}
+    coarse, fine = (rcp.estimate(first_order(elements), exact, error=0.01) for elements in (40, 400))
+    shift = abs(0.7 - coarse.estimates["rate"]) / coarse.standard_errors["rate"]
+    (remark,) = coarse.statistics.remarks
+    said = remark.partition("shift 'rate' by about ")[2].partition(" ")[0]
+    assert float(said) == pytest.approx(shift, rel=0.1)
+    assert coarse.problem.estimates()[0] == coarse.estimates["rate"]
+    assert not fine.statistics.remarks
 
 
 class Labelled:

@@ -170,8 +170,17 @@ def test_where_no_path_exists_the_number_of_samples_is_said() -> None:
 
 
 def test_a_goal_that_no_configuration_reaches_is_refused_with_the_end() -> None:
-    with pytest.raises(InitialGuessError, match="no clear configuration for its end"):
+    with pytest.raises(InitialGuessError, match="no clear configuration for its end .*no values within their bounds"):
         rcp.scenes.sampled_path(arm(hand=(2.0, 0.0)).reach)
+    with pytest.raises(InitialGuessError, match="no clear configuration for its end .*'lower' and 'box' are too close"):
+        rcp.scenes.sampled_path(arm(hand=(0.7, 0.0)).reach)
+
+
+@pytest.mark.ipopt
+def test_a_result_says_that_the_goal_of_an_arm_is_never_clear() -> None:
+    result = rcp.solve(arm(hand=(0.7, 0.0)), time_limit=10)
+    assert not result.solved
+    assert "'lower' and 'box' are too close there" in str(result)
 
 
 def test_poses_of_quaternions_are_refused() -> None:

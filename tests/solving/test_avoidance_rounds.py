@@ -376,6 +376,7 @@ def test_where_there_is_no_way_none_is_claimed(state: Callable[..., Any], formul
     with pytest.raises(SolveFailed, match=r"(?s)'turning move'.*No motion was found.*'arrow' and .*closest found"):
         result.raise_for_status()
     assert "NOT SAFE" in str(result)
+    assert "solved" not in str(result)
     assert components(m) == before
     assert_hard(m.move.avoid)
     assert m.effort.active

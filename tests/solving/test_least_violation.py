@@ -145,6 +145,24 @@ def test_clearances_are_named_by_their_shapes():
     assert any(one.startswith("the clearance between 'cart' and 'wall' of 'p.avoid'") for one in words)
 
 
+def test_linear_rows_that_contradict_each_other_are_a_proof_whatever_other_rows_say():
+    m = pyo.ConcreteModel(name="too far")
+    m.p = b = rcp.PhaseBlock(duration=2.0, elements=5)
+    b.x, b.y = rcp.State(initial=0, final=600), rcp.State(initial=1)
+    b.v = rcp.Control(bounds=(-3, 3))
+    b.floor_force = rcp.Algebraic(bounds=(0, None))
+    b.ode(lambda b, t: {b.x: b.v[t], b.y: pyo.sin(b.x[t]) + b.floor_force[t]})
+    b.complementarity(lambda b, t: rcp.complements(b.y[t] >= 0, b.floor_force[t] >= 0), name="floor")
+    b.initialize_straight_lines()
+    before = [variable.value for variable in b.component_data_objects(pyo.Var)]
+    found = least_of(m)
+    assert found.is_proof
+    words = list(map(str, found.obstructions))
+    assert any(one.startswith("'p.v' <= 3") for one in words)
+    assert any(one.startswith("'p.x' fixed at 600") for one in words)
+    assert [variable.value for variable in b.component_data_objects(pyo.Var)] == before
+
+
 def test_rows_without_value_and_time_that_is_up_give_nothing():
     m = pyo.ConcreteModel(name="none")
     m.x = pyo.Var(initialize=-1.0)

@@ -137,6 +137,47 @@ def test_a_failure_says_why_and_what_to_do_in_eight_lines(model: Any, options: A
     assert all(word in str(result) for word in words)
 
 
+def too_far() -> Any:
+    """An end in other units, and a wall beside the way that has nothing to do with it."""
+    m = pyo.ConcreteModel(name="too far")
+    m.p = b = rcp.PhaseBlock(duration=2.0, elements=8, stages=2)
+    b.x, b.y = rcp.State(initial=0, final=600), rcp.State(initial=0, final=0)
+    b.v, b.w = rcp.State(initial=0, final=0, bounds=(-3, 3)), rcp.Control(bounds=(-3, 3))
+    b.u = rcp.Control(bounds=(-9, 9))
+    b.ode(lambda b, t: {b.x: b.v[t], b.y: b.w[t], b.v: b.u[t]})
+    b.initialize_straight_lines()
+    b.avoid = rcp.ObstacleAvoidanceBlock(
+        b.time,
+        body=rcp.Polytope.box(0.4, 0.4),
+        pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t]),
+        obstacles={"wall": rcp.Polytope.box(1, 2, center=(2, 0.8))},
+        clearance=0.1,
+    )
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2 + b.w[t] ** 2))
+    return m
+
+
+def test_an_end_out_of_reach_is_named_and_not_the_obstacles_on_the_way() -> None:
+    result = rcp.solve(too_far(), time_limit=20)
+    assert not result.solved
+    assert "proven to have no solution" in str(result)
+    assert "'p.x' fixed at 600" in str(result)
+    assert "No motion was found" not in str(result)
+    assert len(str(result).splitlines()) <= MOST_LINES
+
+
+def test_what_is_said_of_a_guess_that_collides_is_not_cut_off() -> None:
+    m = too_far()
+    m.p.x[2.0].fix(4)
+    m.p.y.setlb(-0.1)
+    m.p.y.setub(0.1)
+    lines = str(rcp.solve(m, time_limit=20)).splitlines()
+    (guess,) = [line for line in lines if line.startswith("The initial guess collides: 'body' with 'wall'")]
+    assert guess.endswith("speed=...)).")
+    (motion,) = [line for line in lines if line.startswith("No motion was found")]
+    assert motion.endswith("rcp.studies.multistart.")
+
+
 @pytest.mark.parametrize("busy", [False, True])
 def test_what_stands_against_a_solution_does_not_depend_on_how_busy_the_machine_is(
     busy: bool, monkeypatch: pytest.MonkeyPatch

@@ -99,7 +99,7 @@ def test_a_guess_that_collides_is_told_with_what_is_clear() -> None:
     said = colliding_guess(m, VariableValues.of_free(m), [m.move.avoid])
     assert said.startswith("The initial guess collides: ")
     assert "overlap 0." in said
-    for word in ("hybrid_a_star", "move.initialize(", "sampled_path(move)", "waypoint_initial_guess(move"):
+    for word in ("hybrid_a_star(", "move.initialize(", "sampled_path(", "waypoint_initial_guess("):
         assert word in said
     m.move.initialize({"y": lambda t: 1.2 * math.sin(math.pi * t / 5.0)})
     assert colliding_guess(m, VariableValues.of_free(m), [m.move.avoid]) == ""
