@@ -107,6 +107,7 @@ def test_what_a_phase_costs_stands_beside_pyomo_dae() -> None:
 def test_a_re_solve_is_measured_against_ipopt_alone() -> None:
     (row,) = [line.split() for line in run_quick("receding_horizon").splitlines() if line.split()[0] == "20"]
     assert float(row[3]) >= 1.0
+    assert float(row[7]) > 0.0
 
 
 def test_methods_on_the_catalogue_are_checked_alike() -> None:
