@@ -46,7 +46,7 @@ def grid_path(cost: Array, spacing: Array, start: tuple[int, ...], goal: tuple[i
 
 
 def _graph(cost: Array, spacing: Array) -> scipy.sparse.csr_array:
-    numbers = np.arange(cost.size).reshape(cost.shape)
+    numbers = np.arange(cost.size, dtype=np.int32).reshape(cost.shape)  # SciPy 1.14 searches no graph of larger ones
     origins, targets, lengths = [], [], []
     for step in itertools.product((-1, 0, 1), repeat=cost.ndim):
         if step <= (0,) * cost.ndim:

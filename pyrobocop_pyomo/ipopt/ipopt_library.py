@@ -54,7 +54,7 @@ class IpoptLibrary:
     path : str
         File that was loaded.
     version : tuple of int, or None
-        ``(3, 14, 19)``; None where the library is too old to tell (before 3.14).
+        ``(3, 14, 19)``; None where the library is too old to tell (before 3.14.19), as in CasADi 3.7.0.
     functions : ctypes.CDLL
         The C interface, with argument types declared.
     """
@@ -65,7 +65,7 @@ class IpoptLibrary:
 
     def __str__(self) -> str:
         """Name, version and file, for logs and messages."""
-        version = ".".join(map(str, self.version)) if self.version else "older than 3.14"
+        version = ".".join(map(str, self.version)) if self.version else "older than 3.14.19"
         return f"Ipopt {version} ({self.path})"
 
 

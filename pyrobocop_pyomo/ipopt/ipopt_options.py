@@ -83,7 +83,7 @@ def _last_explanation(text: str) -> str:
 
 
 def _version(library: IpoptLibrary) -> str:
-    return ".".join(map(str, library.version)) if library.version else "(before 3.14)"
+    return ".".join(map(str, library.version)) if library.version else "older than 3.14.19"
 
 
 def _set(library: IpoptLibrary, problem: int, name: str, value: Any) -> bool:

@@ -325,7 +325,7 @@ def _hitched(frames: list[Frame], poses: Array) -> tuple[list[Frame], float, flo
         cosine, sine = np.cos(heading + angle), np.sin(heading + angle)
         rows.append(np.concatenate([np.column_stack([cosine, -sine]), np.column_stack([sine, cosine])]))
     matrix, wanted = np.hstack([rows[0], -rows[1]]), places[1] - places[0]
-    found = np.linalg.lstsq(matrix, wanted)[0]
+    found = np.linalg.lstsq(matrix, wanted, rcond=None)[0]
     apart = float(np.abs(matrix @ found - wanted).max())
     if apart > 1e-6 * max(1.0, float(np.abs(wanted).max())):
         raise ObstacleError(

@@ -24,10 +24,10 @@ PACKAGE = {
     "studies": 2718, "trajectories": 572, "transcription": 105,
 }  # fmt: skip
 TESTS = {
-    ".": 108, "adversary": 1073, "architecture": 565, "benchmarks": 297, "car_paths": 957, "catalogue": 1067,
+    ".": 108, "adversary": 1073, "architecture": 565, "benchmarks": 298, "car_paths": 957, "catalogue": 1067,
     "complementarity": 3333, "continuous": 1643, "diagnosis": 440, "discretisation": 638, "distributed": 1552,
     "docs": 1743, "estimation": 531, "examples": 818, "extension_templates": 181, "files": 632, "geometry": 996,
-    "harness": 841, "ipopt": 1148, "linear_solver": 527, "mechanics": 1646, "mistakes": 563, "modeling": 975,
+    "harness": 841, "ipopt": 1152, "linear_solver": 527, "mechanics": 1646, "mistakes": 563, "modeling": 975,
     "motion": 1652, "mpcc": 425, "mpcc_catalogue": 521, "native": 169, "nonsmooth": 186, "notebooks": 46,
     "numerics": 1106, "obstacles": 3147, "phases": 5722, "plotting": 628, "presentation": 221, "problem_classes":
     1172, "programs": 1521, "robots": 175, "rules": 167, "solving": 5798, "studies": 2005, "trajectories": 464,

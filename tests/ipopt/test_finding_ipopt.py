@@ -136,6 +136,13 @@ def test_a_file_that_is_no_library_is_named(tmp_path):
         ipopt_library.load_ipopt_library(str(path))
 
 
+def test_a_library_that_cannot_tell_its_version_is_not_called_older_than_it_is():
+    """Ipopt 3.14.11 in CasADi 3.7.0 cannot."""
+    assert ipopt_library._version(object()) is None
+    library = ipopt_library.IpoptLibrary("libipopt.so.3", None, object())
+    assert str(library) == "Ipopt older than 3.14.19 (libipopt.so.3)"
+
+
 def test_without_any_ipopt_one_message_lists_the_remedies(machine):
     assert backends.available_backends() == []
     with pytest.raises(SolverNotFoundError) as caught:
