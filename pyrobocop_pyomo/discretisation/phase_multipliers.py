@@ -139,11 +139,12 @@ def _bounds(phase: Any, found: RowMultipliers, grid: Grid, weights: Array) -> li
             variables = phase.component(name)
             declaration = phase.record.declarations[name]
             ends = getattr(declaration, "final", None) is not None
+            identities = {time: id(variables[time]) for time in grid.points}
             sample = variables[grid.points[0]]
             for side, known in enumerate((found.lower, found.upper)):
                 if declaration.bounds == UNBOUNDED and (sample.lb, sample.ub)[side] is None:
                     continue
-                by_time = {time: known.get(id(variables[time]), 0.0) for time in grid.points}
+                by_time = {time: known.get(identity, 0.0) for time, identity in identities.items()}
                 if ends:
                     by_time[grid.points[-1]] = 0.0  # what is required at the end restrains nothing before
                 if any(abs(number) > _NONE for number in by_time.values()):

@@ -38,13 +38,10 @@ class ComponentGroups:
         self.components: list[Any] = []
         self._group_of: dict[int, int] = {}
         self._groups_of_component: dict[int, list[int]] = {}
-        seen: set[int] = set()
         numbers = []
         for part in parts:
-            component = part.parent_component()
-            if id(component) not in seen:
-                seen.add(id(component))
-                self._add(component)
+            if id(part) not in self._group_of:
+                self._add(part.parent_component())
             numbers.append(self._group_of[id(part)])
         self.numbers: NDArray[np.intp] = np.array(numbers, dtype=np.intp)
 

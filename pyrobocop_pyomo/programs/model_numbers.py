@@ -11,6 +11,7 @@ from pyomo.common.errors import InfeasibleConstraintException
 from pyomo.common.numeric_types import native_numeric_types
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
+from pyomo.core.base.set import Reals
 from pyomo.core.base.var import VarData
 
 from pyrobocop_pyomo.errors import ModelError, StructureChanged
@@ -24,6 +25,8 @@ _LOWER, _UPPER, _DOMAIN = attrgetter("_lb"), attrgetter("_ub"), attrgetter("_dom
 _FIXED, _ACTIVE, _VALUE, _EXPRESSION = map(attrgetter, ("_fixed", "_active", "value", "_expr"))
 _STORED_VALUE = attrgetter("_value")
 
+# Of real variables they say all; a property looks at the domain, too.
+_PLAIN_BOUNDS = {float, int, type(None)}
 _TOLERANCE = 1e-8  # for rows without variables, as Pyomo's own writer has it
 
 
@@ -54,7 +57,7 @@ class ModelNumbers:
         self._value_of = _STORED_VALUE if all(cls.value is VarData.value for cls in classes) else _VALUE
         self._raw_bounds = [list(map(read, self._variables)) for read in (_LOWER, _UPPER)]
         self.x_lower, self.x_upper = np.empty(len(self._variables)), np.empty(len(self._variables))
-        self._changing_bounds = {i for i in range(len(self._variables)) if self._read_bounds(i)}
+        self._changing_bounds = self._read_all_bounds()
         self.g_lower, lower = _row_bounds([lower for lower, _ in terms.bounds], -math.inf)
         self.g_upper, upper = _row_bounds([upper for _, upper in terms.bounds], math.inf)
         for undefined in np.flatnonzero(np.isnan(self.g_lower) | np.isnan(self.g_upper)):
@@ -101,6 +104,18 @@ class ModelNumbers:
         """Where a fixed variable or a mutable Param stands in `parameters`; None for one that is not read."""
         known = self._terms.columns.parameters
         return next((i for i, parameter in enumerate(known) if parameter is data), None)
+
+    def _read_all_bounds(self) -> set[int]:
+        """Read the bounds of all variables; those of which are expressions."""
+        lower, upper = self._raw_bounds
+        if set(map(type, lower)) | set(map(type, upper)) <= _PLAIN_BOUNDS and all(
+            domain is Reals for domain in self._domains
+        ):
+            self.x_lower[:] = [-math.inf if bound is None else bound for bound in lower]
+            self.x_upper[:] = [math.inf if bound is None else bound for bound in upper]
+            if not (np.isnan(self.x_lower) | np.isnan(self.x_upper)).any():
+                return set()
+        return {i for i in range(len(self._variables)) if self._read_bounds(i)}
 
     def _read_bounds(self, i: int) -> bool:
         """Read the bounds of a variable; true when they are expressions, which may change by themselves."""
