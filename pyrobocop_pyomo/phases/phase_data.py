@@ -401,7 +401,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         TranscriptionError
             When it is no state of this phase.
         """
-        name = state if isinstance(state, str) else getattr(state, "local_name", repr(state))
+        name = state if isinstance(state, str) else getattr(state, "local_name", None) or repr(state)
         declared = self.record.names_of_states
         known = name in declared and (isinstance(state, str) or self.component(name) is state)
         if not known:
