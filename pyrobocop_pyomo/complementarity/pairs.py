@@ -137,7 +137,7 @@ def _below(block: Any) -> Iterator[Any]:
 
 def _at(target: Any, model: Any) -> Iterator[Any]:
     kind = getattr(target, "ctype", None)
-    name = getattr(target, "name", repr(target))
+    name = getattr(target, "name", None) or repr(target)
     if kind not in PAIR_TYPES and kind not in BLOCK_TYPES:
         raise ComplementarityError(
             f"'{name}': a target is a Block, a Complementarity or one of its pairs, not a {type(target).__name__}."

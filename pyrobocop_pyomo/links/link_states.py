@@ -174,7 +174,7 @@ def shared_parameter(label: str, first: Any, second: Any, parameter: Any) -> str
 
 def name_of(variable: Any) -> str:
     """A name given as such, or by a variable of either phase."""
-    return variable if isinstance(variable, str) else getattr(variable, "local_name", repr(variable))
+    return variable if isinstance(variable, str) else getattr(variable, "local_name", None) or repr(variable)
 
 
 def listed(names: Any) -> list[Any]:
@@ -253,7 +253,7 @@ def sort_jump(
 
 
 def _name(label: str, second: Any, states: Iterable[str], state: Any) -> str:
-    name = state if isinstance(state, str) else getattr(state, "local_name", repr(state))
+    name = state if isinstance(state, str) else getattr(state, "local_name", None) or repr(state)
     if name not in states or (not isinstance(state, str) and second.component(name) is not state):
         raise LinkError(
             f"{label}: the jump gives a start to '{name}', which is no state of '{second.name}'; its states are "

@@ -77,7 +77,7 @@ def _along(reached: np.ndarray, values: np.ndarray, fraction: Callable[[float], 
 
 
 def _name(phase: Any, key: Any) -> str:
-    name = key if isinstance(key, str) else getattr(key, "local_name", repr(key))
+    name = key if isinstance(key, str) else getattr(key, "local_name", None) or repr(key)
     if phase.component(name) is None or not (isinstance(key, str) or phase.component(name) is key):
         raise InitialGuessError(f"phase '{phase.name}': waypoints are given for '{name}', which it does not have.")
     return name

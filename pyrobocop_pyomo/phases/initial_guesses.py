@@ -125,7 +125,7 @@ def guess_values(block: Any, record: PhaseRecord, name: str, guess: InitialGuess
 
 def _name_of(block: Any, record: PhaseRecord, key: Any) -> str:
     known = [*record.declarations, *(f"{name}_derivative" for name in record.names_of_states), "duration"]
-    name = key if isinstance(key, str) else getattr(key, "local_name", repr(key))
+    name = key if isinstance(key, str) else getattr(key, "local_name", None) or repr(key)
     component = block.component(name)
     if name not in known or component is None or not (isinstance(key, str) or component is key):
         if name == "duration":

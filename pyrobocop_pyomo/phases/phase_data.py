@@ -355,7 +355,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         """
         if (family := self._family(control)) is not None:
             return family.of_each(self.rate_of)  # type: ignore[return-value]
-        name = control if isinstance(control, str) else getattr(control, "local_name", repr(control))
+        name = control if isinstance(control, str) else getattr(control, "local_name", None) or repr(control)
         if name not in self.record.names(Control):
             known = ", ".join(self.record.names(Control)) or "none"
             raise TranscriptionError(f"{self._what}: '{name}' is no control; its controls are {known}.")

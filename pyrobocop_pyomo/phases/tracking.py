@@ -23,7 +23,7 @@ def tracking_cost(block: Any, record: PhaseRecord, variable: Any, reference: Any
     if (names := family_in(record, variable)) is not None:
         every = zip(names.members, references_by_component(names, reference, f"phase '{block.name}'"), strict=True)
         return sum(tracking_cost(block, record, member, of, weight) for member, of in every)
-    name = variable if isinstance(variable, str) else getattr(variable, "local_name", repr(variable))
+    name = variable if isinstance(variable, str) else getattr(variable, "local_name", None) or repr(variable)
     what = f"phase '{block.name}': tracking '{name}'"
     component = block.component(name) if name in record.declarations else None
     if component is None or not component.is_indexed() or not (isinstance(variable, str) or component is variable):

@@ -20,7 +20,7 @@ def data_members(component: Any) -> list[Any]:
         If its numbers cannot change from outside.
     """
     kind = getattr(component, "ctype", None)
-    name = getattr(component, "name", repr(component))
+    name = getattr(component, "name", None) or repr(component)
     if kind is Param:
         if not component.parent_component().mutable:
             raise ModelError(f"'{name}': is not mutable, so expressions hold its number. Declare mutable=True.")

@@ -113,7 +113,7 @@ def put_mapping(model: Any, data: Any) -> None:
 
 
 def _member_values(component: Any, given: Any) -> list[tuple[Any, float]]:
-    kind, name = getattr(component, "ctype", None), getattr(component, "name", repr(component))
+    kind, name = getattr(component, "ctype", None), getattr(component, "name", None) or repr(component)
     if kind is Param:
         if not component.parent_component().mutable:
             raise ModelError(f"'{name}': is not mutable, so expressions hold its number. Declare mutable=True.")
