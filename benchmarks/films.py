@@ -30,12 +30,13 @@ import pyrobocop_pyomo as rcp
 sys.path.append(str(Path(__file__).resolve().parents[1] / "examples"))
 
 Film = Callable[..., Any]
-TITLES = {
-    "shelf": ("An arm reaches into a shelf", "`random_shelf(502)` of `benchmarks/obstacle_problems`"),
-    "trailer": ("A car backs its trailer into a bay", "`examples/car_with_trailer.py --case bay`"),
-    "windows": ("A quadrotor flies through three windows", "`examples/quadrotor_window.py --case three`"),
-    "vehicles": ("Ten cars cross a yard", "`vehicles_scene(91000)` of `benchmarks/parking_cases.py`"),
+FILES = {
+    "shelf.gif": ("An arm reaches into a shelf", "`random_shelf(502)` of `benchmarks/obstacle_problems`"),
+    "trailer.gif": ("A car backs its trailer into a bay", "`examples/car_with_trailer.py --case bay`"),
+    "windows.gif": ("A quadrotor flies through three windows", "`examples/quadrotor_window.py --case three`"),
+    "vehicles.gif": ("Ten cars cross a yard", "`vehicles_scene(91000)` of `benchmarks/parking_cases.py`"),
 }
+NAMES = [Path(file).stem for file in FILES]
 
 
 def of_model(model: Any, phase: str, **options: Any) -> tuple[bool, Film]:
@@ -74,15 +75,15 @@ def main() -> None:
     """Print a row per film, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="two cars, four frames")
-    parser.add_argument("--only", nargs="+", choices=list(TITLES), default=list(TITLES), metavar="NAME")
+    parser.add_argument("--only", nargs="+", choices=NAMES, default=NAMES, metavar="NAME")
     parser.add_argument("--frames", type=int, default=60)
     parser.add_argument("--docs", type=Path, help="folder of the documentation, to write films and page there")
     arguments = parser.parse_args()
-    table = Table([("film", "<9"), ("CPU s", ">6.1f"), ("safe", "<4"), ("kB", ">6.0f")])
-    table.header()
     made: dict[str, Callable[[], tuple[bool, Film]]] = {
         "shelf": shelf, "trailer": trailer, "windows": windows, "vehicles": lambda: vehicles(arguments.quick)
     }  # fmt: skip
+    table = Table([("film", "<9"), ("CPU s", ">6.1f"), ("safe", "<4"), ("kB", ">6.0f")])
+    table.header()
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary) if arguments.docs is None else arguments.docs / "images" / "films"
         folder.mkdir(parents=True, exist_ok=True)
@@ -101,8 +102,8 @@ def main() -> None:
 def page() -> str:
     """The page of the documentation."""
     text = "# Films\n\nPlans among obstacles, made by `python benchmarks/films.py --docs docs`.\n"
-    for name, (title, source) in TITLES.items():
-        text += f"\n## {title}\n\n![{title}](../images/films/{name}.gif)\n\n{source}\n"
+    for file, (title, source) in FILES.items():
+        text += f"\n## {title}\n\n![{title}](../images/films/{file})\n\n{source}\n"
     return text
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
-from pyrobocop_pyomo.planning import coarse_start
+from pyrobocop_pyomo.planning import coarse_start, safe_planning
 
 pytestmark = [pytest.mark.ipopt, pytest.mark.slow]
 
@@ -55,7 +55,11 @@ def test_a_start_on_fewer_elements_leads_to_the_same_plan_and_keeps_the_users_va
     assert np.isfinite(result.objective)
 
 
-def test_the_equations_are_integrated_on_the_users_mesh_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("many", "verified"), [(50, {20, 40}), (500, {40})])
+def test_a_coarse_plan_is_verified_where_margins_are_cheaper_there_and_equations_on_the_users_mesh_alone(
+    many: int, verified: set[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(safe_planning, "LEAST_SEPARATIONS", many)
     monkeypatch.setattr(coarse_start, "LEAST_ELEMENTS", 40)
     monkeypatch.setattr(coarse_start, "LEAST_SEPARATIONS", 50)
     asked: list[tuple[int, bool]] = []
@@ -68,5 +72,5 @@ def test_the_equations_are_integrated_on_the_users_mesh_alone(monkeypatch: pytes
     monkeypatch.setattr(ObstacleAvoidanceBlockData, "verify", noted)
     result = rcp.solve(field(40))
     assert result.safe
-    assert {elements for elements, _ in asked} == {20, 40}
+    assert {elements for elements, _ in asked} == verified
     assert all(equations == (elements == 40) for elements, equations in asked)
