@@ -75,9 +75,11 @@ def foreign_findings(block: Any, rows_of_each: int | None = None) -> Iterator[Fi
     ----------
     block : Block
     rows_of_each : int, optional
-        How many rows or pairs of each component are looked at; all by default.
+        How many rows or pairs of each component are looked at, and no objectives, which are one long row; all by
+        default.
     """
-    for component in block.component_objects((Constraint, Objective, *PAIR_TYPES), active=True, descend_into=Block):
+    kinds = (Constraint, *PAIR_TYPES) if rows_of_each is not None else (Constraint, Objective, *PAIR_TYPES)
+    for component in block.component_objects(kinds, active=True, descend_into=Block):
         rows = islice((row for row in component.values() if row.active), rows_of_each)
         stated = (sides_of(row) if component.ctype in PAIR_TYPES else (row.expr,) for row in rows)
         read = variables_in_any(chain.from_iterable(stated)).values()
