@@ -65,10 +65,14 @@ def _one_number(found: Any, label: str, time: float) -> Any:
 def _integral(block: Any, record: PhaseRecord, statement: Statement) -> Any:
     scale, weights = quadrature_weights(block, record)
     what = f"phase '{block.name}': the integrand '{statement.name}'"
+    terms: list[Any] = []
+
+    def integrand(time: float) -> Any:
+        terms.append(_one_number(statement(block, record.index_for_rule(block, time, what)), what, time))
+        return terms[-1]
+
     with slips_explained(statement.rule, what, block, ("b", "t"), TranscriptionError):
-        total = quadrature(
-            lambda time: _one_number(statement(block, record.index_for_rule(block, time, what)), what, time), weights
-        )
-    refuse_foreign_reads(block, what, total)
+        total = quadrature(integrand, weights)
+    refuse_foreign_reads(block, what, terms[:1])
     plain = isinstance(scale, float) and scale == 1.0
     return total if plain else scale * total
