@@ -36,34 +36,41 @@ ENDS = {"three": ((-3.5, 0.0, 0.0), (3.5, 0.0, 0.0))}
 START, GOAL = (-1.5, 0.4, -0.3), (1.5, -0.4, 0.3)
 
 
+def wall(x: float, width: float, height: float, y: float, z: float) -> dict[str, rcp.Polytope]:
+    """Four boxes around an opening with its middle at (y, z)."""
+    left, right, top, bottom = y + width / 2, y - width / 2, z + height / 2, z - height / 2
+    ends = {
+        "left": (left, WALL, -WALL, WALL),
+        "right": (-WALL, right, -WALL, WALL),
+        "above": (right, left, top, WALL),
+        "below": (right, left, -WALL, bottom),
+    }
+    return {
+        side: rcp.Polytope.box(
+            THICKNESS, y_high - y_low, z_high - z_low, center=(x, (y_low + y_high) / 2, (z_low + z_high) / 2)
+        )
+        for side, (y_low, y_high, z_low, z_high) in ends.items()
+    }
+
+
 def walls(case: str) -> dict[str, rcp.Polytope]:
-    """Four boxes around each opening."""
-    boxes = {}
-    for number, (x, (width, height, y, z)) in enumerate(WINDOWS[case].items(), start=1):
-        left, right, top, bottom = y + width / 2, y - width / 2, z + height / 2, z - height / 2
-        around = {
-            "left": (left, WALL, -WALL, WALL),
-            "right": (-WALL, right, -WALL, WALL),
-            "above": (right, left, top, WALL),
-            "below": (right, left, -WALL, bottom),
-        }
-        for side, (y_low, y_high, z_low, z_high) in around.items():
-            middle = (x, (y_low + y_high) / 2, (z_low + z_high) / 2)
-            boxes[f"{side} of window {number}"] = rcp.Polytope.box(
-                THICKNESS, y_high - y_low, z_high - z_low, center=middle
-            )
-    return boxes
+    """The boxes around each of its windows."""
+    return {
+        f"{side} of window {number}": box
+        for number, (x, window) in enumerate(WINDOWS[case].items(), start=1)
+        for side, box in wall(x, *window).items()
+    }
 
 
 def build(case: str = "narrow", elements: int = 24, stages: int = 3) -> pyo.ConcreteModel:
     """From hovering to hovering on the other side, in little time and with little effort."""
     m = pyo.ConcreteModel(name="quadrotor")
     m.flight = b = rcp.PhaseBlock(
-        duration=rcp.Duration(bounds=(0.5, 12), initial_guess=2.5), elements=elements, stages=stages
+        duration=rcp.Duration(bounds=(0.5, 6), initial_guess=2.5), elements=elements, stages=stages
     )
     ends = zip(("x", "y", "z"), *ENDS.get(case, (START, GOAL)), strict=True)
     for name, start, goal in ends:
-        far = 4 if name == "x" else 2  # the walls have no way around them
+        far = max(2.0, abs(start) + 0.5)  # in no direction beyond the walls
         b.declare(name, rcp.State(initial=start, final=goal, bounds=(-far, far)))
     for name, largest in {"roll": 1.5, "pitch": 1.2, "yaw": 1.5}.items():
         b.declare(name, rcp.State(initial=0, final=0, bounds=(-largest, largest)))
@@ -130,7 +137,7 @@ def rigid_body(b, t):
 def draw(figure, m: pyo.ConcreteModel) -> None:
     """The flight, and the angles over time."""
     above, below = figure.subfigures(2, 1, height_ratios=(2.4, 1))
-    far = max(abs(place) for place in m.flight.trajectory().states["x"].ravel().tolist()) + 0.5
+    far = m.flight.x[m.flight.time.first()].ub
     view = [(-far, -1.2, -1.2), (far, 1.2, 1.2)]
     rcp.scenes.draw_avoidance(m.flight.avoid, snapshots=8, view=view, title=m.name, figure=above)
     m.flight.trajectory().plot({"roll": "roll [rad]", "pitch": "pitch [rad]"}, figure=below)

@@ -7,11 +7,9 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 
-import pyrobocop_pyomo as rcp
-
 from .restating import fix_ends, restate
 
-from quadrotor_window import THICKNESS, WALL, build  # isort: skip
+from quadrotor_window import build, wall  # isort: skip
 
 
 def random_flight(seed: int, elements: int = 20, stages: int = 2, **options: Any) -> pyo.ConcreteModel:
@@ -37,21 +35,5 @@ def random_flight(seed: int, elements: int = 20, stages: int = 2, **options: Any
     m.name = f"flight {seed}"
     fix_ends(m.flight, start, goal)
     m.flight.initialize_straight_lines()
-    restate(m.flight, obstacles=wall_with_window(width, height, *middle), **options)
+    restate(m.flight, obstacles=wall(0.0, width, height, *middle), **options)
     return m
-
-
-def wall_with_window(width: float, height: float, y: float, z: float) -> dict[str, rcp.Polytope]:
-    """Four boxes around an opening with its middle at (y, z)."""
-    left, right, top, bottom = y + width / 2, y - width / 2, z + height / 2, z - height / 2
-    return {
-        "left": _box(left, WALL, -WALL, WALL),
-        "right": _box(-WALL, right, -WALL, WALL),
-        "above": _box(right, left, top, WALL),
-        "below": _box(right, left, -WALL, bottom),
-    }
-
-
-def _box(y_low: float, y_high: float, z_low: float, z_high: float) -> rcp.Polytope:
-    centre = (0.0, (y_low + y_high) / 2, (z_low + z_high) / 2)
-    return rcp.Polytope.box(THICKNESS, y_high - y_low, z_high - z_low, center=centre)
