@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
-from pyomo.core.expr.numvalue import native_numeric_types, value
+from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.expression_nodes import ExpressionEvaluator
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.phases.integrals import INTEGRALS
 from pyrobocop_pyomo.phases.rate_arrays import ARRAY_FUNCTIONS
 
@@ -46,9 +47,8 @@ def integral_weights(model: Any, phases: Sequence[Any], found: RowMultipliers) -
     if not wanted:
         return {id(phase): [] for phase in phases}
     terms = [(1.0, data.expr) for data in model.component_data_objects(Objective, active=True)]
-    terms += [(-found.of_row(row), row.body) for row in _own_rows(model, phases, found)]
-    reads = _Reading(wanted)
-    reading = [(weight, expression) for weight, expression in terms if reads.one_in(expression)]
+    terms += [(-found.of_row(row), row.body) for row in _rows_that_read(wanted, model, phases, found)]
+    reading = [(weight, expression) for weight, expression in terms if _reads(wanted, [expression])]
     slopes = [(weight, _slopes(expression, members)) for weight, expression in reading]
     return {
         key: [sum(weight * of[id(member)] for weight, of in slopes) for member in of_phase]
@@ -85,8 +85,8 @@ def _slopes(expression: Any, members: Mapping[int, Sequence[Any]]) -> dict[int, 
     return {id(member): _slope(expression, member) for member in every}
 
 
-def _own_rows(model: Any, phases: Sequence[Any], found: RowMultipliers) -> Iterator[Any]:
-    """Rows that no phase has stated, and that restrain something."""
+def _rows_that_read(wanted: set[int], model: Any, phases: Sequence[Any], found: RowMultipliers) -> Iterator[Any]:
+    """Rows that no phase has stated, and that restrain something, of constraints in which one of some nodes occurs."""
     stated = {
         id(phase.component(name))
         for phase in phases
@@ -96,42 +96,17 @@ def _own_rows(model: Any, phases: Sequence[Any], found: RowMultipliers) -> Itera
     for component in model.component_objects(Constraint, active=True):
         if id(component) in stated:
             continue
-        for row in component.values():
-            if row.active and found.of_row(row) != 0.0:
-                count += 1
-                if count > _MOST_ROWS:
-                    raise TrajectoryError("too many rows beside the phases to look for integrals in.")
-                yield row
+        rows = [row for row in component.values() if row.active and found.of_row(row) != 0.0]
+        count += len(rows)
+        if count > _MOST_ROWS:
+            raise TrajectoryError("too many rows beside the phases to look for integrals in.")
+        if _reads(wanted, [row.body for row in rows]):
+            yield from rows
 
 
-class _Reading:
-    """Finds out whether expressions hold one of some nodes; what several of them share is looked through once.
-
-    Parameters
-    ----------
-    wanted : set of int
-        Ids of the nodes.
-    """
-
-    def __init__(self, wanted: set[int]) -> None:
-        self._wanted = wanted
-        self._without: dict[int, Any] = {}  # nodes that Pyomo makes for the moment have to live on to keep their ids
-
-    def one_in(self, expression: Any) -> bool:
-        """Whether an expression does; what is in other integrals is not looked through."""
-        wanted, without = self._wanted, self._without
-        pending, seen = [expression], {}
-        while pending:
-            node = pending.pop()
-            key = id(node)
-            if key in wanted:
-                return True
-            if node.__class__ not in native_numeric_types and key not in without and key not in seen:
-                seen[key] = node
-                if node.is_expression_type():
-                    pending.extend(node.args)
-        without.update(seen)
-        return False
+def _reads(wanted: set[int], expressions: Sequence[Any]) -> bool:
+    """Whether one of the expressions holds one of some nodes; what is in other integrals is not looked through."""
+    return not wanted.isdisjoint(variables_in_any(expressions, leaves=wanted))
 
 
 def _slope(expression: Any, member: Any) -> float:

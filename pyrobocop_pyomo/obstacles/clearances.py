@@ -291,8 +291,8 @@ def clearance_values(block: Any, pair: BodyPair) -> list[float]:
 
 def least_possible(expression: Any) -> float:
     """The least value of a clearance, whatever its variables become; 0 where it is not known."""
-    if isinstance(expression, Real):
-        return float(expression)
+    if isinstance(expression, Real) or not expression.is_potentially_variable():
+        return float(value(expression))
     lower, _ = ExpressionBoundsVisitor(use_fixed_var_values_as_bounds=True).walk_expression(expression)
     return max(float(lower), 0.0) if lower is not None and math.isfinite(lower) else 0.0
 

@@ -146,14 +146,20 @@ def remove_separations(block: Any, record: AvoidanceRecord, segments: Iterable[M
 
 @contextmanager
 def members_taken_off(block: Any) -> Iterator[list[Any]]:
-    """Take the variables and rows of all separations off the block for a while, as for a copy; yields them."""
+    """Take the variables and rows of all separations off the block for a while, as for a copy; yields them.
+
+    What the broad phase has left out is off the record meanwhile: a copy for other times makes its own.
+    """
+    record, pruned = block.record, block.record.pruned
     held = [(each, each._data) for each in block.component_map().values() if each.is_indexed()]
     held = [(component, members) for component, members in held if component.ctype is not Set]
     try:
+        record.pruned = {}
         for component, members in held:
-            component._data = {key: part for key, part in members.items() if not _belongs(key, block.record.segments)}
+            component._data = {key: part for key, part in members.items() if not _belongs(key, record.segments)}
         yield [part for component, members in held for key, part in members.items() if key not in component._data]
     finally:
+        record.pruned = pruned
         for component, members in held:
             component._data = members
 

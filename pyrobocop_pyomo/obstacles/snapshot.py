@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.modeling.shared_nodes import variables_in
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.optional_imports import scipy
 
 from .avoidance_record import AvoidanceRecord, MotionSegment
 from .formulations import PlacedShape
-from .formulations.rows import is_number
 from .scene import ConvexPart
 
 Numbers = tuple[np.ndarray, np.ndarray]
@@ -100,11 +99,7 @@ class Snapshot:
 
 def variables_of(pose: Any) -> list[Any]:
     """Variables that a pose reads, the fixed ones included."""
-    variables: dict[int, Any] = {}
-    for entry in pose.entries:
-        if not is_number(entry):
-            variables.update({id(variable): variable for variable in variables_in(entry, include_fixed=True)})
-    return list(variables.values())
+    return list(variables_in_any(pose.entries).values())
 
 
 def gap_along(normals: np.ndarray, first: PlacedShape, second: PlacedShape) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from itertools import chain
 from typing import Any
 
 from pyomo.core.base.expression import Expression
@@ -19,6 +20,7 @@ from pyrobocop_pyomo.errors import RemeshingError
 from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES
 from pyrobocop_pyomo.modeling.blocks import BuiltBlockData
 from pyrobocop_pyomo.modeling.in_place_changes import InPlaceChanges, expressions_in
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 
 from .nodes import StageNodes, StateNodes
 from .restatement import Restatement
@@ -206,7 +208,10 @@ def first_read(component: Any, wanted: dict[int, Any], stops_at: Callable[[Any],
     """
     if component.ctype is Reference or component.is_reference():
         return None
-    for part, expressions in expressions_in(component):
+    parts = list(expressions_in(component))
+    if not variables_in_any(chain.from_iterable(expressions for _, expressions in parts)).keys() & wanted.keys():
+        return None
+    for part, expressions in parts:
         pending = list(expressions)
         while pending:
             node = pending.pop()

@@ -15,7 +15,7 @@ from pyomo.core.base.objective import ObjectiveData
 from pyomo.core.base.var import VarData
 from pyomo.core.staleflag import StaleFlagManager
 
-from pyrobocop_pyomo.errors import FunctionError, StructureChanged
+from pyrobocop_pyomo.errors import EvaluationError, FunctionError, ModelError, StructureChanged
 from pyrobocop_pyomo.modeling.component_groups import ComponentGroups
 from pyrobocop_pyomo.modeling.variable_values import put_values
 
@@ -31,8 +31,9 @@ from .model_checks import (
 )
 from .model_terms import collect_terms
 from .named_nodes import with_named_nodes
-from .nl_files import ProgramBuilder, model_file, program_builder, reads_names
+from .nl_files import ModelFile, ProgramBuilder, model_file, program_builder, reads_names
 from .nonlinear_program import FloatArray, NonlinearProgram
+from .term_files import term_file
 from .vectorised_program import VectorisedProgram
 
 logger = logging.getLogger(__name__)
@@ -129,6 +130,14 @@ class CompiledModel:
     def _compile_file(self, build: ProgramBuilder) -> None:
         started = time.perf_counter()
         by_calls = not reads_names(build)
+        if by_calls and not self._calls_python and (written := self._file_of_terms()) is not None:
+            self._read(written, build, started)
+            try:
+                self.nlp.objective(self.nlp.x_start)
+                self.nlp.constraints(self.nlp.x_start)
+                return
+            except EvaluationError as error:  # Pyomo's writer says where a number does not exist, if it is one
+                logger.debug("'%s' is written by Pyomo: %s", self.model.name, error)
         named = with_named_nodes(self.model, self.objective, by_calls=by_calls)
         model, objective = (self.model, self.objective) if named is None else (named.model, named.objective)
         written = None
@@ -146,12 +155,23 @@ class CompiledModel:
             self.seconds_writing, self.seconds_building = 0.0, time.perf_counter() - started
         else:
             check_variables(self.model, written.variables)
-            self.seconds_writing = time.perf_counter() - started
-            started = time.perf_counter()
-            self.nlp, self.variables, self.constraints = written.program(build, has_objective=objective is not None)
-            self.seconds_building = time.perf_counter() - started
+            self._read(written, build, started, has_objective=objective is not None)
         if named is not None:
             self.constraints = [named.row_of[id(row)] for row in self.constraints]
+
+    def _file_of_terms(self) -> ModelFile | None:
+        """The model written by the patterns of its terms; None where Pyomo's writer has to do it, or knows better."""
+        try:
+            return term_file(collect_terms(self.model))
+        except ModelError as error:
+            logger.debug("'%s' is not written by its terms: %s", self.model.name, error)
+            return None
+
+    def _read(self, written: ModelFile, build: ProgramBuilder, started: float, has_objective: bool = True) -> None:
+        self.seconds_writing = time.perf_counter() - started
+        started = time.perf_counter()
+        self.nlp, self.variables, self.constraints = written.program(build, has_objective)
+        self.seconds_building = time.perf_counter() - started
 
     @cached_property
     def row_of(self) -> ComponentMap:
