@@ -28,8 +28,8 @@ EXPANDED_AT_ONCE = 32
 CHECKED_AT_ONCE = 16
 # They are looked for after each of the first expansions, later for several together: long arrays cost less than many.
 OFTEN, SELDOM = 12, 6
-# Every so many poses of a motion are checked first.
-COARSE = 12
+# Every so many poses of a motion are checked first: a few decide most that collide, fewer still those of long ones.
+STRIDES = 96, 12
 # Whole turns, to either side of the root's, that are told apart where they count.
 MOST_WHOLE_TURNS = 3
 # Divisions of a turn for the angle of a trailer.
@@ -186,12 +186,12 @@ class BestFirstSearch:
         """
         motions = self.primitives.follow(poses, arcs, curvatures)
         clear = self.within(motions)
-        # A few poses of each motion decide most that collide.
         kept = np.flatnonzero(clear)
-        coarse = motions[kept, ::COARSE]
-        free = self.space.are_free(coarse.reshape(-1, motions.shape[-1])).reshape(coarse.shape[:2]).all(axis=1)
-        clear[kept[~free]] = False
-        kept = kept[free]
+        for stride in STRIDES:
+            coarse = motions[kept, ::stride]
+            free = self.space.are_free(coarse.reshape(-1, motions.shape[-1])).reshape(coarse.shape[:2]).all(axis=1)
+            clear[kept[~free]] = False
+            kept = kept[free]
         spacings = np.full(len(kept), self.primitives.spacing)
         clear[kept] = self.space.is_clear(motions[kept], np.abs(curvatures[kept]).max(axis=1, initial=0.0), spacings)
         return clear
