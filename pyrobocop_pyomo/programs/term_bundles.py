@@ -7,8 +7,9 @@ function compute them once.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -102,6 +103,11 @@ class Bundle:
         """Some of the instances."""
         return Bundle(self.columns[chosen], [output.part(chosen) for output in self.outputs])
 
+    def alone(self, output: Output) -> Bundle:
+        """One of the outputs, with its own variables."""
+        own = np.arange(output.variables.size)
+        return Bundle(self.columns[:, output.variables], [replace(output, variables=own)])
+
     def joined(self, other: Bundle, places: np.ndarray) -> Bundle:
         """These instances with the outputs of others, one for each.
 
@@ -137,7 +143,33 @@ def bundles_of(groups: Sequence[TermGroup], variables: int) -> list[Bundle]:
     assembly = _Assembly(variables)
     for group in sorted(groups, key=lambda group: -group.size):
         assembly.put(Bundle.of_group(group))
-    return [*assembly.bundles, *assembly.few]
+    return _with_few_apart([*assembly.bundles, *assembly.few])
+
+
+def _with_few_apart(bundles: list[Bundle]) -> list[Bundle]:
+    """Bundles of few instances taken apart into their terms, of which those of one shape are one bundle again.
+
+    What is left with few instances becomes one function, which takes long to derive where it has many outputs.
+    """
+    of_shape: dict[Code, list[Bundle]] = defaultdict(list)
+    for bundle in bundles:
+        if bundle.columns.shape[0] < FEWEST_TERMS:
+            for output in bundle.outputs:
+                of_shape[output.code].append(bundle.alone(output))
+    return [bundle for bundle in bundles if bundle.columns.shape[0] >= FEWEST_TERMS] + [
+        _stacked(several) for several in of_shape.values()
+    ]
+
+
+def _stacked(bundles: Sequence[Bundle]) -> Bundle:
+    """Bundles of one output of one shape as one."""
+    outputs = [bundle.outputs[0] for bundle in bundles]
+    numbers, parameters, rows, scales = (
+        np.concatenate([getattr(output, name) for output in outputs])
+        for name in ("numbers", "parameters", "rows", "scales")
+    )
+    one = Output(outputs[0].code, outputs[0].variables, numbers, parameters, rows, scales)
+    return Bundle(np.concatenate([bundle.columns for bundle in bundles]), [one])
 
 
 class _Assembly:
