@@ -125,11 +125,12 @@ def least_violation(model: Any, deadline: Deadline = NO_DEADLINE) -> LeastViolat
         put_values([*free], [within_bounds(number_or_nan(variable), variable) for variable in free])
         if only_pairs:
             return _impossible_pair(constraints, pairs, deadline)
+        at = ViolatedRows(rows)
         with values_restored(free):
-            contradiction = _contradiction(rows, deadline)
+            contradiction = _contradiction(rows, deadline) if at.is_finite else None
         if contradiction is not None:
             return contradiction
-        found = _descended(rows, bool(pairs), deadline)
+        found = _descended(rows, bool(pairs), deadline, at)
     return None if found is None or (pairs and not found.obstructions) else found
 
 
@@ -152,8 +153,6 @@ def _impossible_pair(
 
 def _contradiction(rows: Sequence[StatedRow], deadline: Deadline) -> LeastViolation | None:
     """The proof that the linear constraints contradict each other, whatever pairs and nonlinear rows say."""
-    if not ViolatedRows(rows).is_finite:
-        return None
     linear = [row for row in rows if row.data.ctype is Constraint and row.body.polynomial_degree() in (0, 1)]
     if not 0 < len(linear) < len(rows):
         return None
@@ -161,9 +160,11 @@ def _contradiction(rows: Sequence[StatedRow], deadline: Deadline) -> LeastViolat
     return found if found is not None and found.kind is Least.PROVEN else None
 
 
-def _descended(rows: Sequence[StatedRow], has_pairs: bool, deadline: Deadline) -> LeastViolation | None:
-    """Go down from the values on the model."""
-    at = ViolatedRows(rows)
+def _descended(
+    rows: Sequence[StatedRow], has_pairs: bool, deadline: Deadline, at: ViolatedRows | None = None
+) -> LeastViolation | None:
+    """Go down from the values on the model; `at` are the rows there, where they are known already."""
+    at = ViolatedRows(rows) if at is None else at
     # Pyomo finds a degree by evaluating what is fixed in a row, which may have no value.
     is_linear = at.is_finite and all(row.body.polynomial_degree() in (0, 1) for row in rows)
     radius = math.inf if is_linear else 1.0

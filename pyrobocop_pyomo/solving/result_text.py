@@ -61,7 +61,7 @@ def pair_sentence(pairs: Sequence[PairReport], multipliers: Multipliers | None, 
 def advice_on_motion(safety: SafetyReport) -> str:
     """What a motion that is not safe lacks, and what may help."""
     if safety.safe:
-        return "The motion keeps its clearances, but is not feasible."
+        return "The motion keeps its clearances, but violates other constraints."
     if safety.is_settled:
         return f"The plan keeps its clearances, and what its equations make of it may not. {safety.equations}"
     closest = (
