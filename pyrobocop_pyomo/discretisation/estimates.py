@@ -55,7 +55,8 @@ class PhaseEstimate(Presented):
     relative_excesses : array, shape (N,), or None
         The same as a part of the size also where that is below one.
     bounds_passed : str
-        Which states pass their bounds between the points of the mesh, as a sentence; empty where none does.
+        Which states pass their bounds between the points of the mesh, and which controls by more than a hundredth of
+        their size, as a sentence; empty where none does.
     """
 
     name: str
@@ -139,13 +140,13 @@ class DiscretisationEstimate(Presented):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What is not known, and why; and which states pass their bounds between the points of the mesh."""
+        """What is not known, and why; and what passes its bounds between the points of the mesh."""
         unknown = tuple(remark for phase in self.phases.values() for remark in phase.remarks)
         return (*unknown, *self.bounds_passed)
 
     @property
     def bounds_passed(self) -> tuple[str, ...]:
-        """A sentence for each phase with states that pass their bounds between the points of the mesh."""
+        """A sentence for each phase in which something passes its bounds between the points of the mesh."""
         return tuple(phase.bounds_passed for phase in self.phases.values() if phase.bounds_passed)
 
     @property

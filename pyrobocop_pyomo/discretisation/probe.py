@@ -35,6 +35,8 @@ _TOLERANCE, _SMALLEST_SCALE = 1e-8, 1e-6
 # Where rules are evaluated at each instant, which takes a thousand times as long, and what they say may jump.
 _TOLERANCE_BY_INSTANT = 1e-3
 _SAMPLES = 2
+# A control that passes its bound by more than this part of its size is told beside the states.
+_LARGE = 1e-2
 
 
 class DiscretisationProbe:
@@ -135,12 +137,13 @@ class _Captured:
         except Exception as error:  # as above
             remarks.append(f"phase '{name}': what is passed between the points is not known. {_said(error)}")
         passed = bounds_passed(self.phase.record, self._trajectory)
-        # A control with a value at each point passes its bounds wherever it is on one of them: verify() tells that.
-        of_states = sentence_on_bounds({name: one for name, one in passed.items() if not one.is_control})
+        # A control with a value at each point passes a bound by a little wherever it is on it: verify() tells that.
+        told = {name: one for name, one in passed.items() if not one.is_control or one.excess > _LARGE * one.size}
+        beyond = sentence_on_bounds(told)
         order = self._trajectory.grid.scheme.order
         return PhaseEstimate(
             name, order, motion, state, largest, objective, tuple(remarks), net, flattered, excesses, relative_excesses,
-            f"phase '{name}': {of_states}" if of_states else "",
+            f"phase '{name}': {beyond}" if beyond else "",
         )  # fmt: skip
 
     def _refuse_other_rules(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,8 @@ from .statistics import correlation_of, covariance_of, quantile
 _AT_BOUND = 1e-6
 # Residuals that are larger by chance so rarely say that the errors were stated too small, or that the model is wrong.
 _RARE = 1e-3
+# Data that many times what the model gives, or that part of it, are in another unit if both are alike to this share.
+_OTHER_UNIT, _ALIKE = 20.0, 0.75
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +139,7 @@ def statistics_of(problem: EstimationProblem) -> FitStatistics:
             f"the residuals are {np.sqrt(squares / freedom):.2g} times as large as the errors that were stated, and "
             "the standard errors are too small by about as much: state larger errors, or look for what the model lacks"
         )
+    remarks += _other_units(problem, residuals, present)
     names = tuple(problem.names)
     return FitStatistics(
         names=names,
@@ -148,6 +152,21 @@ def statistics_of(problem: EstimationProblem) -> FitStatistics:
         at_bound=tuple(name for name, held in zip(names, at_bound, strict=True) if held),
         remarks=tuple(remarks),
     )
+
+
+def _other_units(problem: EstimationProblem, residuals: Array, present: Array) -> Iterator[str]:
+    """Outputs whose data and predictions are alike but for a large factor."""
+    outputs = np.array([output for _, output in problem.output_of])
+    for output in problem.outputs:
+        measured, left = (of[(outputs == output) & present] for of in (problem.measured, residuals))
+        predicted, size = measured - left, float(measured @ measured)
+        times = float(measured @ predicted) / max(float(predicted @ predicted), np.finfo(float).tiny)
+        alike = size - float(((measured - times * predicted) ** 2).sum()) >= _ALIKE * size > 0.0
+        if alike and not 1.0 / _OTHER_UNIT < times < _OTHER_UNIT:
+            yield (
+                f"the data of '{output}' are {times:.2g} times what the model gives: check their unit (degrees are "
+                "57.3 times radians, millimetres 1000 times metres)"
+            )
 
 
 def _variances(

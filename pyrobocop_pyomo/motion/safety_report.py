@@ -166,10 +166,14 @@ class BodyPairSafety(Presented):
         return tuple(i for i in self.unproven if led_away[i] and i not in self.violated)
 
     def __str__(self) -> str:
+        near = f"overlap by {-self.distance:.3g}" if self.distance < 0.0 else f"are {self.distance:.3g} apart"
+        proven = (
+            f"; {self.verdict}: proven {self.proven:.3g} for the plan and {self.proven_of_equations:.3g} for the "
+            "motion of its equations"
+        )
         return (
-            f"'{self.first}' and '{self.second}': {self.verdict}; closest found {self.distance:.6g} at t = "
-            f"{_time_text(self.time)}, proven {self.proven:.6g} for the plan and {self.proven_of_equations:.6g} for "
-            f"the motion of its equations, asked {self.clearance:g}"
+            f"'{self.first}' and '{self.second}' {near} at t = {_time_text(self.time)}, required clearance "
+            f"{self.clearance:g}{'' if self.safe or self.violated else proven}"
         )
 
 

@@ -122,6 +122,8 @@ class Recovery:
         # Where no separation takes part, obstacles are not what makes the rest infeasible.
         if not any(block.separations for block in self._blocks):
             return
+        if is_far_off and self.why_no_path and not self._was_cut_short and not self._has_clear_ends():
+            return
         formulations = [block.record.formulation for block in self._blocks]
         for clearances in PATH_CLEARANCES:
             if self._leads_along_paths(cars, clearances):
@@ -204,6 +206,24 @@ class Recovery:
         if all(map(can_be_rerouted, self._blocks)):
             return False
         return self._overlaps_deeply() or not all(space.guess_ends_there() for space in self._spaces())
+
+    def _has_clear_ends(self) -> bool:
+        """Whether there are configurations that are clear and meet the rows of the model at all starts and ends.
+
+        Where there are none, other ways past the obstacles do not help. Other random ones than for the paths are tried.
+        """
+        last, generator = PlanningPoint(self._model), np.random.default_rng(len(PATH_CLEARANCES))
+        self._initial.restore()
+        try:
+            for space in self._spaces():
+                for is_last in (False, True):
+                    space.ends(is_last, space.guess()[0], generator)
+        except InitialGuessError as error:
+            logger.info("%s", error)
+            return False
+        finally:
+            last.restore()
+        return True
 
     def _spaces(self) -> Iterator[ConfigurationSpace]:
         """Configurations of the phases that have some."""

@@ -92,8 +92,8 @@ class SafePlanning:
         self._interrupted = False
         self._meshes = SafetyMeshes([*blocks, *regions])
         self._is_start = self._is_any_start = False
-        self._why_no_path = ""
         self._began = self._guess = VariableValues.of_free(model)
+        self._recovery = Recovery(model, blocks, regions, self)
 
     def is_for_a_start(self, *, any_point: bool) -> None:
         """Be content with a motion that is nearly clear, or with any feasible point, on the mesh as it is."""
@@ -127,7 +127,7 @@ class SafePlanning:
         return self._best_of_all()
 
     def _plan(self) -> None:
-        recovery = Recovery(self._model, self._blocks, self._regions, self)
+        recovery = self._recovery
         # Separations on a fine mesh take long to initialise: where a plan on a coarse one comes first, once is enough.
         if not self._is_start and self._from_fewer_elements(recovery) and self._is_good_enough:
             return
@@ -139,7 +139,6 @@ class SafePlanning:
                 result = self._made_safe(result)
             if self._is_good_enough or not self.may_go_on(result):
                 break
-        self._why_no_path = recovery.why_no_path
         if self._is_good_enough and any(len(region.record.regions) > 1 for region in self._regions):
             self._revise_regions()
 
@@ -350,7 +349,7 @@ class SafePlanning:
         before = sum(len(made.result.steps) for made in self.rounds[: self.rounds.index(self._best)])
         best = self._best.result
         said = self._said_of_the_guess()
-        why_no_path = "" if self._best.is_settled else self._why_no_path
+        why_no_path = "" if self._best.is_settled else self._recovery.why_no_path
         return replace(
             best,
             stop_reason=self._stop_reason(),

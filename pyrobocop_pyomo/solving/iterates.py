@@ -37,8 +37,13 @@ class StopReason(enum.Enum):
     """Why the procedure ended; the value is a sentence."""
 
     FINISHED = "The procedure ran to its end."
-    ITERATION_LIMIT = "Ipopt reached its iteration limit. Raise it with options={'max_iter': ...}."
-    TIME_LIMIT = "The time limit was reached. Raise time_limit."
+    ITERATION_LIMIT = (
+        "Ipopt reached its iteration limit. Raise it with options={'max_iter': ...}, or try another initial guess."
+    )
+    TIME_LIMIT = (
+        "The time limit was reached. Raise time_limit, or solve an easier model first, on fewer elements or without "
+        "contact or obstacles: phase.initialize(easier.trajectory()) makes its answer the initial guess."
+    )
     INTERRUPTED = "Ctrl-C or the stop button interrupted the procedure."
     INFEASIBLE = (
         "Ipopt converged to a point of local infeasibility: no point near it violates less. Relax bounds, fixed "
@@ -49,6 +54,11 @@ class StopReason(enum.Enum):
         "sign of the objective."
     )
     FAILED = "Ipopt failed. Try another initial guess, or tee=True to see its log."
+
+    @property
+    def remedy(self) -> str:
+        """What helps: the value without its first sentence."""
+        return self.value.partition(". ")[2]
 
     @property
     def is_final(self) -> bool:

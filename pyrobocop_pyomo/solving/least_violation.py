@@ -10,7 +10,7 @@ from typing import Any
 
 from pyomo.core.base.constraint import Constraint
 
-from pyrobocop_pyomo.complementarity import pairs_of
+from pyrobocop_pyomo.complementarity import CanonicalPair, SidePart, pairs_of
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
 from pyrobocop_pyomo.modeling.row_violations import largest_violation, number_or_nan
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
@@ -117,24 +117,42 @@ def least_violation(model: Any, deadline: Deadline = NO_DEADLINE) -> LeastViolat
     rows = stated_rows(model, pairs)
     if not 0 < len(rows) <= MOST_ROWS:
         return None
-    if pairs and largest_violation(row.data for row in rows if row.data.ctype is Constraint) <= MET:
-        return None  # what is not met are the pairs themselves
+    constraints = [row for row in rows if row.data.ctype is Constraint]
+    only_pairs = bool(pairs) and largest_violation(row.data for row in constraints) <= MET
     deadline = deadline.within(MOST_SECONDS)
     free = {id(v): v for row in rows for v in variables_in(row.body, include_fixed=False)}.values()
     with values_restored(free):
         put_values([*free], [within_bounds(number_or_nan(variable), variable) for variable in free])
+        if only_pairs:
+            return _impossible_pair(constraints, pairs, deadline)
+        at = ViolatedRows(rows)
         with values_restored(free):
-            contradiction = _contradiction(rows, deadline)
+            contradiction = _contradiction(rows, deadline) if at.is_finite else None
         if contradiction is not None:
             return contradiction
-        found = _descended(rows, bool(pairs), deadline)
+        found = _descended(rows, bool(pairs), deadline, at)
     return None if found is None or (pairs and not found.obstructions) else found
+
+
+def _impossible_pair(
+    constraints: Sequence[StatedRow], pairs: Sequence[CanonicalPair], deadline: Deadline
+) -> LeastViolation | None:
+    """What keeps both sides of the worst pair from zero, whatever the other pairs; None where one side can be zero."""
+    pair = max(pairs, key=lambda pair: min(number_or_nan(pair.a), number_or_nan(pair.b)))
+    found: list[LeastViolation] = []
+    for zero, other in ((pair.a, pair.b), (pair.b, pair.a)):
+        sides = [StatedRow(pair.source, zero, 0.0, 0.0), StatedRow(pair.source, other, 0.0, None)]
+        least = _descended([*constraints, *sides], False, deadline)
+        if least is None or not least.obstructions or not pair.a_part is SidePart.WHOLE is pair.b_part:
+            return None
+        found.append(least)
+    kind = Least.PROVEN if all(least.kind is Least.PROVEN for least in found) else Least.LOCAL
+    against = {one.words: one for least in found for one in least.obstructions if one.name != pair.source.name}
+    return LeastViolation(kind, False, min(least.total for least in found), tuple(against.values()))
 
 
 def _contradiction(rows: Sequence[StatedRow], deadline: Deadline) -> LeastViolation | None:
     """The proof that the linear constraints contradict each other, whatever pairs and nonlinear rows say."""
-    if not ViolatedRows(rows).is_finite:
-        return None
     linear = [row for row in rows if row.data.ctype is Constraint and row.body.polynomial_degree() in (0, 1)]
     if not 0 < len(linear) < len(rows):
         return None
@@ -142,9 +160,11 @@ def _contradiction(rows: Sequence[StatedRow], deadline: Deadline) -> LeastViolat
     return found if found is not None and found.kind is Least.PROVEN else None
 
 
-def _descended(rows: Sequence[StatedRow], has_pairs: bool, deadline: Deadline) -> LeastViolation | None:
-    """Go down from the values on the model."""
-    at = ViolatedRows(rows)
+def _descended(
+    rows: Sequence[StatedRow], has_pairs: bool, deadline: Deadline, at: ViolatedRows | None = None
+) -> LeastViolation | None:
+    """Go down from the values on the model; `at` are the rows there, where they are known already."""
+    at = ViolatedRows(rows) if at is None else at
     # Pyomo finds a degree by evaluating what is fixed in a row, which may have no value.
     is_linear = at.is_finite and all(row.body.polynomial_degree() in (0, 1) for row in rows)
     radius = math.inf if is_linear else 1.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -47,14 +47,19 @@ class Obstruction:
         What it is, with its number and where in time.
     influence : float
         By how much the least violation falls where they give way by their own size, in sum.
-    is_fixed : bool
-        Whether it is a fixed value.
+    limit : str
+        The sign and number of its bound, or its fixed value; empty for rows.
     """
 
     name: str
     words: str
     influence: float
-    is_fixed: bool = False
+    limit: str = ""
+
+    @property
+    def is_fixed(self) -> bool:
+        """Whether it is a fixed value."""
+        return self.limit.startswith("fixed")
 
     def __str__(self) -> str:
         return self.words
@@ -99,13 +104,30 @@ def _obstruction(some: list[ObstructingData]) -> Obstruction:
     times = [time for time in (time_of(one.data) for one in some) if time is not None]
     name = first.data.name if len(some) == 1 else component.name
     words = f"'{component.name if times else name}'"
-    if first.sign:
-        words += f" {_bound(some)}"
+    limit = _bound(some) if first.sign else ""
+    if limit:
+        words += f" {limit}"
     else:
         words = f"{'pairs of' if component.ctype in PAIR_TYPES else 'constraint'} {words}"
     if len(some) > 1:
         words += f" at {len(some)} of {len(component)} {'points,' if times else 'indices'}"
-    return Obstruction(name, f"{words} {_span(times)}" if times else words, influence, first.sign == "=")
+    return Obstruction(name, f"{words} {_span(times)}" if times else words, influence, limit)
+
+
+def first_try(obstructions: Sequence[Obstruction]) -> str:
+    """What to relax first, with all bounds of that component.
+
+    Parameters
+    ----------
+    obstructions : sequence of Obstruction
+        As `grouped` orders them.
+    """
+    first = obstructions[0]
+    if not first.limit or first.is_fixed:
+        return f"Try first to {'change' if first.limit else 'relax'} {first}."
+    limits = [one.limit for one in obstructions if one.name == first.name and one.limit and not one.is_fixed]
+    bounds = " and ".join(f"'{first.name}' {limit}" for limit in limits)
+    return f"Try first to widen the bound{'s' if len(limits) > 1 else ''} {bounds}."
 
 
 def _span(times: list[float]) -> str:

@@ -11,6 +11,11 @@ from pyrobocop_pyomo.mpcc.stationarity import Multipliers
 
 from .pair_report import ActiveSide, PairReport
 
+CLEAR_START = (
+    "There may be none. Otherwise start from a clear one: rcp.scenes.waypoint_initial_guess, sampled_path (arms) or "
+    "hybrid_a_star (cars), or rcp.studies.multistart."
+)
+
 
 def pair_table(pairs: Sequence[PairReport], most: int | None = None) -> str:
     """A line per pair; beyond `most` lines, the number of those left out."""
@@ -56,14 +61,13 @@ def pair_sentence(pairs: Sequence[PairReport], multipliers: Multipliers | None, 
 def advice_on_motion(safety: SafetyReport) -> str:
     """What a motion that is not safe lacks, and what may help."""
     if safety.safe:
-        return "The motion keeps its clearances, but is not feasible."
+        return "The motion keeps its clearances, but violates other constraints."
     if safety.is_settled:
         return f"The plan keeps its clearances, and what its equations make of it may not. {safety.equations}"
-    return (
-        f"No motion was found that keeps its clearances; the closest: {safety.worst}. There may be none. Otherwise "
-        "start from a clear one: rcp.scenes.waypoint_initial_guess, sampled_path (arms) or hybrid_a_star (cars), or "
-        "rcp.studies.multistart."
+    closest = (
+        f"No motion was found that keeps its clearances. In the closest one {safety.worst} (in the model's units)."
     )
+    return f"{closest} {CLEAR_START}"
 
 
 def long_report(

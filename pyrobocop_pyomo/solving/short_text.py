@@ -12,20 +12,22 @@ from pyrobocop_pyomo.presentation import percent
 
 from .iterates import Quality, StopReason
 from .least_violation import STANDS_AGAINST, Least
+from .obstructions import first_try
+from .result_text import CLEAR_START
 
 MOST_LINES = 8
 # Of a line that is shown; `report()` has all of it.
 MOST_CHARACTERS = 400
 # So many violated components, and so many of what stands against a solution, are named.
 SHOWN_VIOLATIONS, SHOWN_OBSTRUCTIONS = 2, 3
-FAR = "If you know that there is a solution, start nearer to it: try another initial guess."
+FAR = " If you know that there is a solution, start nearer to it: try another initial guess."
 # A remark that begins so is about a point that is not the answer.
 FIRST_RUN = "Where the first run"
 
 _NEARBY = {
-    Certificate.PROVEN: "no better branch nearby",
-    Certificate.DESCENT: "another branch descends",
-    Certificate.UNKNOWN: "whether another branch descends is not known",
+    Certificate.PROVEN: "no better choice of zero sides nearby",
+    Certificate.DESCENT: "another choice of zero sides is better",
+    Certificate.UNKNOWN: "whether another choice of zero sides is better is not known",
 }
 _ENDS = {
     StopReason.ITERATION_LIMIT: "the iteration limit was reached",
@@ -34,13 +36,6 @@ _ENDS = {
     StopReason.INFEASIBLE: "no point nearby violates less",
     StopReason.DIVERGED: "variables grow without end",
     StopReason.FAILED: "Ipopt could not go on",
-}
-_REMEDIES = {
-    StopReason.ITERATION_LIMIT: "Raise the limit by options={'max_iter': ...}, or try another initial guess.",
-    StopReason.TIME_LIMIT: "Raise time_limit.",
-    StopReason.INFEASIBLE: "Relax bounds, fixed values or constraints, or try another initial guess.",
-    StopReason.DIVERGED: "Bound what grows, or give it a cost; check the sign of the objective.",
-    StopReason.FAILED: "Try another initial guess, or tee=True to see Ipopt's log.",
 }
 
 
@@ -69,7 +64,11 @@ def _first_line(result: Any) -> str:
     iterations = f"{result.iterations} iteration{'' if result.iterations == 1 else 's'}"
     exact = []
     if result.quality is Quality.INFEASIBLE:
-        exact.append(f"violated by {violation:.2g}" if math.isfinite(violation) else "expressions have no value")
+        # How far a plane between shapes is passed says less than how far they overlap, which the next line says.
+        if not math.isfinite(violation):
+            exact.append("expressions have no value")
+        elif not _motion(result).endswith(CLEAR_START):
+            exact.append(f"largest violation {violation:.2g} in the model's units")
     elif not result.best.diverged:
         if mesh.phases or violation > 0.0:
             exact.append(f"{'equations' if mesh.phases else 'constraints'} to {max(violation, 1e-16):.0e}")
@@ -105,14 +104,15 @@ def _verdict(result: Any) -> str:
         return f"feasible, but not shown to be optimal{unsafe}{ended}"
     if unsafe:
         return "NOT SAFE"
-    return "solved" if result.safety is None else "solved, and safe"
+    kept = "clearances kept at all times" if result.safety is not None and result.safety.between else "clearances kept"
+    return "solved" if result.safety is None else f"solved, and safe: {kept}"
 
 
 def _pairs(result: Any) -> str:
     count = len(result.residuals)
     exact = result.largest_natural_residual
     met = "exact" if exact <= 1e-12 else f"to {exact:.0e}"
-    pairs = f"{count} pair{'s' if count > 1 else ''} {met}"
+    pairs = f"{count} complementarity pair{'s' if count > 1 else ''} {met}"
     return f"{pairs}, {_NEARBY[result.certificate]}" if result.quality is Quality.OPTIMAL else pairs
 
 
@@ -127,9 +127,14 @@ def _doubts(result: Any) -> Iterable[str]:
     if mesh.is_large:
         yield f"COARSE MESH: {mesh.in_words()}"
     yield from mesh.bounds_passed
-    # Where no motion exists at all, obstacles are not what is in the way.
-    if result.advice_on_motion and not (result.least_violation is not None and result.least_violation.is_proof):
-        yield result.advice_on_motion
+    if motion := _motion(result):
+        yield motion.removesuffix(f" {CLEAR_START}")
+
+
+def _motion(result: Any) -> str:
+    """What a motion lacks; where no motion exists at all, obstacles are not what is in the way."""
+    least = result.least_violation
+    return "" if least is not None and least.is_proof else str(result.advice_on_motion)
 
 
 def _failure(result: Any) -> Iterable[str]:
@@ -137,7 +142,9 @@ def _failure(result: Any) -> Iterable[str]:
     least = result.least_violation
     # What helps is the last line, and must not be cut off by what is said of a motion.
     is_long = bool(result.advice_on_motion) and least is not None and bool(least.obstructions)
-    for violation in result.violations[: 1 if is_long else SHOWN_VIOLATIONS]:
+    overlaps = _motion(result).endswith(CLEAR_START)
+    unmet = [one for one in result.violations if not (overlaps and one.where.startswith("clearance between"))]
+    for violation in unmet[: 1 if is_long else SHOWN_VIOLATIONS]:
         yield f"not met: {violation}"
     if least is not None and least.obstructions:
         yield STANDS_AGAINST
@@ -154,18 +161,21 @@ def _failure(result: Any) -> Iterable[str]:
 def _suggestion(result: Any) -> Iterable[str]:
     """One thing to do: what was noticed on the way, or what helps against how it ended."""
     noticed = [remark for remark in result.remarks if not remark.startswith(FIRST_RUN)]
-    remedy, least = _REMEDIES.get(result.stop_reason), result.least_violation
+    remedy, least = result.stop_reason.remedy, result.least_violation
+    against = first_try(least.obstructions) if least is not None and least.obstructions else ""
     if least is not None and least.is_proof:
-        return
-    if result.stop_reason is StopReason.DIVERGED:
-        yield " ".join([*noticed[:1], str(remedy)])
+        yield from filter(None, [against])
+    elif result.stop_reason is StopReason.DIVERGED:
+        yield " ".join([*noticed[:1], remedy])
     elif noticed:
         yield noticed[0]
+    elif _motion(result).endswith(CLEAR_START):
+        yield CLEAR_START
     elif result.stop_reason in (StopReason.ITERATION_LIMIT, StopReason.TIME_LIMIT):
-        yield str(remedy)
+        yield remedy
     elif least is not None and least.kind is Least.NONE:
         yield str(least)
-    elif result.stop_reason is StopReason.INFEASIBLE and least is not None and least.obstructions:
-        yield FAR
+    elif result.stop_reason is StopReason.INFEASIBLE and against:
+        yield f"{against}{FAR}"
     elif remedy:
         yield remedy

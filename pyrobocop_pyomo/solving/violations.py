@@ -48,7 +48,8 @@ class Violation:
     others: int = 0
 
     def __str__(self) -> str:
-        others = f" (and {self.others} more of it)" if self.others else ""
+        time, times = ("time", "times") if " t = " in self.where else ("index", "indices")
+        others = f" (and at {self.others} other {time if self.others == 1 else times})" if self.others else ""
         return f"{self.where}: {self.what}{others}"
 
 
@@ -87,9 +88,8 @@ def violations_of_pairs(
         # What has no value is not met either.
         if not (pair.product <= tolerances.product * size and -pair.natural <= tolerances.feasibility):
             amount = float("inf") if pair.product != pair.product else abs(pair.natural)
-            yield Violation(
-                pair.name, f"pair '{pair.name}'", f"sides {pair.a:.3g} and {pair.b:.3g}, not one of them 0", amount
-            )
+            what = f"its sides are {pair.a:.3g} and {pair.b:.3g} at the best point found, and one of them has to be 0"
+            yield Violation(pair.name, f"pair '{pair.name}'", what, amount)
 
 
 def worst_of_each_component(violations: Iterable[Violation]) -> tuple[Violation, ...]:

@@ -78,6 +78,17 @@ def test_residuals_that_the_stated_errors_do_not_explain_are_told() -> None:
 
 
 @pytest.mark.casadi
+@pytest.mark.parametrize("error", [0.01, None])
+@pytest.mark.parametrize(("factor", "is_told"), [(1.0, False), (10.0, False), (180 / np.pi, True), (1000.0, True)])
+def test_data_in_another_unit_than_the_model_are_told(factor: float, is_told: bool, error: float | None) -> None:
+    measured = data() | {"c": factor * data()["c"]}
+    found = rcp.estimate(decay(), measured, error=None if error is None else error * factor)
+    told = [remark for remark in found.statistics.remarks if remark.startswith("the data of 'c' are ")]
+    assert len(told) == is_told
+    assert all("check their unit" in remark and remark in str(found) for remark in told)
+
+
+@pytest.mark.casadi
 def test_an_estimate_that_a_coarse_mesh_shifts_is_told() -> None:
     def first_order(elements: int) -> Any:
         m = pyo.ConcreteModel("decay")

@@ -412,7 +412,7 @@ def test_reports_are_plain_and_picklable() -> None:
     assert lines[1].startswith("body - obstacle 2")
     assert lines[1].endswith("overlap")
     assert lines[2].endswith("clear")
-    assert "'body' and 'obstacle 2': overlap" in str(report.worst)
+    assert "'body' and 'obstacle 2' overlap by " in str(report.worst)
 
 
 def test_many_pairs_and_intervals_cost_little() -> None:

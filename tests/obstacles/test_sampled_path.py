@@ -177,10 +177,15 @@ def test_a_goal_that_no_configuration_reaches_is_refused_with_the_end() -> None:
 
 
 @pytest.mark.ipopt
-def test_a_result_says_that_the_goal_of_an_arm_is_never_clear() -> None:
-    result = rcp.solve(arm(hand=(0.7, 0.0)), time_limit=10)
+@pytest.mark.parametrize(
+    ("hand", "why"),
+    [((0.7, 0.0), "'lower' and 'box' are too close there"), ((2.0, 0.0), "no values within their bounds")],
+)
+def test_a_goal_of_an_arm_that_is_never_clear_is_said_after_one_round(hand: tuple[float, float], why: str) -> None:
+    result = rcp.solve(arm(hand=hand), time_limit=10)
     assert not result.solved
-    assert "'lower' and 'box' are too close there" in str(result)
+    assert why in str(result)
+    assert len(result.rounds) == 1
 
 
 def test_poses_of_quaternions_are_refused() -> None:

@@ -373,7 +373,7 @@ def test_where_there_is_no_way_none_is_claimed(state: Callable[..., Any], formul
     assert result.safe is False
     assert not result.solved
     assert not any(each.safe and each.quality is not rcp.Quality.INFEASIBLE for each in result.rounds)
-    with pytest.raises(SolveFailed, match=r"(?s)'turning move'.*No motion was found.*'arrow' and .*closest found"):
+    with pytest.raises(SolveFailed, match=r"(?s)'turning move'.*No motion was found.*'arrow' and .*required clearance"):
         result.raise_for_status()
     assert "NOT SAFE" in str(result)
     assert "solved" not in str(result)

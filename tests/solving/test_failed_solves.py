@@ -127,7 +127,10 @@ def test_pairs_are_named_by_component_the_worst_first():
     pairs = [residual("p.touch[1]", 0.1, 0.2), residual("p.touch[2]", 0.0, 3.0), residual("p.touch[3]", 0.4, 0.5)]
     (worst,) = worst_of_each_component(violations_of_pairs(pairs, Tolerances()))
     assert (worst.name, worst.others) == ("p.touch[3]", 1)
-    assert str(worst) == "pair 'p.touch[3]': sides 0.4 and 0.5, not one of them 0 (and 1 more of it)"
+    assert str(worst) == (
+        "pair 'p.touch[3]': its sides are 0.4 and 0.5 at the best point found, and one of them has to be 0 "
+        "(and at 1 other index)"
+    )
 
 
 def test_stages_that_cannot_make_a_jump_are_named():

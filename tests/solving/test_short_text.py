@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+import re
 from typing import Any
 
 import numpy as np
@@ -69,7 +70,7 @@ def test_where_no_error_of_the_mesh_is_known_the_report_says_what_to_write() -> 
 
 def test_pairs_are_counted_and_certified_in_a_second_line() -> None:
     _, line = str(rcp.solve(pair(2.0))).splitlines()
-    assert line == "1 pair exact, no better branch nearby"
+    assert line == "1 complementarity pair exact, no better choice of zero sides nearby"
 
 
 def test_where_the_error_of_the_objective_is_not_known_the_line_says_so() -> None:
@@ -82,7 +83,7 @@ def test_where_the_error_of_the_objective_is_not_known_the_line_says_so() -> Non
     first, second = str(rcp.solve(m, mesh_tolerance=None, exploration=0)).splitlines()[:2]
     assert "mesh error of the motion " in first
     assert "of the objective not known" in first
-    assert second.startswith("4 pairs ")
+    assert second.startswith("4 complementarity pairs ")
 
 
 def winch() -> Any:
@@ -116,7 +117,16 @@ def arm(fastest: float) -> Any:
 @pytest.mark.parametrize(
     ("model", "options", "words"),
     [
-        (lambda: cart(force=0.5), {}, ["NOT SOLVED, and proven to have no solution", "not met: ", "- 'p.u' "]),
+        (
+            lambda: cart(force=0.5),
+            {},
+            [
+                "NOT SOLVED, and proven to have no solution",
+                "not met: ",
+                "- 'p.u' ",
+                "Try first to widen the bounds 'p.u' ",
+            ],
+        ),
         (cart, {"options": {"max_iter": 0}}, ["the iteration limit was reached", "max_iter"]),
         (winch, {}, ["cart: NOT SOLVED: variables grow without end", "'p.u'", "Bound what grows", "the objective."]),
         (lambda: tank(0.2), {}, ["expressions have no value", "which is fixed", "needs another value", "'gauss'"]),
@@ -175,7 +185,32 @@ def test_what_is_said_of_a_guess_that_collides_is_not_cut_off() -> None:
     (guess,) = [line for line in lines if line.startswith("The initial guess collides: 'body' with 'wall'")]
     assert guess.endswith("speed=...)).")
     (motion,) = [line for line in lines if line.startswith("No motion was found")]
-    assert motion.endswith("rcp.studies.multistart.")
+    assert re.search(r"'body' and 'wall' overlap by [\d.]+ at t = [\d.]+, required clearance 0\.1 \(in", motion)
+    assert lines.index(motion) < lines.index(guess) == len(lines) - 1
+    assert not any("first_shape" in line or "second_shape" in line for line in lines)
+
+
+def test_neither_side_of_a_pair_can_be_zero_is_proven_and_says_which_bounds_keep_it_from_zero() -> None:
+    m = pair(2.0)
+    m.x.setlb(1)
+    m.y.setlb(4)
+    result = rcp.solve(m, progress=False)
+    first, unmet, _, *against, remedy = str(result).splitlines()
+    assert "proven to have no solution" in first
+    assert unmet.startswith("not met: pair 'c': its sides are ")
+    assert unmet.endswith("at the best point found, and one of them has to be 0")
+    assert sorted(against) == ["- 'x' >= 1", "- 'y' >= 4"]
+    assert remedy in {"Try first to widen the bound 'x' >= 1.", "Try first to widen the bound 'y' >= 4."}
+    m.x.setlb(0)
+    assert rcp.solve(m, progress=False).solved
+
+
+def test_the_time_limit_says_what_helps_beside_more_time() -> None:
+    ended = rcp.solve(cart(), progress=False, options={"max_iter": 0})
+    result = dataclasses.replace(ended, stop_reason=rcp.StopReason.TIME_LIMIT)
+    *_, remedy = str(result).splitlines()
+    assert remedy == result.stop_reason.remedy
+    assert all(word in remedy for word in ("time_limit", "fewer elements", "initial guess"))
 
 
 @pytest.mark.parametrize("busy", [False, True])
