@@ -150,7 +150,7 @@ class _Sums:
         found[self._nonlinear[1]] = True
         return found
 
-    def jacobian(self, place: IndexArray, rows: IndexArray) -> tuple[IndexArray, IndexArray, FloatArray]:
+    def jacobian(self, place: np.ndarray, rows: np.ndarray) -> tuple[IndexArray, IndexArray, FloatArray]:
         """Rows, columns and linear coefficients of all entries, in the order of the file.
 
         Parameters
@@ -163,7 +163,7 @@ class _Sums:
         linear = np.bincount(places[: self._linear[2].size], self._linear[2], structure[0].size)
         return *structure, linear.astype(float)
 
-    def bodies(self, place: IndexArray, constants: FloatArray) -> list[str]:
+    def bodies(self, place: np.ndarray, constants: FloatArray) -> list[str]:
         """Nonlinear part of each row, plus a constant."""
         summands: list[list[str]] = [[] for _ in self.constants]
         for pattern, group, numbers in self._groups:
