@@ -18,8 +18,9 @@ the fastest of this package.
 "rcp.solve" and "SolverFactory" are two doors to the same solver: the latter is `SolverFactory("pyrobocop.ipopt")`, or
 `SolverFactory("pyrobocop.mpcc")` where there are pairs. "doors" is the total of the latter against the former with the
 same linear solver. `rcp.solve` makes neither finer meshes nor other starts here. Without pairs it does more than
-"pyrobocop.ipopt": it checks the model, scales it, simulates a start where equations depend on each other at the initial
-guess, recomputes residuals, tests the curvature, and estimates the error of the mesh.
+"pyrobocop.ipopt": it checks the model, scales it, recomputes residuals by code of its own, tests the curvature, and
+reads what an estimate of the mesh's error needs. Where equations depend on each other at the initial guess (the
+quadrotor), it starts from the motion under the controls of the guess. Scaling changes the number of iterations.
 """
 
 from __future__ import annotations
