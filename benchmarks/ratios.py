@@ -6,7 +6,8 @@ All ways of a problem state the same equations on the same mesh, with the same i
 collocation at three Radau points (`cart_pole_ways.py`, `cart_pole_fatrop.py`), a cart-pole between soft walls
 ("contact"), a quadrotor and a parking car by implicit Euler (`casadi_ways.py`). By hand, contact is solved by a
 relaxation that goes down in ten solves; this package takes its first strategy alone, which ends with a polish and a
-certificate. "second opinion" lets it cross-check the answer by other strategies, as it does by default.
+certificate. "second opinion" lets it cross-check the answer by other strategies, as it does by default. Parking keeps
+clear of its neighbours at the nodes, by the same rows in all ways; an `ObstacleAvoidanceBlock` would look between them.
 
 Seconds are CPU seconds of this process and of the processes that it starts, the least of some runs. Columns in
 milliseconds are of one iteration: "linear algebra" is all of Ipopt's linear systems, "evaluation" the functions, "rest"
