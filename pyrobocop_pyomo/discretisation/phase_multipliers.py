@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, cast
@@ -124,10 +125,10 @@ def _rows(
 ) -> list[tuple[Statement, Any, Array]]:
     entries = []
     for statement in phase.record.statements_of(kind):
-        by_label: dict[Any, dict[float, float]] = {}
+        by_label: defaultdict[Any, dict[float, float]] = defaultdict(lambda: dict.fromkeys(grid.points, 0.0))
         for index, row in phase.component(statement.name).items():
             time, label = index if isinstance(index, tuple) else (index, None)
-            by_label.setdefault(label, dict.fromkeys(grid.points, 0.0))[time] = found.of_row(row)
+            by_label[label][time] = found.of_row(row)
         entries += [(statement, label, _at_points(grid, by_time) / weights) for label, by_time in by_label.items()]
     return entries
 

@@ -135,10 +135,10 @@ def _variables(block: Any, record: PhaseRecord, name: str) -> Any:
 
 
 def _expressions(block: Any) -> Any:
-    # One row of each of the phase's own components first: nearly always everything is found there.
-    own = _active_constraints(block)
+    # Rows of one point of each of the phase's own components first: nearly always everything is found there.
+    own, points = _active_constraints(block), len(block.record.grid.points)
     for component in own:
-        yield from (row.body for row in islice(component.values(), 1))
+        yield from (row.body for row in islice(component.values(), _per_point(component, points)))
     for component in _complementarities(block):
         for data in component.values():
             yield from sides_of(data)

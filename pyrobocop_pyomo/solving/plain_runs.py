@@ -24,7 +24,7 @@ from .polished_runs import PolishedRuns
 from .second_tries import ITERATIONS_OF_ONE
 from .settings import Settings
 from .solved_copies import SolvedCopies
-from .starts import put_start
+from .starts import put_motion, put_start
 from .strategies import BEYOND_SADDLE, SIMULATED, SOLVE, StartingPoint, Strategy
 from .workplaces import Workplace
 
@@ -157,7 +157,7 @@ class PlainRuns:
     def _run_simulated_first(self, place: Workplace) -> Iterate | None:
         """Where equations depend on each other at the initial guess, start from the motion under its controls."""
         dependent = place.session.missing_rank()
-        if not dependent or not self._put_start(place, SIMULATED):
+        if not dependent or not put_motion(self._model):
             return None
         logger.info("'%s': %d equations are dependent at the initial guess", self._model.name, dependent)
         strategy = replace(SIMULATED, options={"max_iter": ITERATIONS_OF_ONE, **SIMULATED.options})

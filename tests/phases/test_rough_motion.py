@@ -10,6 +10,7 @@ import pytest
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.phases.rough_motion import put_rough_motion
+from pyrobocop_pyomo.solving import starts
 
 
 def swing(scheme: str = "radau", duration: Any = 2.0) -> pyo.ConcreteModel:
@@ -65,3 +66,23 @@ def test_algebraics_keep_their_values() -> None:
     assert put_rough_motion(b)
     assert b.x[b.final_time].value == pytest.approx(2.0)
     assert {v.value for v in b.y.values()} == {2.0}
+
+
+@pytest.mark.parametrize("with_algebraic", [False, True])
+def test_a_start_moves_roughly_unless_there_is_more_to_find_than_states(with_algebraic: bool, monkeypatch) -> None:
+    m, simulated = swing(), []
+    if with_algebraic:
+        m.p.power = rcp.Algebraic()
+        m.p.residual(lambda b, t: b.power[t] == b.torque[t] * b.speed[t], name="power_of_torque")
+
+    def simulate(*arguments: Any) -> rcp.Trajectory:
+        simulated.append(arguments[0])
+        return simulation(*arguments)
+
+    simulation = starts.simulate
+    monkeypatch.setattr(starts, "simulate", simulate)
+    exact = m.p.simulate()
+    assert starts.put_motion(m)
+    found = np.array([m.p.angle[t].value for t in m.p.time])
+    assert np.abs(found - exact.angle).max() < 1e-2
+    assert len(simulated) == with_algebraic
