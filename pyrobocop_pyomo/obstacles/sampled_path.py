@@ -96,8 +96,8 @@ def path_in(space: ConfigurationSpace, clearances: float, samples: int, seed: in
     if path is None:
         raise InitialGuessError(
             f"{space.label}: no path from the start to the end was found among {samples} random configurations of "
-            f"{', '.join(space.names)}. There may be none: check the obstacles, the clearance and both ends. Otherwise "
-            "start from waypoints by rcp.scenes.waypoint_initial_guess, or give sampled_path more samples."
+            f"{', '.join(space.names)}; there may be none. Check the obstacles, the clearance and both ends, or start "
+            "from waypoints (rcp.scenes.waypoint_initial_guess) or by sampled_path(samples=...)."
         )
     path = shortened(path, are_clear, spacing=space.spacing, tries=SHORTCUTS, generator=generator)
     logger.info("%s: a path of %d lines after %d samples.", space.label, len(path) - 1, used)

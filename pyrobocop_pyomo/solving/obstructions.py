@@ -114,20 +114,22 @@ def _obstruction(some: list[ObstructingData]) -> Obstruction:
     return Obstruction(name, f"{words} {_span(times)}" if times else words, influence, limit)
 
 
-def first_try(obstructions: Sequence[Obstruction]) -> str:
+def first_try(obstructions: Sequence[Obstruction], has_given_time: bool) -> str:
     """What to relax first, with all bounds of that component.
 
     Parameters
     ----------
     obstructions : sequence of Obstruction
         As `grouped` orders them.
+    has_given_time : bool
+        Whether more time may help, too.
     """
-    first = obstructions[0]
+    first, time = obstructions[0], ", or give it more time" if has_given_time else ""
     if not first.limit or first.is_fixed:
-        return f"Try first to {'change' if first.limit else 'relax'} {first}."
+        return f"Try first to {'change' if first.limit else 'relax'} {first}{time}."
     limits = [one.limit for one in obstructions if one.name == first.name and one.limit and not one.is_fixed]
     bounds = " and ".join(f"'{first.name}' {limit}" for limit in limits)
-    return f"Try first to widen the bound{'s' if len(limits) > 1 else ''} {bounds}."
+    return f"Try first to widen the bound{'s' if len(limits) > 1 else ''} {bounds}{time}."
 
 
 def _span(times: list[float]) -> str:

@@ -8,6 +8,7 @@ from textwrap import shorten
 from typing import Any
 
 from pyrobocop_pyomo.mpcc.active_set import Certificate
+from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.presentation import percent
 
 from .iterates import Quality, StopReason
@@ -18,8 +19,9 @@ from .result_text import CLEAR_START
 MOST_LINES = 8
 # Of a line that is shown; `report()` has all of it.
 MOST_CHARACTERS = 400
-# So many violated components, and so many of what stands against a solution, are named.
-SHOWN_VIOLATIONS, SHOWN_OBSTRUCTIONS = 2, 3
+# So many violated components, and so many together with what stands against a solution, are named.
+SHOWN_VIOLATIONS, SHOWN_OBSTRUCTIONS = 2, 5
+IN_THE_WAY = "What stands against a solution near the best point found:"
 FAR = " If you know that there is a solution, start nearer to it: try another initial guess."
 # A remark that begins so is about a point that is not the answer.
 FIRST_RUN = "Where the first run"
@@ -144,11 +146,12 @@ def _failure(result: Any) -> Iterable[str]:
     is_long = bool(result.advice_on_motion) and least is not None and bool(least.obstructions)
     overlaps = _motion(result).endswith(CLEAR_START)
     unmet = [one for one in result.violations if not (overlaps and one.where.startswith("clearance between"))]
-    for violation in unmet[: 1 if is_long else SHOWN_VIOLATIONS]:
+    unmet = unmet[: 1 if is_long else SHOWN_VIOLATIONS]
+    for violation in unmet:
         yield f"not met: {violation}"
     if least is not None and least.obstructions:
-        yield STANDS_AGAINST
-        shown = list(least.obstructions[:SHOWN_OBSTRUCTIONS])
+        yield STANDS_AGAINST if least.is_proof else f"Not proven to be impossible. {IN_THE_WAY}"
+        shown = list(least.obstructions[: SHOWN_OBSTRUCTIONS - max(len(unmet), 1)])
         fixed = [obstruction for obstruction in least.obstructions if obstruction.is_fixed]
         if fixed and not any(obstruction.is_fixed for obstruction in shown):
             shown[-1] = fixed[0]  # an end that was given wrongly is what a user looks for
@@ -158,11 +161,17 @@ def _failure(result: Any) -> Iterable[str]:
     yield from _suggestion(result)
 
 
+def _has_given_time(result: Any) -> bool:
+    """Whether a phase of the model lasts as long as a number says: no bound in the model stands for it."""
+    model = result.model()
+    return model is not None and any(not phase.has_free_duration for phase in phases_of(model))
+
+
 def _suggestion(result: Any) -> Iterable[str]:
     """One thing to do: what was noticed on the way, or what helps against how it ended."""
     noticed = [remark for remark in result.remarks if not remark.startswith(FIRST_RUN)]
     remedy, least = result.stop_reason.remedy, result.least_violation
-    against = first_try(least.obstructions) if least is not None and least.obstructions else ""
+    against = first_try(least.obstructions, _has_given_time(result)) if least is not None and least.obstructions else ""
     if least is not None and least.is_proof:
         yield from filter(None, [against])
     elif result.stop_reason is StopReason.DIVERGED:

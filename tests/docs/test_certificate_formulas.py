@@ -260,7 +260,7 @@ def test_bounds_decide_pairs(least_a, least_b):
     if least_a > 0 and least_b > 0:
         result = rcp.solve(m)
         assert result.quality is rcp.Quality.INFEASIBLE
-        assert "pair 'pair': sides 1 and 1" in result.report()
+        assert "pair 'pair': its sides are 1 and 1" in result.report()
         return
     result = rcp.solve(m)
     assert result.decided_pairs == (least_a > 0 or least_b > 0)
