@@ -10,7 +10,7 @@ import numpy as np
 from pyomo.common.collections import ComponentMap
 from pyomo.common.gc_manager import PauseGC
 from pyomo.core.base.block import BlockData
-from pyomo.core.base.constraint import ConstraintData
+from pyomo.core.base.constraint import Constraint, ConstraintData
 from pyomo.core.base.objective import ObjectiveData
 from pyomo.core.base.var import VarData
 from pyomo.core.staleflag import StaleFlagManager
@@ -37,6 +37,9 @@ from .term_files import term_file
 from .vectorised_program import VectorisedProgram
 
 logger = logging.getLogger(__name__)
+
+# From so many rows on, patterns of terms are written more quickly than Pyomo writes the rows.
+LEAST_ROWS = 1000
 
 
 class CompiledModel:
@@ -130,7 +133,8 @@ class CompiledModel:
     def _compile_file(self, build: ProgramBuilder) -> None:
         started = time.perf_counter()
         by_calls = not reads_names(build)
-        if by_calls and not self._calls_python and (written := self._file_of_terms()) is not None:
+        quickly = by_calls and not self._calls_python and self._has_many_rows()
+        if quickly and (written := self._file_of_terms()) is not None:
             self._read(written, build, started)
             try:
                 self.nlp.objective(self.nlp.x_start)
@@ -158,6 +162,10 @@ class CompiledModel:
             self._read(written, build, started, has_objective=objective is not None)
         if named is not None:
             self.constraints = [named.row_of[id(row)] for row in self.constraints]
+
+    def _has_many_rows(self) -> bool:
+        rows = self.model.component_objects(Constraint, active=True, descend_into=True)
+        return sum(map(len, rows)) >= LEAST_ROWS
 
     def _file_of_terms(self) -> ModelFile | None:
         """The model written by the patterns of its terms; None where Pyomo's writer has to do it, or knows better."""

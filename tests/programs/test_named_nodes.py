@@ -5,7 +5,7 @@ import pyomo.environ as pyo
 import pytest
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.programs import compiled_model, named_nodes
+from pyrobocop_pyomo.programs import named_nodes
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 
 BACKENDS = [pytest.param("asl", marks=pytest.mark.asl), pytest.param("casadi", marks=pytest.mark.casadi)]
@@ -67,7 +67,6 @@ def _numbers(model, derivatives):
 @pytest.mark.parametrize("calls", [False, True], ids=["formulas", "calls"])
 def test_names_change_no_number(derivatives, seed, calls, monkeypatch):
     monkeypatch.setattr(named_nodes, "LEAST_EXCESS", 1)
-    monkeypatch.setattr(compiled_model, "term_file", lambda terms: None)
     tabulated = rcp.Function(lambda X: np.tanh(X[:, 0]), lambda X: 1 / np.cosh(X) ** 2, name="tanh") if calls else None
     model = _graph_model(seed, tabulated)
     assert named_nodes.with_named_nodes(model, model.cost) is not None

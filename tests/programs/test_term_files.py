@@ -85,9 +85,10 @@ def numbers(model: pyo.ConcreteModel) -> list[Any]:
 @given(model=models())
 @settings(max_examples=150, deadline=None)
 def test_both_files_hold_the_same_program(model: pyo.ConcreteModel) -> None:
-    found = numbers(model)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(compiled_model, "term_file", lambda terms: None)
+        patch.setattr(compiled_model, "LEAST_ROWS", 0)
+        found = numbers(model)
+        patch.setattr(compiled_model, "LEAST_ROWS", np.inf)
         expected = numbers(model)
     assert found[0] == expected[0]
     for mine, pyomos in zip(found[1:], expected[1:], strict=True):

@@ -63,7 +63,7 @@ def test_bounds_that_make_both_sides_positive_are_an_infeasible_problem(kind: st
     result = rcp.solve(m)
     assert result.quality is Quality.INFEASIBLE
     assert result.stop_reason is StopReason.INFEASIBLE
-    assert "pair 'pair': sides 1 and 1" in result.report()
+    assert "pair 'pair': its sides are 1 and 1" in result.report()
 
 
 def two_variables(m):

@@ -107,7 +107,7 @@ def test_without_a_polish_a_loose_point_of_small_sides_is_no_solution():
     result = rcp.solve(m, polish=False)
     assert not result.solved
     assert result.quality is Quality.INFEASIBLE
-    assert "pair 'pair': sides " in result.report()
+    assert "pair 'pair': its sides are " in result.report()
     assert rcp.solve(corner(1.0, 1.0), polish=False).solved
 
 
