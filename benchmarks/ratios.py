@@ -66,6 +66,7 @@ COLUMNS = [
     ("doors", ">5.2f"), ("objective", ">11.7f"), ("verdict", "<15"),
 ]  # fmt: skip
 
+PER_ITERATION = "linear algebra", "evaluation", "rest"  # in milliseconds
 Way = Callable[[int, Path], "Costs"]
 
 
@@ -247,11 +248,26 @@ def summary(rows: list[tuple[Any, ...]]) -> str:
 def page(rows: list[tuple[Any, ...]]) -> str:
     """The page of the documentation."""
     text = "\n\n".join((__doc__ or "").strip().split("\n\n")[2:])
-    table = markdown([title for title, _ in COLUMNS], cells_of(rows, COLUMNS), left=3)
     return (
         "# Ratios\n\nFour problems by several programs, measured in one run by "
-        f"`python benchmarks/ratios.py --docs docs`.\n\n{text}\n\n{table}\n\n{summary(rows)}\n"
+        f"`python benchmarks/ratios.py --docs docs`.\n\n{text}\n\n{tables(cells_of(rows, COLUMNS))}\n\n## Together\n\n"
+        f"{summary(rows)}\n"
     )
+
+
+def tables(cells: list[list[str]]) -> str:
+    """Two tables for each problem: what is for all iterations together, and what is for one."""
+    titles = [title for title, _ in COLUMNS]
+    together = [titles.index(title) for title in titles if title not in ("problem", *PER_ITERATION)]
+    single = [titles.index(title) for title in ("elements", "way", *PER_ITERATION)]
+    found = []
+    for problem in dict.fromkeys(row[0] for row in cells):
+        of_problem = [row for row in cells if row[0] == problem]
+        found.append(f"## {problem}")
+        for places in (together, single):
+            chosen = [[row[k] for k in places] for row in of_problem]
+            found.append(markdown([titles[k] for k in places], chosen, left=2))
+    return "\n\n".join(found)
 
 
 def main() -> None:

@@ -24,7 +24,7 @@ PACKAGE = {
     "studies": 2718, "trajectories": 572, "transcription": 105,
 }  # fmt: skip
 TESTS = {
-    ".": 108, "adversary": 1073, "architecture": 565, "benchmarks": 299, "car_paths": 957, "catalogue": 1067,
+    ".": 108, "adversary": 1073, "architecture": 565, "benchmarks": 301, "car_paths": 957, "catalogue": 1067,
     "complementarity": 3333, "continuous": 1643, "diagnosis": 440, "discretisation": 638, "distributed": 1552,
     "docs": 1743, "estimation": 540, "examples": 818, "extension_templates": 181, "files": 632, "geometry": 996,
     "harness": 841, "ipopt": 1152, "linear_solver": 527, "mechanics": 1646, "mistakes": 563, "modeling": 975,
