@@ -140,6 +140,12 @@ class Terms:
         self.groups.put(self._terms)
         self._terms.clear()
 
+    def linear_parts(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+        """Rows, places and coefficients of the variables in linear terms, and of the parameters there."""
+        rows, columns = np.array(self.linear_rows, dtype=np.intp), np.array(self.linear_columns, dtype=np.intp)
+        coefficients, free = np.array(self.linear_coefficients, dtype=float), columns >= 0
+        return (rows[free], columns[free], coefficients[free]), (rows[~free], -1 - columns[~free], coefficients[~free])
+
     def _has_variable(self, part: _Summand) -> bool:
         pending = [part.node, *part.factors]
         entered: set[int] = set()

@@ -47,13 +47,9 @@ class SummedTerms:
         self.constants = np.zeros(rows)
         for row, constant in terms.constants.items():
             self.constants[row] = constant
-        linear_rows = np.array(terms.linear_rows, dtype=np.intp)
-        columns = np.array(terms.linear_columns, dtype=np.intp)
-        coefficients = np.array(terms.linear_coefficients, dtype=float)
-        free = (columns >= 0) & (coefficients != 0.0)
-        given = columns < 0
-        self.given = linear_rows[given], -1 - columns[given], coefficients[given]
-        self._linear = linear_rows[free], columns[free], coefficients[free]
+        (linear_rows, columns, coefficients), self.given = terms.linear_parts()
+        kept = coefficients != 0.0
+        self._linear = linear_rows[kept], columns[kept], coefficients[kept]
         self._value_rows = np.concatenate([self._linear[0], *(function.rows for function in self.functions)])
         nonlinear = [(function.gradient_rows, function.gradient_columns) for function in self.functions]
         pairs = [self._linear[:2], *nonlinear]

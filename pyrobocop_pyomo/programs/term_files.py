@@ -126,12 +126,8 @@ class _Sums:
         empty = np.empty(0, dtype=np.intp)
         self._nonlinear = [np.concatenate([empty, *several]).astype(np.intp) for several in zip(*of_terms, strict=True)]
         self._nonlinear = self._nonlinear or [empty, empty]
-        columns = np.array(terms.linear_columns, dtype=np.intp)
-        coefficients = np.array(terms.linear_coefficients, dtype=float)
-        linear_rows, free = np.array(terms.linear_rows, dtype=np.intp), columns >= 0
-        self._linear = linear_rows[free], columns[free], coefficients[free]
-        given = coefficients[~free] * parameters[-1 - columns[~free]]
-        self.constants: FloatArray = np.bincount(linear_rows[~free], given, rows).astype(float)
+        self._linear, (given_rows, given, coefficients) = terms.linear_parts()
+        self.constants: FloatArray = np.bincount(given_rows, coefficients * parameters[given], rows).astype(float)
         for row, constant in terms.constants.items():
             self.constants[row] += constant
         self.is_nonlinear = np.zeros(rows, dtype=bool)

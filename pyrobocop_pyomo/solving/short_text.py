@@ -69,7 +69,7 @@ def _first_line(result: Any) -> str:
         # How far a plane between shapes is passed says less than how far they overlap, which the next line says.
         if not math.isfinite(violation):
             exact.append("expressions have no value")
-        elif not _motion(result).endswith(CLEAR_START):
+        elif not _is_in_the_way(result):
             exact.append(f"largest violation {violation:.2g} in the model's units")
     elif not result.best.diverged:
         if mesh.phases or violation > 0.0:
@@ -139,12 +139,17 @@ def _motion(result: Any) -> str:
     return "" if least is not None and least.is_proof else str(result.advice_on_motion)
 
 
+def _is_in_the_way(result: Any) -> bool:
+    """Whether bodies that come too close are what a motion lacks."""
+    return _motion(result).endswith(CLEAR_START)
+
+
 def _failure(result: Any) -> Iterable[str]:
     """What is not met, what stands against a solution, and one thing to do."""
     least = result.least_violation
     # What helps is the last line, and must not be cut off by what is said of a motion.
     is_long = bool(result.advice_on_motion) and least is not None and bool(least.obstructions)
-    overlaps = _motion(result).endswith(CLEAR_START)
+    overlaps = _is_in_the_way(result)
     unmet = [one for one in result.violations if not (overlaps and one.where.startswith("clearance between"))]
     unmet = unmet[: 1 if is_long else SHOWN_VIOLATIONS]
     for violation in unmet:
@@ -178,7 +183,7 @@ def _suggestion(result: Any) -> Iterable[str]:
         yield " ".join([*noticed[:1], remedy])
     elif noticed:
         yield noticed[0]
-    elif _motion(result).endswith(CLEAR_START):
+    elif _is_in_the_way(result):
         yield CLEAR_START
     elif result.stop_reason in (StopReason.ITERATION_LIMIT, StopReason.TIME_LIMIT):
         yield remedy

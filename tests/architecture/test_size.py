@@ -20,7 +20,7 @@ PACKAGE = {
     1167, "distributed": 2263, "estimation": 2005, "execution": 1161, "files": 830, "geometry": 1667, "ipopt": 1797,
     "linear_solver": 2026, "links": 456, "mechanics": 2260, "modeling": 2876, "motion": 2756, "mpcc": 1328,
     "native": 157, "numerics": 1985, "obstacles": 4180, "phases": 6939, "planning": 2579, "plotting": 1059,
-    "presentation": 147, "problem_classes": 1331, "programs": 4124, "robots": 391, "rules": 274, "solving": 5133,
+    "presentation": 147, "problem_classes": 1331, "programs": 4120, "robots": 391, "rules": 274, "solving": 5135,
     "studies": 2718, "trajectories": 572, "transcription": 105,
 }  # fmt: skip
 TESTS = {
