@@ -153,8 +153,8 @@ class ObstacleAvoidanceBlockData(BuiltBlockData):
         check_rules(self._what, motion, scene.bodies, between=record.per_interval)
         self._separate()
 
-    def _separate(self) -> None:
-        """Add the separations of the whole motion, before any refinement."""
+    def _separate(self, *, starts_next: bool = False) -> None:
+        """Add the separations of the whole motion, before any refinement; where it starts next, that chooses them."""
         record, motion = self.record, self.motion
         part_pairs = [(first.name, second.name) for first, second in record.scene.part_pairs()]
         segments = segments_of_motion(self._what, part_pairs, motion, record.per_interval)
@@ -165,7 +165,7 @@ class ObstacleAvoidanceBlockData(BuiltBlockData):
         # Without an initial guess no shapes are known to be far apart; initialize() applies the broad phase again.
         kept = np.ones(len(segments), dtype=bool)
         if is_on(record) and has_values(record):
-            kept = near_segments(snapshot, segments)
+            kept = ~kept if starts_next else near_segments(snapshot, segments)
         elif is_on(record) and len(segments) > BUILT_WITHOUT_GUESS:
             kept[:] = False
         with PauseGC():
@@ -194,7 +194,7 @@ class ObstacleAvoidanceBlockData(BuiltBlockData):
         record = self.record
         remove_separations(self, record, list(record.segments.values()))
         record.pruned, record.pinned, record.poses, record.lengths = {}, set(), {}, {}
-        self._separate()
+        self._separate(starts_next=True)
         update_softness(self, record)
         if has_values(record):
             self.initialize()

@@ -303,4 +303,4 @@ def update_estimates(block: Any) -> None:
     preferred = 0.0 if record.soft_clearance is None else float(value(record.soft_clearance.preferred))
     for pair in record.asked:
         known = [number for number in clearance_values(block, pair) if math.isfinite(number)]
-        record.scene.graph.edges[pair]["clearance"] = max([preferred, *known])
+        record.scene.clearances[pair] = max([preferred, *known])

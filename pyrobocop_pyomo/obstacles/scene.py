@@ -14,7 +14,6 @@ import numpy as np
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, distance_of_points
 from pyrobocop_pyomo.motion.bodies import Body
-from pyrobocop_pyomo.optional_imports import networkx
 
 LOGGER = logging.getLogger(__name__)
 
@@ -51,14 +50,15 @@ class Scene:
     obstacles : frozenset of str
         Names of the bodies that the plan cannot move.
     parts : dict of name of a part to ConvexPart
-    graph : networkx.Graph
-        Names of bodies, an edge for each body pair that is watched, with its ``clearance`` as a number.
+    clearances : dict of body pair to float
+        Watched body pairs, bodies before obstacles and otherwise in the order given, with about the clearance of each
+        as a number; what is required is on the block.
     """
 
     bodies: Mapping[str, Body]
     obstacles: frozenset[str]
     parts: Mapping[str, ConvexPart]
-    graph: Any
+    clearances: dict[BodyPair, float]
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Scene:
         bodies = {name: copy.deepcopy(body, memo) for name, body in self.bodies.items()}
@@ -75,15 +75,8 @@ class Scene:
 
     @property
     def body_pairs(self) -> list[BodyPair]:
-        """Watched body pairs; bodies before obstacles, otherwise in the order given."""
-        order = {name: position for position, name in enumerate(self.bodies)}
-        edges = [edge if order[edge[0]] < order[edge[1]] else (edge[1], edge[0]) for edge in self.graph.edges]
-        return sorted(edges, key=lambda edge: (order[edge[0]], order[edge[1]]))
-
-    @property
-    def clearances(self) -> dict[BodyPair, float]:
-        """About the clearance of each body pair, as a number; what is required is on the block."""
-        return {pair: self.graph.edges[pair]["clearance"] for pair in self.body_pairs}
+        """Watched body pairs."""
+        return list(self.clearances)
 
     def body_pair(self, label: str, first: str, second: str) -> BodyPair:
         """The watched body pair of two bodies given in either order.
@@ -93,12 +86,13 @@ class Scene:
         ObstacleError
             When they are not watched.
         """
-        if not self.graph.has_edge(first, second):
-            raise ObstacleError(
-                f"{label}: '{first}' and '{second}' are no body pair of it. Its body pairs: "
-                f"{', '.join(map(str, self.body_pairs))}."
-            )
-        return (first, second) if (first, second) in self.body_pairs else (second, first)
+        for pair in ((first, second), (second, first)):
+            if pair in self.clearances:
+                return pair
+        raise ObstacleError(
+            f"{label}: '{first}' and '{second}' are no body pair of it. Its body pairs: "
+            f"{', '.join(map(str, self.body_pairs))}."
+        )
 
     def unit_directions(self, label: str, directions: Mapping[BodyPair, Any]) -> dict[BodyPair, np.ndarray]:
         """Unit vectors from ``{body pair: direction}``, each from the second body of its pair to the first.
@@ -165,9 +159,8 @@ def make_scene(what: str, *, bodies: Any, obstacles: Any, body_pairs: Any, exclu
                 )
             parts[part.name] = part
     _check_dimensions(what, parts)
-    graph = _graph(what, everybody, frozenset(fixed), body_pairs, exclude)
-    networkx.set_edge_attributes(graph, 0.0, "clearance")
-    scene = Scene(everybody, frozenset(fixed), parts, graph)
+    pairs = _watched_pairs(what, everybody, frozenset(fixed), body_pairs, exclude)
+    scene = Scene(everybody, frozenset(fixed), parts, dict.fromkeys(pairs, 0.0))
     _log_oddities(what, scene)
     return scene
 
@@ -230,11 +223,9 @@ def _checked_pair(label: str, where: str, given: Any, bodies: Mapping[str, Body]
     return given
 
 
-def _graph(
+def _watched_pairs(
     label: str, bodies: Mapping[str, Body], obstacles: frozenset[str], body_pairs: Any, exclude: Iterable[BodyPair]
-) -> Any:
-    graph = networkx.Graph()
-    graph.add_nodes_from(bodies)
+) -> list[BodyPair]:
     if not any(body.moves for body in bodies.values()):
         raise ObstacleError(
             f"{label}: nothing moves: none of {_listed(bodies)} has a pose rule. Give Body(shape, pose=rule), with "
@@ -245,7 +236,7 @@ def _graph(
         candidates = [pair for pair in combinations(bodies, 2) if not obstacles.issuperset(pair)]
         candidates = [pair for pair in candidates if any(bodies[name].moves for name in pair)]
     else:
-        given = body_pairs.edges if isinstance(body_pairs, networkx.Graph) else body_pairs
+        given = getattr(body_pairs, "edges", body_pairs)  # of a graph of networkx, which takes long to import
         candidates = [_checked_pair(label, "body_pairs", pair, bodies) for pair in given]
         for first, second in candidates:
             if obstacles.issuperset((first, second)):
@@ -257,13 +248,15 @@ def _graph(
                 raise ObstacleError(
                     f"{label}: body_pairs= names '{first}' and '{second}', which both stand still, without pose rule."
                 )
-    graph.add_edges_from(pair for pair in candidates if frozenset(pair) not in excluded)
-    if not graph.edges:
+    order = {name: position for position, name in enumerate(bodies)}
+    watched = [(order[a], order[b]) for a, b in candidates if frozenset((a, b)) not in excluded]
+    if not watched:
         raise ObstacleError(
             f"{label}: no body pair is left to keep apart among {_listed(bodies)}. Give obstacles, a second body, or "
             "fewer exclusions."
         )
-    return graph
+    names = list(bodies)
+    return [(names[i], names[j]) for i, j in sorted({(min(places), max(places)) for places in watched})]
 
 
 def _log_oddities(label: str, scene: Scene) -> None:

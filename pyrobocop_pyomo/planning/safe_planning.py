@@ -23,6 +23,7 @@ from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockDat
 from pyrobocop_pyomo.obstacles.broad_phase import ran_through_what_was_left_out
 from pyrobocop_pyomo.obstacles.pictures import scene_of
 from pyrobocop_pyomo.obstacles.tightening import tighten, tighten_containment
+from pyrobocop_pyomo.programs.compiled_model import KeptProgram
 from pyrobocop_pyomo.solving.ipopt_options import NEARLY_SAFE, SOLVE_AGAIN
 from pyrobocop_pyomo.solving.iterates import Quality, StopReason
 from pyrobocop_pyomo.solving.procedure import solve_model
@@ -85,7 +86,9 @@ class SafePlanning:
         equations: bool = True,
     ) -> None:
         self._equations = equations
-        self._model, self._blocks, self._regions, self._settings = model, blocks, regions, settings
+        self._model, self._blocks, self._regions = model, blocks, regions
+        # Rounds in which margins alone have changed have the same program.
+        self._settings = replace(settings, program=KeptProgram())
         self.rounds: list[PlanningRound] = []
         self._reports: list[SafetyReport]  # of each block, then of each region
         self._best: PlanningRound | None = None

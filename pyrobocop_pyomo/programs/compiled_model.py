@@ -197,13 +197,18 @@ class CompiledModel:
         With vectorised expressions the numbers are read again, and only a change of structure (see
         `VectorisedProgram.refresh`) needs another walk. A file is written again in any case.
         """
+        if not self.has_read_numbers_again():
+            self._prepare()
+
+    def has_read_numbers_again(self) -> bool:
+        """Whether the program is that of the model as it is now, where that is a matter of numbers, read again here."""
         if self._build is None and isinstance(self.nlp, (VectorisedProgram, ComposedProgram)):
             try:
                 self.nlp.refresh()
-                return
+                return True
             except StructureChanged as error:
                 logger.info("%s", error)
-        self._prepare()
+        return False
 
     def current_point(self) -> FloatArray:
         """Values of the model's variables in the program's order; 0 where a variable has none."""
@@ -216,3 +221,23 @@ class CompiledModel:
         # A point of an interior method may violate a bound by its tolerance: no reason to refuse it.
         put_values(self.variables, np.asarray(x, dtype=float).tolist(), flag=StaleFlagManager.get_flag(0))
         StaleFlagManager.mark_all_as_stale(delayed=True)
+
+
+class KeptProgram:
+    """The program of a model that is solved again with other numbers, compiled again where its structure changed.
+
+    A program that was handed out before stays as it is for whoever holds it, apart from its numbers.
+    """
+
+    def __init__(self) -> None:
+        self._known: tuple[CompiledModel, str | None] | None = None
+
+    def of(self, model: BlockData, derivatives: str | None) -> CompiledModel:
+        """The model compiled; see `CompiledModel`."""
+        if self._known is not None:
+            compiled, by = self._known
+            if compiled.model is model and by == derivatives and compiled.has_read_numbers_again():
+                return compiled
+        compiled = CompiledModel(model, derivatives)
+        self._known = compiled, derivatives
+        return compiled

@@ -51,7 +51,8 @@ class ModelNumbers:
         self._variables, self._constraints = terms.variables, terms.constraints
         self._fixed_variables = [known for known in terms.columns.parameters if known.is_variable_type()]
         self._expressions = list(map(_EXPRESSION, self._constraints))
-        self._counts = _counts_of_rows(terms.model)
+        self._rows = _rows_of(terms.model)
+        self._activity = list(map(_ACTIVE, self._rows))
         self._domains = list(map(_DOMAIN, self._variables))
         classes: set[Any] = set(map(type, self._variables))
         self._value_of = _STORED_VALUE if all(cls.value is VarData.value for cls in classes) else _VALUE
@@ -73,9 +74,8 @@ class ModelNumbers:
         Raises
         ------
         StructureChanged
-            When variables were fixed or unfixed, rows or named expressions got other expressions, rows were
-            deactivated, or constraints were added or deleted. Rows that were inactive and have become active
-            within an active component are not noticed.
+            When variables were fixed or unfixed, rows or named expressions got other expressions, rows were added,
+            deleted, replaced, activated or deactivated, or the objective got another sense.
         InfeasibleConstraintException
             When a row without free variables contradicts itself.
         """
@@ -153,12 +153,12 @@ class ModelNumbers:
         change = None
         if any(map(_FIXED, self._variables)) or not all(map(_FIXED, self._fixed_variables)):
             change = "variables were fixed or unfixed"
-        elif not all(map(_ACTIVE, self._constraints)) or any(
-            map(is_not, map(_EXPRESSION, self._constraints), self._expressions)
-        ):
-            change = "constraints were deactivated or got other expressions"
-        elif _counts_of_rows(terms.model) != self._counts:
-            change = "constraints or objectives were added, deleted, activated or deactivated"
+        elif any(map(is_not, map(_EXPRESSION, self._constraints), self._expressions)):
+            change = "constraints got other expressions"
+        elif terms.objective is not None and terms.objective.is_minimizing() is not (terms.sign > 0.0):
+            change = "the objective got another sense"
+        elif self._are_other_rows(_rows_of(terms.model)):
+            change = "constraints or objectives were added, deleted, replaced, activated or deactivated"
         elif any(
             named._args_[0] is not expression
             for collected in (terms.rows, terms.cost)
@@ -169,6 +169,10 @@ class ModelNumbers:
             change = "variables got other domains"
         if change is not None:
             raise StructureChanged(f"'{terms.model.name}': {change} since it was prepared. Prepare it again.")
+
+    def _are_other_rows(self, rows: list[Any]) -> bool:
+        same = len(rows) == len(self._rows) and not any(map(is_not, rows, self._rows))
+        return not same or list(map(_ACTIVE, rows)) != self._activity
 
 
 def _row_bounds(bounds: list[Any], unbounded: float) -> tuple[FloatArray, list[tuple[int, Any]]]:
@@ -181,11 +185,10 @@ def _row_bounds(bounds: list[Any], unbounded: float) -> tuple[FloatArray, list[t
     return np.array(numbers, dtype=float), changing
 
 
-def _counts_of_rows(model: Any) -> list[tuple[int, int]]:
-    return [
-        (id(component), len(component))
-        for component in model.component_objects((Constraint, Objective), active=True, descend_into=True)
-    ]
+def _rows_of(model: Any) -> list[Any]:
+    """The rows and objectives of all active components."""
+    components = model.component_objects((Constraint, Objective), active=True, descend_into=True)
+    return [data for component in components for data in component._data.values()]
 
 
 def check_constant(constraint: Any) -> None:

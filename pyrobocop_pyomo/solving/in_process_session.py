@@ -23,7 +23,7 @@ from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader, scaling_fact
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.mpcc.problem import violation
 from pyrobocop_pyomo.programs.aggregated_program import AggregatedProgram
-from pyrobocop_pyomo.programs.compiled_model import CompiledModel
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel, KeptProgram
 from pyrobocop_pyomo.programs.elastic_rows import ElasticRows
 from pyrobocop_pyomo.programs.missing_rank import missing_rank
 from pyrobocop_pyomo.programs.nonlinear_program import (
@@ -56,6 +56,8 @@ class InProcessSession:
         Told of each iteration.
     scaling : bool
         Whether Ipopt sees the program in variables, rows and an objective of size one.
+    program : KeptProgram, optional
+        Of the same model, from an earlier session.
     """
 
     def __init__(
@@ -66,10 +68,11 @@ class InProcessSession:
         on_iteration: OnIteration | None = None,
         *,
         scaling: bool = False,
+        program: KeptProgram | None = None,
     ) -> None:
         self._relaxed, self._derivatives = relaxed, derivatives
         self._output, self._on_iteration = output, on_iteration
-        self._compiled = CompiledModel(relaxed.model, derivatives)
+        self._compiled = (KeptProgram() if program is None else program).of(relaxed.model, derivatives)
         self._seen_as: AggregatedProgram | ElasticRows | None = None
         self.approximate = False
         self._nlp = self._shifted(self._compiled.nlp)

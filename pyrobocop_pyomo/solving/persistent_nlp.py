@@ -36,9 +36,8 @@ class PersistentNLP:
     reached its iteration limit has not failed: the next one goes on where it stopped.
 
     Between two solves, change what is a number: values of fixed variables, mutable Params, bounds, values of
-    variables. What changes the structure (fixing, unfixing, adding, deactivating) makes the next solve prepare the
-    model again and start it cold; rows that were inactive and are activated one by one within an active component
-    are not noticed: call `prepare` then.
+    variables. What changes the structure (fixing, unfixing, adding, replacing, activating, deactivating, another
+    sense of the objective) makes the next solve prepare the model again and start it cold.
 
     Parameters
     ----------

@@ -8,6 +8,7 @@ from typing import Any, TextIO
 
 from pyrobocop_pyomo.ipopt.backends import Backend
 from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.programs.compiled_model import KeptProgram
 
 from .ipopt_options import IpoptOptions
 from .iterates import Tolerances
@@ -43,6 +44,8 @@ class Settings:
     progress : Progress
     scaling : bool or None
         Whether programs without pairs are scaled by their bounds, initial values and derivatives; None for yes.
+    program : KeptProgram or None
+        Of a model without pairs that is solved again and again.
     """
 
     relaxation: Any
@@ -60,3 +63,4 @@ class Settings:
     output: Sequence[TextIO] = ()
     progress: Progress = field(default_factory=Progress)
     scaling: bool | None = None
+    program: KeptProgram | None = None

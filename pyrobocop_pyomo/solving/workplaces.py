@@ -195,7 +195,8 @@ def _session(backend: Backend, relaxed: RelaxedModel, settings: Settings) -> Ses
     if backend is Backend.EXECUTABLE:
         return ExecutableSession(relaxed, settings.output, scaling=scaling)
     live = None if settings.output else _live_line(settings.progress, relaxed.model.name)
-    return InProcessSession(relaxed, backend.derivatives, settings.output, live, scaling=scaling)
+    program = None if relaxed.pairs else settings.program
+    return InProcessSession(relaxed, backend.derivatives, settings.output, live, scaling=scaling, program=program)
 
 
 def _live_line(progress: Progress, name: str) -> OnIteration:

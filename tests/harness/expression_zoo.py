@@ -88,6 +88,8 @@ def parameters_everywhere() -> pyo.ConcreteModel:
     m.range = pyo.Constraint(expr=(-p[1], x[0] * x[5] + x[3], 2 * p[1]))
     m.only_numbers = pyo.Constraint(expr=p[0] * x[5] + pyo.exp(p[2]) <= 1 + p[1])
     m.constant_term = pyo.Constraint(expr=pyo.exp(p[2]) * p[0] + x[0] + pyo.cos(x[5]) >= -5)
+    m.sleeping = pyo.Constraint(range(2), rule=lambda m, i: x[i] >= -9)
+    m.sleeping[1].deactivate()
     m.cost = pyo.Objective(expr=p[1] * sum(x[i] ** 2 for i in range(6)) + pyo.exp(p[0] * x[5]) + 1)
     return m
 

@@ -16,7 +16,7 @@ from pyomo.common.errors import InfeasibleConstraintException
 from scipy.sparse import coo_matrix, csr_matrix, tril
 
 from pyrobocop_pyomo.errors import EvaluationError, StructureChanged
-from pyrobocop_pyomo.programs.compiled_model import CompiledModel
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel, KeptProgram
 
 pytestmark = pytest.mark.casadi
 NEAR = {"rel": 1e-9, "abs": 1e-9}
@@ -193,15 +193,25 @@ def test_rows_without_variables_are_checked_at_each_refresh():
         CompiledModel(model, "vectorised")
 
 
+def replace_a_row(model):
+    """As many rows as before, and none of those that are left has changed."""
+    expression = model.terms[1].expr
+    del model.terms[1]
+    model.terms[1] = expression
+
+
 CHANGES = {
     "fix": lambda m: m.x[0].fix(0.1),
     "unfix": lambda m: m.x[5].unfix(),
     "deactivate one": lambda m: m.terms[2].deactivate(),
+    "activate": lambda m: m.sleeping[1].activate(),
     "deactivate all": lambda m: m.terms.deactivate(),
     "add": lambda m: m.add_component("extra", pyo.Constraint(expr=m.x[0] <= 7)),
     "delete": lambda m: m.terms.__delitem__(1),
+    "replace": replace_a_row,
     "set": lambda m: m.range.set_value(m.x[0] <= 3),
     "objective": lambda m: m.cost.set_value(m.x[0] ** 2),
+    "sense": lambda m: m.cost.set_sense(pyo.maximize),
     "domain": lambda m: setattr(m.x[0], "domain", pyo.NonNegativeReals),
 }
 
@@ -219,6 +229,34 @@ def test_changes_of_structure_are_noticed(change):
     anew = InModelOrder(model, "vectorised")
     assert [v.name for v in compiled.variables] == [v.name for v in anew.compiled.variables]
     assert compiled.row_of[compiled.constraints[-1]] == len(compiled.constraints) - 1
+
+
+@pytest.mark.parametrize("derivatives", ["vectorised", "casadi"])
+@pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES.keys())
+def test_a_kept_program_is_that_of_the_model_as_it_is_now(change, derivatives):
+    model, kept = parameters_everywhere(), KeptProgram()
+    first = kept.of(model, derivatives)
+    rows = list(first.constraints)
+    model.p[1] = 2.5
+    second = kept.of(model, derivatives)
+    assert (second is first) == (derivatives == "vectorised")
+    change(model)
+    third = kept.of(model, derivatives)
+    assert third is not second
+    # Whoever still holds an earlier one reads what its rows were.
+    assert all(a is b for a, b in zip(first.constraints, rows, strict=True))
+    anew = CompiledModel(model, derivatives)
+    x = anew.current_point()
+    assert third.nlp.objective(x) == anew.nlp.objective(x)
+    assert np.array_equal(third.nlp.constraints(x), anew.nlp.constraints(x))
+    assert np.array_equal(third.nlp.g_upper, anew.nlp.g_upper)
+
+
+def test_a_kept_program_is_not_that_of_another_model():
+    kept = KeptProgram()
+    first, second = parameters_everywhere(), parameters_everywhere()
+    assert kept.of(first, "vectorised").model is first
+    assert kept.of(second, "vectorised").model is second
 
 
 def test_a_changed_named_expression_is_noticed():

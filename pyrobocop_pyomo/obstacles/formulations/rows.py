@@ -9,9 +9,12 @@ import numpy as np
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.set import Any as AnyIndex
+from pyomo.core.expr.numeric_expr import MonomialTermExpression, ProductExpression, SumExpression
 from pyomo.core.expr.numvalue import native_numeric_types
+from pyomo.core.expr.relational_expr import InequalityExpression
 
 from pyrobocop_pyomo.geometry import Polytope, Pose
+from pyrobocop_pyomo.modeling.bulk_parts import new_row
 from pyrobocop_pyomo.optional_imports import scipy
 
 from .protocol import SeparationIndex
@@ -76,11 +79,20 @@ def state_side(
     *,
     upward: bool,
 ) -> None:
-    """Rows that keep corners, and rays from them, on one side of a plane at a height over a body's origin."""
-    heights = [dot(corner, direction) + level for corner in corners.tolist()]
+    """Rows that keep corners, and rays from them, on one side of a plane at a height over a body's origin.
+
+    The direction consists of variables and named expressions, and the level is one. Pyomo's operators and `add` would
+    take three times as long, and these rows most of the time of a scene.
+    """
+    products = [MonomialTermExpression if entry.is_variable_type() else ProductExpression for entry in direction]
+    heights: list[Any] = [
+        SumExpression([*(of((c, e)) for of, c, e in zip(products, corner, direction, strict=True) if c), level])
+        for corner in corners.tolist()
+    ]
     heights += [dot(ray, direction) for ray in rays.tolist()]
     for number, height in enumerate(heights):
-        rows.add((*place, number), (0.0, height, None) if upward else (None, height, 0.0))
+        sides = (0.0, height) if upward else (height, 0.0)
+        new_row(rows, (*place, number), InequalityExpression(sides, False))
 
 
 def norm_relation(normal: Sequence[Any], norm: str) -> tuple[Any, Any, Any]:
