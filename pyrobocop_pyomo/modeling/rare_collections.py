@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 # Objects made, beyond those that were freed, before the youngest are looked through. Python's 700 make it go through
 # all parts of a model again and again, which takes a tenth of the time of a plan among many obstacles.
-SELDOM = 50_000
+SELDOM = 200_000
 
 _lock = threading.Lock()
 _inside = 0
