@@ -3,7 +3,7 @@
 from .automatic_scaling import ScalingRecord
 from .iterates import Iterate, Quality, Standing, StopReason
 from .least_violation import LeastViolation
-from .obstructions import Obstruction
+from .obstructions import Obstruction, Relief
 from .pair_report import ActiveSide, PairReport
 from .persistent_nlp import PersistentNLP
 from .solve_result import SolveResult
@@ -11,6 +11,6 @@ from .strategies import Strategy
 from .violations import Violation
 
 __all__ = [
-    "ActiveSide", "Iterate", "LeastViolation", "Obstruction", "PairReport", "PersistentNLP", "Quality", "ScalingRecord",
-    "SolveResult", "Standing", "StopReason", "Strategy", "Violation",
+    "ActiveSide", "Iterate", "LeastViolation", "Obstruction", "PairReport", "PersistentNLP", "Quality", "Relief",
+    "ScalingRecord", "SolveResult", "Standing", "StopReason", "Strategy", "Violation",
 ]  # fmt: skip

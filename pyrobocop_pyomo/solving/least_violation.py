@@ -16,7 +16,7 @@ from pyrobocop_pyomo.modeling.row_violations import largest_violation, number_or
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.modeling.variable_values import put_values, values_restored, within_bounds
 
-from .obstructions import SHOWN, Obstruction, grouped
+from .obstructions import SHOWN, ObstructingData, Obstruction, Relief, grouped
 from .violated_rows import StatedRow, ViolatedRows, stated_rows
 
 # Larger models are left alone: each round differentiates every row.
@@ -60,12 +60,15 @@ class LeastViolation:
         What is left in sum, each row in its own measure: the most that moving one variable by its size changes it.
     obstructions : tuple of Obstruction
         Bounds, fixed values and rows whose relaxation would lessen it, those that matter most first; fixed values last.
+    relief : Relief or None
+        Of the first of them that is enough alone, or of the first one where none is; None where it is not known.
     """
 
     kind: Least
     has_pairs: bool
     total: float
     obstructions: tuple[Obstruction, ...] = ()
+    relief: Relief | None = None
 
     @property
     def is_proof(self) -> bool:
@@ -148,7 +151,9 @@ def _impossible_pair(
         found.append(least)
     kind = Least.PROVEN if all(least.kind is Least.PROVEN for least in found) else Least.LOCAL
     against = {one.words: one for least in found for one in least.obstructions if one.name != pair.source.name}
-    return LeastViolation(kind, False, min(least.total for least in found), tuple(against.values()))
+    reliefs = [least.relief for least in found if least.relief is not None and least.relief.name != pair.source.name]
+    least_relief = min(reliefs, key=lambda relief: relief.amount, default=None)
+    return LeastViolation(kind, False, min(least.total for least in found), tuple(against.values()), least_relief)
 
 
 def _contradiction(rows: Sequence[StatedRow], deadline: Deadline) -> LeastViolation | None:
@@ -177,8 +182,10 @@ def _descended(
         if step is None:
             return None
         if at.total - step.total <= STATIONARY * min(radius, 1.0) * at.total:
+            groups = grouped(at.obstructing(step))
+            relief = _first_relief(at, groups, deadline) if is_linear else None
             kind = Least.PROVEN if is_linear else Least.LOCAL
-            return LeastViolation(kind, has_pairs, step.total, grouped(at.obstructing(step)))
+            return LeastViolation(kind, has_pairs, step.total, tuple(one for one, _ in groups), relief)
         at.put(step)
         after = ViolatedRows(rows, at.weights)
         if after.is_finite and at.total - after.total >= SUFFICIENT * (at.total - step.total):
@@ -187,3 +194,21 @@ def _descended(
             at.put()
             radius = 0.25 * min(radius, step.length)
     return LeastViolation(Least.UNKNOWN, has_pairs, at.total)
+
+
+def _first_relief(
+    at: ViolatedRows, groups: Sequence[tuple[Obstruction, list[ObstructingData]]], deadline: Deadline
+) -> Relief | None:
+    """The first obstruction that is enough alone, where all rows are linear; fixed values are not tried."""
+    tried: list[Relief] = []
+    for obstruction, data in groups[:SHOWN]:
+        if not obstruction.is_fixed:
+            component = data[0].data.parent_component()
+            is_whole = bool(obstruction.limit) and obstruction.name == component.name
+            amount = at.least_widening(component.values() if is_whole else [one.data for one in data], deadline)
+            if amount is None or amount <= MET:
+                return None
+            tried.append(Relief(obstruction.name, amount))
+            if math.isfinite(amount):
+                return tried[-1]
+    return next(iter(tried), None)

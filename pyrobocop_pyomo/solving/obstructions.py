@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +12,8 @@ from pyrobocop_pyomo.diagnosis.places import is_equation_of_a_phase, place_in_wo
 
 # So many are named in a sentence.
 SHOWN = 5
+# Of the last digit that is shown.
+_ROUNDING = 1e-4
 
 
 @dataclass(frozen=True)
@@ -65,7 +68,23 @@ class Obstruction:
         return self.words
 
 
-def grouped(data: Iterable[ObstructingData]) -> tuple[Obstruction, ...]:
+@dataclass(frozen=True)
+class Relief:
+    """How far the bounds or rows of one component have to give way for everything else to be met.
+
+    Attributes
+    ----------
+    name : str
+        Of the obstruction.
+    amount : float
+        In its units; infinite where it is not enough, however far it gives way.
+    """
+
+    name: str
+    amount: float
+
+
+def grouped(data: Iterable[ObstructingData]) -> list[tuple[Obstruction, list[ObstructingData]]]:
     """Obstructions by component and side, the most influential first; then those of pairs, then fixed values.
 
     Equations of phases carry what is required at one time to the next: they are left out wherever there is anything
@@ -76,8 +95,8 @@ def grouped(data: Iterable[ObstructingData]) -> tuple[Obstruction, ...]:
         groups.setdefault(_label(one), []).append(one)
     stated = [some for some in groups.values() if some[0].sign or not is_equation_of_a_phase(some[0].data)]
     # Ends are fixed, and contact is stated, in almost every problem: what else stands there comes first.
-    ranked = [(_rank(some[0]), _obstruction(some)) for some in stated or groups.values()]
-    return tuple(obstruction for _, obstruction in sorted(ranked, key=lambda each: (each[0], -each[1].influence)))
+    ranked = [(_rank(some[0]), _obstruction(some), some) for some in stated or groups.values()]
+    return [(one, some) for _, one, some in sorted(ranked, key=lambda each: (each[0], -each[1].influence))]
 
 
 def _label(one: ObstructingData) -> Hashable:
@@ -114,22 +133,42 @@ def _obstruction(some: list[ObstructingData]) -> Obstruction:
     return Obstruction(name, f"{words} {_span(times)}" if times else words, influence, limit)
 
 
-def first_try(obstructions: Sequence[Obstruction], has_given_time: bool) -> str:
-    """What to relax first, with all bounds of that component.
+def first_try(
+    obstructions: Sequence[Obstruction], relief: Relief | None, has_given_time: bool, *, exactly: bool
+) -> str:
+    """What to relax first, with all bounds of that component, and how far.
 
     Parameters
     ----------
     obstructions : sequence of Obstruction
         As `grouped` orders them.
+    relief : Relief or None
+        Of one of them; None where it is not known.
     has_given_time : bool
         Whether more time may help, too.
+    exactly : bool
+        Whether nothing less than the relief is enough.
     """
-    first, time = obstructions[0], ", or give it more time" if has_given_time else ""
+    first = next((one for one in obstructions if relief is not None and one.name == relief.name), obstructions[0])
+    time = ", or give it more time" if has_given_time else ""
+    far = ""
+    if relief is not None and relief.name == first.name and not first.is_fixed:
+        amount = rounded_up(relief.amount)
+        far = f" by {amount} or more" if exactly else f" by about {amount}"
+        far = far if math.isfinite(relief.amount) else ", which is not enough alone"
     if not first.limit or first.is_fixed:
-        return f"Try first to {'change' if first.limit else 'relax'} {first}{time}."
+        return f"Try first to {'change' if first.limit else 'relax'} {first}{far}{time}."
     limits = [one.limit for one in obstructions if one.name == first.name and one.limit and not one.is_fixed]
     bounds = " and ".join(f"'{first.name}' {limit}" for limit in limits)
-    return f"Try first to widen the bound{'s' if len(limits) > 1 else ''} {bounds}{time}."
+    return f"Try first to widen the bound{'s' if len(limits) > 1 else ''} {bounds}{far}{time}."
+
+
+def rounded_up(number: float) -> str:
+    """A positive number with three digits, none of them too small."""
+    if not 0.0 < number < math.inf:
+        return f"{number:g}"
+    unit = 10.0 ** (math.floor(math.log10(number)) - 2)
+    return f"{math.ceil(number / unit - _ROUNDING) * unit:.3g}"
 
 
 def _span(times: list[float]) -> str:

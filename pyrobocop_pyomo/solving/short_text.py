@@ -176,7 +176,10 @@ def _suggestion(result: Any) -> Iterable[str]:
     """One thing to do: what was noticed on the way, or what helps against how it ended."""
     noticed = [remark for remark in result.remarks if not remark.startswith(FIRST_RUN)]
     remedy, least = result.stop_reason.remedy, result.least_violation
-    against = first_try(least.obstructions, _has_given_time(result)) if least is not None and least.obstructions else ""
+    against = ""
+    if least is not None and least.obstructions:
+        time = _has_given_time(result)
+        against = first_try(least.obstructions, least.relief, time, exactly=least.is_proof)
     if least is not None and least.is_proof:
         yield from filter(None, [against])
     elif result.stop_reason is StopReason.DIVERGED:

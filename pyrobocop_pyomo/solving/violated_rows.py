@@ -164,6 +164,45 @@ class ViolatedRows:
         length = float(np.abs(point[:n] / self._sizes).max(initial=0.0))
         return LinearStep(point[:n], length, float(program.cost @ point), multipliers)
 
+    def least_widening(self, parts: Iterable[Any], deadline: Deadline) -> float | None:
+        """By how much bounds of some variables, or sides of some rows, have to give way for linear rows to be met.
+
+        Parameters
+        ----------
+        parts : iterable of component data
+        deadline : Deadline
+
+        Returns
+        -------
+        float or None
+            Infinite where that is not enough; None where the linear program did not end.
+        """
+        n = self._matrix.shape[1]
+        giving = set(map(id, parts))
+        moved = np.array([id(variable) in giving for variable in self._variables], dtype=bool)
+        yielding = np.array([[float(id(row.data) in giving)] for row in self._rows])
+        to_lower, to_upper = self._lower - self._x, self._upper - self._x
+        of_moved = scipy.sparse.identity(n, format="csr")[np.flatnonzero(moved)]
+        ones = np.ones((of_moved.shape[0], 1))
+        rows = [
+            (scipy.sparse.hstack([matrix, sign * column], format="csr"), *sides)
+            for matrix, column, lower, upper in (
+                (self._matrix, yielding, self._to_lower, self._to_upper),
+                (of_moved, ones, to_lower[moved], to_upper[moved]),
+            )
+            for sign, sides in ((1.0, (lower, np.inf)), (-1.0, (-np.inf, upper)))
+        ]
+        program = LinearProgram(
+            np.append(np.zeros(n), 1.0),
+            np.append(np.where(moved, -np.inf, to_lower), 0.0),
+            np.append(np.where(moved, np.inf, to_upper), np.inf),
+            rows,
+        )
+        status, point = program.solve(time_limit=_LONGEST if deadline.left is None else max(deadline.left, 0.0))
+        if status is LinearStatus.INFEASIBLE:
+            return float("inf")
+        return None if point is None else float(point[-1])
+
     def put(self, step: LinearStep | None = None) -> None:
         """Write the values to the model, after a step where there is one."""
         x = self._x if step is None else np.clip(self._x + step.change, self._lower, self._upper)

@@ -19,18 +19,18 @@ PACKAGE = {
     ".": 600, "car_paths": 1807, "complementarity": 3005, "continuous": 2397, "diagnosis": 1432, "discretisation":
     1167, "distributed": 2263, "estimation": 2005, "execution": 1161, "files": 830, "geometry": 1667, "ipopt": 1797,
     "linear_solver": 2026, "links": 456, "mechanics": 2260, "modeling": 2876, "motion": 2756, "mpcc": 1328,
-    "native": 157, "numerics": 1985, "obstacles": 4180, "phases": 6939, "planning": 2579, "plotting": 1059,
-    "presentation": 147, "problem_classes": 1331, "programs": 4120, "robots": 391, "rules": 274, "solving": 5135,
+    "native": 157, "numerics": 1985, "obstacles": 4182, "phases": 6958, "planning": 2581, "plotting": 1059,
+    "presentation": 147, "problem_classes": 1331, "programs": 4136, "robots": 391, "rules": 274, "solving": 5211,
     "studies": 2718, "trajectories": 572, "transcription": 105,
 }  # fmt: skip
 TESTS = {
     ".": 108, "adversary": 1073, "architecture": 565, "benchmarks": 301, "car_paths": 957, "catalogue": 1067,
     "complementarity": 3333, "continuous": 1643, "diagnosis": 440, "discretisation": 638, "distributed": 1552,
     "docs": 1743, "estimation": 540, "examples": 818, "extension_templates": 181, "files": 632, "geometry": 996,
-    "harness": 841, "ipopt": 1152, "linear_solver": 527, "mechanics": 1646, "mistakes": 563, "modeling": 975,
+    "harness": 843, "ipopt": 1152, "linear_solver": 527, "mechanics": 1646, "mistakes": 563, "modeling": 975,
     "motion": 1652, "mpcc": 425, "mpcc_catalogue": 521, "native": 169, "nonsmooth": 186, "notebooks": 46,
-    "numerics": 1106, "obstacles": 3152, "phases": 5739, "plotting": 628, "presentation": 221, "problem_classes":
-    1172, "programs": 1614, "robots": 175, "rules": 167, "solving": 5857, "studies": 2006, "trajectories": 464,
+    "numerics": 1106, "obstacles": 3152, "phases": 5757, "plotting": 628, "presentation": 221, "problem_classes":
+    1172, "programs": 1644, "robots": 175, "rules": 167, "solving": 5902, "studies": 2006, "trajectories": 464,
     "transcription": 127,
 }  # fmt: skip
 BUDGETS = {"pyrobocop_pyomo": PACKAGE, "tests": TESTS}

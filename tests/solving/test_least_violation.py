@@ -55,6 +55,52 @@ def test_linear_rows_contradict_each_other_exactly_where_no_values_meet_them(row
     assert [m.x[j].value for j in range(3)] == [0.0, 0.0, 0.5]
 
 
+@given(st.lists(coefficients, min_size=4, max_size=4), st.lists(st.integers(-5, 5), min_size=4, max_size=4))
+def test_a_relief_is_enough_and_nothing_less_is(rows, right):
+    a = np.array([(sign * first, second, third) for first, second, third, sign in rows], dtype=float)
+    found = least_of(random_rows(a, right))
+    relief = found.relief
+    assert (relief is None) == (found.kind is not Least.PROVEN)
+    if relief is None or not relief.name.startswith("x"):
+        return
+    widened = {"x": [0, 1], "x[0]": [0], "x[1]": [1]}[relief.name]
+
+    def is_met(by: float) -> bool:
+        bounds = [(-1 - by, 1 + by) if j in widened else (-1, 1) for j in range(2)]
+        return linprog(np.zeros(2), a[:, :2], np.array(right) - 0.5 * a[:, 2], bounds=bounds).status == 0
+
+    if np.isfinite(relief.amount):
+        assert is_met(relief.amount * 1.001)
+        assert not is_met(relief.amount * 0.999)
+    else:
+        assert not is_met(1e6)
+
+
+@pytest.mark.casadi
+def test_how_far_a_motion_has_to_give_way_is_what_mechanics_says():
+    """From rest to rest over a distance of 1 in 0.5 s: a force of 16; at 2 it is 14 too small."""
+    relief = least_of(cart(force=2.0, duration=0.5)).relief
+    assert relief is not None
+    assert relief.name == "p.u"
+    assert relief.amount == pytest.approx(14.0, rel=0.1)  # on five elements
+    wider = cart(force=2.0 + 1.001 * relief.amount, duration=0.5)
+    assert rcp.solve(wider, progress=False).solved
+    assert not rcp.solve(cart(force=2.0 + 0.99 * relief.amount, duration=0.5), progress=False).solved
+
+
+@pytest.mark.casadi
+def test_two_contradictions_need_more_than_one_to_give_way():
+    m = pyo.ConcreteModel(name="both")
+    m.x, m.y = pyo.Var(bounds=(0, 1), initialize=0), pyo.Var(bounds=(0, 1), initialize=0)
+    m.far_x, m.far_y = pyo.Constraint(expr=m.x >= 3), pyo.Constraint(expr=m.y >= 2)
+    m.cost = pyo.Objective(expr=m.x + m.y)
+    result = rcp.solve(m, progress=False)
+    assert "which is not enough alone" in str(result)
+    relief = result.least_violation.relief
+    assert relief is not None
+    assert relief.amount == np.inf
+
+
 def test_what_stands_against_a_motion_are_the_bounds_of_its_control_and_its_ends():
     found = least_of(cart())
     assert found.kind is Least.PROVEN
