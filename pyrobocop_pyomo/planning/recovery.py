@@ -88,6 +88,9 @@ class Recovery:
     ----------
     why_no_path : str
         Why the first search among random configurations found none; empty where all did, or there was none.
+    is_for_a_start : bool
+        Whether another mesh comes next: where the guess of a car was led around all obstacles, that mesh is the better
+        try than the search for its path, which is long.
     """
 
     def __init__(
@@ -97,7 +100,7 @@ class Recovery:
         self._initial = PlanningPoint(model)
         self._directions = {block: dict(block.record.directions) for block in blocks}
         self._was_cut_short = False
-        self.why_no_path = ""
+        self.why_no_path, self.is_for_a_start = "", False
 
     def steps(self) -> Iterator[Callable[[], SolveResult]]:
         """What solves from each start, after `start`; the caller stops asking when a plan is good enough."""
@@ -120,14 +123,15 @@ class Recovery:
         enough = MOST_ITERATIONS_OF_A_CAR if cars else MOST_ITERATIONS
         yield partial(self._from_initial_guess, enough if others else None, is_at_start=not (in_the_way or is_far_off))
         # Where no separation takes part, obstacles are not what makes the rest infeasible.
-        if not any(block.separations for block in self._blocks):
+        if not any(block.separations for block in self._blocks) or (self.is_for_a_start and is_led_around and cars):
             return
         if is_far_off and self.why_no_path and not self._was_cut_short and not self._has_clear_ends():
             return
         formulations = [block.record.formulation for block in self._blocks]
         for clearances in PATH_CLEARANCES:
-            if self._leads_along_paths(cars, clearances):
-                yield partial(self._from_here, f"along the path of a car, {clearances:g} clearances from obstacles")
+            if not self._leads_along_paths(cars, clearances):
+                break  # there is none farther from everything either
+            yield partial(self._from_here, f"along the path of a car, {clearances:g} clearances from obstacles")
         if not is_led_around and self._has_a_way_around():
             is_led_around = True
             yield partial(self._from_here, "led around all obstacles")

@@ -100,7 +100,7 @@ class SafePlanning:
 
     def is_for_a_start(self, *, any_point: bool) -> None:
         """Be content with a motion that is nearly clear, or with any feasible point, on the mesh as it is."""
-        self._is_start, self._is_any_start = True, any_point
+        self._is_start, self._is_any_start, self._recovery.is_for_a_start = True, any_point, True
         self._meshes.stay()
 
     def plan(self) -> SolveResult:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from types import SimpleNamespace
 from typing import Any
 
 import pyomo.environ as pyo
 import pytest
+from obstacle_problems.scattered import scattered
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
@@ -56,6 +58,9 @@ class Fails:
     def seconds_left(self) -> float:
         return math.inf
 
+    def solve_without_obstacles(self) -> bool:
+        return False
+
 
 def told(model: pyo.ConcreteModel) -> dict[str, float]:
     planning = Fails(model)
@@ -103,3 +108,18 @@ def test_a_guess_that_collides_is_told_with_what_is_clear() -> None:
         assert word in said
     m.move.initialize({"y": lambda t: 1.2 * math.sin(math.pi * t / 5.0)})
     assert colliding_guess(m, VariableValues.of_free(m), [m.move.avoid]) == ""
+
+
+@pytest.mark.parametrize("is_for_a_start", [True, False])
+def test_no_path_is_searched_twice_in_vain(is_for_a_start: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not farther from obstacles where there is none near them, and not for a start that another mesh improves."""
+    m = scattered("unicycle", 6, 100, 20)
+    m.move.avoid.initialize()
+    recovery = Recovery(m, [m.move.avoid], [], Fails(m))
+    recovery.is_for_a_start = is_for_a_start
+    searched: list[float] = []
+    monkeypatch.setattr(recovery, "_leads_along_paths", lambda _cars, clearances: searched.append(clearances))
+    monkeypatch.setattr(recovery, "_leads_along_samples", lambda *_: False)
+    count = sum(step() is not None for step in itertools.islice(recovery.steps(), 3))
+    assert count == (2 if is_for_a_start else 3)
+    assert searched == ([] if is_for_a_start else [1.0])
