@@ -11,6 +11,7 @@ from typing import Any
 from pyomo.core.base.constraint import Constraint
 
 from pyrobocop_pyomo.complementarity import CanonicalPair, SidePart, pairs_of
+from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
 from pyrobocop_pyomo.modeling.row_violations import largest_violation, number_or_nan
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
@@ -199,11 +200,11 @@ def _descended(
 def _first_relief(
     at: ViolatedRows, groups: Sequence[tuple[Obstruction, list[ObstructingData]]], deadline: Deadline
 ) -> Relief | None:
-    """The first obstruction that is enough alone, where all rows are linear; fixed values are not tried."""
+    """The first obstruction that is enough alone, where all rows are linear; fixed values and pairs are not tried."""
     tried: list[Relief] = []
     for obstruction, data in groups[:SHOWN]:
-        if not obstruction.is_fixed:
-            component = data[0].data.parent_component()
+        component = data[0].data.parent_component()
+        if not obstruction.is_fixed and component.ctype not in PAIR_TYPES:
             is_whole = bool(obstruction.limit) and obstruction.name == component.name
             amount = at.least_widening(component.values() if is_whole else [one.data for one in data], deadline)
             if amount is None or amount <= MET:

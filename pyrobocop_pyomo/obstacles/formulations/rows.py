@@ -81,8 +81,8 @@ def state_side(
 ) -> None:
     """Rows that keep corners, and rays from them, on one side of a plane at a height over a body's origin.
 
-    The direction consists of variables and named expressions, and the level is one. Pyomo's operators and `add` would
-    take three times as long, and these rows most of the time of a scene.
+    The direction consists of variables and named expressions, and the level is one. Pyomo's operators and `add` take
+    nearly twice as long, and these rows much of the time of a scene.
     """
     products = [MonomialTermExpression if entry.is_variable_type() else ProductExpression for entry in direction]
     heights: list[Any] = [
