@@ -159,9 +159,6 @@ class PlainRuns:
         dependent = place.session.missing_rank()
         if not dependent or not put_motion(self._model):
             return None
-        if place.session.missing_rank() >= dependent:  # a drone without thrust falls, and no torque moves it aside
-            place.values.write(place.start)
-            return None
         logger.info("'%s': %d equations are dependent at the initial guess", self._model.name, dependent)
         strategy = replace(SIMULATED, options={"max_iter": ITERATIONS_OF_ONE, **SIMULATED.options})
         return self._runs.run(place, strategy, SIMULATED.name)

@@ -20,7 +20,7 @@ PACKAGE = {
     1167, "distributed": 2263, "estimation": 2005, "execution": 1161, "files": 830, "geometry": 1667, "ipopt": 1797,
     "linear_solver": 2026, "links": 456, "mechanics": 2260, "modeling": 2876, "motion": 2756, "mpcc": 1328,
     "native": 157, "numerics": 1985, "obstacles": 4182, "phases": 6958, "planning": 2582, "plotting": 1059,
-    "presentation": 147, "problem_classes": 1331, "programs": 4136, "robots": 391, "rules": 274, "solving": 5211,
+    "presentation": 147, "problem_classes": 1331, "programs": 4136, "robots": 391, "rules": 274, "solving": 5209,
     "studies": 2718, "trajectories": 572, "transcription": 105,
 }  # fmt: skip
 TESTS = {
@@ -29,7 +29,7 @@ TESTS = {
     "docs": 1743, "estimation": 540, "examples": 818, "extension_templates": 181, "files": 632, "geometry": 996,
     "harness": 843, "ipopt": 1152, "linear_solver": 527, "mechanics": 1646, "mistakes": 563, "modeling": 975,
     "motion": 1652, "mpcc": 425, "mpcc_catalogue": 521, "native": 169, "nonsmooth": 186, "notebooks": 46,
-    "numerics": 1106, "obstacles": 3152, "phases": 5757, "plotting": 628, "presentation": 221, "problem_classes":
+    "numerics": 1106, "obstacles": 3152, "phases": 5739, "plotting": 628, "presentation": 221, "problem_classes":
     1172, "programs": 1644, "robots": 175, "rules": 167, "solving": 5918, "studies": 2006, "trajectories": 464,
     "transcription": 127,
 }  # fmt: skip

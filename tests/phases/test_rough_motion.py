@@ -86,24 +86,3 @@ def test_a_start_moves_roughly_unless_there_is_more_to_find_than_states(with_alg
     found = np.array([m.p.angle[t].value for t in m.p.time])
     assert np.abs(found - exact.angle).max() < 1e-2
     assert len(simulated) == with_algebraic
-
-
-@pytest.mark.casadi
-@pytest.mark.parametrize("thrust", [0.0, 1.0])
-def test_a_motion_that_leaves_equations_dependent_is_no_start(thrust: float) -> None:
-    """A drone without thrust falls as it is turned: no torque moves it aside, neither at rest nor as it falls."""
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=2, elements=20)
-    b.x, b.y, b.turn = rcp.State(initial=0, final=1), rcp.State(initial=0, final=0), rcp.State(initial=0)
-    b.v_x, b.v_y = rcp.State(initial=0, final=0), rcp.State(initial=0, final=0)
-    b.thrust, b.rate = rcp.Control(initial_guess=thrust, bounds=(-9, 99)), rcp.Control(bounds=(-9, 9))
-    b.ode(
-        lambda b, t: {
-            b.x: b.v_x[t], b.y: b.v_y[t], b.turn: b.rate[t],
-            b.v_x: -b.thrust[t] * pyo.sin(b.turn[t]), b.v_y: b.thrust[t] * pyo.cos(b.turn[t]) - 9.81,
-        }
-    )  # fmt: skip
-    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.thrust[t] ** 2 + b.rate[t] ** 2))
-    result = rcp.solve(m, progress=False)
-    assert result.solved
-    assert "simulated" not in {step.label for step in result.steps}
