@@ -1,4 +1,4 @@
-"""Rows, variables and parameters in bulk: made without an index first, then put into their components.
+"""Parts in bulk: rows, variables and parameters made without an index, then put into their components; or taken off.
 
 Pyomo's ways to add one index look up sets, rules and names each time. Whoever makes tens of thousands of parts makes
 them here, and adds them when nothing can fail any more.
@@ -6,7 +6,8 @@ them here, and adds them when nothing can fail any more.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from pyomo.core.base.constraint import ConstraintData
@@ -59,3 +60,22 @@ def put_part(component: Any, index: Any, data: Any) -> None:
 def remove_part(data: Any) -> None:
     """Take a part out of its component."""
     del data.parent_component()._data[data.index()]
+
+
+@contextmanager
+def parts_taken_off(remaining: Iterable[tuple[Any, dict[Any, Any]]]) -> Iterator[list[Any]]:
+    """Let components have fewer parts for a while, as for a copy; yields those that are off meanwhile.
+
+    Parameters
+    ----------
+    remaining : iterable of (component, dict of index to part)
+        What stays in each component.
+    """
+    held = [(component, component._data, stays) for component, stays in remaining]
+    try:
+        for component, _, stays in held:
+            component._data = stays
+        yield [part for _, parts, stays in held for index, part in parts.items() if index not in stays]
+    finally:
+        for component, parts, _ in held:
+            component._data = parts

@@ -11,6 +11,7 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose
+from pyrobocop_pyomo.modeling.bulk_parts import parts_taken_off
 from pyrobocop_pyomo.motion.motion import Motion
 
 from .avoidance_record import AvoidanceRecord, MotionSegment
@@ -151,17 +152,17 @@ def members_taken_off(block: Any) -> Iterator[list[Any]]:
     What the broad phase has left out is off the record meanwhile: a copy for other times makes its own.
     """
     record, pruned = block.record, block.record.pruned
-    held = [(each, each._data) for each in block.component_map().values() if each.is_indexed()]
-    held = [(component, members) for component, members in held if component.ctype is not Set]
+    remaining = [
+        (each, {key: part for key, part in each._data.items() if not _belongs(key, record.segments)})
+        for each in block.component_map().values()
+        if each.is_indexed() and each.ctype is not Set
+    ]
     try:
         record.pruned = {}
-        for component, members in held:
-            component._data = {key: part for key, part in members.items() if not _belongs(key, record.segments)}
-        yield [part for component, members in held for key, part in members.items() if key not in component._data]
+        with parts_taken_off(remaining) as taken:
+            yield taken
     finally:
         record.pruned = pruned
-        for component, members in held:
-            component._data = members
 
 
 def _belongs(key: Any, separations: Collection[SeparationIndex]) -> bool:

@@ -8,8 +8,8 @@ still reads a variable that is gone then is a reason to take everything back.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping
+from contextlib import AbstractContextManager
 from typing import Any
 
 from pyomo.common.gc_manager import PauseGC
@@ -17,6 +17,7 @@ from pyomo.core.base.constraint import IndexedConstraint
 
 from pyrobocop_pyomo.complementarity.record import records_below
 from pyrobocop_pyomo.errors import ModelError, PyRobocopError, RemeshingError
+from pyrobocop_pyomo.modeling.bulk_parts import parts_taken_off
 from pyrobocop_pyomo.modeling.in_place_changes import InPlaceChanges
 from pyrobocop_pyomo.numerics import Grid
 
@@ -81,27 +82,19 @@ def remesh_phases(meshes: Mapping[Any, Any]) -> None:
         logger.warning("phase '%s': %s", phase.name, reason)
 
 
-@contextmanager
-def rows_taken_off(phase: Any) -> Iterator[list[Any]]:
+def rows_taken_off(phase: Any) -> AbstractContextManager[list[Any]]:
     """Take the rows that a phase has stated off it for a while, as for a copy with another mesh, which states its own.
 
-    Those of a component of which some are deactivated stay, since the new ones will be so too. Yields the others.
+    Those of a component of which some are deactivated stay, since the new ones will be so too. Gives the others.
     """
     record = phase.record
     names = (*record.generated_rows, *(statement.name for statement in record.statements))
     components = [phase.component(name) for name in dict.fromkeys(names)]
-    held = [
-        (component, component._data)
+    return parts_taken_off(
+        (component, {})
         for component in components
         if isinstance(component, IndexedConstraint) and all(row.active for row in component.values())
-    ]
-    try:
-        for component, _ in held:
-            component._data = {}
-        yield [row for _, rows in held for row in rows.values()]
-    finally:
-        for component, rows in held:
-            component._data = rows
+    )
 
 
 def free_element_widths(phases: Iterable[Any], factors: Bounds) -> None:

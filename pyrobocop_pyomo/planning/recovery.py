@@ -123,7 +123,9 @@ class Recovery:
         enough = MOST_ITERATIONS_OF_A_CAR if cars else MOST_ITERATIONS
         yield partial(self._from_initial_guess, enough if others else None, is_at_start=not (in_the_way or is_far_off))
         # Where no separation takes part, obstacles are not what makes the rest infeasible.
-        if not any(block.separations for block in self._blocks) or (self.is_for_a_start and is_led_around and cars):
+        if not any(block.separations for block in self._blocks):
+            return
+        if self.is_for_a_start and is_led_around and cars:
             return
         if is_far_off and self.why_no_path and not self._was_cut_short and not self._has_clear_ends():
             return

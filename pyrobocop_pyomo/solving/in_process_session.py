@@ -72,7 +72,7 @@ class InProcessSession:
     ) -> None:
         self._relaxed, self._derivatives = relaxed, derivatives
         self._output, self._on_iteration = output, on_iteration
-        self._compiled = (KeptProgram() if program is None else program).of(relaxed.model, derivatives)
+        self._compiled = (CompiledModel if program is None else program.of)(relaxed.model, derivatives)
         self._seen_as: AggregatedProgram | ElasticRows | None = None
         self.approximate = False
         self._nlp = self._shifted(self._compiled.nlp)

@@ -149,13 +149,11 @@ def first_try(
     exactly : bool
         Whether nothing less than the relief is enough.
     """
-    first = next((one for one in obstructions if relief is not None and one.name == relief.name), obstructions[0])
+    first, far = obstructions[0], ""
+    if relief is not None:
+        first = next(one for one in obstructions if one.name == relief.name and not one.is_fixed)
+        far = _how_far(relief.amount, exactly)
     time = ", or give it more time" if has_given_time else ""
-    far = ""
-    if relief is not None and relief.name == first.name and not first.is_fixed:
-        amount = rounded_up(relief.amount)
-        far = f" by {amount} or more" if exactly else f" by about {amount}"
-        far = far if math.isfinite(relief.amount) else ", which is not enough alone"
     if not first.limit or first.is_fixed:
         return f"Try first to {'change' if first.limit else 'relax'} {first}{far}{time}."
     limits = [one.limit for one in obstructions if one.name == first.name and one.limit and not one.is_fixed]
@@ -163,12 +161,13 @@ def first_try(
     return f"Try first to widen the bound{'s' if len(limits) > 1 else ''} {bounds}{far}{time}."
 
 
-def rounded_up(number: float) -> str:
-    """A positive number with three digits, none of them too small."""
-    if not 0.0 < number < math.inf:
-        return f"{number:g}"
-    unit = 10.0 ** (math.floor(math.log10(number)) - 2)
-    return f"{math.ceil(number / unit - _ROUNDING) * unit:.3g}"
+def _how_far(amount: float, exactly: bool) -> str:
+    """A positive amount in words, with three digits that are not too small."""
+    if math.isinf(amount):
+        return ", which is not enough alone"
+    unit = 10.0 ** (math.floor(math.log10(amount)) - 2)
+    digits = f"{math.ceil(amount / unit - _ROUNDING) * unit:.3g}"
+    return f" by {digits} or more" if exactly else f" by about {digits}"
 
 
 def _span(times: list[float]) -> str:

@@ -18,9 +18,9 @@ LARGEST_SHARE = 0.12
 PACKAGE = {
     ".": 600, "car_paths": 1807, "complementarity": 3005, "continuous": 2397, "diagnosis": 1432, "discretisation":
     1167, "distributed": 2263, "estimation": 2005, "execution": 1161, "files": 830, "geometry": 1667, "ipopt": 1797,
-    "linear_solver": 2026, "links": 456, "mechanics": 2260, "modeling": 2876, "motion": 2756, "mpcc": 1328,
-    "native": 157, "numerics": 1985, "obstacles": 4182, "phases": 6958, "planning": 2582, "plotting": 1059,
-    "presentation": 147, "problem_classes": 1331, "programs": 4136, "robots": 391, "rules": 274, "solving": 5209,
+    "linear_solver": 2026, "links": 456, "mechanics": 2260, "modeling": 2887, "motion": 2756, "mpcc": 1328,
+    "native": 157, "numerics": 1985, "obstacles": 4183, "phases": 6951, "planning": 2584, "plotting": 1059,
+    "presentation": 147, "problem_classes": 1331, "programs": 4136, "robots": 391, "rules": 274, "solving": 5208,
     "studies": 2718, "trajectories": 572, "transcription": 105,
 }  # fmt: skip
 TESTS = {

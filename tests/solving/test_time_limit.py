@@ -86,7 +86,7 @@ def test_a_limit_in_the_exploration_keeps_the_optimum() -> None:
 
 
 def test_the_time_of_linear_programs_is_in_the_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing that takes long is hidden: here they take more than all else together."""
+    """Nothing that takes long is hidden: here they take more than a second."""
     slept: list[float] = []
 
     def sleep(_program: object) -> None:
