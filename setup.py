@@ -1,6 +1,8 @@
-"""What setup.cfg cannot say: what a wheel with compiled libraries is called, and where the links of README.md lead.
+"""What setup.cfg cannot say: how C parts are compiled, what such a wheel is called, where the links of README.md lead.
 
-Compiled libraries are loaded by ctypes and know nothing of Python: such a wheel is for one platform and any Python 3.
+Whoever installs from source compiles the libraries in place, unless PYROBOCOP_NATIVE is "off" or there is no compiler:
+then NumPy does what they would do. They are loaded by ctypes and know nothing of Python: a wheel with them is for one
+platform and any Python 3.
 
 README.md has relative links, which lead nowhere on a package index. Where PYROBOCOP_REPOSITORY is the address of the
 repository, as in the release workflow, they lead to the files there that have the tag of this version.
@@ -8,12 +10,13 @@ repository, as in the release workflow, they lead to the files there that have t
 
 import os
 import re
+import runpy
+import sys
 from pathlib import Path
 
 from setuptools import Distribution, setup
 from setuptools.command.bdist_wheel import bdist_wheel
 
-LIBRARIES = [path for kind in ("so", "dylib", "dll") for path in Path("pyrobocop_pyomo").rglob(f"*.{kind}")]
 REPOSITORY = os.environ.get("PYROBOCOP_REPOSITORY", "").rstrip("/")
 # Code stays as it is; of what follows "](", neither addresses with a scheme nor anchors of the page are relative.
 CODE_OR_LINK = re.compile(r"```.*?```|`[^`]*`|(?<=\]\()(?![\w+.-]+:|#)(?P<path>[^)\s]+)", re.DOTALL)
@@ -32,6 +35,21 @@ def absolute_links(text: str, repository: str, tag: str) -> str:
     return CODE_OR_LINK.sub(absolute, text)
 
 
+def compile_libraries() -> None:
+    """Put the libraries beside their sources, or say why there are none."""
+    native = runpy.run_path("pyrobocop_pyomo/native/shared_library.py")
+    for name in native["LIBRARIES"] if native["native_allowed"]() else ():
+        try:
+            native["compile_library"](name)
+        except OSError as error:
+            sys.stderr.write(f"without the compiled part '{name}': {error}\n")
+
+
+def compiled_libraries() -> list[Path]:
+    """What a wheel takes along."""
+    return [path for kind in ("so", "dylib", "dll") for path in Path("pyrobocop_pyomo").rglob(f"*.{kind}")]
+
+
 class PlatformWheel(bdist_wheel):
     """A wheel for this platform and every Python 3."""
 
@@ -45,7 +63,7 @@ class Package(Distribution):
 
     def has_ext_modules(self) -> bool:
         """Whether the files go where compiled ones do."""
-        return bool(LIBRARIES)
+        return bool(compiled_libraries())
 
     def parse_config_files(self, *arguments: object, **options: object) -> None:
         """See the base class."""
@@ -62,4 +80,6 @@ class Package(Distribution):
 
 
 if __name__ == "__main__":
-    setup(distclass=Package, cmdclass={"bdist_wheel": PlatformWheel} if LIBRARIES else {})
+    if {"bdist_wheel", "editable_wheel"} & set(sys.argv):
+        compile_libraries()
+    setup(distclass=Package, cmdclass={"bdist_wheel": PlatformWheel} if compiled_libraries() else {})

@@ -33,8 +33,6 @@ def ways() -> dict[str, Callable[[int], Measured]]:
     if rcp.ipopt.Backend.IN_PROCESS_ASL in found:
         chosen[OURS] = lambda n: as_phase(n, "asl")
         chosen["phase, derivatives kept"] = lambda n: as_phase(n, "asl", keep_derivatives=True)
-    if rcp.ipopt.Backend.IN_PROCESS_CASADI in found:
-        chosen["phase, in process, CasADi"] = lambda n: as_phase(n, "casadi")
     if rcp.ipopt.Backend.IN_PROCESS_VECTORISED in found:
         chosen["phase, in process, vectorised"] = lambda n: as_phase(n, "vectorised")
     if rcp.ipopt.Backend.EXECUTABLE in found:

@@ -32,7 +32,7 @@ GOAL = (0.5, pi, 0.0, 0.0)
 BOUNDS = ((-5.0, 5.0), (-2 * pi, 2 * pi), (-10.0, 10.0), (-10.0, 10.0))
 FORCE = (-20.0, 20.0)
 # The other ways have no other mesh and no other starts either.
-ALONE: dict[str, Any] = {"mesh_tolerance": None, "exploration": 0}
+ALONE: dict[str, Any] = {"mesh_tolerance": None, "strategies": rcp.Strategy(exploration=0)}
 
 
 @dataclass(frozen=True)

@@ -313,11 +313,10 @@ def cart_pole(case: int) -> pyo.ConcreteModel:
     return m
 
 
-def hopper(case: int, *, products: bool = False) -> pyo.ConcreteModel:
+def hopper(case: int) -> pyo.ConcreteModel:
     """A body over a leg without mass, whose foot stands still where the leg is compressed.
 
-    That the foot does not rise then is said already: it is on the ground. With `products`, what switches is written as
-    rows ``a * b == 0``, as it often is.
+    That the foot does not rise then is said already: it is on the ground.
     """
     random = np.random.default_rng(5000 + case)
     height, goal = (1.5, 2.0) if case == 0 else (random.uniform(1.3, 1.7), random.uniform(1.5, 2.5))
@@ -356,15 +355,10 @@ def hopper(case: int, *, products: bool = False) -> pyo.ConcreteModel:
             rcp.complements(b.push[t] >= 0, b.qy[t] >= 0),
         ]
 
-    def switched(b, t):
-        return [(b.compressed[t], b.wx[t]), (b.qy[t], b.spin[t] - b.turn[t]), (b.compressed[t], b.turn[t])]
-
-    if products:
-        b.constraint(lambda b, t: [first * second == 0 for first, second in switched(b, t)], name="switches")
-    else:
-        b.complementarity(
-            lambda b, t: [rcp.either_zero(first >= 0, second) for first, second in switched(b, t)], name="switches"
-        )
+    @b.complementarity
+    def switches(b, t):
+        switched = [(b.compressed[t], b.wx[t]), (b.qy[t], b.spin[t] - b.turn[t]), (b.compressed[t], b.turn[t])]
+        return [rcp.either_zero(first >= 0, second) for first, second in switched]
 
     times = np.array(list(b.time))
     b.initialize({"py": np.maximum(height - 4.905 * times**2, 1.0), "vy": np.where(times < 0.3, -9.81 * times, 0.0)})

@@ -4,7 +4,7 @@
 
 delta goes from 1 to 1e-8 by 0.1 on every backend; each run starts where the last one ended, "warm" with its
 multipliers and a small first barrier parameter, "cold" with the point alone. In process the model is written once and a
-new delta shifts the relaxed rows; "ASL", "CasADi" and "vectorised" say where derivatives come from. "files" is the
+new delta shifts the relaxed rows; "ASL" and "vectorised" say where derivatives come from. "files" is the
 ipopt executable, with ASL: per delta one file is written, one process started, one answer read, and multipliers travel
 as suffixes.
 
@@ -53,7 +53,6 @@ QUICK = ("bard2", "gripper", "sliding by step")
 # Name: derivatives, None for the executable; whether multipliers are handed on.
 WAYS = {
     "warm ASL": ("asl", True),
-    "warm CasADi": ("casadi", True),
     "warm vectorised": ("vectorised", True),
     "warm files": (None, True),
     "cold ASL": ("asl", False),

@@ -34,7 +34,7 @@ import numpy as np
 from table import Table, show_progress
 
 from pyrobocop_pyomo.distributed.checkpoint import Checkpoint
-from pyrobocop_pyomo.errors import CheckpointError, TrajectoryError
+from pyrobocop_pyomo.errors import TeamError, TrajectoryError
 from pyrobocop_pyomo.numerics import Grid, Mesh, radau
 from pyrobocop_pyomo.studies.outcome_file import OutcomeFile
 from pyrobocop_pyomo.trajectories import Trajectory
@@ -92,8 +92,8 @@ def _read_outcomes(path: Path) -> int:
 
 KINDS = [
     Kind("trajectory", _write_trajectory, _read_trajectory, TrajectoryError),
-    Kind("checkpoint", _write_checkpoint, _read_checkpoint, CheckpointError),
-    Kind("outcomes", _write_outcome, _read_outcomes, CheckpointError),
+    Kind("checkpoint", _write_checkpoint, _read_checkpoint, TeamError),
+    Kind("outcomes", _write_outcome, _read_outcomes, TeamError),
 ]
 
 

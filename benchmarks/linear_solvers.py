@@ -82,7 +82,7 @@ def solve(model: pyo.ConcreteModel, linear_solver: str | None) -> Ended:
     if linear_solver is not None:
         options["linear_solver"] = linear_solver
     try:
-        result = rcp.solve(model, options=options, tee=[log], exploration=0, progress=False)
+        result = rcp.solve(model, options=options, tee=[log], strategies=rcp.Strategy(exploration=0), progress=False)
     except rcp.errors.PyRobocopError:
         return Ended(False, float("nan"), 1.0, 0, 0.0)
     seconds = sum(map(float, re.findall(r"PDSystemSolverTotal\.*: *([\d.]+)", log.getvalue())))

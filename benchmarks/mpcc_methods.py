@@ -45,7 +45,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from mpcc_catalogue.point_check import Point, PointCheck
 
 QUICK = ("kth3", "ralph1", "bard1", "toll road", "both at least one")
-BACKENDS = ("asl", "casadi", "vectorised", "executable")
+BACKENDS = ("asl", "vectorised", "executable")
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def main() -> None:
     arguments = parser.parse_args()
     logging.getLogger("pyomo").setLevel(logging.CRITICAL)  # what a method says about a point is in the table
 
-    words = {"IN_PROCESS_ASL": "asl", "IN_PROCESS_CASADI": "casadi", "IN_PROCESS_VECTORISED": "vectorised"}
+    words = {"IN_PROCESS_ASL": "asl", "IN_PROCESS_VECTORISED": "vectorised"}
     backend = arguments.backend or words.get(rcp.ipopt.available_backends()[0].name, "executable")
     known = mpcc_problems() if arguments.random is None else [*random_problems(arguments.first, arguments.random)]
     problems = chosen(arguments.problems, known, lambda problem: [problem.name, *problem.tags])

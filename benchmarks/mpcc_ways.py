@@ -130,12 +130,12 @@ def cold_continuation(model: Any, backend: str, limit: float) -> Effort:
 
 def warm_continuation(model: Any, backend: str, limit: float) -> Effort:
     """The same path, warm-started with multipliers, by ``rcp.solve``."""
-    return _solve(model, backend, limit, schedule=rcp.relaxations.Geometric())
+    return _solve(model, backend, limit, strategies=rcp.Strategy(schedule=rcp.relaxations.Geometric()))
 
 
 def tight(model: Any, backend: str, limit: float) -> Effort:
     """One solve with delta = 1e-8 from the given start."""
-    return _solve(model, backend, limit, schedule=rcp.relaxations.Fixed(1e-8))
+    return _solve(model, backend, limit, strategies=rcp.Strategy(schedule=rcp.relaxations.Fixed(1e-8)))
 
 
 def _solve(model: Any, backend: str, limit: float, **choices: Any) -> Effort:
@@ -155,7 +155,9 @@ def _relaxed(model: Any, delta: float) -> Iterator[Any]:
 
 def _with_relaxation(word: str) -> Callable[..., Effort]:
     def method(model: Any, backend: str, limit: float) -> Effort:
-        return _solve(model, backend, limit, relaxation=word, schedule=rcp.relaxations.Geometric())
+        return _solve(
+            model, backend, limit, strategies=rcp.Strategy(schedule=rcp.relaxations.Geometric(), relaxation=word)
+        )
 
     return method
 

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from dataclasses import replace
 from typing import Any
 
 import pyomo.environ as pyo
@@ -29,12 +30,12 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.complementarity.schedules import Superlinear
 
 # Name: what `rcp.solve` is told.
-WAYS: dict[str, dict[str, Any]] = {
-    "default": {},
-    "barrier": {"strategies": "barrier"},
-    "x 0.1": {"schedule": rcp.relaxations.Geometric(first=1.0, factor=0.1, last=1e-8)},
-    "superlinear": {"schedule": Superlinear(first=1.0, last=1e-8)},
-    "1e-8": {"schedule": rcp.relaxations.Fixed(1e-8)},
+WAYS = {
+    "default": rcp.Strategy(),
+    "barrier": rcp.Strategy("barrier"),
+    "x 0.1": rcp.Strategy(schedule=rcp.relaxations.Geometric(first=1.0, factor=0.1, last=1e-8)),
+    "superlinear": rcp.Strategy(schedule=Superlinear(first=1.0, last=1e-8)),
+    "1e-8": rcp.Strategy(schedule=rcp.relaxations.Fixed(1e-8)),
 }
 # Name: how the model is built, grouping.
 WRITINGS: dict[str, tuple[dict[str, bool], Any]] = {
@@ -82,7 +83,8 @@ def main() -> None:
                 show_progress(f"{name}, {writing}, {word}")
                 model: pyo.ConcreteModel = problem.build(elements, **built, **stages)
                 started = time.process_time()
-                result = rcp.solve(model, grouping=grouping, progress=False, time_limit=arguments.time_limit, **way)
+                strategy = replace(way, grouping=grouping)
+                result = rcp.solve(model, strategies=strategy, progress=False, time_limit=arguments.time_limit)
                 seconds = time.process_time() - started
                 assessment = problem.assess(model)
                 counts[writing, word] = counts.get((writing, word), 0) + assessment.solved

@@ -61,10 +61,11 @@ def measured(stated: str, obstacles: int, elements: int, seed: int) -> tuple:
     }[stated]
     started = time.perf_counter()
     m = field(obstacles, elements, seed, **options)
+    m.move.avoid.equations = False
     m.move.avoid.initialize()
     build = time.perf_counter() - started
     size = model_size(m)
-    result = rcp.solve(m, progress=False, equations=False)
+    result = rcp.solve(m, progress=False)
     # The pairs that a person left out are not in the block: this model has all of them.
     complete = field(obstacles, elements, seed)
     complete.move.initialize(m.move.trajectory())

@@ -27,15 +27,15 @@ FOLLOW_MU = rcp.relaxations.FollowBarrier(factor=1.0)
 CONTINUED = rcp.relaxations.Geometric(first=1e-4, factor=0.1, last=1e-8)
 
 TREATMENTS = {
-    "(i)   pair, 1e-4": {"grouping": "pair", "schedule": rcp.relaxations.Fixed(1e-4)},
-    "(i)   pair, 1e-4 to 1e-8": {"grouping": "pair", "schedule": CONTINUED},
-    "(ii)  element, 1e-4": {"grouping": "element", "schedule": rcp.relaxations.Fixed(1e-4)},
-    "(ii)  element, 1e-4 to 1e-8": {"grouping": "element", "schedule": CONTINUED},
-    "(iii) pair, delta = mu": {"grouping": "pair", "schedule": FOLLOW_MU},
-    "(iv)  element, delta = mu": {"grouping": "element", "schedule": FOLLOW_MU},
-    "(v)   penalty, weight 1e4": {"relaxation": "penalty", "schedule": rcp.relaxations.Fixed(1e-4)},
-    "(v)   penalty, weight 10": {"relaxation": "penalty", "schedule": rcp.relaxations.Fixed(0.1)},
-    "default of rcp.solve": {},
+    "(i)   pair, 1e-4": rcp.Strategy(grouping="pair", schedule=rcp.relaxations.Fixed(1e-4)),
+    "(i)   pair, 1e-4 to 1e-8": rcp.Strategy(grouping="pair", schedule=CONTINUED),
+    "(ii)  element, 1e-4": rcp.Strategy(grouping="element", schedule=rcp.relaxations.Fixed(1e-4)),
+    "(ii)  element, 1e-4 to 1e-8": rcp.Strategy(grouping="element", schedule=CONTINUED),
+    "(iii) pair, delta = mu": rcp.Strategy(grouping="pair", schedule=FOLLOW_MU),
+    "(iv)  element, delta = mu": rcp.Strategy(grouping="element", schedule=FOLLOW_MU),
+    "(v)   penalty, weight 1e4": rcp.Strategy(relaxation="penalty", schedule=rcp.relaxations.Fixed(1e-4)),
+    "(v)   penalty, weight 10": rcp.Strategy(relaxation="penalty", schedule=rcp.relaxations.Fixed(0.1)),
+    "default of rcp.solve": None,
 }
 
 
@@ -59,7 +59,7 @@ def main() -> None:
     )  # fmt: skip
     table.header()
     for goal, target in goals.items():
-        for treatment, choices in TREATMENTS.items():
+        for treatment, strategy in TREATMENTS.items():
             for backend in backends:
                 show_progress(f"{goal}, {treatment}, {backend.name}")
                 model = build(target, elements=elements)
@@ -68,7 +68,7 @@ def main() -> None:
                 for _ in range(repeat):
                     for variable, number in start:
                         variable.set_value(number, skip_validation=True)
-                    results.append(rcp.solve(model, backend=backend, progress=False, **choices))
+                    results.append(rcp.solve(model, backend=backend, progress=False, strategies=strategy))
                 result = min(results, key=lambda candidate: candidate.seconds)
                 show_progress("")
                 table.add(

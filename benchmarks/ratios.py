@@ -117,7 +117,7 @@ PROBLEMS = {
         partial(by_hand, problem=CONTACT),
         [100, 300],
         "pyrobocop.mpcc",
-        {"strategies": "barrier"},
+        {"strategies": rcp.Strategy("barrier", exploration=0)},
     ),
     "quadrotor": Compared(
         lambda elements: quadrotor.build(elements=elements), partial(by_hand, problem=QUADROTOR), [100, 300]
@@ -165,7 +165,7 @@ def fatrop(elements: int, folder: Path) -> Costs:
 
 def by_solve(elements: int, problem: Compared, options: dict[str, object], **choices: Any) -> Ended:
     """The phase by `rcp.solve`; raises when it did not solve."""
-    result = rcp.solve(problem.phase(elements), progress=False, options=options, **ALONE, **choices)
+    result = rcp.solve(problem.phase(elements), progress=False, options=options, **{**ALONE, **choices})
     if not result.solved:
         raise RuntimeError(f"rcp.solve: {result.outcome}")
     return Ended(result.objective, result.iterations)

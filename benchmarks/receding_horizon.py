@@ -24,6 +24,7 @@ from pathlib import Path
 from table import Table, show_progress
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.contrib.export import export_controller
 from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
 from pyrobocop_pyomo.native.shared_library import FLAGS, find_compiler
 from pyrobocop_pyomo.solving import PersistentNLP
@@ -77,7 +78,7 @@ def exported(elements: int, repeats: int) -> list[float] | None:
         return None
     m = build(elements)
     with tempfile.TemporaryDirectory() as name:
-        folder = rcp.studies.RecedingHorizon(m, m.ahead).export(Path(name) / "robot", advance=0.04).parent
+        folder = export_controller(rcp.studies.RecedingHorizon(m, m.ahead), Path(name) / "robot", advance=0.04).parent
         library = folder / "controller.so"
         # Symbols are bound within the library: those of the linear solver stand in others of this process as well.
         link = [str(ipopt), f"-Wl,-rpath,{ipopt.parent}", "-Wl,-Bsymbolic", "-ldl", "-lm"]

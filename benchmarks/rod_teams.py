@@ -33,14 +33,16 @@ import json
 import statistics
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from open_loop import play_back
 from table import Table, show_progress
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.execution.engine import AgentFailure
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 import rod
@@ -53,7 +55,11 @@ def central(team: rcp.Team, steps: int) -> dict[str, Any]:
     merged = team.central()
     started = time.process_time()
     result = rcp.solve(
-        merged.model, strategies="barrier", polish=False, backend="vectorised", progress=False, time_limit=240
+        merged.model,
+        strategies=rcp.Strategy("barrier", polish=False),
+        backend="vectorised",
+        progress=False,
+        time_limit=240,
     )
     seconds = time.process_time() - started
     plans = team.plans_of(merged)
@@ -74,8 +80,10 @@ def is_replayed(team: rcp.Team, plans: Mapping[str, Mapping[str, np.ndarray]]) -
     """Whether driving forces alone bring the rod to its goal."""
     if not plans:
         return False
-    played = team.physics.replay(plans)
-    return played.unsolved is None and played.goal_distance < 0.02 and played.goal_angle < 2.0
+    poses, unsolved = play_back(team.physics, plans)
+    x, y, theta = np.array(team.physics.goal) - poses[-1]
+    turn = (theta + np.pi) % (2 * np.pi) - np.pi
+    return unsolved is None and float(np.hypot(x, y)) < 0.02 and abs(float(np.degrees(turn))) < 2.0
 
 
 def together(method: str, engine: Callable[[], Any] = rcp.teams.SerialEngine) -> Callable[[rcp.Team, int], dict]:
@@ -112,9 +120,55 @@ def together(method: str, engine: Callable[[], Any] = rcp.teams.SerialEngine) ->
     return plan
 
 
-def unreliable() -> rcp.teams.SimulatedNetwork:
+class SimulatedNetwork(rcp.teams.SerialEngine):
+    """The serial engine behind a network that loses some reports and delivers others late, the same ones in each run.
+
+    A lost report is a failure of its agent in that round. A late agent is at work for some rounds: there is no report
+    of it until then, and it gets its next order only afterwards.
+
+    Parameters
+    ----------
+    lost : float
+        Share of reports that are lost, below 1.
+    late : mapping of agent to int
+        Rounds that an agent is late.
+    seed : int
+        Of the random numbers that choose the lost reports.
+    reliable : collection of str
+        Agents whose reports are never lost, such as the hub where it lives with the coordinator.
+    """
+
+    name = "simulated network"
+
+    def __init__(
+        self, *, lost: float = 0.0, late: Mapping[str, int] | None = None, seed: int = 0, reliable: Collection[str] = ()
+    ) -> None:
+        super().__init__()
+        self._late = dict(late or {})
+        self._lost, self._reliable = lost, frozenset(reliable)
+        self._random = np.random.default_rng(seed)
+        self._at_work: dict[str, tuple[int, Any]] = {}  # rounds that are left, and the report
+
+    def solve(self, orders: Mapping[str, Any]) -> dict[str, Any]:
+        """One round, in which some reports are lost, and others not there yet."""
+        idle = {name: order for name, order in orders.items() if name not in self._at_work}
+        for name, report in super().solve(idle).items():
+            self._at_work[name] = self._late.get(name, 0), report
+        return {name: self._delivered(name) for name in orders}
+
+    def _delivered(self, name: str) -> Any:
+        left, report = self._at_work.pop(name)
+        if left:
+            self._at_work[name] = left - 1, report
+            return AgentFailure(name, "it is still at work")
+        if name not in self._reliable and self._random.random() < self._lost:
+            return AgentFailure(name, "its report was lost")
+        return report
+
+
+def unreliable() -> SimulatedNetwork:
     """One robot answers three rounds late, and a tenth of the robots' reports are lost."""
-    return rcp.teams.SimulatedNetwork(lost=0.1, late={"a": 3}, reliable=("rod",))
+    return SimulatedNetwork(lost=0.1, late={"a": 3}, reliable=("rod",))
 
 
 PLANNERS = {

@@ -48,14 +48,15 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=names, metavar="NAME")
     arguments = parser.parse_args()
     chosen = arguments.only or (QUICK if arguments.quick else names)
-    rcp.solve(PROBLEMS[0].build(), progress=False, exploration=0)  # what is loaded at the first use
+    # What is loaded at the first use.
+    rcp.solve(PROBLEMS[0].build(), progress=False, strategies=rcp.Strategy(exploration=0))
     table, before, after, seconds = Table(COLUMNS), 0, 0, [0.0, 0.0]
     table.header()
     for problem in PROBLEMS:
         if problem.name not in chosen:
             continue
         show_progress(problem.name)
-        first, spent_first = solved(problem, exploration=0)
+        first, spent_first = solved(problem, strategies=rcp.Strategy(exploration=0))
         default, spent = solved(problem)
         show_progress("")
         before, after = before + is_best(problem, first), after + is_best(problem, default)

@@ -50,22 +50,18 @@ def chosen_seeds(
     return [seed for seed in seeds if turn[seed % len(turn)] in chosen]
 
 
-def tabulated(
-    seeds: list[int], tried: Callable[[int], Any], spoilers: Iterable[str], fault: Enum
-) -> tuple[dict[str, Counter[Enum]], list[Any]]:
-    """Try the seeds and print the table: how often which verdict came of each spoiler, and the faults."""
+def tabulated(seeds: list[int], tried: Callable[[int], Any], spoilers: Iterable[str], fault: Enum) -> list[Any]:
+    """Try the seeds, print the table of how often which verdict came of each spoiler, and give the trials."""
     verdicts = list(type(fault))
     counts: dict[str, Counter[Enum]] = defaultdict(Counter)
-    faults = []
+    trials = []
     for done, seed in enumerate(seeds):
-        show_progress(f"{done} of {len(seeds)}, {len(faults)} faults")
-        trial = tried(seed)
+        show_progress(f"{done} of {len(seeds)}, {sum(of[fault] for of in counts.values())} faults")
+        trials.append(trial := tried(seed))
         counts[trial.spoiler][trial.verdict] += 1
-        if trial.verdict is fault:
-            faults.append(trial)
     show_progress("")
     table = Table([("spoilt by", "<32s"), ("trials", ">6d"), *((verdict.value, ">10d") for verdict in verdicts)])
     table.header()
     for name in (name for name in spoilers if name in counts):
         table.add(name, counts[name].total(), *(counts[name][verdict] for verdict in verdicts))
-    return counts, faults
+    return trials

@@ -31,6 +31,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from open_loop import ContactStep
 from table import Table, show_progress
 
 import pyrobocop_pyomo as rcp
@@ -54,7 +55,7 @@ class World:
         if kind == "other world":
             heavier = replace(score.body, mass=1.2 * score.body.mass, inertia=1.2 * score.body.inertia)
             score = replace(score, body=heavier, friction=1.2 * score.friction)
-        self.step, self.names, self.random = score.contact_step, list(task.robots), np.random.default_rng(seed)
+        self.step, self.names, self.random = ContactStep.of_score(score), list(task.robots), np.random.default_rng(seed)
         self.stops = self.names[seed % len(self.names)] if kind in ("robot stops", "robot left") else None
         self.pose, self.twist = np.array(task.start), np.zeros(3)
         self.places = np.array(list(task.robots.values()))

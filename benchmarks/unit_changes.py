@@ -35,9 +35,9 @@ def main() -> None:
     names = [build.__name__ for build in restated_problems.PROBLEMS]
     parser.add_argument("--quick", action="store_true", help="two problems")
     parser.add_argument("--only", nargs="+", choices=names, metavar="NAME", help="some of the problems")
-    parser.add_argument("--scaling", choices=("on", "off"), help="by default as solve does")
+    parser.add_argument("--unscaled", action="store_true", help="with Ipopt's own scaling instead")
     arguments = parser.parse_args()
-    scaling = None if arguments.scaling is None else arguments.scaling == "on"
+    options = {"nlp_scaling_method": "gradient-based"} if arguments.unscaled else {}
     table, good = Table(COLUMNS), 0
     table.header()
     for build in restated_problems.PROBLEMS:
@@ -48,7 +48,7 @@ def main() -> None:
         for label, units in restated_problems.UNITS.items():
             show_progress(f"{build.__name__} in {label}")
             model, dimension = build(units)
-            result = rcp.solve(model, scaling=scaling)
+            result = rcp.solve(model, options=options)
             iterations.append(result.iterations if result.solved else None)
             values.append(restated_problems.value_of(model, units, dimension))
         show_progress("")

@@ -181,7 +181,7 @@ def walk_of_delta() -> set[str]:
     """The number of `Fixed`."""
     delta = float("1.2345e-7")  # an object that nothing else is
     with watched(delta) as files:
-        rcp.solve(lift(), schedule=rcp.relaxations.Fixed(delta), progress=False)
+        rcp.solve(lift(), strategies=rcp.Strategy(schedule=rcp.relaxations.Fixed(delta)), progress=False)
     return files
 
 
@@ -189,7 +189,7 @@ def walk_of_schedule() -> set[str]:
     """A `Fixed`."""
     schedule = rcp.relaxations.Fixed(1e-7)
     with watched(schedule) as files:
-        rcp.solve(lift(), schedule=schedule, progress=False)
+        rcp.solve(lift(), strategies=rcp.Strategy(schedule=schedule), progress=False)
     return files
 
 

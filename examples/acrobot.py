@@ -13,6 +13,7 @@ from math import pi
 
 import numpy as np
 import pyomo.environ as pyo
+from mechanism_pictures import draw_linkage
 
 import pyrobocop_pyomo as rcp
 
@@ -73,7 +74,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
     links = np.array(LENGTH)[:, None] * np.stack([np.sin(angles), -np.cos(angles)], axis=-1)
     joints = np.concatenate([np.zeros((len(links), 1, 2)), np.cumsum(links, axis=1)], axis=1)
     left, right = figure.subfigures(1, 2)
-    rcp.scenes.draw_linkage(trajectory.time, joints, title=m.name, figure=left)
+    draw_linkage(trajectory.time, joints, title=m.name, figure=left)
     trajectory.plot(
         {"q1": "q1 [rad]", "q2": "q2 [rad]", "dq1": "dq1 [rad/s]", "torque": "torque [N m]"},
         figure=right,

@@ -25,6 +25,7 @@ from math import dist, pi
 
 import numpy as np
 import pyomo.environ as pyo
+from mechanism_pictures import draw_linkage
 
 import pyrobocop_pyomo as rcp
 
@@ -245,7 +246,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
         if first:
             lower = np.column_stack([getattr(trajectory, f"lower_{AXES[i]}") for i in seen])
         left, right = row.subfigures(1, 2)
-        rcp.scenes.draw_linkage(
+        draw_linkage(
             trajectory.time, np.stack([lower, upper], axis=1), title=f"{m.name}: {phase.local_name} task", figure=left
         )
         left.axes[0].set(xlabel=f"{across} [m]", ylabel="z [m]")

@@ -10,6 +10,7 @@ from math import pi
 
 import numpy as np
 import pyomo.environ as pyo
+from mechanism_pictures import draw_linkage
 
 import pyrobocop_pyomo as rcp
 
@@ -59,7 +60,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
     cart = np.stack([trajectory.position, np.zeros_like(trajectory.position)], axis=-1)
     tip = cart + LENGTH * np.stack([np.sin(trajectory.theta), -np.cos(trajectory.theta)], axis=-1)
     left, right = figure.subfigures(1, 2)
-    rcp.scenes.draw_linkage(trajectory.time, np.stack([cart, tip], axis=1), cart=(0.3, 0.15), title=m.name, figure=left)
+    draw_linkage(trajectory.time, np.stack([cart, tip], axis=1), cart=(0.3, 0.15), title=m.name, figure=left)
     trajectory.plot({"position": "cart [m]", "theta": "angle [rad]", "force": "force [N]"}, figure=right)
 
 

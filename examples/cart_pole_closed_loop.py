@@ -14,6 +14,7 @@ import numpy as np
 import pyomo.environ as pyo
 from cart_pole import LENGTH, accelerations
 from matplotlib.figure import Figure
+from mechanism_pictures import draw_linkage
 from scipy.integrate import solve_ivp
 
 import pyrobocop_pyomo as rcp
@@ -85,7 +86,7 @@ def draw(log: dict[str, np.ndarray]) -> Figure:
     left, right = figure.subfigures(1, 2)
     cart = np.stack([log["state"][:, 0], np.zeros(len(log["time"]))], axis=-1)
     tip = cart + LENGTH * np.stack([np.sin(log["state"][:, 1]), -np.cos(log["state"][:, 1])], axis=-1)
-    rcp.scenes.draw_linkage(log["time"], np.stack([cart, tip], axis=1), cart=(0.3, 0.15), title="balance", figure=left)
+    draw_linkage(log["time"], np.stack([cart, tip], axis=1), cart=(0.3, 0.15), title="balance", figure=left)
     angle, force, spent = right.subplots(3, 1, sharex=True)
     angle.plot(log["time"], log["state"][:, 1] - pi)
     angle.set_ylabel("lean [rad]")

@@ -20,6 +20,7 @@ from collections.abc import Mapping
 
 import numpy as np
 import pyomo.environ as pyo
+from mechanism_pictures import draw_linkage
 
 import pyrobocop_pyomo as rcp
 
@@ -97,9 +98,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
     cart = np.stack([trajectory.x, np.zeros_like(trajectory.x)], axis=-1)
     tip = cart + LENGTH * np.stack([-np.sin(trajectory.theta), np.cos(trajectory.theta)], axis=-1)
     above, below = figure.subfigures(2, 1, height_ratios=(1.2, 1))
-    rcp.scenes.draw_linkage(
-        trajectory.time, np.stack([cart, tip], axis=1), cart=(0.1, 0.05), title=m.name, figure=above
-    )
+    draw_linkage(trajectory.time, np.stack([cart, tip], axis=1), cart=(0.1, 0.05), title=m.name, figure=above)
     for wall in (-WALL, WALL):
         above.axes[0].axvline(wall, color="C3", linewidth=1)
     trajectory.plot({"x": "cart [m]", "theta": "angle [rad]", "force": "motor [N]", "left": "wall [N]"}, figure=below)

@@ -272,7 +272,7 @@ def search(together: bool = False, **case) -> tuple[pyo.ConcreteModel, rcp.Solve
         else:
             m = build(**case, kicks=kicks)
             # Without polish: a score that is strict asks for no more.
-            result = rcp.solve(m, strategies="barrier", polish=False, **options)
+            result = rcp.solve(m, strategies=rcp.Strategy("barrier", polish=False), **options)
         plans = plans_of(m)
         score, (order, flight) = m.score(plans), touches(plans)
         print(f"{score}\ntouched by {', '.join(order)}; longest flight {flight} steps\n")

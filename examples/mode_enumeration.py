@@ -17,6 +17,7 @@ from math import pi
 
 import numpy as np
 import pyomo.environ as pyo
+from mechanism_pictures import draw_planar_pushing
 
 import pyrobocop_pyomo as rcp
 
@@ -80,13 +81,13 @@ def force(into, normal, tangential):
 
 
 def search(goal: tuple[float, float, float] = GOALS["turn"], elements: int = 20, workers: int = 2, **options):
-    """Solve all sequences of one or two faces; print how they rank."""
+    """Solve all sequences of one or two faces; print what they give, and solve the best one again."""
     sequences = rcp.studies.mode_sequences(FACES, range(1, 3), allowed=lambda before, after: before != after)
-    ranking = rcp.studies.solve_sequences(
-        partial(build, goal=goal, elements=elements), sequences, workers=workers, **options
-    )
-    print(ranking)
-    return ranking.best_model, ranking.result
+    build_sequence = partial(build, goal=goal, elements=elements)
+    found = rcp.sweep(build_sequence, sequences, start_from=None, workers=workers, **options)
+    print(found)
+    best = build_sequence(found.best.case.data)
+    return best, rcp.solve(best, mesh_tolerance=None, **options)
 
 
 def draw(figure, m: pyo.ConcreteModel) -> None:
@@ -94,7 +95,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
     joined = rcp.join_trajectories(m.pushes.values())
     touched = [contact(FACES[face], push.place.value) for (_, face), push in m.pushes.items()]
     above, below = figure.subfigures(2, 1, height_ratios=(1.7, 1))
-    rcp.scenes.draw_planar_pushing(
+    draw_planar_pushing(
         joined.time,
         np.column_stack([joined.x, joined.y, joined.theta]),
         np.concatenate(

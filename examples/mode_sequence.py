@@ -15,6 +15,7 @@ from math import pi
 
 import numpy as np
 import pyomo.environ as pyo
+from mechanism_pictures import draw_planar_pushing
 
 import pyrobocop_pyomo as rcp
 
@@ -73,7 +74,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
     for phase, snapshots, (above, below) in zip((m.first, m.second), (10, 5), places.T, strict=True):
         trajectory = phase.trajectory()
         pose = np.column_stack([trajectory.x, trajectory.y, trajectory.theta])
-        rcp.scenes.draw_planar_pushing(
+        draw_planar_pushing(
             trajectory.time,
             pose,
             np.tile(CONTACTS[phase.local_name], (len(pose), 1)),

@@ -13,6 +13,7 @@ from math import pi
 
 import numpy as np
 import pyomo.environ as pyo
+from mechanism_pictures import draw_linkage
 
 import pyrobocop_pyomo as rcp
 
@@ -47,7 +48,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
     trajectory = m.swing.trajectory()
     tip = LENGTH * np.stack([np.sin(trajectory.theta), -np.cos(trajectory.theta)], axis=-1)
     left, right = figure.subfigures(1, 2)
-    rcp.scenes.draw_linkage(trajectory.time, np.stack([np.zeros_like(tip), tip], axis=1), title=m.name, figure=left)
+    draw_linkage(trajectory.time, np.stack([np.zeros_like(tip), tip], axis=1), title=m.name, figure=left)
     trajectory.plot({"theta": "angle [rad]", "omega": "rate [rad/s]", "torque": "torque [N m]"}, figure=right)
 
 

@@ -22,6 +22,7 @@ from math import pi
 
 import numpy as np
 import pyomo.environ as pyo
+from mechanism_pictures import draw_linkage
 
 import pyrobocop_pyomo as rcp
 
@@ -65,7 +66,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
     trajectory = m.hold.trajectory()
     tip = LENGTH * np.stack([np.sin(trajectory.theta), -np.cos(trajectory.theta)], axis=-1)
     above, below = figure.subfigures(2, 1)
-    rcp.scenes.draw_linkage(trajectory.time, np.stack([np.zeros_like(tip), tip], axis=1), title=m.name, figure=above)
+    draw_linkage(trajectory.time, np.stack([np.zeros_like(tip), tip], axis=1), title=m.name, figure=above)
     for wall in (-DISTANCE, DISTANCE):
         above.axes[0].axvline(wall, color="C3", linewidth=1)
     labels = {"theta": "angle [rad]", "omega": "rate [rad/s]", "torque": "torque [N m]", "left": "left wall [N]"}

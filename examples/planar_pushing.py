@@ -14,6 +14,7 @@ from math import pi
 
 import numpy as np
 import pyomo.environ as pyo
+from mechanism_pictures import draw_planar_pushing
 
 import pyrobocop_pyomo as rcp
 
@@ -66,9 +67,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
     pose = np.column_stack([trajectory.x, trajectory.y, trajectory.theta])
     contact = SLIDER.half_side * np.column_stack([-np.ones_like(trajectory.contact), trajectory.contact])
     above, below = figure.subfigures(2, 1, height_ratios=(2.2, 1))
-    rcp.scenes.draw_planar_pushing(
-        trajectory.time, pose, contact, half_side=SLIDER.half_side, title=m.name, figure=above
-    )
+    draw_planar_pushing(trajectory.time, pose, contact, half_side=SLIDER.half_side, title=m.name, figure=above)
     trajectory.plot({"contact": "contact [-]", "normal": "normal [N]"}, figure=below)
 
 

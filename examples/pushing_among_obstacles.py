@@ -16,6 +16,7 @@ from math import pi
 
 import numpy as np
 import pyomo.environ as pyo
+from mechanism_pictures import draw_planar_pushing
 from planar_pushing import SLIDER, squared_distance, state_pusher_slider
 
 import pyrobocop_pyomo as rcp
@@ -62,7 +63,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
     pose = np.column_stack([trajectory.x, trajectory.y, trajectory.theta])
     contact = SLIDER.half_side * np.column_stack([-np.ones_like(trajectory.contact), trajectory.contact])
     above, below = figure.subfigures(2, 1, height_ratios=(2.2, 1))
-    rcp.scenes.draw_planar_pushing(
+    draw_planar_pushing(
         trajectory.time,
         pose,
         contact,

@@ -191,7 +191,7 @@ def search(together: bool = True, **case) -> tuple[pyo.ConcreteModel, rcp.SolveR
     # Without polish: a score that is strict asks for no more. Derivatives of contact kinematics are far cheaper where
     # each formula is compiled once.
     options["backend"] = options["backend"] or "vectorised"
-    result = rcp.solve(m, strategies="barrier", polish=False, **options)
+    result = rcp.solve(m, strategies=rcp.Strategy("barrier", polish=False), **options)
     print(m.score(plans_of(m)))
     return m, result
 

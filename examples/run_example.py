@@ -123,8 +123,8 @@ def facts_of(
     verdict = result.quality.name.lower()
     if result.residuals:
         verdict += f", {result.certificate.name.lower()}"
-    if result.safe is not None:
-        verdict += ", clear" if result.safe else ", NOT CLEAR"
+    if result.safety is not None:
+        verdict += ", NOT CLEAR" if result.safe is False else ", clear"
     return {
         "solved": result.solved,
         "variables": sum(not v.fixed for v in m.component_data_objects(pyo.Var, active=True)),
@@ -163,8 +163,8 @@ def _read_command_line(description: str, cases: Mapping[str, Case], default: str
     )
     parser.add_argument(
         "--backend",
-        choices=["in process", "asl", "casadi", "vectorised", "executable"],
-        help="default: vectorised where bodies avoid obstacles, else the best found",
+        choices=["in process", "asl", "vectorised", "executable"],
+        help="default: the first found that takes the model",
     )
     parser.add_argument("--tee", action="store_true", help="show Ipopt's log")
     return parser.parse_args()

@@ -163,7 +163,7 @@ def guessed_flight(task: Task, name: str, me, body) -> dict[str, np.ndarray]:
     speed = np.vstack([np.zeros(3), np.diff(place, axis=0) / np.diff(time)[:, None]])
     share = task.ball.mass * task.ball.gravity / (-normal[2] * len(task.robots))
     force = np.where(time[1:] > MEETING, share, 0.01)
-    thrust = np.array(QUADROTOR.hovering_force) - force[:, None] * normal
+    thrust = QUADROTOR.hovering_force - force[:, None] * normal
     of_axes = {"": place, "v": speed, "tau_": thrust}
     return {"c": force} | {f"{of}{x}": values[:, i] for of, values in of_axes.items() for i, x in enumerate("xyz")}
 
@@ -203,7 +203,7 @@ def search(**case) -> tuple[pyo.ConcreteModel, rcp.SolveResult]:
     options = {key: case.pop(key) for key in ("backend", "tee")}
     m = build(**case)
     options["backend"] = options["backend"] or "vectorised"
-    result = rcp.solve(m, strategies="barrier", polish=False, **options)
+    result = rcp.solve(m, strategies=rcp.Strategy("barrier", polish=False), **options)
     print(m.score(plans_of(m)))
     return m, result
 

@@ -199,7 +199,7 @@ def search(together: bool = False, **case) -> tuple[pyo.ConcreteModel, rcp.Solve
         print(result.score)
     else:
         m = build(**case)
-        result = rcp.solve(m, strategies="continuation", polish=False, **options)
+        result = rcp.solve(m, strategies=rcp.Strategy("continuation", polish=False), **options)
     print(track(m), end="\n\n")
     return m, result
 

@@ -1,6 +1,6 @@
 """Plan motion through contact and around obstacles, as ordinary Pyomo models.
 
-What nearly every script uses is here. The rest is in namespaces: `errors`, `estimation`, `files`, `ipopt`, `mechanics`,
+What nearly every script uses is here. The rest is in namespaces: `errors`, `estimation`, `ipopt`, `mechanics`,
 `relaxations`, `scenes`, `schemes`, `studies` and `teams`.
 """
 
@@ -25,48 +25,51 @@ from pyrobocop_pyomo.phases import (
     PhaseBlock,
     Start,
     State,
-    label_measurements,
     phases_of,
     remesh_phases,
 )
 from pyrobocop_pyomo.trajectories import JoinedTrajectory, Trajectory, join_trajectories
 
 if TYPE_CHECKING:
-    from pyrobocop_pyomo import estimation, files, ipopt, mechanics, scenes, studies, teams
-    from pyrobocop_pyomo.diagnosis import Diagnosis, diagnose
+    from pyrobocop_pyomo import ipopt, mechanics, scenes, studies, teams
+    from pyrobocop_pyomo.contrib import estimation
+    from pyrobocop_pyomo.contrib.estimation.estimate import estimate
+    from pyrobocop_pyomo.contrib.estimation.measurements import label_measurements
+    from pyrobocop_pyomo.contrib.pyrobocop_classes import from_pyrobocop, solution_arrays
+    from pyrobocop_pyomo.diagnosis import diagnose
     from pyrobocop_pyomo.distributed.agents import Agent, KeepApart, Shared
     from pyrobocop_pyomo.distributed.team import Team
-    from pyrobocop_pyomo.estimation.estimate import estimate
     from pyrobocop_pyomo.geometry import Polytope, planar_pose, spatial_pose
-    from pyrobocop_pyomo.motion import Body, SafetyReport, TablePath
+    from pyrobocop_pyomo.motion import Body, TablePath
     from pyrobocop_pyomo.mpcc import Certificate, Stationarity
     from pyrobocop_pyomo.numerics.gaussian_process import GaussianProcessMean
-    from pyrobocop_pyomo.obstacles import Containment, FreeClearance, ObstacleAvoidanceBlock, verify_motion
+    from pyrobocop_pyomo.obstacles import Containment, ObstacleAvoidanceBlock, verify_motion
     from pyrobocop_pyomo.phases import Verification
     from pyrobocop_pyomo.planning import solve
-    from pyrobocop_pyomo.problem_classes import from_pyrobocop, solution_arrays
-    from pyrobocop_pyomo.solving import ActiveSide, PairReport, Quality, SolveResult, StopReason, Strategy
+    from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason, Strategy
     from pyrobocop_pyomo.studies.sweep import sweep
 
 # What states a problem is loaded at once; what reads obstacles, solves, studies or draws, when it is first used: a
 # program that only builds models starts in half the time. The solvers' names are known to Pyomo all the same.
 solvers_on_demand.register()
-_NAMESPACES_ON_DEMAND = {"estimation", "files", "ipopt", "mechanics", "scenes", "studies", "teams"}
+_NAMESPACES_ON_DEMAND = {
+    "estimation": "contrib.estimation",
+    "ipopt": "ipopt",
+    "mechanics": "mechanics",
+    "scenes": "scenes",
+    "studies": "studies",
+    "teams": "teams",
+}
 _HOMES_ON_DEMAND = {
-    "ActiveSide": "solving",
     "Agent": "distributed.agents",
     "Body": "motion",
     "Certificate": "mpcc",
     "Containment": "obstacles",
-    "Diagnosis": "diagnosis",
-    "FreeClearance": "obstacles",
     "GaussianProcessMean": "numerics.gaussian_process",
     "KeepApart": "distributed.agents",
     "ObstacleAvoidanceBlock": "obstacles",
-    "PairReport": "solving",
     "Polytope": "geometry",
     "Quality": "solving",
-    "SafetyReport": "motion",
     "Shared": "distributed.agents",
     "SolveResult": "solving",
     "Stationarity": "mpcc",
@@ -76,18 +79,26 @@ _HOMES_ON_DEMAND = {
     "Team": "distributed.team",
     "Verification": "phases",
     "diagnose": "diagnosis",
-    "estimate": "estimation.estimate",
-    "from_pyrobocop": "problem_classes",
+    "estimate": "contrib.estimation.estimate",
+    "from_pyrobocop": "contrib.pyrobocop_classes",
+    "label_measurements": "contrib.estimation.measurements",
     "planar_pose": "geometry",
-    "solution_arrays": "problem_classes",
+    "solution_arrays": "contrib.pyrobocop_classes",
     "solve": "planning",
     "spatial_pose": "geometry",
     "sweep": "studies.sweep",
     "verify_motion": "obstacles",
 }
 
+_removed = errors.removed_names(
+    __name__,
+    {
+        "benchmarks/solve_files.py, which solves problem files, and model.write()": "files",
+        "nothing: results give its objects": "ActiveSide PairReport SafetyReport Diagnosis",
+    },
+)
+
 __all__ = [
-    "ActiveSide",
     "Agent",
     "Algebraic",
     "Body",
@@ -95,21 +106,17 @@ __all__ = [
     "Complementarity",
     "Containment",
     "Control",
-    "Diagnosis",
     "Duration",
-    "FreeClearance",
     "Function",
     "GaussianProcessMean",
     "JoinedTrajectory",
     "KeepApart",
     "Link",
     "ObstacleAvoidanceBlock",
-    "PairReport",
     "Parameter",
     "PhaseBlock",
     "Polytope",
     "Quality",
-    "SafetyReport",
     "Shared",
     "SolveResult",
     "Start",
@@ -132,7 +139,6 @@ __all__ = [
     "errors",
     "estimate",
     "estimation",
-    "files",
     "from_pyrobocop",
     "ipopt",
     "join_trajectories",
@@ -157,10 +163,9 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     """A public name that is loaded on demand."""
     if name in _NAMESPACES_ON_DEMAND:
-        return import_module(f"{__name__}.{name}")
+        return import_module(f"{__name__}.{_NAMESPACES_ON_DEMAND[name]}")
     if name not in _HOMES_ON_DEMAND:
-        where = _similar_names.where_it_is(name, sys.modules[__name__], __all__)
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}{where}")
+        _removed(name, _similar_names.where_it_is(name, sys.modules[__name__], __all__))
     found = globals()[name] = getattr(import_module(f"{__name__}.{_HOMES_ON_DEMAND[name]}"), name)
     return found
 

@@ -7,10 +7,8 @@ use raises a `ModuleNotFoundError` that names the extra to install.
 
 from __future__ import annotations
 
-import functools
 import importlib
 import sys
-import warnings
 from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
 from typing import Any
@@ -23,7 +21,6 @@ def _remedy(package: str, extra: str) -> str:
 
 
 casadi, casadi_available = attempt_import("casadi", error_message=_remedy("CasADi", "ipopt"))
-highspy, highspy_available = attempt_import("highspy", error_message=_remedy("HiGHS", "certify"))
 matplotlib, matplotlib_available = attempt_import(
     "matplotlib",
     error_message=_remedy("Matplotlib", "plot"),
@@ -46,22 +43,8 @@ parmest_models, _ = attempt_import("pyomo.contrib.parmest.utils.model_utils")
 shapely, shapely_available = attempt_import("shapely", error_message=_remedy("Shapely", "shapes"))
 trimesh, trimesh_available = attempt_import("trimesh", error_message=_remedy("trimesh", "shapes"))
 yourdfpy, yourdfpy_available = attempt_import("yourdfpy", error_message=_remedy("yourdfpy", "robots"))
-# A dependency of meshcat.
-umsgpack, _ = attempt_import("umsgpack", error_message=_remedy("meshcat", "view"))
 pandas, pandas_available = attempt_import("pandas", error_message=_remedy("pandas", "tables"))
 xarray, xarray_available = attempt_import("xarray", error_message=_remedy("xarray", "tables"))
-
-
-def _import_meshcat() -> ModuleType:
-    """Import meshcat without the warnings of its server, which is not used here."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)
-        return importlib.import_module("meshcat")
-
-
-meshcat, meshcat_available = attempt_import(
-    "meshcat", error_message=_remedy("meshcat", "view"), importer=_import_meshcat
-)
 
 
 class _OrdinaryFinder:
@@ -104,15 +87,3 @@ scipy, _ = attempt_import(
         "special",
     ],
 )
-
-
-@functools.cache
-def highs_bindings() -> ModuleType | None:
-    """The classes of HiGHS: those of highspy, or else those that SciPy brings; None where neither can be had."""
-    # Neither name is public: other versions may have them elsewhere.
-    for name in ("highspy._core", "scipy.optimize._highspy._core"):
-        try:
-            return importlib.import_module(name)
-        except ImportError:
-            continue
-    return None

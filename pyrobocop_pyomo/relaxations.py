@@ -2,68 +2,47 @@
 
 ::
 
-    pyrobocop_pyomo.solve(model, relaxation=pyrobocop_pyomo.relaxations.FischerBurmeister())
+    pyrobocop_pyomo.solve(
+        model, strategies=pyrobocop_pyomo.Strategy(relaxation=pyrobocop_pyomo.relaxations.FischerBurmeister())
+    )
 
-The names of this module are values of `relaxation=`, of `grouping=` (which products share one row) and of `schedule=`
-(how the relaxation parameter delta shrinks), and the protocols for your own.
+The names of this module are values of a strategy's `relaxation=`, of its `grouping=` (which products share one row) and
+of its `schedule=` (how the relaxation parameter delta shrinks), and the protocols for your own.
 """
 
 from pyrobocop_pyomo.complementarity import (
-    AllPairs,
-    AugmentedLagrangian,
-    BarrierSchedule,
-    ChenHarkerKanzowSmale,
     Crossed,
-    Elastic,
     FischerBurmeister,
     Fixed,
     FollowBarrier,
     Geometric,
     Grouping,
-    Kadrani,
-    KanzowSchwartz,
-    KeepsBounds,
-    KeepsMultipliers,
-    LinFukushima,
-    ObjectiveTerm,
-    Penalty,
-    PerElement,
-    PerPair,
-    PerPhase,
     Relaxation,
     Schedule,
     Scholtes,
-    SteffensenUlbrich,
     Superlinear,
-    TwoSided,
 )
+from pyrobocop_pyomo.errors import removed_names
 
 __all__ = [
-    "AllPairs",
-    "AugmentedLagrangian",
-    "BarrierSchedule",
-    "ChenHarkerKanzowSmale",
     "Crossed",
-    "Elastic",
     "FischerBurmeister",
     "Fixed",
     "FollowBarrier",
     "Geometric",
     "Grouping",
-    "Kadrani",
-    "KanzowSchwartz",
-    "KeepsBounds",
-    "KeepsMultipliers",
-    "LinFukushima",
-    "ObjectiveTerm",
-    "Penalty",
-    "PerElement",
-    "PerPair",
-    "PerPhase",
     "Relaxation",
     "Schedule",
     "Scholtes",
-    "SteffensenUlbrich",
     "Superlinear",
-    "TwoSided",
 ]
+
+__getattr__ = removed_names(
+    __name__,
+    {
+        "its word, such as relaxation='elastic' or grouping='element', or pyrobocop_pyomo.complementarity": """
+            AllPairs PerElement PerPair PerPhase ChenHarkerKanzowSmale KanzowSchwartz SteffensenUlbrich Penalty
+            Elastic ObjectiveTerm BarrierSchedule
+        """,
+    },
+)

@@ -1,89 +1,69 @@
 """Bodies among obstacles: distances, rows that keep them apart, robots from files, paths to start from, pictures.
 
-The formulations are values of `formulation=` of an `ObstacleAvoidanceBlock`. Paths of bodies along waypoints, and of
-cars by hybrid A*, are initial guesses; parking cases come from files as competitions publish them. Pictures and
-animations need Matplotlib.
+Paths of bodies along waypoints, and of cars by hybrid A*, are initial guesses; parking cases come from files as
+competitions publish them. Pictures and animations need Matplotlib.
 """
 
-from pyrobocop_pyomo.car_paths import (
-    CarPath,
-    CarSearch,
-    CarTiming,
-    ParkingCar,
-    ParkingCase,
-    Trailer,
-    VehiclesCase,
-    hybrid_a_star,
-)
-from pyrobocop_pyomo.geometry import (
-    Pose,
-    SignedDistance,
-    cover_occupancy_grid,
-    cover_point_cloud,
-    decompose,
-    signed_distance,
-)
+from importlib import import_module
+from typing import Any
+
+from pyrobocop_pyomo.errors import removed_names
+from pyrobocop_pyomo.geometry import Pose, signed_distance
 from pyrobocop_pyomo.obstacles import (
-    Dual,
-    Formulation,
-    Mixed,
-    Offset,
-    Optimality,
-    Plane,
-    TurningPlane,
     animate_avoidance,
     draw_avoidance,
-    parking_model,
-    sampled_path,
     waypoint_initial_guess,
 )
-from pyrobocop_pyomo.planning import VehicleMove, VehiclesPlan, plan_vehicles
 from pyrobocop_pyomo.plotting import (
-    AnimationFile,
     BodyPath,
     animate_scene,
-    draw_linkage,
-    draw_planar_pushing,
     draw_scene,
 )
-from pyrobocop_pyomo.robots import DescribedRobot, from_urdf
+
+# Names of `contrib`, whose folders are loaded at their first use.
+_ON_DEMAND = {
+    "CarSearch": "vehicles",
+    "ParkingCar": "vehicles",
+    "ParkingCase": "vehicles",
+    "Trailer": "vehicles",
+    "VehiclesCase": "vehicles",
+    "cover_occupancy_grid": "robots",
+    "cover_point_cloud": "robots",
+    "decompose": "robots",
+    "from_urdf": "robots",
+    "hybrid_a_star": "vehicles",
+    "parking_model": "vehicles",
+    "plan_vehicles": "vehicles",
+    "sampled_path": "robots",
+}
+
+_removed = removed_names(
+    __name__,
+    {
+        "between=None, for single points": "Dual Mixed Offset Optimality",
+        "examples/mechanism_pictures.py, or bodies and draw_scene": "draw_linkage draw_planar_pushing",
+        "nothing: what gives its objects is enough": """
+            AnimationFile CarPath CarTiming DescribedRobot SignedDistance VehicleMove VehiclesPlan Formulation
+            Plane TurningPlane
+        """,
+    },
+)
 
 __all__ = [
-    "AnimationFile",
     "BodyPath",
-    "CarPath",
-    "CarSearch",
-    "CarTiming",
-    "DescribedRobot",
-    "Dual",
-    "Formulation",
-    "Mixed",
-    "Offset",
-    "Optimality",
-    "ParkingCar",
-    "ParkingCase",
-    "Plane",
     "Pose",
-    "SignedDistance",
-    "Trailer",
-    "TurningPlane",
-    "VehicleMove",
-    "VehiclesCase",
-    "VehiclesPlan",
     "animate_avoidance",
     "animate_scene",
-    "cover_occupancy_grid",
-    "cover_point_cloud",
-    "decompose",
     "draw_avoidance",
-    "draw_linkage",
-    "draw_planar_pushing",
     "draw_scene",
-    "from_urdf",
-    "hybrid_a_star",
-    "parking_model",
-    "plan_vehicles",
-    "sampled_path",
     "signed_distance",
     "waypoint_initial_guess",
+    *_ON_DEMAND,
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """A name of `contrib`."""
+    if name not in _ON_DEMAND:
+        _removed(name)
+    return getattr(import_module(f"pyrobocop_pyomo.contrib.{_ON_DEMAND[name]}"), name)

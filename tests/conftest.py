@@ -19,7 +19,7 @@ from pyrobocop_pyomo.ipopt.backends import available_backends
 from pyrobocop_pyomo.ipopt.ipopt_executable import configure_ipopt_executable
 from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library, load_ipopt_library
 from pyrobocop_pyomo.programs.asl_program import asl_available
-from pyrobocop_pyomo.programs.casadi_program import casadi_available
+from pyrobocop_pyomo.programs.vectorised_program import casadi_available
 
 # A time limit per example fails on a busy machine, not on a wrong law. In CI the same examples come every time, so that
 # no change is refused for an old fault; "thorough" (nightly) tries ten times as many, whatever a test asks for.

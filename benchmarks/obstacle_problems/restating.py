@@ -56,7 +56,7 @@ def sampled_distance(avoid: Any, per_interval: int = 20) -> float:
     for interval in range(len(motion.intervals)):
         for fraction in np.linspace(0.0, 1.0, per_interval + 1):
             poses = {
-                name: body.pose and motion.pose_of(body, interval, fraction, name=name)
+                name: body.pose and motion.pose_at(body.pose, interval, fraction, name=name)
                 for name, body in scene.bodies.items()
             }
             for p, q in scene.part_pairs():

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import runpy
+import importlib
+import sys
 import time
 from pathlib import Path
 
@@ -13,12 +14,12 @@ import pyrobocop_pyomo as rcp
 
 from .problem import Answer, SmoothProblem
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+sys.path.append(str(Path(__file__).parents[2] / "examples"))  # examples are scripts, not a package
 
 
 def solved_by_phase(problem: SmoothProblem, elements: int) -> Answer:
     """From the example of the problem's name."""
-    build = runpy.run_path(str(EXAMPLES / f"{problem.name}.py"))["build"]
+    build = importlib.import_module(problem.name).build
     started = time.process_time()
     m = build(elements=elements)
     result = rcp.solve(m, progress=False, mesh_tolerance=None)

@@ -151,7 +151,7 @@ def abort_landing(mesh=None, elements=None):
         along, along_rate, up, up_rate = wind(x)
         ground, climb = v * cosine + along, v * sine + up * h
         gust, lifted = along_rate * ground, up_rate * ground * h + up * climb
-        power = min(1.0, 0.3825 + 0.2 * t)
+        power = pyo.Expr_if(IF_=0.3825 + 0.2 * t <= 1.0, THEN_=0.3825 + 0.2 * t, ELSE_=1.0)
         thrust = power * (44560 - 23.98 * v + 0.01442 * v**2) / mass
         excess = attack - radians(12)
         lift = 0.7125 + 6.0877 * attack + pyo.Expr_if(IF_=excess >= 0, THEN_=-9.0277 * excess**2, ELSE_=0)

@@ -87,11 +87,11 @@ def greenhouse(mesh=None, elements=None):
     )
     b.heating = rcp.Control(bounds=(0, 10))
     hours = np.arange(-5, 246) / 5
-    wave = np.sin(4 * np.pi * hours / 48 - 0.65 * np.pi)
+    wave = rcp.Table(hours, np.sin(4 * np.pi * hours / 48 - 0.65 * np.pi), name="wave")
 
     @b.ode
     def climate(b, t):
-        sun, outside = (float(np.interp(t, hours, column)) for column in (800 * wave, 15 + 10 * wave))
+        sun, outside = 800 * wave(t), 15 + 10 * wave(t)
         return {
             b.weight: 3e-6 / 40 * sun * b.temperature[t],
             b.temperature: outside - b.temperature[t] + 0.1 * b.heating[t],

@@ -3,28 +3,21 @@
 from .absolute_values import AbsoluteValuesToComplementarity
 from .canonical import CanonicalForm, CanonicalPair, SidePart
 from .component import Complementarity, ComplementarityData
-from .disjunctions import ComplementarityToDisjunctions, DisjunctionToken
+from .disjunctions import ComplementarityToDisjunctions
 from .forms import form_of
 from .grouping import AllPairs, Crossed, Grouping, PerElement, PerPair, PerPhase
 from .lifting import LiftedPair, SideVariable
 from .pairs import active_pairs, active_sources, canonical_form, canonical_pair
-from .parameters import reset_parameters, update_parameters
 from .relaxations import (
-    AugmentedLagrangian,
     ChenHarkerKanzowSmale,
     Elastic,
     FischerBurmeister,
-    Kadrani,
     KanzowSchwartz,
-    KeepsBounds,
-    KeepsMultipliers,
-    LinFukushima,
     ObjectiveTerm,
     Penalty,
     Relaxation,
     Scholtes,
     SteffensenUlbrich,
-    TwoSided,
 )
 from .relaxing import (
     RelaxationToken,
@@ -44,10 +37,16 @@ from .relaxing import (
     without_penalty,
 )
 from .replaced_rows import ReplacementToken
-from .residuals import ComponentResidual, PairResidual, component_residuals, pair_residuals, side_values
+from .residuals import (
+    ComponentResidual,
+    PairResidual,
+    component_residuals,
+    pair_residuals,
+    side_values,
+    sides_at_zero,
+)
 from .schedules import BarrierSchedule, Fixed, FollowBarrier, Geometric, Schedule, Superlinear
 from .statement import Complements, complements, either_zero
-from .switched_products import ProductsToComplementarity
 from .transformation import RelaxComplementarity
 from .units import register_with_pyomo
 
@@ -56,7 +55,6 @@ register_with_pyomo()
 __all__ = [
     "AbsoluteValuesToComplementarity",
     "AllPairs",
-    "AugmentedLagrangian",
     "BarrierSchedule",
     "CanonicalForm",
     "CanonicalPair",
@@ -67,26 +65,20 @@ __all__ = [
     "Complements",
     "ComponentResidual",
     "Crossed",
-    "DisjunctionToken",
     "Elastic",
     "FischerBurmeister",
     "Fixed",
     "FollowBarrier",
     "Geometric",
     "Grouping",
-    "Kadrani",
     "KanzowSchwartz",
-    "KeepsBounds",
-    "KeepsMultipliers",
     "LiftedPair",
-    "LinFukushima",
     "ObjectiveTerm",
     "PairResidual",
     "Penalty",
     "PerElement",
     "PerPair",
     "PerPhase",
-    "ProductsToComplementarity",
     "RelaxComplementarity",
     "Relaxation",
     "RelaxationToken",
@@ -97,7 +89,6 @@ __all__ = [
     "SideVariable",
     "SteffensenUlbrich",
     "Superlinear",
-    "TwoSided",
     "active_pairs",
     "active_sources",
     "canonical_form",
@@ -116,12 +107,11 @@ __all__ = [
     "relax",
     "relaxation_of",
     "relaxation_rows_of",
-    "reset_parameters",
     "revert",
     "rows_of",
     "shifted_rows_of",
     "side_values",
+    "sides_at_zero",
     "sources_of",
-    "update_parameters",
     "without_penalty",
 ]

@@ -1,167 +1,66 @@
-"""The transformation `pyrobocop.complementarity_to_disjunctions`: pairs become choices, exactly and reversibly."""
+"""The transformation `pyrobocop.complementarity_to_disjunctions`: pairs become choices of `pyomo.gdp`, reversibly."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
-from pyomo.common.autoslots import AutoSlots
-from pyomo.common.collections import ComponentMap
-from pyomo.common.config import Bool, ConfigDict, ConfigValue, PositiveFloat
-from pyomo.common.gc_manager import PauseGC
-from pyomo.common.modeling import unique_component_name
-from pyomo.core.base import Transformation, TransformationFactory
-from pyomo.core.base.block import Block
+from pyomo.core import Any as AnyIndex
+from pyomo.core import ConstraintList, NonNegativeIntegers
+from pyomo.core.base import TransformationFactory
+from pyomo.gdp import Disjunct, Disjunction
 
-from pyrobocop_pyomo.errors import ComplementarityError
-from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES, deactivate, enclosing_blocks
-
-from .branches import BoundedSides, add_disjunctions, add_special_ordered_sets
-from .canonical import CanonicalForm, CanonicalPair
-from .pairs import active_sources, canonical_form, home_of
-from .preconditions import refuse_foreign_token, refuse_leaves, refuse_nothing, refuse_unusable
+from .canonical import CanonicalForm
+from .pairs import PAIR_TYPES, active_sources, canonical_form
+from .preconditions import refuse_leaves, refuse_nothing
+from .replaced_rows import RowReplacement, rows_of_block, targets_option
 from .residuals import PairResidual, pair_residuals
-
-BLOCK_NAME = "complementarity_disjunctions"
-
-
-class DisjunctionRecord(AutoSlots.Mixin):
-    """Private data of a generated block.
-
-    Attributes
-    ----------
-    forms : ComponentMap
-        From each statement to its canonical form; None on a block that this package did not generate.
-    sources : ComponentMap
-        From what was generated to the statement that it came from.
-    """
-
-    __slots__ = ("forms", "sources")
-
-    def __init__(self) -> None:
-        self.forms: Any = None
-        self.sources = ComponentMap()
-
-
-Block.register_private_data_initializer(DisjunctionRecord)
-
-
-@dataclass(frozen=True, eq=False)
-class DisjunctionToken:
-    """What `ComplementarityToDisjunctions.revert` needs to undo one application.
-
-    Attributes
-    ----------
-    model : Block
-        The model that was transformed.
-    blocks : tuple of Block
-        The generated blocks: one on the model, and one in every disjunct that holds pairs of its own.
-    """
-
-    model: Any
-    blocks: tuple[Any, ...]
 
 
 @TransformationFactory.register(
     "pyrobocop.complementarity_to_disjunctions", doc="Turn complementarity pairs into disjunctions, reversibly."
 )
-class ComplementarityToDisjunctions(Transformation):
+class ComplementarityToDisjunctions(RowReplacement):
     """Replace complementarity pairs by choices ``[a == 0] v [b == 0]`` for mixed-integer solvers.
 
     Nothing is relaxed: with linear sides and a convex objective the answer is global. A range ``l <= F <= u ⟂ H``
-    becomes ``[F == l, H >= 0] v [F == u, H <= 0] v [H == 0]``. Sides that are no bounded variables get one, with
-    bounds by interval arithmetic at the present values of the parameters; fixed variables count with their bounds.
-    Apply ``gdp.bigm`` or ``gdp.hull`` afterwards; both find their bounds. Discrete variables are welcome in a side.
+    becomes ``[F == l, H >= 0] v [F == u, H <= 0] v [H == 0]``. Apply ``gdp.bigm`` or ``gdp.hull`` afterwards: they take
+    bounds of the sides from those of the variables. Discrete variables are welcome in a side.
 
-    Options of ``apply_to`` and ``create_using``: ``targets`` (blocks, components or single pairs; default all),
-    ``sos1`` (write special ordered sets of type one in place of disjunctions; they need no bounds) and
-    ``default_bound`` (bound of a side for which none can be derived; it becomes a constraint, so choose it large
-    enough). The pairs are deactivated and never changed. Revert before a reformulation such as ``gdp.bigm``, which
-    has no way back, or apply that to a copy.
+    Option of ``apply_to`` and ``create_using``: ``targets`` (blocks, components or single pairs; default all). The
+    pairs are deactivated and never changed. Revert before a reformulation such as ``gdp.bigm``, which has no way back,
+    or apply that to a copy.
     """
 
-    CONFIG = ConfigDict("pyrobocop.complementarity_to_disjunctions")
-    CONFIG.declare(
-        "targets",
-        ConfigValue(default=None, description="Blocks, Complementarity components or pairs to take; default all."),
-    )
-    CONFIG.declare("sos1", ConfigValue(default=False, domain=Bool, description="Write special ordered sets instead."))
-    CONFIG.declare(
-        "default_bound",
-        ConfigValue(default=None, domain=PositiveFloat, description="Bound of a side where none can be derived."),
-    )
+    CONFIG = targets_option("pyrobocop.complementarity_to_disjunctions", "Complementarity components or pairs")
+    ctypes = PAIR_TYPES
+    block_name = "complementarity_disjunctions"
+    generated = "disjunctions of pairs"
 
-    def _apply_to(self, model: Any, **options: Any) -> DisjunctionToken:
-        config = self.CONFIG({**options.pop("options", {}), **options})
-        refuse_unusable(model)
-        with PauseGC():
-            sources = active_sources(model, config.targets)
-            refuse_nothing(model, sources, config.targets)
-            forms = [canonical_form(source) for source in sources]
-            refuse_leaves(forms, discrete_allowed=True)
-            # All that can fail is done on blocks that are no part of the model yet.
-            fresh = [(home, _build(members, config)) for home, members in _by_home(model, forms)]
-            for home, block in fresh:
-                home.add_component(unique_component_name(home, BLOCK_NAME), block)
-            deactivate(sources)
-        return DisjunctionToken(model, tuple(block for _, block in fresh))
+    def _rows(self, model: Any, targets: Any) -> list[Any]:
+        sources = active_sources(model, targets)
+        refuse_nothing(model, sources, targets)
+        return sources
 
-    def revert(self, model: Any, token: DisjunctionToken | None = None) -> None:
-        """Undo one application, or all of them.
-
-        Parameters
-        ----------
-        model : Block
-            The model that `apply_to` was called with.
-        token : DisjunctionToken, optional
-            What `apply_to` returned. Without it everything on this model is undone, which also serves a clone.
-
-        Raises
-        ------
-        ComplementarityError
-            If there is nothing to undo, or if the token is used up or belongs to another model.
-        """
-        refuse_foreign_token(model, token)
-        present = list(_generated_on(model))
-        wanted = present if token is None else [block for block in token.blocks if any(block is p for p in present)]
-        if not wanted:
-            raise ComplementarityError(
-                f"'{model.name}': nothing to revert; it has no disjunctions of pairs, or was reverted before."
-            )
-        for block in wanted:
-            block.parent_block().del_component(block)
-            for source in _record_of(block).forms:
-                source.activate()
-
-    def source_of(self, component: Any) -> Any:
-        """Return the pair, as declared, that a generated disjunction, disjunct, set, variable or row came from."""
-        for block in filter(_is_generated, enclosing_blocks(component)):
-            sources = _record_of(block).sources
-            while component is not block:
-                if component in sources:
-                    return sources[component]
-                component = component.parent_block()
-        raise ComplementarityError(
-            f"'{component.name}': was not generated by pyrobocop.complementarity_to_disjunctions."
-        )
-
-    def choices_of(self, source: Any) -> list[Any]:
-        """Return the disjunction, or the special ordered sets, of a pair; an equality has none."""
-        for block in (block for parent in enclosing_blocks(source) for block in _generated_on(parent)):
-            record = _record_of(block)
-            if source in record.forms:
-                components = [block.component(name) for name in ("choices", "sets")]
-                parts = [data for component in components if component is not None for data in component.values()]
-                return [data for data in parts if record.sources[data] is source]
-        raise ComplementarityError(
-            f"'{source.name}': is no disjunction. Apply pyrobocop.complementarity_to_disjunctions to its model first."
-        )
-
-    def pairs_of(self, model: Any) -> list[CanonicalPair]:
-        """Return the pairs of a model that are disjunctions, in canonical form; a range has two, an equality none."""
-        forms = [form for block in _generated_on(model) for form in _record_of(block).forms.values()]
-        return [pair for form in forms for pair in form.pairs]
+    def _fill(self, block: Any, rows: list[Any]) -> list[tuple[Any, Any]]:
+        forms = [canonical_form(source) for source in rows]
+        refuse_leaves(forms, discrete_allowed=True)
+        block.rows = ConstraintList()
+        block.disjuncts = Disjunct(AnyIndex)
+        block.choices = Disjunction(NonNegativeIntegers)
+        for form in forms:
+            sides = [row for pair in form.pairs for row in (pair.a_row, pair.b_row) if row is not None]
+            for row in (*form.rows, *sides):
+                block.rows.add(row)
+        for position, form in enumerate(form for form in forms if form.pairs):
+            chosen = []
+            for branch, stated in _branches(form).items():
+                disjunct = block.disjuncts[position, branch]
+                disjunct.rows = ConstraintList()
+                for row in stated:
+                    disjunct.rows.add(row)
+                chosen.append(disjunct)
+            block.choices[position] = chosen
+        return [(source, None) for source in rows]
 
     def residuals(self, model: Any) -> list[PairResidual]:
         """Evaluate the pairs that are disjunctions at the current values, by their own sides.
@@ -171,39 +70,17 @@ class ComplementarityToDisjunctions(Transformation):
         ComplementarityError
             If a variable of a pair has no value.
         """
-        return pair_residuals(self.pairs_of(model))
+        sources = [source for block in self._generated_on(model) for source, _ in rows_of_block(block) or ()]
+        return pair_residuals(pair for source in sources for pair in canonical_form(source).pairs)
 
 
-def _build(forms: list[CanonicalForm], config: Any) -> Block:
-    block = Block(concrete=True)
-    sides = BoundedSides(block, config.default_bound, bounds_needed=not config.sos1)
-    generated = (add_special_ordered_sets if config.sos1 else add_disjunctions)(block, sides, forms)
-    for form in forms:
-        for row in form.rows:
-            sides.add_row(form.source, row)
-    choices = _record_of(block)
-    choices.forms = ComponentMap((form.source, form) for form in forms)
-    choices.sources.update([*generated, *sides.generated])
-    return block
-
-
-def _by_home(model: Any, forms: list[CanonicalForm]) -> list[tuple[Any, list[CanonicalForm]]]:
-    found: dict[int, tuple[Any, list[CanonicalForm]]] = {}
-    for form in forms:
-        home = home_of(form.source.parent_block(), model)
-        found.setdefault(id(home), (home, []))[1].append(form)
-    return list(found.values())
-
-
-def _record_of(block: Any) -> DisjunctionRecord:
-    return block.private_data()
-
-
-def _generated_on(model: Any) -> Iterator[Any]:
-    """The generated blocks of this model and of the disjuncts in it."""
-    return filter(_is_generated, model.block_data_objects(active=None, descend_into=BLOCK_TYPES))
-
-
-def _is_generated(block: Any) -> bool:
-    # The name is looked at first so that no private data appear on blocks of the user.
-    return block.local_name.startswith(BLOCK_NAME) and _record_of(block).forms is not None
+def _branches(form: CanonicalForm) -> dict[str, list[Any]]:
+    pair = form.pairs[0]  # the parts of a free side are zero together
+    if form.between is None:
+        return {"first": [pair.a == 0], "second": [pair.b == 0]}
+    lower, body, upper = form.between
+    return {
+        "lower": [body == lower, pair.b >= 0],
+        "upper": [body == upper, pair.b <= 0],
+        "between": [pair.b == 0],
+    }

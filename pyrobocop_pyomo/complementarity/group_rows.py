@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 from pyomo.core import Objective, minimize, quicksum
@@ -11,11 +10,8 @@ from pyomo.core import Objective, minimize, quicksum
 from pyrobocop_pyomo.errors import ComplementarityError
 
 from .generated import GeneratedBlock
-from .record import PairGroup, RelaxationRecord, RelaxedPair
+from .record import RelaxationRecord, RelaxedPair
 from .units import in_units_of, without_units
-
-# Of the even share of delta: a product's own share never falls below, since some relaxations are not smooth at zero.
-SMALLEST_SHARE = 1e-3
 
 
 class Product(NamedTuple):
@@ -55,20 +51,6 @@ class Product(NamedTuple):
         return list(found.values())
 
 
-@dataclass(eq=False, slots=True)
-class GroupRows:
-    """The rows of a group as expressions with their sources, and new parts that are not yet in any component."""
-
-    place: GeneratedBlock
-    group: PairGroup
-    pairs: Sequence[RelaxedPair]
-    rows: list[tuple[Any, list[Any]]] = field(default_factory=list)
-    shares: list[Any] = field(default_factory=list)
-    share_bounds: list[Any] = field(default_factory=list)
-    budgets: list[tuple[Any, list[Any]]] = field(default_factory=list)
-    states: list[Any] = field(default_factory=list)
-
-
 def products(record: RelaxationRecord, pairs: Sequence[RelaxedPair]) -> list[list[Product]]:
     """The products of a group, in lists that share one bound each."""
     formed = getattr(record.grouping, "products", None)
@@ -103,70 +85,27 @@ def crossings(record: RelaxationRecord, pairs: Sequence[RelaxedPair]) -> list[tu
     return list(found.values())
 
 
-def rows_of_group(place: GeneratedBlock, group: PairGroup, pairs: Sequence[RelaxedPair]) -> GroupRows:
-    """State the rows of a group that has these pairs; nothing is added to the model yet."""
-    planned = GroupRows(place, group, pairs)
+def rows_of_group(place: GeneratedBlock, pairs: Sequence[RelaxedPair]) -> list[Any]:
+    """State the rows that bound the products of a group; none where these are in the penalty term."""
     record = place.record
-    abilities = record.abilities
-    formed = products(record, pairs)
-    if abilities.penalises_products:
-        if abilities.keeps_multipliers:
-            planned.states = _states(place, group, sum(map(len, formed)), 0.0)
-        return planned
-    if abilities.keeps_bounds:
-        planned.states = _states(place, group, len(formed), record.main.delta.value)
-        bounds: Sequence[Any] = planned.states
-    else:
-        bounds = [place.bound] * len(formed)
-    equality = abilities.equality and not _crosses(formed)
-    for row, bound in zip(formed, bounds, strict=True):
-        _bound_row(planned, row, bound, equality)
-    return planned
+    if record.abilities.penalises_products:
+        return []
+    return [row for shared in products(record, pairs) for row in _bounds(place, record.relaxation, shared)]
 
 
-def _bound_row(planned: GroupRows, row: list[Product], bound: Any, equality: bool) -> None:
-    record = planned.place.record
-    relaxation, abilities = record.relaxation, record.abilities
-    shift = relaxation.shift(bound)
-    if shift is not None and not abilities.several_rows:
+def _bounds(place: GeneratedBlock, relaxation: Any, shared: list[Product]) -> Iterator[Any]:
+    shift = relaxation.shift(place.bound)
+    if shift is not None:
         # The shift is the bound of the row and not a term of its body. So the body stays a plain product, which is
         # quicker to write, and delta moves inside a solve by moving one bound.
-        residuals = [relaxation.residual(product.a, product.b, 0) for product in row]
+        residuals = [relaxation.residual(product.a, product.b, 0) for product in shared]
         body = residuals[0] if len(residuals) == 1 else quicksum(residuals)
-        expression = body == shift if equality else body <= shift
-        planned.rows.append((expression, _sources(row)))
+        yield place.put_row("rows", body <= shift, _sources(shared))
         return
-    if len(row) == 1:
-        shares = [bound]
-    else:
-        # Residuals without a shift cannot be added up. Each product gets a share of delta instead. If the residual
-        # were the product, eliminating the shares would give the sum of the products again.
-        lower = SMALLEST_SHARE / len(row) * bound
-        kept = planned.group.shares[len(planned.shares) : len(planned.shares) + len(row)]
-        start = record.main.delta.value / len(row)
-        shares = [*kept, *(planned.place.new_variable("shares", None, start) for _ in range(len(row) - len(kept)))]
-        planned.shares += shares
-        planned.share_bounds += [lower] * len(row)
-        planned.budgets.append((quicksum(shares) <= bound, _sources(row)))
-    for product, share in zip(row, shares, strict=True):
-        a, b = product.a, product.b
-        residual = relaxation.residual(a, b, share)
-        planned.rows.append((residual == 0 if equality else residual <= 0, product.sources))
-        if abilities.several_rows:
-            further = relaxation.further_residuals(a, b, share)
-            planned.rows += [(further_residual <= 0, product.sources) for further_residual in further]
-
-
-def _crosses(formed: list[list[Product]]) -> bool:
-    """Whether a side is in several products: fixing them all would make sides equal to each other."""
-    a_pairs = [id(pair) for row in formed for product in row for pair in product.a_pairs]
-    b_pairs = [id(pair) for row in formed for product in row for pair in product.b_pairs]
-    return len(set(a_pairs)) < len(a_pairs) or len(set(b_pairs)) < len(b_pairs)
-
-
-def _states(place: GeneratedBlock, group: PairGroup, count: int, start: float) -> list[Any]:
-    kept = group.states[:count]
-    return [*kept, *(place.new_state(start) for _ in range(count - len(kept)))]
+    # Residuals without a shift cannot be added up: each product is bounded by itself.
+    for product in shared:
+        residual = relaxation.residual(product.a, product.b, place.bound)
+        yield place.put_row("rows", residual <= 0, product.sources)
 
 
 def _sources(row: list[Product]) -> list[Any]:
@@ -176,42 +115,18 @@ def _sources(row: list[Product]) -> list[Any]:
     return list(found.values())
 
 
-def objective_with_penalty(record: RelaxationRecord, changing: Iterable[GroupRows]) -> Any:
-    """The user's objective with the penalty term of all groups, of which some are about to change or to appear."""
-    relaxation, main = record.relaxation, record.main
+def objective_with_penalty(record: RelaxationRecord) -> Objective:
+    """The user's objective with the penalty term of all groups."""
+    users, main = record.objective, record.main
     if record.abilities.penalises_products:
-        current: dict[int, PairGroup | GroupRows] = {id(group): group for group in record.groups}
-        current.update((id(planned.group), planned) for planned in changing)
-        amount = quicksum([term for group in current.values() for term in _terms(record, group.pairs, group.states)])
+        formed = [product for group in record.groups for row in products(record, group.pairs) for product in row]
+        # A factor of one is dropped by Pyomo itself.
+        amount = quicksum([product.weight * (product.a * product.b) for product in formed])
     else:
         amount = main.excess
-    term = relaxation.coefficient(main.delta) * amount
-    if record.objective is None:
-        return term
-    term = in_units_of(term, record.objective)
+    term = record.relaxation.coefficient(main.delta) * amount
+    if users is None:
+        return Objective(expr=term, sense=minimize)
+    term = in_units_of(term, users)
     # The user's objective enters by name: what is later assigned to it is followed.
-    return record.objective + term if record.objective.is_minimizing() else record.objective - term
-
-
-def set_objective(record: RelaxationRecord, expression: Any) -> None:
-    """Put the generated objective in the place of the user's."""
-    block = record.main
-    if block.component("objective") is None:
-        users = record.objective
-        block.objective = Objective(expr=expression, sense=minimize if users is None else users.sense)
-        if users is not None:
-            users.deactivate()
-    else:
-        block.objective.set_value(expression)
-
-
-def _terms(record: RelaxationRecord, pairs: Sequence[RelaxedPair], states: Sequence[Any]) -> list[Any]:
-    formed = [product for row in products(record, pairs) for product in row]
-    # A factor of one is dropped by Pyomo itself.
-    if record.abilities.keeps_multipliers:
-        penalty = record.relaxation.penalty
-        return [
-            product.weight * penalty(product.a * product.b, state)
-            for product, state in zip(formed, states, strict=True)
-        ]
-    return [product.weight * (product.a * product.b) for product in formed]
+    return Objective(expr=users + term if users.is_minimizing() else users - term, sense=users.sense)

@@ -24,10 +24,7 @@ class Grouping(Protocol):
     """
 
     def groups(self, pairs: Sequence[CanonicalPair]) -> list[tuple[Hashable | None, list[CanonicalPair]]]:
-        """Split the pairs; every pair comes once, and equal pairs always get the same name.
-
-        Pairs that are relaxed later join the group of their name; a group without a name (None) stays as it is.
-        """
+        """Split the pairs into named lists; every pair comes once."""
         ...
 
 
@@ -36,7 +33,7 @@ class PerPair:
     """Each product has a row of its own: ``a_l * b_l <= delta`` for each pair l."""
 
     def groups(self, pairs: Sequence[CanonicalPair]) -> list[tuple[Hashable | None, list[CanonicalPair]]]:
-        """One group per pair, which none joins."""
+        """One group per pair."""
         return [(None, [pair]) for pair in pairs]
 
 
@@ -111,8 +108,7 @@ class Crossed:
     family in one `Complementarity` component. In a phase that is the pairs at one position (or with one key) of
     what the rule returns; elsewhere, the pairs whose indices differ in the first part alone, unless ``family=`` says
     otherwise. An element is what carries the same group label; pairs without a label are elements of their own. The
-    sides are taken as they are declared: the first ones with the second ones. A relaxation that fixes products
-    bounds them here, unless no side is in two of them: if all products were equal, all sides would be.
+    sides are taken as they are declared: the first ones with the second ones.
 
     Attributes
     ----------
@@ -169,7 +165,7 @@ class Crossed:
         """The products of a family, element by element; each has a bound of its own."""
         if self.left_end is None or pairs[0].group is None:
             return self._crossed(pairs, pairs)
-        # Pairs that joined later stand at the end: back to the order in which the component has them.
+        # Targets come in any order: back to the order in which the component has them.
         positions = {index: n for n, index in enumerate(pairs[0].source.parent_component().keys())}
         elements: dict[Any, list[CanonicalPair]] = {}
         for pair in sorted(pairs, key=lambda pair: positions[pair.source.index()]):

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from pyomo.core.expr import LinearExpression, MonomialTermExpression, SumExpression
 from pyomo.core.expr.numvalue import native_numeric_types
 
-from pyrobocop_pyomo.modeling.expressions import is_plain_variable, value_or_none
+from pyrobocop_pyomo.modeling.expressions import is_plain_variable
+from pyrobocop_pyomo.modeling.row_violations import number_or_nan
 
 from .canonical import CanonicalForm, CanonicalPair, SidePart
-from .generated import GeneratedBlock, is_zero
-from .record import RelaxedPair, RelaxedStatement
+from .generated import GeneratedBlock
+from .record import RelaxedPair
 from .units import without_units
 
 
@@ -86,93 +87,45 @@ def _signed_variable(term: Any) -> tuple[Any, float] | None:
 
 def part_values(side: Any) -> tuple[float, float]:
     """Return ``max(side, 0)`` and ``max(-side, 0)`` at the current values; zeros where the side has no value."""
-    try:
-        number = value_or_none(side)
-    except (ArithmeticError, ValueError):  # outside of a function's domain
-        number = None
-    if number is None or isinstance(number, complex) or number != number:
-        return 0.0, 0.0
-    number = float(number)
-    return (number, 0.0) if number > 0 else (0.0, -number)
+    number = number_or_nan(side)
+    return (number if number > 0 else 0.0), (-number if number < 0 else 0.0)
 
 
-@dataclass(eq=False, slots=True)
-class SideRows:
-    """Rows, variables and slacks of the sides of one home's statements; none of them is in a component yet.
+def relaxed_pairs(place: GeneratedBlock, form: CanonicalForm) -> list[RelaxedPair]:
+    """Choose the expressions of the sides of a statement, and state the rows that keep their signs."""
+    for row in form.rows:
+        place.put_row("sides", row, [form.source])
+    parts: dict[SidePart, Any] = {}
+    found: list[RelaxedPair] = []
+    for pair in form.pairs:
+        if pair.a_part is not SidePart.WHOLE:
+            a = parts[pair.a_part]
+        elif found and pair.a is found[0].pair.a:
+            a = found[0].a
+        else:
+            a = _side(place, form, pair.a, pair.a_row)
+        if pair.b_part is SidePart.WHOLE:
+            b = _side(place, form, pair.b, pair.b_row)
+        else:
+            parts = parts or _parts(place, form, pair.b)
+            b = parts[pair.b_part]
+        found.append(RelaxedPair(pair, a, b))
+    return found
 
-    Rows come with their statements. One list serves all statements, since most need nothing.
-    """
 
-    place: GeneratedBlock
-    pairs: list[RelaxedPair] = field(default_factory=list)
-    sides: list[tuple[RelaxedStatement, Any]] = field(default_factory=list)
-    definitions: list[tuple[RelaxedStatement, Any]] = field(default_factory=list)
-    variables: list[Any] = field(default_factory=list)
-    slacks: list[Any] = field(default_factory=list)
-
-    def add(self, form: CanonicalForm) -> RelaxedStatement:
-        """Choose the expressions of the sides of a statement, and the rows that keep their signs."""
-        statement = RelaxedStatement(form)
-        for row in form.rows:
-            self.sides.append((statement, row))
-        parts: dict[SidePart, Any] | None = None
-        keeps_bounds = self.place.record.abilities.keeps_bounds
-        relaxed_pairs: list[RelaxedPair] = []
-        for pair in form.pairs:
-            relaxed = RelaxedPair(pair, pair.a, pair.b)
-            if parts is not None and pair.a_part is not SidePart.WHOLE:
-                relaxed.a = parts[pair.a_part]
-            elif relaxed_pairs and pair.a is relaxed_pairs[0].pair.a:
-                relaxed.a, relaxed.a_slack = relaxed_pairs[0].a, relaxed_pairs[0].a_slack
-            else:
-                if keeps_bounds:
-                    relaxed.a_slack = self._own_slack(pair.a, pair.a_row)
-                relaxed.a = self._side(statement, pair.a, pair.a_row, relaxed.a_slack)
-            if pair.b_part is SidePart.WHOLE:
-                if keeps_bounds:
-                    relaxed.b_slack = self._own_slack(pair.b, pair.b_row)
-                relaxed.b = self._side(statement, pair.b, pair.b_row, relaxed.b_slack)
-            else:
-                if parts is None:
-                    parts = self._parts(statement, pair)
-                relaxed.b = parts[pair.b_part]
-            relaxed_pairs.append(relaxed)
-        statement.pairs = relaxed_pairs
-        self.pairs += relaxed_pairs
-        return statement
-
-    def _side(self, statement: RelaxedStatement, side: Any, row: Any, own_slack: Any) -> Any:
-        """Return the expression of one side in the generated rows."""
-        place = self.place
-        slack, exact = (place.slack, place.exact) if own_slack is None else (own_slack, is_zero(own_slack))
-        if place.record.lift and side_variable(side) is None:
-            lower = None if slack is None else 0 if exact else -slack
-            variable = self._new_variable(statement, lower, part_values(side)[0])
-            self.definitions.append((statement, variable == without_units(side)))
-            return variable
-        if row is not None and slack is not None:
-            self.sides.append((statement, row if exact else without_units(side) >= -slack))
-        return side
-
-    def _own_slack(self, side: Any, row: Any) -> Any:
-        """A slack of this side alone, where its sign is kept by something generated and not by the user's own bound."""
-        if row is None and not (self.place.record.lift and side_variable(side) is None):
-            return None
-        slack = self.place.new_state(self.place.record.main.delta.value)
-        self.slacks.append(slack)
-        return slack
-
-    def _parts(self, statement: RelaxedStatement, pair: CanonicalPair) -> dict[SidePart, Any]:
-        """Two variables for the parts of a free side, whatever the option `lift`: no expression is smooth at zero.
-
-        The parts keep their signs exactly under every relaxation, since a part below zero would have no meaning.
-        """
-        positive, negative = (self._new_variable(statement, 0, start) for start in part_values(pair.b))
-        self.definitions.append((statement, positive - negative == without_units(pair.b)))
-        return {SidePart.POSITIVE: positive, SidePart.NEGATIVE: negative}
-
-    def _new_variable(self, statement: RelaxedStatement, lower: Any, start: float) -> Any:
-        variable = self.place.new_variable("lifted", lower, start)
-        self.variables.append(variable)
-        statement.variables += (variable,)
+def _side(place: GeneratedBlock, form: CanonicalForm, side: Any, row: Any) -> Any:
+    """Return the expression of one side in the generated rows."""
+    if place.record.lift and side_variable(side) is None:
+        variable = place.put_variable(part_values(side)[0])
+        place.put_row("definitions", variable == without_units(side), [form.source])
         return variable
+    if row is not None:
+        place.put_row("sides", row, [form.source])
+    return side
+
+
+def _parts(place: GeneratedBlock, form: CanonicalForm, side: Any) -> dict[SidePart, Any]:
+    """Two variables for the parts of a free side, whatever the option `lift`: no expression is smooth at zero."""
+    positive, negative = map(place.put_variable, part_values(side))
+    place.put_row("definitions", positive - negative == without_units(side), [form.source])
+    return {SidePart.POSITIVE: positive, SidePart.NEGATIVE: negative}

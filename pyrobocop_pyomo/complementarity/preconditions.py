@@ -15,7 +15,7 @@ from pyrobocop_pyomo.modeling.expressions import new_leaves
 
 from .canonical import CanonicalForm
 from .pairs import as_targets
-from .record import RelaxationRecord, records_above, records_below
+from .record import records_above, records_below
 
 
 def refuse_unusable(model: Any) -> None:
@@ -72,17 +72,6 @@ def refuse_second_delta(model: Any) -> None:
             raise ComplementarityError(
                 f"'{model.name}': pairs of '{record.main.parent_block().name}' are relaxed already, with a delta "
                 f"of their own on '{record.main.name}'. {remedy}"
-            )
-
-
-def refuse_other_options(model: Any, record: RelaxationRecord, options: dict[str, Any]) -> None:
-    """Refuse a relaxation, a grouping or a lifting that differs from the one in use; None asks for none."""
-    for option, wanted in options.items():
-        known = getattr(record, option)
-        if wanted is not None and wanted != known:
-            raise ComplementarityError(
-                f"'{model.name}': is relaxed with {option} {known}; {wanted} cannot be added beside it. "
-                "Revert first, or leave the option out."
             )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,66 +26,37 @@ class RelaxedPair:
     ----------
     a, b : Pyomo expression
         The sides themselves, or generated variables.
-    a_slack, b_slack : ParamData or None
-        How far the side may be negative, if the relaxation decides that for each side.
     """
 
     pair: CanonicalPair
     a: Any
     b: Any
-    group: Any = None
-    a_slack: Any = None
-    b_slack: Any = None
 
 
 @dataclass(eq=False, slots=True)
 class PairGroup:
-    """Pairs that are relaxed together, and all that was generated for them.
-
-    There may be as many groups as pairs, so empty attributes are one shared tuple and not a list for each group.
+    """Pairs that are relaxed together.
 
     Attributes
     ----------
     home : Block
         The model or a disjunct.
-    name : hashable or None
-        None where no pair can join later.
     rows : sequence of ConstraintData
         Relax the products, in their order; none where the products are in the penalty term.
-    shares : sequence of VarData
-        Share of each product in delta, where residuals cannot be added up.
-    budgets : sequence of ConstraintData
-        The shares sum up to delta at most.
-    states : sequence of ParamData
-        A bound per row, or a multiplier per product, where the relaxation keeps one.
     """
 
     home: Any
-    name: Hashable | None
-    pairs: Sequence[RelaxedPair] = ()
-    rows: Sequence[Any] = ()
-    shares: Sequence[Any] = ()
-    budgets: Sequence[Any] = ()
-    states: Sequence[Any] = ()
+    pairs: Sequence[RelaxedPair]
+    rows: Sequence[Any]
 
 
 @dataclass(eq=False, slots=True)
 class RelaxedStatement:
-    """A declared statement, its pairs, and what was generated for its sides alone."""
+    """A declared statement, its pairs, and the rows that were generated for it."""
 
     form: CanonicalForm
     pairs: Sequence[RelaxedPair] = ()
     rows: tuple[Any, ...] = ()
-    variables: tuple[Any, ...] = ()
-
-
-@dataclass(eq=False)
-class AppliedRelaxation:
-    """What one call of `relax` changed beside the rows."""
-
-    sources: list[Any]
-    deactivated: list[Any]
-    previous_delta: float | None
 
 
 class RelaxationRecord(AutoSlots.Mixin):
@@ -104,8 +75,6 @@ class RelaxationRecord(AutoSlots.Mixin):
         Of the relaxation.
     groups : list of PairGroup
         In the order of their first pairs.
-    named_groups : dict
-        The groups that other pairs may join, by name.
     statements : ComponentMap
         From the source to its `RelaxedStatement`.
     origins : dict
@@ -119,20 +88,10 @@ class RelaxationRecord(AutoSlots.Mixin):
         self.grouping: Any = None
         self.lift = False
         self.objective: Any = None
-        self.applications: dict[int, AppliedRelaxation] = {}
         self.groups: list[PairGroup] = []
-        self.named_groups: dict[Hashable, PairGroup] = {}
         self.blocks = ComponentMap()
         self.statements = ComponentMap()
         self.origins: dict[tuple[str, int], list[Any]] = {}
-        self.next_application = 0
-        self.next_positions: dict[str, int] = {}
-
-    def take_position(self, component: str) -> int:
-        """Return an index that no part of this component has ever had."""
-        position = self.next_positions.get(component, 0)
-        self.next_positions[component] = position + 1
-        return position
 
     @property
     def relaxed_pairs(self) -> Iterator[RelaxedPair]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from pyomo.common.config import PositiveFloat
 from pyomo.common.gc_manager import PauseGC
 
 from pyrobocop_pyomo.errors import ComplementarityError
@@ -15,22 +17,19 @@ from pyrobocop_pyomo.modeling.activity import deactivate, is_inside, outermost_i
 
 from .canonical import CanonicalPair
 from .group_rows import crossings
-from .grouping import Grouping, PerPair, as_grouping
+from .grouping import Grouping, as_grouping
 from .lifting import LiftedPair, SideVariable, side_variable
 from .pairs import active_sources, canonical_form
-from .parameters import finite_positive
 from .preconditions import (
     only_objective,
     refuse_foreign_token,
     refuse_leaves,
     refuse_nothing,
-    refuse_other_options,
     refuse_second_delta,
     refuse_unusable,
 )
 from .record import (
     BLOCK_NAME,
-    AppliedRelaxation,
     PairGroup,
     RelaxationRecord,
     only_record,
@@ -39,12 +38,20 @@ from .record import (
     records_above,
     records_below,
 )
-from .relaxations import ObjectiveTerm, Relaxation, Scholtes, as_relaxation
-from .rows import add_statements, new_record, remove_statements
+from .relaxations import ObjectiveTerm, Relaxation, as_relaxation
+from .rows import new_record, state_rows
 
 logger = logging.getLogger(__name__)
 
 FIRST_DELTA = 1e-2
+
+
+def finite_positive(number: Any) -> float:
+    """Return a positive finite number as a float; any other one is a ValueError."""
+    number = PositiveFloat(number)
+    if not math.isfinite(number):
+        raise ValueError(f"expected a finite number, found {number}")
+    return number
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,22 +64,19 @@ class RelaxationToken:
         The model that was relaxed.
     block : Block
         The generated block on it, with ``delta``, ``rows`` and ``sides``.
-    application : int
-        Which application on this block the token stands for.
     """
 
     model: Any
     block: Any
-    application: int
 
 
 def relax(
     model: Any,
     *,
-    relaxation: str | Relaxation | ObjectiveTerm | None = None,
-    grouping: str | Grouping | None = None,
-    delta: float | None = None,
-    lift: bool | None = None,
+    relaxation: str | Relaxation | ObjectiveTerm = "scholtes",
+    grouping: str | Grouping = "pair",
+    delta: float = FIRST_DELTA,
+    lift: bool = False,
     targets: Iterable[Any] | None = None,
 ) -> RelaxationToken:
     """Replace the active pairs of a model by rows that a nonlinear solver can hold; see `RelaxComplementarity`.
@@ -94,62 +98,40 @@ def relax(
     Returns
     -------
     RelaxationToken
-        For `revert`. Where the model is relaxed already, what is new is added: options that are given have to be the
-        same as before, and a delta that is given replaces the value before until the token is reverted.
+        For `revert`.
 
     Raises
     ------
     ComplementarityError
-        If there is no active pair, if a pair cannot be relaxed, or if the options contradict what is in use.
+        If there is no active pair, if a pair cannot be relaxed, or if the model is relaxed already.
     ValueError
         If an option has a value that does not exist.
     """
-    options = {
-        "relaxation": None if relaxation is None else as_relaxation(relaxation),
-        "grouping": None if grouping is None else as_grouping(grouping),
-        "lift": lift,
-    }
-    delta = None if delta is None else finite_positive(delta)
+    chosen, groups, delta = as_relaxation(relaxation), as_grouping(grouping), finite_positive(delta)
     refuse_unusable(model)
     with PauseGC():
         sources = active_sources(model, targets)
-        record = record_on(model)
-        if record is None:
-            refuse_nothing(model, sources, targets)
-            refuse_second_delta(model)
-            chosen = options["relaxation"] or Scholtes()
-            objective = only_objective(model) if isinstance(chosen, ObjectiveTerm) else None
-            record = new_record(delta or FIRST_DELTA, chosen, options["grouping"] or PerPair(), bool(lift), objective)
-        else:
-            refuse_other_options(model, record, options)
-        # A pair that is known already was activated again by hand: it only has to be deactivated.
-        known = record.statements
-        forms = [canonical_form(source) for source in sources if not known or source not in known]
+        refuse_nothing(model, sources, targets)
+        refuse_second_delta(model)
+        objective = only_objective(model) if isinstance(chosen, ObjectiveTerm) else None
+        forms = [canonical_form(source) for source in sources]
         refuse_leaves(forms)
-        if forms:
-            add_statements(record, model, forms)
-        previous = None
-        if delta is not None and record.applications:
-            previous = record.main.delta.value
-            record.main.delta.set_value(delta)
+        record = new_record(delta, chosen, groups, bool(lift), objective)
+        state_rows(record, model, forms)
         deactivate(sources)
-    application = record.next_application
-    record.next_application += 1
-    record.applications[application] = AppliedRelaxation([form.source for form in forms], sources, previous)
     logger.debug("'%s': relaxed %d complementarity statements", model.name, len(forms))
-    return RelaxationToken(model, record.main, application)
+    return RelaxationToken(model, record.main)
 
 
 def revert(model: Any, token: RelaxationToken | None = None) -> None:
-    """Undo one application, or all of them.
+    """Take a relaxation back.
 
     Parameters
     ----------
     model : Block
         The model that `relax` was called with.
     token : RelaxationToken, optional
-        What `relax` returned. Without it everything on this model is undone, which also serves a
-        clone: a token belongs to the model that it was made for.
+        What `relax` returned; a clone has none, since a token belongs to the model that it was made for.
 
     Raises
     ------
@@ -160,21 +142,13 @@ def revert(model: Any, token: RelaxationToken | None = None) -> None:
     refuse_foreign_token(model, token)
     if record is None or (token is not None and record.main is not token.block):
         raise ComplementarityError(f"'{model.name}': nothing to revert; it is not relaxed, or was reverted before.")
-    if token is None:
-        wanted = list(record.applications)
-    elif token.application in record.applications:
-        wanted = [token.application]
-    else:
-        raise ComplementarityError(f"'{model.name}': this application was reverted before.")
     with PauseGC():
-        for number in reversed(wanted):
-            application = record.applications.pop(number)
-            if application.previous_delta is not None:
-                record.main.delta.set_value(application.previous_delta)
-            if application.sources:
-                remove_statements(record, application.sources)
-            for source in application.deactivated:
-                source.activate()
+        for block in record.blocks.values():
+            block.parent_block().del_component(block)
+        if record.objective is not None:
+            record.objective.activate()
+        for source in record.statements:
+            source.activate()
 
 
 def pairs_of(model: Any) -> list[CanonicalPair]:
@@ -254,13 +228,7 @@ def rows_of(source: Any) -> list[Any]:
         statement = record.statements.get(source)
         if statement is None:
             continue
-        rows = []
-        for group in {id(pair.group): pair.group for pair in statement.pairs}.values():
-            for row in (*group.rows, *group.budgets):
-                origin = record.origins[row.parent_component().local_name, row.index()]
-                if any(known is source for known in origin):
-                    rows.append(row)
-        return [*rows, *statement.rows]
+        return sorted(statement.rows, key=lambda row: row.parent_component().local_name != "rows")
     raise ComplementarityError(
         f"'{source.name}': is not relaxed. Apply pyrobocop.relax_complementarity to its model first."
     )
@@ -288,7 +256,7 @@ def relaxation_rows_of(model: Any) -> list[Any]:
         row
         for record in records_below(model)
         for group in _groups_seen(record, model)
-        for row in (*group.rows, *group.budgets)
+        for row in group.rows
         if row.active
     ]
 

@@ -1,8 +1,8 @@
-"""Transformations that say rows or objectives in another way, on a block of their own, and take it back."""
+"""Transformations that say rows, objectives or pairs in another way, on blocks of their own, and take it back."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -13,8 +13,9 @@ from pyomo.core.base import Transformation
 from pyomo.core.base.block import Block
 
 from pyrobocop_pyomo.errors import ComplementarityError
-from pyrobocop_pyomo.modeling.activity import deactivate
+from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES, deactivate
 
+from .pairs import home_of
 from .preconditions import refuse_foreign_token, refuse_unusable
 
 
@@ -23,7 +24,7 @@ class ReplacementRecord(AutoSlots.Mixin):
 
     Attributes
     ----------
-    rows : list of (ConstraintData or ObjectiveData, expression or None) or None
+    rows : list of (component data, expression or None) or None
         What was replaced, with what it held before; None for an expression that was deactivated as it is. None in all
         on a block that this package did not generate.
     """
@@ -45,12 +46,12 @@ class ReplacementToken:
     ----------
     model : Block
         The model that was transformed.
-    block : Block
-        Holds what was generated.
+    blocks : tuple of Block
+        They hold what was generated: one on the model, and one in each disjunct of whose pairs some are replaced.
     """
 
     model: Any
-    block: Any
+    blocks: tuple[Any, ...]
 
 
 def targets_option(name: str, kinds: str) -> ConfigDict:
@@ -74,25 +75,34 @@ class RowReplacement(Transformation):
     def _apply_to(self, model: Any, **options: Any) -> ReplacementToken:
         config = self.CONFIG({**options.pop("options", {}), **options})
         refuse_unusable(model)
-        block = Block(concrete=True)
-        replaced = self._fill(block, list(self._rows(model, config.targets)))
-        if not replaced:
+        homes: dict[int, tuple[Any, list[Any]]] = {}
+        for row in self._rows(model, config.targets):
+            home = home_of(row.parent_block(), model)
+            homes.setdefault(id(home), (home, []))[1].append(row)
+        # All that can fail is done on blocks that are no part of the model yet.
+        filled = []
+        for home, rows in homes.values():
+            block = Block(concrete=True)
+            if replaced := self._fill(block, rows):
+                filled.append((home, block, replaced))
+        if not filled:
             where = "it" if config.targets is None else "the targets"
             raise ComplementarityError(f"'{model.name}': {self._nothing_found(where)}")
-        model.add_component(unique_component_name(model, self.block_name), block)
-        _record_of(block).rows = [(row, None if new is None else row.expr) for row, new in replaced]
-        deactivate(row for row, new in replaced if new is None)
-        for row, new in replaced:
-            if new is not None:
-                row.set_value(new)
-        return ReplacementToken(model, block)
+        for home, block, replaced in filled:
+            home.add_component(unique_component_name(home, self.block_name), block)
+            _record_of(block).rows = [(row, None if new is None else row.expr) for row, new in replaced]
+            deactivate(row for row, new in replaced if new is None)
+            for row, new in replaced:
+                if new is not None:
+                    row.set_value(new)
+        return ReplacementToken(model, tuple(block for _, block, _ in filled))
 
     def _fill(self, block: Any, rows: list[Any]) -> list[tuple[Any, Any]]:
         """Put on the block what stands for some of the rows.
 
         Returns
         -------
-        list of (ConstraintData or ObjectiveData, expression or None)
+        list of (component data, expression or None)
             Those rows, with what they hold from now on; None for one to deactivate.
         """
         raise NotImplementedError
@@ -117,21 +127,21 @@ class RowReplacement(Transformation):
         """
         refuse_foreign_token(model, token)
         present = list(self._generated_on(model))
-        wanted = present if token is None else [block for block in present if block is token.block]
+        wanted = present if token is None else [block for block in present if any(block is one for one in token.blocks)]
         if not wanted:
             raise ComplementarityError(
                 f"'{model.name}': nothing to revert; it has no {self.generated}, or was reverted before."
             )
         for block in reversed(wanted):  # the last one holds what the first one made of a row
             rows = rows_of_block(block)
-            model.del_component(block)
+            block.parent_block().del_component(block)
             for row, expression in rows or ():
                 if expression is None:
                     row.activate()
                 else:
                     row.set_value(expression)
 
-    def _rows(self, model: Any, targets: Sequence[Any] | None) -> Iterator[Any]:
+    def _rows(self, model: Any, targets: Sequence[Any] | None) -> Iterable[Any]:
         if targets is None:
             targets = [model]
         for target in targets:
@@ -145,9 +155,9 @@ class RowReplacement(Transformation):
                 raise ComplementarityError(f"'{target.name}': is neither a block nor a {kinds}; give such as targets.")
 
     def _generated_on(self, model: Any) -> Iterator[Any]:
-        for block in list(model.component_objects(Block, descend_into=False)):
+        for block in model.block_data_objects(active=None, descend_into=BLOCK_TYPES):
             # The name is looked at first so that no private data appear on blocks of the user.
-            if block.local_name.startswith(self.block_name) and not block.is_indexed() and rows_of_block(block):
+            if block.local_name.startswith(self.block_name) and rows_of_block(block):
                 yield block
 
 

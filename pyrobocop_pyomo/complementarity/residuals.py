@@ -7,12 +7,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan
 
-from .canonical import CanonicalPair, SidePart
+from .canonical import CanonicalForm, CanonicalPair, SidePart
 
 
 @dataclass(frozen=True)
@@ -97,13 +98,25 @@ def side_values(pair: CanonicalPair, unknown: float | None = None) -> tuple[floa
         Returned for a side without a value; by default that is an error, as for `pair_residuals`.
     """
     a, b = (_number(pair, side, unknown) for side in (pair.a, pair.b))
-    return _part(a, pair.a_part), _part(b, pair.b_part)
+    return float(part_of_side(a, pair.a_part)), float(part_of_side(b, pair.b_part))
 
 
-def _part(number: float, part: SidePart) -> float:
-    if part is SidePart.WHOLE or math.isnan(number):
-        return number
-    return max(number if part is SidePart.POSITIVE else -number, 0.0)
+def sides_at_zero(form: CanonicalForm) -> list[tuple[CanonicalPair, Any, str]]:
+    """The sides that are held at zero, of each pair the one that is smaller now: the pair, its side, and which it is.
+
+    The parts of a free side are zero together: one equation, and only where no bound of the range has one.
+    """
+    stated = [(pair, *side_values(pair)) for pair in form.pairs if pair.a_part is SidePart.WHOLE]
+    first = [(pair, pair.a, "first") for pair, a, b in stated if a < b]
+    second = [(pair, pair.b, "second") for pair, a, b in stated if not a < b]
+    whole = [each for each in second if each[0].b_part is SidePart.WHOLE]
+    parts = [each for each in second if each[0].b_part is not SidePart.WHOLE]
+    return [*first, *whole, *([] if first else parts[:1])]
+
+
+def part_of_side(values: Any, part: SidePart) -> Any:
+    """What numbers of a side, or arrays of them, count for as a part of a range."""
+    return values if part is SidePart.WHOLE else np.maximum(values if part is SidePart.POSITIVE else -values, 0.0)
 
 
 def _number(pair: CanonicalPair, side: Any, unknown: float | None) -> float:

@@ -1,127 +1,36 @@
-"""The transformation `pyrobocop.products_to_complementarity`: rows that a product is zero become pairs, reversibly."""
+"""Rows that say that a product is zero."""
 
 from __future__ import annotations
 
 from math import isfinite
 from typing import Any
 
-from pyomo.contrib.fbbt.expression_bounds_walker import ExpressionBoundsVisitor
-from pyomo.core.base import TransformationFactory
-from pyomo.core.base.constraint import Constraint
-from pyomo.core.expr.numeric_expr import NegationExpression, PowExpression, ProductExpression
+from pyomo.core.expr.numeric_expr import NegationExpression, ProductExpression
 from pyomo.core.expr.numvalue import native_types, value
-from pyomo.core.expr.relational_expr import InequalityExpression
 
-from pyrobocop_pyomo.errors import ComplementarityError
+from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
 from pyrobocop_pyomo.modeling.expressions import holds_variable
 
-from .component import Complementarity
-from .replaced_rows import RowReplacement, index_without_time, rows_of_block, targets_option
-from .statement import ANY_SIGN, Complements, complements, either_zero
 
-
-def zero_product(row: Any) -> tuple[Any, Any] | None:
-    """The two factors of a row that says that their product is zero; None for any other row.
+def is_zero_product(row: Any) -> bool:
+    """Whether a row says that the product of two factors with variables is zero.
 
     Such are ``a * b == 0`` and, where no factor is negative by the bounds of its variables, ``a * b <= 0``. Numbers
-    before the product are left out, and of a power ``x**2`` its base is taken, which is zero where the power is.
+    before the product are left out.
     """
     lower, upper = (_finite(bound) for bound in (row.lower, row.upper))
     body = without_number(row.body)
     if upper != 0.0 or lower not in (0.0, None) or not isinstance(body, ProductExpression):
-        return None
+        return False
     if lower is None and not (body is row.body and all(interval_of(factor)[0] >= 0.0 for factor in body.args)):
-        return None
-    first, second = map(_base, body.args)
-    return (first, second) if holds_variable(first) and holds_variable(second) and first is not second else None
-
-
-def pair_of_factors(first: Any, second: Any) -> Complements | None:
-    """State by a pair that one of two factors is zero; None where the bounds of the variables say no sign of either."""
-    signed = [_with_sign(factor) for factor in (first, second)]
-    if signed[0] is not None and signed[1] is not None:
-        return complements(*signed)
-    if signed[0] is not None:
-        return either_zero(signed[0], second)
-    return None if signed[1] is None else either_zero(signed[1], first)
-
-
-def as_line(pair: Complements) -> str:
-    """The pair as a line of Python."""
-    which = "either_zero" if pair.second_bound == ANY_SIGN else "complements"
-    return f"rcp.{which}({_shown(pair.first)}, {_shown(pair.second)})"
-
-
-@TransformationFactory.register(
-    "pyrobocop.products_to_complementarity", doc="Turn rows that a product is zero into pairs, reversibly."
-)
-class ProductsToComplementarity(RowReplacement):
-    """Replace rows ``a * b == 0`` by pairs, which this package solves by their branches.
-
-    The derivatives of such a product vanish where both factors do, and solvers stall there. Where the bounds of the
-    variables say that neither factor is negative, the pair is ``complements(a >= 0, b >= 0)``; where they say the sign
-    of one, it is ``either_zero(a >= 0, b)``. Rows of any other kind stay, as do products whose factors both have any
-    sign. Points that meet the row and the bounds meet the pair, and the other way round.
-
-    Option of ``apply_to`` and ``create_using``: ``targets`` (blocks, constraints or single rows; default all). Rows are
-    deactivated and never changed; those in disjuncts are left alone.
-    """
-
-    CONFIG = targets_option("pyrobocop.products_to_complementarity", "constraints or single rows")
-    ctypes = (Constraint,)
-    block_name = "products_as_pairs"
-    generated = "pairs in place of products"
-
-    def _fill(self, block: Any, rows: list[Any]) -> list[tuple[Any, Any]]:
-        found = [(row, pair) for row in rows if (pair := _pair_of_row(row)) is not None]
-        # Rows of one component that state the same at different times, as pairs of one family.
-        block.pairs = Complementarity(
-            range(len(found)),
-            rule=lambda b, i: found[i][1],
-            family=lambda b, i: (found[i][0].parent_component().name, index_without_time(found[i][0].index())),
-        )
-        return [(row, None) for row, _ in found]
-
-    def _nothing_found(self, where: str) -> str:
-        return (
-            f"no active row in {where} says that a product is zero of which one factor has a known "
-            "sign. Give the factor that is never negative a bound: bounds=(0, None)."
-        )
-
-    def source_of(self, pair: Any) -> Any:
-        """Return the row that a generated pair stands for."""
-        rows = rows_of_block(pair.parent_block())
-        if rows is None:
-            raise ComplementarityError(f"'{pair.name}': was not generated by pyrobocop.products_to_complementarity.")
-        return rows[pair.index()][0]
-
-
-def _pair_of_row(row: Any) -> Complements | None:
-    factors = zero_product(row)
-    return None if factors is None else pair_of_factors(*factors)
-
-
-def _with_sign(factor: Any) -> Any:
-    """The factor with its sign as a relation; None where its bounds say none."""
-    least, most = interval_of(factor)
-    if least >= 0.0:
-        return factor >= 0
-    return factor <= 0 if most <= 0.0 else None
+        return False
+    first, second = map(without_number, body.args)
+    return holds_variable(first) and holds_variable(second) and first is not second
 
 
 def interval_of(expression: Any) -> tuple[float, float]:
     """By interval arithmetic, from the declared bounds of variables: fixed ones may be freed again."""
-    return ExpressionBoundsVisitor(use_fixed_var_values_as_bounds=False).walk_expression(expression)
-
-
-def _base(factor: Any) -> Any:
-    """What is zero where the factor is."""
-    factor = without_number(factor)
-    if isinstance(factor, PowExpression):
-        base, power = factor.args
-        if power.__class__ in native_types and power > 0 and power == int(power):
-            return without_number(base)
-    return factor
+    return ExpressionBounds(use_fixed_var_values_as_bounds=False).walk_expression(expression)
 
 
 def without_number(expression: Any) -> Any:
@@ -142,10 +51,3 @@ def _finite(number: Any) -> float | None:
         return None
     known = value(number, exception=False)
     return None if known is None or not isfinite(known) else float(known)
-
-
-def _shown(side: Any) -> str:
-    if not isinstance(side, InequalityExpression):
-        return str(side)
-    low, high = side.args
-    return f"{low} <= 0" if high.__class__ in native_types else f"{high} >= 0"

@@ -8,13 +8,13 @@ from pyomo.common.config import ConfigDict, ConfigValue
 from pyomo.core.base import Transformation, TransformationFactory
 
 from .grouping import PerPair, as_grouping
-from .parameters import finite_positive, reset_parameters, update_parameters
 from .relaxations import Scholtes, as_relaxation
 from .relaxing import (
     FIRST_DELTA,
     RelaxationToken,
     crossed_pairs_of,
     delta_of,
+    finite_positive,
     lifted_pairs_of,
     pairs_of,
     relax,
@@ -42,9 +42,9 @@ class RelaxComplementarity(Transformation):
     object), ``grouping`` ("pair", "element" or an object), ``delta`` (first value, 1e-2), ``lift`` (False) and
     ``targets`` (blocks, components or single pairs; default all). With ``lift``, a generated variable ``s >= 0``
     with the row ``s == side`` stands for each side that is more than a variable with a sign and an offset, so that
-    products are bilinear; it starts at the value of the side. An application to a model that is relaxed already
-    adds what is new, under the same delta. A block that is deactivated afterwards takes its own constraints
-    out of the model but not the generated rows of its pairs: revert before, or deactivate first.
+    products are bilinear; it starts at the value of the side. A model is relaxed once, with all its targets. A
+    block that is deactivated afterwards takes its own constraints out of the model but not the generated rows of its
+    pairs: revert before, or deactivate first.
     """
 
     CONFIG = ConfigDict("pyrobocop.relax_complementarity")
@@ -75,8 +75,6 @@ class RelaxComplementarity(Transformation):
 
     # What the functions of the same names do.
     revert = staticmethod(revert)
-    update_parameters = staticmethod(update_parameters)
-    reset_parameters = staticmethod(reset_parameters)
     delta_of = staticmethod(delta_of)
     relaxation_of = staticmethod(relaxation_of)
     pairs_of = staticmethod(pairs_of)
@@ -88,10 +86,8 @@ class RelaxComplementarity(Transformation):
     sources_of = staticmethod(sources_of)
 
     def _apply_to(self, model: Any, **options: Any) -> RelaxationToken:
-        options = {**options.pop("options", {}), **options}
-        config = self.CONFIG(options)
-        # What is not given is left to `relax`: a model that is relaxed already keeps its options.
-        return relax(model, **{name: config[name] for name in options})
+        config = self.CONFIG({**options.pop("options", {}), **options})
+        return relax(model, **{name: config[name] for name in config})
 
     def residuals(self, model: Any) -> list[PairResidual]:
         """Evaluate all pairs, relaxed or still active, at the current values.

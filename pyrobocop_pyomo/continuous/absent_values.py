@@ -19,7 +19,7 @@ from typing import Any
 from pyomo.core.base.var import Var
 from pyomo.dae import DerivativeVar
 
-from pyrobocop_pyomo.errors import TranscriptionError
+from pyrobocop_pyomo.errors import ModelError
 
 from .record import Discretisation, open_sets
 from .structure import Axis, Spot, axes_of, axis_on, continuous_sets
@@ -195,11 +195,11 @@ class AbsentValues:
                 if axis.time(index) == last and known.of(axis.others(index)).from_left and not fixed:
                     self.absent[id(data)] = (data, axis.domain, last)
 
-    def refusal(self, data: Any, variable: Any) -> TranscriptionError:
+    def refusal(self, data: Any, variable: Any) -> ModelError:
         """What to raise where a row that holds in any case needs a variable without a value."""
         _, domain, time = self.absent[id(variable)]
         scheme = self._discretisations[id(domain)].grid.scheme
-        return TranscriptionError(
+        return ModelError(
             f"'{data.name}': holds '{variable.name}', but {scheme.name} has no collocation point at "
             f"{domain.local_name} = {time:g}: only states have a value there. Leave that point out, write an Integral "
             f"for a sum over '{domain.local_name}', or choose a scheme with a point there: radau has one at the end, "

@@ -35,7 +35,6 @@ from pyrobocop_pyomo.transcription import collocation_rows, continuity_rows
 
 from .expansion import set_initial_value
 from .line_ends import closing_rows, rows_from_left
-from .mixed_derivatives import remove_mixed_steps
 from .record import Discretisation, LineEnds, Substitution, open_sets
 from .right_hand_side import RightHandSide
 from .row_variables import RowVariables, row_variables
@@ -43,7 +42,7 @@ from .structure import PAIRS, Axis, Spot, axes_of, axis_on, continuous_sets, var
 
 
 def derivatives_along(spots: list[Spot], domain: Any) -> list[tuple[Any, dict[int, Any]]]:
-    """Every variable with derivatives along one set alone, and the derivatives by their order."""
+    """Every variable with derivatives along a set, and the derivatives by their order."""
     found: dict[int, tuple[Any, dict[int, Any]]] = {}
     for spot in spots:
         derivative = spot.component
@@ -53,16 +52,6 @@ def derivatives_along(spots: list[Spot], domain: Any) -> list[tuple[Any, dict[in
         if all(along_set is domain for along_set in along):
             variable = derivative.get_state_var()
             found.setdefault(id(variable), (variable, {}))[1][len(along)] = derivative
-    return list(found.values())
-
-
-def _with_mixed_steps(discretisation: Discretisation, spots: list[Spot]) -> list[tuple[Any, dict[int, Any]]]:
-    """As `derivatives_along`, with the steps of mixed derivatives."""
-    found = {
-        id(variable): (variable, by_order) for variable, by_order in derivatives_along(spots, discretisation.domain)
-    }
-    for step in discretisation.mixed:
-        found.setdefault(id(step.state), (step.state, {}))[1][step.order] = step.rate
     return list(found.values())
 
 
@@ -79,7 +68,7 @@ def add_collocation(discretisation: Discretisation, spots: list[Spot], deferred:
     discretisation.states, discretisation.derivatives, discretisation.rows = [], [], ComponentMap()
     discretisation.joints.clear()
     discretisation.deferred.clear()
-    for variable, by_order in _with_mixed_steps(discretisation, spots):
+    for variable, by_order in derivatives_along(spots, discretisation.domain):
         levels = [variable]
         for order in range(1, max(by_order) + 1):
             nearest = by_order[min(known for known in by_order if known >= order)]
@@ -88,7 +77,6 @@ def add_collocation(discretisation: Discretisation, spots: list[Spot], deferred:
             _add_rows(home, levels[-2], levels[-1], discretisation, deferred, open_ids)
             discretisation.states.append(levels[-2])
             discretisation.derivatives.append((levels[-2], levels[-1]))
-    discretisation.states += [step.variable for step in discretisation.mixed]
 
 
 def remove_collocation(discretisation: Discretisation) -> None:
@@ -99,7 +87,6 @@ def remove_collocation(discretisation: Discretisation) -> None:
             parent.del_component(block)
     discretisation.generated.clear()
     discretisation.deferred.clear()
-    remove_mixed_steps(discretisation)
 
 
 def _home(discretisation: Discretisation, parent: Any, homes: dict[int, Any]) -> Any:
@@ -128,7 +115,7 @@ def _add_rows(
     home.add_component(unique_component_name(home, rate.local_name), rows)
     discretisation.rows[rate] = rows
     joints = closing = None
-    if not grid.scheme.end_is_a_node and state not in discretisation.given_otherwise():
+    if not grid.scheme.end_is_a_node:
         joints = Constraint(rate.index_set())
         home.add_component(unique_component_name(home, f"{state.local_name}_continuity"), joints)
         discretisation.joints.append((state, joints))

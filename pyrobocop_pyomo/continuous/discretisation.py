@@ -9,8 +9,9 @@ from pyomo.core.base.var import Var
 from pyomo.dae import DerivativeVar, Integral
 
 from pyrobocop_pyomo.complementarity import Complementarity
-from pyrobocop_pyomo.errors import TranscriptionError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_scalar
+from pyrobocop_pyomo.modeling.failures import undone_on_failure
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.transcription import quadrature
 
@@ -24,7 +25,6 @@ from .derivatives import (
 )
 from .expansion import Family, declaration_of, expand, refuse_what_cannot_grow
 from .holding_rows import HoldingRows
-from .mixed_derivatives import add_mixed_steps, mixed_derivatives
 from .point_values import undecided_parts
 from .record import Discretisation, DiscretisationRecord, discretisation_record_of, discretisations_of
 from .shown_values import add_shown_values, clear, find_definitions, find_shown_values
@@ -57,11 +57,8 @@ def discretise(
     for other in others:
         restore_derivatives(other)
         remove_collocation(other)  # they would need rows at points that are new
-    try:
+    with undone_on_failure(lambda: rebuild_rows(others, finished)):
         return _discretise(domain, points, grid, substitutes, previous)
-    except BaseException:
-        rebuild_rows(others, finished)
-        raise
 
 
 def rebuild_rows(others: list[Discretisation], finished: list[Discretisation]) -> None:
@@ -69,8 +66,6 @@ def rebuild_rows(others: list[Discretisation], finished: list[Discretisation]) -
     for other in others:
         restore_derivatives(other)
         remove_collocation(other)
-    if others:
-        add_mixed_steps(others, list(spots(others[0].domain.model())))
     for other in others:
         add_collocation(other, list(spots(other.domain.model())))
         add_shown_values(other)
@@ -93,10 +88,6 @@ def _discretise(
     possible_sums = find_possible_sums(found, domain)
     remember_integrands(found, record)
     discretisation = Discretisation(domain, grid, points, substitutes)
-    is_new = domain not in record.order
-    if is_new:
-        earlier = (discretisation_record_of(one.domain).order[one.domain] for one in discretisations_on(root))
-        record.order[domain] = 1 + max(earlier, default=0)
     integrals = [spot.component for spot in found if isinstance(spot.component, Integral)]
     discretisation.formulas = [(data, data.expr) for integral in integrals for data in integral.values()]
     try:
@@ -127,8 +118,6 @@ def _discretise(
         _mark_pairs(found, discretisation)
     except BaseException:
         undo_discretisation(discretisation)
-        if is_new:
-            del record.order[domain]
         raise
     return discretisation
 
@@ -141,7 +130,6 @@ def _write_rows(
         remove_collocation(one)
     if previous is not None:
         previous.give_to(found, discretisation)
-    add_mixed_steps(everything, found)
     for one in everything:
         # With one set nobody reads the rows before the substitution, which writes most of them anew.
         add_collocation(one, found, deferred=len(everything) == 1)
@@ -152,7 +140,9 @@ def _write_rows(
 def _show_values(root: Any, rows: HoldingRows, discretisation: Discretisation, added: set[int]) -> None:
     """Give values to variables without one, as far as that restricts nothing else; fix the others to None."""
     absent = rows.values.absent
-    sources = find_shown_values(list(spots(root)), absent, rows.used)
+    in_pairs = absent.keys() & {key for _, ids in rows.first_pairs for key in ids}
+    alone = {key: place for key, place in absent.items() if key not in in_pairs}
+    sources = find_shown_values(list(spots(root)), alone, rows.used - in_pairs)
     definitions = find_definitions([row for row, _ in rows.undetermined], absent, sources)
     hold = {id(row): row for row in definitions.values()}
     parts = undecided_parts(rows.undetermined, absent.keys())
@@ -166,6 +156,9 @@ def _show_values(root: Any, rows: HoldingRows, discretisation: Discretisation, a
                 del absent[key]
     for key in rows.asked_for & absent.keys() - sources.keys() - definitions.keys():
         del absent[key]
+    for pair, held in rows.first_pairs:
+        if absent.keys().isdisjoint(held) and not in_pairs.isdisjoint(held):
+            hold[id(pair)] = pair
     for row in hold.values():
         row.activate()
     discretisation.deactivated = [row for row in discretisation.deactivated if id(row) not in hold]
@@ -210,13 +203,11 @@ def undo_discretisation(discretisation: Discretisation) -> None:
 
 def _states_of(found: list[Spot], domain: Any) -> list[Any]:
     along = derivatives_along(found, domain)
-    states = [
+    return [
         state
         for variable, by_order in along
         for state in (variable, *(by_order[order] for order in by_order if order < max(by_order)))
     ]
-    mixed = [d for d in mixed_derivatives(found) if any(domain is other for other in d.get_continuousset_list())]
-    return states + [derivative.get_state_var() for derivative in mixed]
 
 
 def _inherit(found: list[Spot], discretisation: Discretisation) -> None:
@@ -245,6 +236,8 @@ def _mark_pairs(found: list[Spot], discretisation: Discretisation) -> None:
         if spot.component.ctype is not Complementarity:
             continue
         for family, time, data in spot.members_along(discretisation.domain):
+            if time not in elements and data.active and spot.component._group_rule is None:
+                data.set_group(0)  # at the first point, which no quadrature weighs
             if time in elements:
                 if spot.component._group_rule is None:
                     data.set_group(elements[time])
@@ -307,7 +300,7 @@ def remember_integrands(spots: list[Spot], record: DiscretisationRecord) -> None
 
     Raises
     ------
-    TranscriptionError
+    ModelError
         When the rule cannot be found.
     """
     for spot in spots:
@@ -318,9 +311,7 @@ def remember_integrands(spots: list[Spot], record: DiscretisationRecord) -> None
         wrapped = getattr(integral._rule, "_fcn", None)
         rule = getattr(wrapped, "__globals__", {}).get("rule")
         if not callable(rule):
-            raise TranscriptionError(
-                f"'{integral.name}': its integrand cannot be read; give it as rule=... a function."
-            )
+            raise ModelError(f"'{integral.name}': its integrand cannot be read; give it as rule=... a function.")
         record.integrands[integral] = rule
 
 

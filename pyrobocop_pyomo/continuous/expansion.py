@@ -13,8 +13,7 @@ rules, for each variable with its other indices:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,6 +22,7 @@ from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint, ConstraintData, ConstraintList
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.param import Param
+from pyomo.core.base.piecewise import Piecewise
 from pyomo.core.base.set import Set, SetOf
 from pyomo.core.base.suffix import Suffix
 from pyomo.core.base.var import Var, VarData
@@ -32,8 +32,9 @@ from pyomo.dae import DerivativeVar, Integral
 from pyomo.mpec import Complementarity as MpecComplementarity
 
 from pyrobocop_pyomo.complementarity import Complementarity
-from pyrobocop_pyomo.errors import PyRobocopError, TranscriptionError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.bulk_parts import copy_variable, new_row
+from pyrobocop_pyomo.modeling.failures import failures_as
 from pyrobocop_pyomo.modeling.variable_values import within_bounds
 
 from .structure import PAIRS, Spot, axis_on
@@ -47,18 +48,24 @@ ATTRIBUTE_NAMES = {"lower": "lower bounds", "upper": "upper bounds", "domain": "
 
 
 def refuse_what_cannot_grow(spots: list[Spot], domain: Any) -> None:
-    """Raise a `TranscriptionError` that names a component which has no way to get new points."""
+    """Raise a `ModelError` that names a component which has no way to get new points."""
     for spot in spots:
         component = spot.component
         if component.ctype in LEFT_ALONE or component.is_reference() or axis_on(component, domain) is None:
             continue
+        along = component.get_continuousset_list() if isinstance(component, DerivativeVar) else [domain]
+        if any(one is not along[0] for one in along) and any(one is domain for one in along):
+            raise ModelError(
+                f"'{component.name}': is a derivative along {' and '.join(sorted({one.name for one in along}))} "
+                "together. Discretise all of these by dae.finite_difference or dae.collocation."
+            )
         if component.ctype not in ORDER:
-            raise TranscriptionError(
+            raise ModelError(
                 f"'{component.name}': a {component.ctype.__name__} indexed by '{domain.name}' cannot be discretised. "
                 "Build it after the transformation."
             )
         if component.ctype in (Constraint, *PAIRS) and len(component._data) > 0 and _without_rule(component):
-            raise TranscriptionError(
+            raise ModelError(
                 f"'{component.name}': is indexed by '{domain.name}' but has no function as its rule, so that its rows "
                 "at new points are unknown. Give it rule=..., or build it after the transformation."
             )
@@ -69,7 +76,7 @@ def expand(spots: list[Spot], domain: Any) -> None:
 
     Raises
     ------
-    TranscriptionError
+    ModelError
         When a rule fails at a new point.
     """
     for ctype in ORDER:
@@ -92,13 +99,12 @@ def expand(spots: list[Spot], domain: Any) -> None:
                 for index in component.index_set()
                 if index not in component._data and (ctype is not Var or axis.others(index) in known)
             ]
-            with _naming(component) as place:
-                alike = 1 if ctype in (Var, DerivativeVar) and _says_the_same_everywhere(component) else len(missing)
-                for index in missing[:alike]:
-                    place.index = index
+            alike = 1 if ctype in (Var, DerivativeVar) and _says_the_same_everywhere(component) else len(missing)
+            for index in missing[:alike]:
+                with failures_as(ModelError, f"'{component.name}': its rule failed at the new point {index}"):
                     create(component, index)
-                if missing[alike:]:
-                    copy_variable(component._data[missing[0]], missing[alike:])
+            if missing[alike:]:
+                copy_variable(component._data[missing[0]], missing[alike:])
             for index in missing:
                 if all_inactive and ctype is not Param and index in component._data and hasattr(component, "active"):
                     _deactivate(component._data[index])
@@ -109,27 +115,13 @@ def _deactivate(data: Any) -> None:
         data.deactivate()
 
 
-@dataclass
-class _Place:
-    index: Any = None
-
-
-@contextmanager
-def _naming(component: Any) -> Iterator[_Place]:
-    place = _Place()
-    try:
-        yield place
-    except PyRobocopError:
-        raise
-    except Exception as error:
-        raise TranscriptionError(
-            f"'{component.name}': its rule failed at the new point {place.index}: {type(error).__name__}: {error}"
-        ) from error
-
-
 def _by_asking(component: Any, index: Any) -> None:
-    """As Pyomo does: looking up a missing index runs the rule."""
-    if index not in component._data:
+    """As Pyomo does: looking up a missing index runs the rule, and a piecewise function is added to."""
+    if index in component._data:
+        return
+    if isinstance(component, Piecewise):
+        component.add(index)
+    else:
         component._getitem_when_not_present(index)
 
 
@@ -224,7 +216,7 @@ class Family:
 
         Raises
         ------
-        TranscriptionError
+        ModelError
             When the old points disagree.
         """
         if not self.old or not self.new:
@@ -250,7 +242,7 @@ class Family:
         if not all(changed):
             for (time, data), is_changed in zip(self.old, changed, strict=True):
                 if is_changed and not self.is_state and time not in self.points:
-                    raise TranscriptionError(
+                    raise ModelError(
                         f"'{data.name}': has {ATTRIBUTE_NAMES[attribute]} of its own, but no value: the scheme has no "
                         f"collocation point at {domain.local_name} = {time:g}. Take them away, or choose a scheme with "
                         "a point there."
@@ -261,7 +253,7 @@ class Family:
             return  # the rule of a block gives each point its own
         if not all(_same(bound, given[0]) for bound in given):
             (first, data), (last, other) = self.old[0], self.old[-1]
-            raise TranscriptionError(
+            raise ModelError(
                 f"'{data.name}' and '{other.name}': their {ATTRIBUTE_NAMES[attribute]} were set to {_text(given[0])} "
                 f"and {_text(given[-1])}; what holds between {first:g} and {last:g} is unknown. Give the variable "
                 f"{'domain' if attribute == 'domain' else 'bounds'}=... as a function of '{domain.name}', or set them "
@@ -299,7 +291,7 @@ class Family:
                 data.fix()
             return
         names = ", ".join(f"'{data.name}' at {_text(data.value)}" for _, data in self.old)
-        raise TranscriptionError(
+        raise ModelError(
             f"{names}: fixed at different values; the values between are unknown. Fix one value, give the variable "
             f"initialize=... as a function of '{domain.name}' before fixing it, or fix it after the transformation."
         )

@@ -10,7 +10,7 @@ from pyomo.core.base.var import Var
 from pyomo.core.expr import LinearExpression
 from pyomo.dae import ContinuousSet
 
-from pyrobocop_pyomo.errors import TranscriptionError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
 
 from .record import discretisation_of
@@ -36,35 +36,35 @@ def add_interpolation(model: Any, variable: Any, points: int, domain: Any) -> An
 
     Raises
     ------
-    TranscriptionError
+    ModelError
         When this cannot be done.
     """
     discretisation = discretisation_of(domain) if getattr(domain, "ctype", None) is ContinuousSet else None
     if discretisation is None:
-        raise TranscriptionError(
+        raise ModelError(
             f"contset: '{getattr(domain, 'name', domain)}' was not discretised by pyrobocop.collocation. Apply it "
             "first, and pass the ContinuousSet."
         )
     axis = axis_on(variable, domain) if getattr(variable, "ctype", None) is Var else None
     if axis is None:
-        raise TranscriptionError(
+        raise ModelError(
             f"var: '{getattr(variable, 'name', variable)}' is no variable that is indexed by '{domain.name}'."
         )
     scheme, stages = discretisation.grid.scheme, discretisation.grid.scheme.stages
     if not isinstance(points, int) or not 1 <= points <= stages:
-        raise TranscriptionError(
+        raise ModelError(
             f"'{variable.name}': ncp = {points!r}, but '{domain.name}' has {stages} points in each element. Give a "
             f"whole number from 1 to {stages}."
         )
     if points == stages:
         return None
     if discretisation.grid.elements_share_points:
-        raise TranscriptionError(
+        raise ModelError(
             f"'{variable.name}': with {scheme.name} neighbouring elements share a point, so that no element has values "
             "of its own. Choose radau or gauss."
         )
     if not discretisation.state_ids().isdisjoint(map(id, variable.values())):
-        raise TranscriptionError(
+        raise ModelError(
             f"'{variable.name}': has a derivative with respect to '{domain.name}', whose equations need all of its "
             "values. Only controls and algebraics can have fewer."
         )

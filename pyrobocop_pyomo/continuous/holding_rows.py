@@ -8,7 +8,7 @@ there hold:
 * equations that determine an algebraic or a derivative from the states (`point_values`), and inequalities of those;
   with several sets at their first points only;
 * at the first point other equations as well (`shown_values`), since initial conditions may be stated for any variable;
-* no pairs.
+* no pairs, but at the first point those of variables that these equations leave to choose.
 
 The others are deactivated. With several sets there is more to say: an equation may be missing at the ends of space
 (`line_ends`), and generated rows may be one too many.
@@ -22,7 +22,7 @@ from typing import Any
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 
-from pyrobocop_pyomo.errors import TranscriptionError
+from pyrobocop_pyomo.errors import ModelError
 
 from .absent_values import AbsentValues
 from .derivatives import explicit_candidates
@@ -55,6 +55,8 @@ class HoldingRows:
         Equations of the user's that were deactivated because they leave variables undetermined.
     asked_for : set of int
         Ids of variables at first points that other rows hold, such as ``dx[0] == 0``.
+    first_pairs : list of (pair, ids of its variables)
+        At first points: a pair holds there where all its variables do, and the value of a neighbour would violate it.
     """
 
     def __init__(self, spots: list[Spot], discretisations: Iterable[Discretisation]) -> None:
@@ -83,7 +85,8 @@ class HoldingRows:
         self.used: set[int] = set()
         self.undetermined: list[tuple[Any, list[Any]]] = []
         self.asked_for: set[int] = set()
-        self._refused: TranscriptionError | None = None
+        self.first_pairs: list[tuple[Any, Collection[int]]] = []
+        self._refused: ModelError | None = None
 
     def deactivate_rows(self, deactivated: list[Any]) -> bool:
         """Deactivate the rows and pairs that do not hold, and append them to the list; delete the generated ones.
@@ -96,7 +99,7 @@ class HoldingRows:
 
         Raises
         ------
-        TranscriptionError
+        ModelError
             When what holds, or an objective, needs a variable that is not there.
         """
         pending: list[Pending] = []
@@ -126,6 +129,8 @@ class HoldingRows:
                     or self._gives_no_value(data, variables)
                 ):
                     self._dropped |= variables.keys()
+                    if data.ctype in PAIRS and self.values.is_first(*point):
+                        self.first_pairs.append((data, variables.keys()))
                     self._deactivate(data, deactivated)
                     continue
                 if not self._is_unsettled(data, family, point, variables):
@@ -178,9 +183,6 @@ class HoldingRows:
         if data.ctype is not Constraint or not data.equality or self.values.is_first(*point):
             return False
         if not self.values.several and not self.values.candidates.keys().isdisjoint(variables):
-            return False
-        otherwise = self._discretisations[id(point[0])].given_otherwise()
-        if otherwise and any(variable.parent_component() in otherwise for variable in variables.values()):
             return False
         return self.values.conditions.isdisjoint(variables) and family in self._families_along()
 
@@ -407,7 +409,7 @@ class HoldingRows:
             line = [component[axis.join(axis.others(data.index()), t)] for axis in axes for t in axis.domain]
             # Where nothing else along the set holds the derivative either, the number is not part of any statement.
             if key not in used and any(id(point) in used and not point.fixed for point in line):
-                raise TranscriptionError(
+                raise ModelError(
                     f"'{data.name}': is fixed, but no equation that holds at that point has it. State the condition in "
                     "states alone, index the equation by the whole set, or choose lobatto."
                 )

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 from pyomo.common.collections import ComponentMap
 from pyomo.core.expr import LinearExpression
 
-from pyrobocop_pyomo.errors import TranscriptionError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.numerics.lagrange import barycentric_weights, differentiation_matrix
 
@@ -97,25 +97,21 @@ def find_line_ends(discretisation: Discretisation, has_equation: Callable[[Any],
 
     Raises
     ------
-    TranscriptionError
+    ModelError
         When an equation is missing elsewhere than at an end.
     """
     ends, grid = ComponentMap(), discretisation.grid
     states = {id(state) for state in discretisation.states}
-    # The equation of what is in between is that of the mixed derivative.
-    whole = {id(step.rate): step.derivative for step in discretisation.mixed}
-    otherwise = discretisation.given_otherwise()
     orders = _orders(discretisation)
-    for state, derivative in discretisation.derivatives:
-        if id(derivative) in states or state in otherwise:
+    for _, derivative in discretisation.derivatives:
+        if id(derivative) in states:
             continue
         axis = axis_on(derivative, discretisation.domain)
         assert axis is not None
         lines: dict[Any, set[float]] = {}
-        stated = whole.get(id(derivative), derivative)
         for index, data in derivative.items():
             equations = lines.setdefault(axis.others(index), set())
-            if has_equation(data) or has_equation(stated[index]):
+            if has_equation(data):
                 equations.add(axis.time(index))
         if not any(lines.values()):
             continue
@@ -132,8 +128,7 @@ def find_line_ends(discretisation: Discretisation, has_equation: Callable[[Any],
         special = next((one for one in found.values() if one != LineEnds()), None)
         if special is not None:
             # Lines without any equation, such as those at the initial time, have nothing that could be missing.
-            # What is in between has a value there all the same.
-            without = special if id(derivative) in whole else LineEnds(from_left=special.from_left)
+            without = LineEnds(from_left=special.from_left)
             ends[derivative] = DerivativeEnds({others: found.get(others, without) for others in lines}, special)
     return ends
 
@@ -168,11 +163,11 @@ class _Line(NamedTuple):
         from_left = self.order == 1 and radau_like and missing == [grid.points[-1]] and grid.times[0] in self.equations
         return LineEnds(from_left=True) if from_left else LineEnds(without=tuple(missing))
 
-    def refusal(self, grid: Grid) -> TranscriptionError:
+    def refusal(self, grid: Grid) -> ModelError:
         missing = self._missing(grid)
         inner = [time for time in missing if time not in (grid.points[0], grid.points[-1])]
         name = self.derivative[self.axis.join(self.others, (inner or missing)[0])].name
-        return TranscriptionError(
+        return ModelError(
             f"'{name}': has no equation, though the same derivative has one at other points. Index the constraint by "
             f"'{self.axis.domain.local_name}' itself, not by a list of its points; Constraint.Skip may leave out the "
             "first and the last point."

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from pyomo.common.autoslots import AutoSlots
-from pyomo.common.collections import ComponentMap, ComponentSet
+from pyomo.common.collections import ComponentMap
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
 
@@ -63,29 +63,6 @@ class DerivativeEnds(NamedTuple):
 
 
 @dataclass(eq=False)
-class MixedStep:
-    """One step of a derivative along several sets.
-
-    Attributes
-    ----------
-    variable : Var
-        What is differentiated in all.
-    state, rate : Var
-        The derivative along the sets before, and the one along this set as well.
-    order : int
-        How often it is taken along this set.
-    derivative : DerivativeVar
-        The derivative along all the sets.
-    """
-
-    variable: Any
-    state: Any
-    order: int
-    rate: Any
-    derivative: Any
-
-
-@dataclass(eq=False)
 class Discretisation:
     """The discretisation of one continuous set, with all that is needed to undo it.
 
@@ -122,9 +99,6 @@ class Discretisation:
         From a derivative to its `DerivativeEnds`, where equations are missing at an end.
     deferred : list of (Var, Var)
         Each state with its derivative, where the rows are still to be written.
-    mixed : list of MixedStep
-    expressions : list of (DerivativeVar, callable)
-        Derivatives along sets that are still to be discretised, with the expressions that pyomo.dae had for them.
     in_rows : dict of id to RowVariables
         What constraints hold, by their ids, until the discretisation is finished.
     """
@@ -146,13 +120,7 @@ class Discretisation:
     joints: list[tuple[Any, Any]] = field(default_factory=list)
     ends: Any = field(default_factory=ComponentMap)
     deferred: list[tuple[Any, Any]] = field(default_factory=list)
-    mixed: list[MixedStep] = field(default_factory=list)
-    expressions: list[tuple[Any, Any]] = field(default_factory=list)
     in_rows: dict[int, RowVariables] = field(default_factory=dict)
-
-    def given_otherwise(self) -> ComponentSet:
-        """The variables that mixed derivatives determine at element ends, by way of other sets."""
-        return ComponentSet(step.variable for step in self.mixed if step.state is not step.variable)
 
     def state_ids(self) -> set[int]:
         """The ids of all variables that have a value at every time of the set."""
@@ -183,16 +151,13 @@ class DiscretisationRecord(AutoSlots.Mixin):
         From a continuous set to its `Discretisation`.
     integrands : ComponentMap
         From an integral to the rule of its integrand.
-    order : ComponentMap
-        From a continuous set to a number: which of them was discretised first. Another mesh does not change it.
     """
 
-    __slots__ = ("discretisations", "integrands", "order")
+    __slots__ = ("discretisations", "integrands")
 
     def __init__(self) -> None:
         self.discretisations = ComponentMap()
         self.integrands = ComponentMap()
-        self.order = ComponentMap()
 
 
 Block.register_private_data_initializer(DiscretisationRecord)

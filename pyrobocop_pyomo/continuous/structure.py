@@ -9,7 +9,7 @@ from pyomo.dae import ContinuousSet
 from pyomo.mpec import Complementarity as MpecComplementarity
 
 from pyrobocop_pyomo.complementarity import Complementarity
-from pyrobocop_pyomo.errors import TranscriptionError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 
@@ -91,7 +91,7 @@ def axes_of(component: Any) -> tuple[Axis, ...]:
 
     Raises
     ------
-    TranscriptionError
+    ModelError
         When one of them comes twice, or comes after a set of unknown dimension.
     """
     if not component.is_indexed():
@@ -101,12 +101,12 @@ def axes_of(component: Any) -> tuple[Axis, ...]:
     for subset in component.index_set().subsets():
         if subset.ctype is ContinuousSet:
             if position is None:
-                raise TranscriptionError(
+                raise ModelError(
                     f"'{component.name}': the set before '{subset.name}' among its index sets has no fixed dimension. "
                     "Give that set a dimension, dimen=..."
                 )
             if any(axis.domain is subset for axis in axes):
-                raise TranscriptionError(
+                raise ModelError(
                     f"'{component.name}': is indexed by '{subset.name}' twice, which cannot be discretised. "
                     "Build it after the transformation."
                 )

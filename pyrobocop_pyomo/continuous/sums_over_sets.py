@@ -20,7 +20,8 @@ from pyomo.core.expr import MonomialTermExpression, NegationExpression, ProductE
 from pyomo.core.expr.numvalue import native_types, value
 from pyomo.dae import DerivativeVar, Integral
 
-from pyrobocop_pyomo.errors import TranscriptionError
+from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.modeling.failures import failures_as
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 
 from .structure import Spot, axis_on
@@ -36,14 +37,13 @@ class PossibleSum:
     leaves: frozenset[int]
 
     def check(self, domain: Any) -> None:
-        """Raise a `TranscriptionError` when the rule now says something else."""
-        try:
+        """Raise a `ModelError` when the rule now says something else."""
+        where = (
+            f"'{self.component.name}': holds variables at several points of '{domain.name}', and its rule fails now "
+            "that the set has more"
+        )
+        with failures_as(ModelError, where):
             result = self.component._rule(self.component.parent_block(), self.index)
-        except Exception as error:
-            raise TranscriptionError(
-                f"'{self.component.name}': holds variables at several points of '{domain.name}', and its rule fails "
-                f"now that the set has more: {type(error).__name__}: {error}"
-            ) from error
         parts = result if isinstance(result, (tuple, list)) else (result,)
         parts = [part for part in parts if part.__class__ in native_types or hasattr(part, "is_expression_type")]
         if {id(variable) for part in parts for variable in variables_in(part, self.leaves)} - self.variables:
@@ -55,7 +55,7 @@ def find_possible_sums(spots: list[Spot], domain: Any) -> list[PossibleSum]:
 
     Raises
     ------
-    TranscriptionError
+    ModelError
         When an expression without a rule looks like a sum over the set.
     """
     points = tuple(domain)
@@ -102,9 +102,9 @@ def _covers(times: set[float], points: tuple[float, ...]) -> bool:
     return len(times) > 1 and times >= min(set(points[1:]), set(points[:-1]), key=lambda inner: len(inner - times))
 
 
-def _refusal(component: Any, index: Any, domain: Any) -> TranscriptionError:
+def _refusal(component: Any, index: Any, domain: Any) -> ModelError:
     where = "" if index is None else f"[{index}]"
-    return TranscriptionError(
+    return ModelError(
         f"'{component.name}{where}': is a sum over the points that '{domain.name}' had when it was written, "
         "and would miss all others. For an integral over time write an Integral; for a sum over the final "
         "mesh build it after the transformation; for a sum over chosen points, such as times of measurements, give "

@@ -13,13 +13,14 @@ from pyomo.common.gc_manager import PauseGC
 from pyomo.core.base import Transformation, TransformationFactory
 from pyomo.dae import ContinuousSet
 
-from pyrobocop_pyomo.errors import MeshError, TranscriptionError
+from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.modeling.failures import undone_on_failure
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, find_scheme
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
 from .discretisation import discretisations_on, discretise, finalise, rebuild_rows, undo_discretisation
 from .fewer_points import add_interpolation
-from .mixed_derivatives import by_mixed_order, refuse_another_mesh
-from .record import discretisation_of, discretisation_record_of
+from .record import discretisation_of
 from .structure import axes_of, continuous_sets, spots
 from .values import PreviousValues, refuse_later_components
 
@@ -27,8 +28,6 @@ logger = logging.getLogger(__name__)
 
 # As users of pyomo.dae write them.
 DAE_SCHEMES = {"LAGRANGE-RADAU": "radau", "LAGRANGE-LEGENDRE": "gauss", "BACKWARD": "implicit_euler"}
-# Relative width below which two boundaries count as one number with rounding.
-LEAST_WIDTH = 1e-9
 
 
 def _scheme(name: Any) -> str | Scheme:
@@ -80,30 +79,22 @@ class Collocation(Transformation):
         options = {**options.pop("options", {}), **options}
         config = self.CONFIG(options)
         if not model.is_constructed():
-            raise TranscriptionError(f"'{model.name}': is not constructed. Create its instance first.")
+            raise ModelError(f"'{model.name}': is not constructed. Create its instance first.")
         if config.mesh is not None and "nfe" in options and len(config.mesh) - 1 != config.nfe:
-            raise TranscriptionError(
+            raise ModelError(
                 f"nfe = {config.nfe}, but the mesh has {len(config.mesh) - 1} elements. Give one of the two."
             )
         scheme = find_scheme(config.scheme, config.ncp)
         with PauseGC():
-            domains = by_mixed_order(_domains(model, config.wrt), spots(model))
+            domains = _domains(model, config.wrt)
             before = [(domain, discretisation_of(domain)) for domain in domains]
-            for _, discretisation in before:
-                if discretisation is not None:
-                    refuse_another_mesh(discretisation)
             finished: list[Any] = []
-            try:
+            with undone_on_failure(lambda: _undo_all(finished[:-1])):  # the last one, which failed, is as it was
                 for domain, discretisation in before:
                     points = tuple(domain) if discretisation is None else discretisation.points
                     grid = make_grid(domain, points, scheme, config.nfe, config.mesh)
                     finished.append((domain, discretisation))
                     _discretise(domain, discretisation, points, grid, config.derivatives == "substitute")
-            except BaseException:
-                # Those before the one that failed, which is as it was already.
-                for domain, discretisation in reversed(finished[:-1]):
-                    _undo(domain, discretisation)
-                raise
             for discretisation in discretisations_on(model.model()):
                 finalise(discretisation)
         for domain in domains:
@@ -141,7 +132,7 @@ class Collocation(Transformation):
 
         Raises
         ------
-        TranscriptionError
+        ModelError
             When the set is not discretised, the variable is a state or not indexed by it, or ``ncp`` does not fit.
         """
         add_interpolation(instance, var, ncp, contset)
@@ -155,11 +146,14 @@ def _discretise(domain: Any, discretisation: Any, points: tuple[float, ...], gri
     refuse_later_components(discretisation)
     previous = PreviousValues(list(spots(domain.model())), discretisation)
     undo_discretisation(discretisation)
-    try:
+    before = discretisation.grid, discretisation.substitutes, previous
+    with undone_on_failure(lambda: finalise(discretise(domain, points, *before))):
         discretise(domain, points, grid, substitutes, previous)
-    except BaseException:
-        finalise(discretise(domain, points, discretisation.grid, discretisation.substitutes, previous))
-        raise
+
+
+def _undo_all(finished: list[tuple[Any, Any]]) -> None:
+    for domain, discretisation in reversed(finished):
+        _undo(domain, discretisation)
 
 
 def _undo(domain: Any, discretisation: Any) -> None:
@@ -169,9 +163,7 @@ def _undo(domain: Any, discretisation: Any) -> None:
         undo_discretisation(current)
         others = discretisations_on(domain.model())
         rebuild_rows(others, [other for other in others if other.substitutions])
-        if discretisation is None:
-            del discretisation_record_of(domain).order[domain]
-        else:
+        if discretisation is not None:
             finalise(
                 discretise(domain, discretisation.points, discretisation.grid, discretisation.substitutes, previous)
             )
@@ -188,18 +180,18 @@ def _domains(model: Any, wrt: Any) -> list[Any]:
             raise _lives_elsewhere(model, elsewhere)
         chosen = [domain for domain in own if domain.active and discretisation_of(domain) is None] or own
         if not chosen:
-            raise TranscriptionError(f"'{model.name}': holds no ContinuousSet, so that there is nothing to discretise.")
+            raise ModelError(f"'{model.name}': holds no ContinuousSet, so that there is nothing to discretise.")
     else:
         chosen = list(wrt) if isinstance(wrt, (list, tuple)) else [wrt]
         for chosen_set in chosen:
             if getattr(chosen_set, "ctype", None) is not ContinuousSet:
-                raise TranscriptionError(f"wrt: '{getattr(chosen_set, 'name', chosen_set)}' is no ContinuousSet.")
+                raise ModelError(f"wrt: '{getattr(chosen_set, 'name', chosen_set)}' is no ContinuousSet.")
             if not any(chosen_set is domain for domain in own):
                 raise _lives_elsewhere(model, chosen_set)
     for chosen_set in chosen:
         if discretisation_of(chosen_set) is None and "scheme" in chosen_set.get_discretization_info():
             by = chosen_set.get_discretization_info()["scheme"]
-            raise TranscriptionError(
+            raise ModelError(
                 f"'{chosen_set.name}': was discretised by pyomo.dae ({by}) already. Start from the model before that "
                 "transformation."
             )
@@ -207,9 +199,9 @@ def _domains(model: Any, wrt: Any) -> list[Any]:
     return chosen
 
 
-def _lives_elsewhere(model: Any, domain: Any) -> TranscriptionError:
+def _lives_elsewhere(model: Any, domain: Any) -> ModelError:
     home = domain.parent_block()
-    return TranscriptionError(
+    return ModelError(
         f"'{model.name}': the set '{domain.name}' does not live in it but in "
         f"'{home.name if home is not None else 'no model'}'. Apply the transformation to that, so that everything "
         "which is indexed by the set grows with it."
@@ -227,7 +219,7 @@ def _refuse_outsiders(model: Any, domain: Any) -> None:
             and spot.component.ctype is not ContinuousSet
             and any(a.domain is domain for a in axes_of(spot.component))
         ):
-            raise TranscriptionError(
+            raise ModelError(
                 f"'{spot.component.name}': is indexed by '{domain.name}' but is no part of '{model.name}'. Apply the "
                 f"transformation to '{domain.model().name}'."
             )
@@ -250,7 +242,7 @@ def make_grid(domain: Any, points: Sequence[float], scheme: Scheme, elements: in
 
     Raises
     ------
-    MeshError
+    ModelError
         When the mesh does not fit the set.
     """
     points = [float(point) for point in points]
@@ -260,10 +252,10 @@ def make_grid(domain: Any, points: Sequence[float], scheme: Scheme, elements: in
     what = f"'{domain.name}'"
     for given, own in ((mesh[0], points[0]), (mesh[-1], points[-1])):
         if float(given) != own:
-            raise MeshError(f"{what}: the mesh ends at {given:g}, but the set ends at {own:g}. Make them equal.")
+            raise ModelError(f"{what}: the mesh ends at {given:g}, but the set ends at {own:g}. Make them equal.")
     for left, right in pairwise(boundaries):
-        if right - left < LEAST_WIDTH * (boundaries[-1] - boundaries[0]):
-            raise MeshError(
+        if right - left < NEGLIGIBLE * (boundaries[-1] - boundaries[0]):
+            raise ModelError(
                 f"{what}: the boundaries {left!r} and {right!r} are closer than anything that can be meant; one is a "
                 "point of the set, the other of the mesh. Use the same number in both."
             )

@@ -12,7 +12,7 @@ from pyomo.core.expr.numvalue import value
 from pyomo.dae import ContinuousSet, DerivativeVar, Integral
 
 from pyrobocop_pyomo.complementarity import canonical_form, side_values
-from pyrobocop_pyomo.errors import TrajectoryError, TranscriptionError
+from pyrobocop_pyomo.errors import ModelError, TrajectoryError
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.trajectories import Trajectory
@@ -180,7 +180,7 @@ class PreviousValues:
 
 
 def refuse_later_components(discretisation: Discretisation) -> None:
-    """Raise a `TranscriptionError` when something holds variables at points that go away with the mesh."""
+    """Raise a `ModelError` when something holds variables at points that go away with the mesh."""
     found = list(spots(discretisation.domain.model()))
     kept = set(discretisation.points)
     leaving = {
@@ -201,7 +201,7 @@ def refuse_later_components(discretisation: Discretisation) -> None:
                 continue
             expression = getattr(data, "expr", None)
             if any(id(variable) in leaving for variable in variables_in(expression, integrals)):
-                raise TranscriptionError(
+                raise ModelError(
                     f"'{data.name}': was built on the mesh that '{discretisation.domain.name}' has now. Delete it "
                     "(revert a relaxation), apply the transformation again, and build it again."
                 )

@@ -11,9 +11,9 @@ from pyrobocop_pyomo.phases import phases_of
 from .determinacy import excess_findings, freedom_findings
 from .findings import Finding, Severity, Subject
 from .joining import joining_findings
-from .statements import foreign_findings, scaled_pair_findings
+from .statements import foreign_findings, objective_findings, scaled_pair_findings
 from .unfinished import unfinished_findings
-from .values import boundary_findings, discretised_start_findings, fixed_findings
+from .values import bound_findings, boundary_findings, discretised_start_findings
 
 
 def findings_before_solve(model: Any) -> Iterator[Finding]:
@@ -32,13 +32,14 @@ def findings_before_solve(model: Any) -> Iterator[Finding]:
     yield from unfinished_findings(model)
     # One row tells of most components; a variable that is met elsewhere is refused when the model is compiled.
     yield from foreign_findings(model, rows_of_each=1)
-    yield from fixed_findings(model)
+    yield from bound_findings(model)
     yield from discretised_start_findings(model)
     phases = phases_of(model)
     if any(phase.component(name) is None for phase in phases for name in phase.record.declarations):
         return  # a transformation has renamed the variables, as scaling does: the records are about another model
     for phase in phases:
         yield from boundary_findings(phase, [])
+    yield from objective_findings(model)
     yield from joining_findings(model)
     yield from freedom_findings(model)
     yield from excess_findings(model)

@@ -15,85 +15,36 @@ from pyomo.core.base.var import Var
 from pyrobocop_pyomo.complementarity import active_sources, pairs_of
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
-from pyrobocop_pyomo.modeling.shared_nodes import variables_in
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in, variables_in_any
 from pyrobocop_pyomo.numerics import Array, maximum_matching
 from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.phases import Algebraic, phases_of
 from pyrobocop_pyomo.phases.structure import sides_of
 
-from .findings import Finding, Severity, Subject
+from .findings import Finding, Subject, error_about, quoted, warning_about
 from .linearised_rows import LinearisedRows, Row, equilibrate
+from .statements import without_objective
 
 
 def appearance_findings(block: Any, known: set[str]) -> Iterator[Finding]:
-    """Variables in no row, pair or objective, and states whose level is arbitrary; `known` names are left out."""
-    seen = _seen(block.model())
+    """Variables in no row, pair or objective; `known` names are left out."""
+    kinds = (Constraint, Objective, *PAIR_TYPES)
+    rows = block.model().component_data_objects(kinds, active=True, descend_into=Block)
+    seen = variables_in_any(chain.from_iterable(map(sides_of, rows)))
     lost = [
         data
         for data in block.component_data_objects(Var, active=True, descend_into=Block)
         if id(data) not in seen and not data.fixed and data.parent_component().name not in known
     ]
     if lost:
-        yield Finding(
-            Severity.WARNING,
+        yield warning_about(
             Subject.UNDETERMINED,
             f"{len(lost)} variables are in no active row, pair or objective, for example '{lost[0].name}': their "
             "values come back as they are.",
             tuple(dict.fromkeys(data.parent_component().name for data in lost)),
             "Use them, fix them or remove them.",
         )
-    for phase in phases_of(block):
-        yield from (_adrift(phase, name) for name in _states_adrift(phase, seen))
-
-
-def _seen(model: Any) -> dict[int, set[str]]:
-    """The names of the components in which each variable appears, by the variable's id."""
-    seen: dict[int, set[str]] = {}
-
-    def note(expression: Any, name: str) -> None:
-        for variable in variables_in(expression, include_fixed=True):
-            seen.setdefault(id(variable), set()).add(name)
-
-    for row in model.component_data_objects(Constraint, active=True, descend_into=Block):
-        note(row.body, row.parent_component().name)
-    for objective in model.component_data_objects(Objective, active=True, descend_into=Block):
-        note(objective.expr, objective.name)
-    for pair in model.component_data_objects(PAIR_TYPES, active=True, descend_into=Block):
-        for side in sides_of(pair):
-            if hasattr(side, "is_expression_type"):
-                note(side, pair.parent_component().name)
-    return seen
-
-
-def _states_adrift(phase: Any, seen: dict[int, set[str]]) -> Iterator[str]:
-    """States that only their own collocation rows hold, nowhere fixed or bounded, and not in their own derivative."""
-    for name in phase.record.names_of_states:
-        values = list(phase.component(name).values())
-        own = {f"{phase.name}.{name}_{kind}" for kind in ("collocation", "continuity")}
-        if any(data.fixed or data.lb is not None or data.ub is not None for data in values):
-            continue
-        ids = {id(data) for data in values}
-        rates = phase.record.rates.get(name, {}).values()
-        in_own_rate = any(
-            id(variable) in ids
-            for rate in rates
-            if hasattr(rate, "is_expression_type")
-            for variable in variables_in(rate)
-        )
-        if not in_own_rate and not set().union(*(seen.get(number, set()) for number in ids)) - own:
-            yield name
-
-
-def _adrift(phase: Any, name: str) -> Finding:
-    return Finding(
-        Severity.WARNING,
-        Subject.UNDETERMINED,
-        f"phase '{phase.name}': state '{name}' is in no other row and no objective, and no value of it is given: any "
-        "constant may be added to it.",
-        (f"{phase.name}.{name}",),
-        "Give it an initial value, or remove it.",
-    )
 
 
 def freedom_findings(block: Any) -> Iterator[Finding]:
@@ -102,14 +53,14 @@ def freedom_findings(block: Any) -> Iterator[Finding]:
     What a phase declares to be chosen is not counted: controls, parameters and its horizon; nor the planes that keep
     shapes apart.
     """
-    without = _without_objective(block)
+    without = without_objective(block)
     left = _undetermined(block) if without else []
     if left:
-        yield Finding(
-            Severity.WARNING,
+        yield warning_about(
             Subject.UNDETERMINED,
             f"{without}, and {len(left)} variable{'s are' if len(left) > 1 else ' is'} left that no equation "
-            f"determines, for example {_some(left)}: the point is one of many that meet all constraints.",
+            f"determines, for example {quoted(data.name for data in left)}: the point is one of many that meet all "
+            "constraints.",
             tuple(dict.fromkeys(data.parent_component().name for data in left)),
             "Give them values, such as initial conditions, add the equations that are missing, or state an objective.",
         )
@@ -117,7 +68,7 @@ def freedom_findings(block: Any) -> Iterator[Finding]:
 
 def excess_findings(block: Any) -> Iterator[Finding]:
     """More equations than variables in a part of a model without an objective, which is meant to be square."""
-    without = _without_objective(block)
+    without = without_objective(block)
     if not without or _is_determined_by_counts(block):
         return
     rows = [row for row in block.component_data_objects(Constraint, active=True) if row.equality]
@@ -129,30 +80,13 @@ def excess_findings(block: Any) -> Iterator[Finding]:
             held.append((row, [column.setdefault(key, len(column)) for key in ids]))
     over, columns = maximum_matching([own for _, own in held], len(column)).overdetermined
     if over:
-        yield Finding(
-            Severity.WARNING,
+        yield warning_about(
             Subject.CONTRADICTION,
             f"{without}, and {len(over)} equations hold only {len(columns)} variables that may move: "
-            f"{_some([held[i][0] for i in over])}. A point that meets them all is chance.",
+            f"{quoted(held[i][0].name for i in over)}. A point that meets them all is chance.",
             tuple(dict.fromkeys(held[i][0].parent_component().name for i in over)),
             "Free a variable that is fixed, such as an initial condition, or remove an equation.",
         )
-
-
-def _without_objective(block: Any) -> str:
-    """Words that say so; empty where an objective has something to choose."""
-    objectives = list(block.component_data_objects(Objective, active=True, descend_into=Block))
-    if any(next(variables_in(each.expr, include_fixed=False), None) is not None for each in objectives):
-        return ""
-    return f"the objective '{objectives[0].name}' is constant" if objectives else "there is no objective"
-
-
-def _some(data: list[Any]) -> str:
-    more = f" and {len(data) - SHOWN} more" if len(data) > SHOWN else ""
-    return f"{', '.join(repr(one.name) for one in data[:SHOWN])}{more}"
-
-
-SHOWN = 4
 
 
 def _is_determined_by_counts(block: Any) -> bool:
@@ -234,11 +168,10 @@ def dependence_findings(block: Any, linearised: LinearisedRows) -> Iterator[Find
     matching = maximum_matching([sorted(row.gradient) for row in rows], len(linearised.variables))
     over, columns = matching.overdetermined
     if over:
-        yield Finding(
-            Severity.ERROR,
+        yield error_about(
             Subject.CONTRADICTION,
             f"{len(over)} equations hold only {len(columns)} variables that may move: "
-            f"{_quoted(_components(rows[i] for i in over))}.{_fixed_ends(block)}",
+            f"{quoted(_components(rows[i] for i in over))}.{_fixed_ends(block)}",
             _components(rows[i] for i in over),
             "Remove an equation, or free an initial or final value.",
         )
@@ -259,18 +192,16 @@ def _dependent(block: Any, linearised: LinearisedRows, rows: list[Row]) -> Itera
     linear = all(row.data.body.polynomial_degree() in (0, 1) for row in concerned)
     names = _components(concerned)
     if linear and gap > 1e-8 * max(1.0, float(np.abs(residuals).max())):
-        yield Finding(
-            Severity.ERROR,
+        yield error_about(
             Subject.CONTRADICTION,
-            f"the equations {_quoted(names)} contradict each other.{_fixed_ends(block)}",
+            f"the equations {quoted(names)} contradict each other.{_fixed_ends(block)}",
             names,
             "Remove an equation, or free an initial or final value.",
         )
     else:
-        yield Finding(
-            Severity.WARNING,
+        yield warning_about(
             Subject.DEPENDENT,
-            f"at the initial guess one of the equations {_quoted(names)} follows from the others.{_fixed_ends(block)}",
+            f"at the initial guess one of the equations {quoted(names)} follows from the others.{_fixed_ends(block)}",
             names,
             "Remove one of them, free an initial or final value, or start from another initial guess.",
         )
@@ -302,11 +233,6 @@ def left_null_vector(matrix: Any) -> Array | None:
 
 def _components(rows: Any) -> tuple[str, ...]:
     return tuple(dict.fromkeys(row.data.parent_component().name for row in rows))
-
-
-def _quoted(names: tuple[str, ...]) -> str:
-    shown = ", ".join(map(repr, names[:6]))
-    return shown if len(names) <= 6 else f"{shown} and {len(names) - 6} more"
 
 
 def _fixed_ends(block: Any) -> str:

@@ -17,7 +17,6 @@ from .difficult_forms import form_findings
 from .findings import DegreesOfFreedom, Diagnosis, Finding, Severity
 from .joining import joining_findings
 from .linearised_rows import LinearisedRows
-from .scaling import scaling_advice
 from .statements import (
     misplaced_findings,
     objective_findings,
@@ -54,7 +53,7 @@ def diagnose(model: Any) -> Diagnosis:
     Returns
     -------
     Diagnosis
-        Counts, findings with names and remedies, and factors for scaling.
+        Counts, and findings with names and remedies.
 
     Raises
     ------
@@ -92,13 +91,11 @@ def diagnose(model: Any) -> Diagnosis:
     findings += appearance_findings(model, {name for finding in findings for name in finding.components})
     findings += dependence_findings(model, linearised)
     findings += unit_findings(model)
-    advice, factors = scaling_advice(linearised, phases)
-    findings += advice
     degrees = [degrees_of_freedom(phase) for phase in phases]
     if len(phases) != 1 or phases[0] is not model:
         degrees.append(degrees_of_freedom(model))
     findings.sort(key=lambda finding: _ORDER.index(finding.severity))
-    return Diagnosis(model.name, tuple(findings), tuple(degrees), factors, tuple(remarks))
+    return Diagnosis(model.name, tuple(findings), tuple(degrees), tuple(remarks))
 
 
 def degrees_of_freedom(block: Any) -> DegreesOfFreedom:

@@ -12,9 +12,9 @@ from pyomo.core.base.objective import Objective
 from pyomo.core.expr.numvalue import native_types
 
 from pyrobocop_pyomo.complementarity.absolute_values import has_kink, is_smooth_product
-from pyrobocop_pyomo.complementarity.switched_products import as_line, pair_of_factors, zero_product
+from pyrobocop_pyomo.complementarity.switched_products import is_zero_product
 
-from .findings import Finding, Severity, Subject
+from .findings import Finding, Subject, warning_about
 
 # Rows of one component come from one rule, which says the same at each time: the first ones are looked at. Of long
 # expressions, so many parts are.
@@ -35,9 +35,8 @@ def form_findings(model: Any) -> Iterator[Finding]:
         kinks = (_absolute_value(row.expr if objective else row.body) for row in rows)
         if (kink := next((kink for kink in kinks if kink is not None), None)) is not None:
             yield _of_absolute_value(component, kink, objective)
-        products = (None if objective else zero_product(row) for row in rows)
-        if (factors := next((factors for factors in products if factors is not None), None)) is not None:
-            yield _of_product(component, *factors)
+        if not objective and any(map(is_zero_product, rows)):
+            yield _of_product(component)
 
 
 def holds_absolute_value(model: Any) -> bool:
@@ -54,8 +53,7 @@ def _of_absolute_value(component: Any, argument: Any, objective: bool) -> Findin
         if objective
         else ""
     )
-    return Finding(
-        Severity.WARNING,
+    return warning_about(
         Subject.STATEMENT,
         f"'{component.name}' holds abs(...) of {_shortened(argument)}, which has no derivative at zero, where optima "
         "tend to be.",
@@ -67,19 +65,14 @@ def _of_absolute_value(component: Any, argument: Any, objective: bool) -> Findin
     )
 
 
-def _of_product(component: Any, first: Any, second: Any) -> Finding:
-    pair = pair_of_factors(first, second)
-    return Finding(
-        Severity.WARNING,
+def _of_product(component: Any) -> Finding:
+    return warning_about(
         Subject.STATEMENT,
         f"constraint '{component.name}' states that a product is zero; its derivatives vanish where both factors do, "
         "and solvers stall there.",
         (component.name,),
-        "No bounds say that a factor has a sign. Give one that is never negative bounds=(0, None); then state "
-        "rcp.either_zero(first >= 0, second), on a phase under @b.complementarity."
-        if pair is None
-        else f"State a pair, on a phase under @b.complementarity: {as_line(pair)}. Or let "
-        "pyo.TransformationFactory('pyrobocop.products_to_complementarity').apply_to(model) do so for all such rows.",
+        "State a pair, on a phase under @b.complementarity: rcp.complements(first >= 0, second >= 0), or "
+        "rcp.either_zero(first >= 0, second) where the second factor may have any sign.",
     )
 
 

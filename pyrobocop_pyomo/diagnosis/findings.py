@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass
 from enum import Enum
-from typing import Any
-
-from pyomo.core.base.suffix import Suffix
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.presentation import Presented, disclosed_text, table
@@ -32,7 +29,6 @@ class Subject(Enum):
     START = "start and end values"
     DATA = "numbers"
     UNITS = "units"
-    SCALING = "scaling"
     OUTCOME = "outcome of the solve"
     IDENTIFIABILITY = "what measurements see"
 
@@ -64,6 +60,27 @@ class Finding(Presented):
 
     def __str__(self) -> str:
         return f"{self.severity.value}, {self.subject.value}: {self.message} {self.remedy}"
+
+
+def error_about(
+    subject: Subject, message: str, components: tuple[str, ...], remedy: str, time: float | None = None
+) -> Finding:
+    """What has to be changed before a solve can succeed."""
+    return Finding(Severity.ERROR, subject, message, components, remedy, time)
+
+
+def warning_about(
+    subject: Subject, message: str, components: tuple[str, ...], remedy: str, time: float | None = None
+) -> Finding:
+    """What may be meant."""
+    return Finding(Severity.WARNING, subject, message, components, remedy, time)
+
+
+def quoted(names: Iterable[str], most: int = 4) -> str:
+    """Names in quotes, the first of many."""
+    shown = list(map(repr, names))
+    more = f" and {len(shown) - most} more" if len(shown) > most else ""
+    return ", ".join(shown[:most]) + more
 
 
 @dataclass(frozen=True)
@@ -116,8 +133,6 @@ class Diagnosis(Presented):
         The worst first.
     degrees_of_freedom : tuple of DegreesOfFreedom
         One per phase, and the last of everything together.
-    scaling_factors : mapping of component name to float
-        Powers of ten by which variables and rows could be multiplied to be of size one; only components that need it.
     remarks : tuple of str
         What could not be checked, and why.
     """
@@ -125,7 +140,6 @@ class Diagnosis(Presented):
     name: str
     findings: tuple[Finding, ...]
     degrees_of_freedom: tuple[DegreesOfFreedom, ...]
-    scaling_factors: Mapping[str, float] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
 
     def about(self, subject: Subject) -> list[Finding]:
@@ -147,36 +161,6 @@ class Diagnosis(Presented):
         """
         if self.errors:
             raise ModelError(f"'{self.name}': " + "\n".join(map(str, self.errors)))
-
-    def write_scaling(self, model: Any) -> Any:
-        """Write `scaling_factors` into the suffix ``scaling_factor`` of a model, which is made if need be.
-
-        Factors that the suffix holds already are kept. Ipopt reads the suffix with the option
-        ``nlp_scaling_method="user-scaling"``; Pyomo's transformation ``core.scale_model`` reads it too.
-
-        Returns
-        -------
-        Suffix
-
-        Raises
-        ------
-        ModelError
-            When the model has a component ``scaling_factor`` that is no suffix, or lacks a component of this diagnosis.
-        """
-        suffix = model.component("scaling_factor")
-        if suffix is None:
-            suffix = Suffix(direction=Suffix.EXPORT, datatype=Suffix.FLOAT)
-            model.add_component("scaling_factor", suffix)
-        elif suffix.ctype is not Suffix:
-            raise ModelError(f"'{model.name}': its component 'scaling_factor' is no suffix. Rename it.")
-        for name, factor in self.scaling_factors.items():
-            component = model.find_component(name)
-            if component is None:
-                raise ModelError(f"'{model.name}' has no component '{name}'. Diagnose this model, and write it there.")
-            # Per row and variable: what reads the suffix does not always look at the component as a whole.
-            for data in component.values():
-                suffix.setdefault(data, factor)
-        return suffix
 
     def _summary(self) -> str:
         return f"'{self.name}': {self._counts()}"

@@ -1,4 +1,4 @@
-"""Phases of one model that nothing joins: as good as several problems, of which one may be there by mistake."""
+"""Phases that nothing joins, or not wholly: as good as several problems, of which one may be there by mistake."""
 
 from __future__ import annotations
 
@@ -8,17 +8,20 @@ from typing import Any
 
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.objective import Objective
 
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
-from pyrobocop_pyomo.modeling.activity import enclosing_blocks
+from pyrobocop_pyomo.links import LinkData
+from pyrobocop_pyomo.modeling.activity import enclosing_blocks, outermost_inactive
 from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
+from pyrobocop_pyomo.numerics import maximum_matching
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.obstacles.snapshot import variables_of
-from pyrobocop_pyomo.phases import phases_of
+from pyrobocop_pyomo.phases import PhaseBlockData, phases_of
 from pyrobocop_pyomo.phases.structure import sides_of
 
-from .findings import Finding, Severity, Subject
+from .findings import Finding, Subject, quoted, warning_about
 
 
 def joining_findings(block: Any) -> Iterator[Finding]:
@@ -27,9 +30,12 @@ def joining_findings(block: Any) -> Iterator[Finding]:
     Phases that share nothing and have starts of their own are meant so, as a sum of experiments is.
     """
     phases = phases_of(block)
-    if len(phases) < 2:
+    yield from _deactivated_findings(block)
+    links = blocks_of_kind(block, LinkData)
+    if len(phases) < 2 and not links:
         return
     joined = _Joined(block, phases)
+    yield from chain.from_iterable(map(joined.starts_left_open, links))
     if joined.are_all():
         return
     groups = [joined.group_of(phase) for phase in phases]
@@ -38,11 +44,10 @@ def joining_findings(block: Any) -> Iterator[Finding]:
         for first, group in zip(phases, groups, strict=True):
             end = [name for name in first.record.names_of_states if joined.is_open(first, name, first=False)]
             if group != own_group and start and end:
-                yield Finding(
-                    Severity.WARNING,
+                yield warning_about(
                     Subject.STATEMENT,
                     f"nothing joins the phases '{first.name}' and '{second.name}': no link, no constraint and no pair "
-                    f"holds variables of both, nothing says where {_some(start)} of '{second.name}' "
+                    f"holds variables of both, nothing says where {quoted(start)} of '{second.name}' "
                     f"{'starts' if len(start) == 1 else 'start'}, and '{first.name}' may end anywhere.",
                     (first.name, second.name),
                     f"Join them: m.link = rcp.Link(m.{first.name}, m.{second.name}). Where each is meant by itself, "
@@ -51,8 +56,31 @@ def joining_findings(block: Any) -> Iterator[Finding]:
                 return
 
 
-def _some(names: list[str]) -> str:
-    return ", ".join(map(repr, names[:3])) + (f" and {len(names) - 3} more states" if len(names) > 3 else "")
+def _deactivated_findings(block: Any) -> Iterator[Finding]:
+    """Deactivated phases some of whose free variables are read by what is active."""
+    every = (part for part in block.block_data_objects(descend_into=Block) if isinstance(part, PhaseBlockData))
+    inactive = {id(phase): phase for phase in every if outermost_inactive(phase, block) is not None}
+    readers: dict[int, dict[str, None]] = {}
+    kinds = (Constraint, Objective, *PAIR_TYPES) if inactive else ()
+    for row in block.component_data_objects(kinds, active=True, descend_into=Block):
+        for variable in _variables_of(row):
+            for home in map(id, enclosing_blocks(variable)):
+                if home in inactive:
+                    readers.setdefault(home, {})[row.parent_component().name] = None
+    for home, names in readers.items():
+        name, reading = inactive[home].name, ", ".join(map(repr, names))
+        yield warning_about(
+            Subject.STATEMENT,
+            f"phase '{name}' is deactivated, and so are its equations, but its variables are free in {reading}: they "
+            "may have any values.",
+            (name, *names),
+            "Activate it, deactivate what reads it, or fix its variables.",
+        )
+
+
+def _variables_of(row: Any) -> list[Any]:
+    """What may move in a row, an objective or a pair."""
+    return [variable for side in sides_of(row) for variable in variables_in(side, include_fixed=False)]
 
 
 class _Joined:
@@ -66,7 +94,8 @@ class _Joined:
         self._phases = {id(phase): phase for phase in phases}
         self._home: dict[int, Any] = {}
         self._parent: dict[Hashable, Hashable] = {}
-        self._held: set[int] = set()
+        self._in_others: set[int] = set()
+        self._equations: list[set[int]] = []
         components = list(block.component_objects((Constraint, *PAIR_TYPES), active=True, descend_into=Block))
         inside = [component for component in components if self._is_per_point(component)]
         known = {id(component) for component in inside}
@@ -93,10 +122,11 @@ class _Joined:
         for row in rows:
             if not row.active:
                 continue
-            sides = (row.body,) if row.ctype is Constraint else sides_of(row)
-            variables = [variable for side in sides for variable in variables_in(side, include_fixed=False)]
-            if holds:
-                self._held.update(map(id, variables))
+            variables = _variables_of(row)
+            if holds and row.ctype is Constraint and row.equality:
+                self._equations.append(set(map(id, variables)))
+            elif holds:
+                self._in_others.update(map(id, variables))
             self._unite(variables)
 
     def _unite(self, variables: Iterable[Any]) -> None:
@@ -128,7 +158,26 @@ class _Joined:
 
     def is_open(self, phase: Any, name: str, *, first: bool) -> bool:
         """Whether a state may have any value where the phase starts, or ends: not given, and in no row beside."""
+        data = self._end(phase, name, first=first)
+        return data is not None and not any(id(data) in held for held in (self._in_others, *self._equations))
+
+    def _end(self, phase: Any, name: str, *, first: bool) -> Any:
+        """A state where a phase starts or ends, unless its value is given there."""
         declaration, variable = phase.record.declarations[name], phase.component(name)
         given = declaration.initial if first else declaration.final
         data = variable[phase.initial_time if first else phase.final_time]
-        return not (isinstance(given, tuple) or data.fixed or id(data) in self._held)
+        return None if isinstance(given, tuple) or data.fixed else data
+
+    def starts_left_open(self, link: Any) -> Iterator[Finding]:
+        """Starts of states behind a link that no equation is left for: one equation gives one of them."""
+        ends = {name: self._end(link.second, name, first=True) for name in link.starts_asked_for}
+        starts = {name: id(data) for name, data in ends.items() if data is not None and id(data) not in self._in_others}
+        incidence = [[i for i, key in enumerate(starts.values()) if key in held] for held in self._equations]
+        left = [list(starts)[i] for i in maximum_matching(incidence, len(starts)).unmatched_columns]
+        if left:
+            yield warning_about(
+                Subject.STATEMENT,
+                f"link '{link.name}' leaves {quoted(left)} of '{link.second.name}' without a start: it may jump there.",
+                (link.name, link.second.name),
+                f"Give it in states= or jump=, or leave it alone by omit={left[:1]} where that is meant.",
+            )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -98,10 +99,10 @@ def gradient(body: Any, variables: Iterable[Any]) -> Iterator[tuple[Any, float]]
     variables = list(variables)
     if not variables:
         return
-    try:
-        derivatives = reverse_ad(body)
-    except (*NO_VALUE, DifferentiationException):
-        derivatives = ComponentMap()
+    derivatives = ComponentMap()
+    if all(variable.value is not None for variable in variables_in(body)):  # else Pyomo logs an error for each
+        with contextlib.suppress(*NO_VALUE, DifferentiationException):
+            derivatives = reverse_ad(body)
     for variable in variables:
         derivative = derivatives.get(variable, NAN)
         real = derivative.__class__ in native_numeric_types and not isinstance(derivative, complex)

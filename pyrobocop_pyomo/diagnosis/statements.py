@@ -16,15 +16,14 @@ from pyomo.util.check_units import assert_units_consistent
 
 from pyrobocop_pyomo.complementarity import Complements, canonical_form
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES, active_sources
-from pyrobocop_pyomo.errors import ComplementarityError, DeclarationError, ModelError, TranscriptionError
-from pyrobocop_pyomo.modeling.expressions import holds_variable
+from pyrobocop_pyomo.errors import ComplementarityError, ModelError
 from pyrobocop_pyomo.modeling.foreign_variables import ONE_MODEL, foreign_read, foreign_variable
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in, variables_in_any
 from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.phases.declarations import Declaration
 from pyrobocop_pyomo.phases.structure import sides_of
 
-from .findings import Finding, Severity, Subject
+from .findings import Finding, Subject, error_about, warning_about
 
 
 def statement_findings(block: Any) -> Iterator[Finding]:
@@ -59,8 +58,7 @@ def statement_findings(block: Any) -> Iterator[Finding]:
             yield _error(str(error), (name,), "rcp.solve refuses the model until then.")
     for phase in phases_of(block):
         if not phase.record.names_of_states:
-            yield Finding(
-                Severity.WARNING,
+            yield warning_about(
                 Subject.STATEMENT,
                 f"phase '{phase.name}' has no state: nothing connects its points in time.",
                 (phase.name,),
@@ -81,15 +79,14 @@ def foreign_findings(block: Any, rows_of_each: int | None = None) -> Iterator[Fi
     kinds = (Constraint, *PAIR_TYPES) if rows_of_each is not None else (Constraint, Objective, *PAIR_TYPES)
     for component in block.component_objects(kinds, active=True, descend_into=Block):
         rows = islice((row for row in component.values() if row.active), rows_of_each)
-        stated = (sides_of(row) if component.ctype in PAIR_TYPES else (row.expr,) for row in rows)
-        read = variables_in_any(chain.from_iterable(stated)).values()
+        read = variables_in_any(chain.from_iterable(map(sides_of, rows))).values()
         foreign = foreign_variable(block, (variable for variable in read if not variable.fixed))
         if foreign is not None:
             yield _error(f"'{component.name}' {foreign_read(foreign, block)}", (component.name,), ONE_MODEL)
 
 
 def _error(message: str, names: tuple[str, ...], remedy: str) -> Finding:
-    return Finding(Severity.ERROR, Subject.STATEMENT, message, names, remedy)
+    return error_about(Subject.STATEMENT, message, names, remedy)
 
 
 def misplaced_findings(block: Any) -> Iterator[Finding]:
@@ -128,40 +125,53 @@ def scaled_pair_findings(block: Any) -> Iterator[Finding]:
             )
 
 
-def objective_findings(model: Any) -> Iterator[Finding]:
-    """A model whose controls are free and that has no objective."""
-    objectives = list(model.component_data_objects(Objective, active=True, descend_into=Block))
+def without_objective(block: Any) -> str:
+    """Words that say so, for a block in which no objective has something to choose; empty otherwise."""
+    objectives = list(block.component_data_objects(Objective, active=True, descend_into=Block))
+    if any(next(variables_in(each.expr, include_fixed=False), None) is not None for each in objectives):
+        return ""
     if objectives:
-        for objective in objectives:
-            # An objective of 0 says that any point will do that meets the constraints.
-            if not holds_variable(objective.expr) and value(objective.expr, exception=False) != 0:
-                yield Finding(
-                    Severity.WARNING,
-                    Subject.STATEMENT,
-                    f"objective '{objective.name}' is the number {value(objective.expr, exception=False)}: it holds no "
-                    "variable.",
-                    (objective.name,),
-                    "A variable that is called, as x(), or read by .value or pyo.value is its present value: write x.",
-                )
-        return
+        return f"the objective '{objectives[0].name}' is constant"
+    inactive = next(block.component_data_objects(Objective, descend_into=Block), None)
+    return "there is no objective" if inactive is None else f"the objective '{inactive.name}' is deactivated"
+
+
+def objective_findings(model: Any) -> Iterator[Finding]:
+    """A model whose controls are free and that has no objective, or one in which nothing may move."""
+    without = without_objective(model)
+    objectives = list(model.component_data_objects(Objective, active=True, descend_into=Block)) if without else []
+    for objective in objectives:
+        held = next(variables_in(objective.expr), None) is not None
+        number = value(objective.expr, exception=False)
+        # An objective of 0 says that any point will do that meets the constraints.
+        if held or number != 0:
+            yield warning_about(
+                Subject.STATEMENT,
+                f"objective '{objective.name}' is the number {number}: it holds no variable"
+                f"{' that is not fixed' if held else ''}.",
+                (objective.name,),
+                "Free one of them, or state an objective of 0 where any point will do."
+                if held
+                else "A variable that is called, as x(), or read by .value or pyo.value is its present value: write x.",
+            )
     controls = [
         f"{phase.name}.{name}"
         for phase in phases_of(model)
         for name in phase.record.names(Control)
         if not all(data.fixed for data in phase.record.nodes(name).variables(phase))
     ]
-    if controls:
+    if without and controls and not objectives:
         others = model.model().component_data_objects(Objective, active=True, descend_into=Block)
         elsewhere = next((data.name for data in others), None)
-        yield Finding(
-            Severity.ADVICE,
+        yield warning_about(
             Subject.STATEMENT,
-            f"'{model.name}' has no objective, while {', '.join(map(repr, controls[:3]))} may be chosen: any values "
-            "that meet the constraints are an answer.",
+            f"{without} in '{model.name}', while {', '.join(map(repr, controls[:3]))} may be chosen: any values that "
+            "meet the constraints are an answer.",
             tuple(controls),
             f"The objective '{elsewhere}' stands outside of it: solve the model that holds both."
             if elsewhere
-            else "State what is to be small: m.cost = pyo.Objective(expr=phase.integral(lambda b, t: ...)).",
+            else "State what is to be small: m.cost = pyo.Objective(expr=phase.integral(lambda b, t: ...)); where any "
+            "values will do, 0.",
         )
 
 
@@ -184,25 +194,20 @@ def refuse_misplaced(model: Any) -> None:
             else f"'{model}' is not built yet: rcp.solve(model.create_instance(data))."
         )
     for finding in misplaced_findings(model):
-        raise DeclarationError(f"{finding.message} {finding.remedy}")
+        raise ModelError(f"{finding.message} {finding.remedy}")
 
 
 def unit_findings(block: Any) -> Iterator[Finding]:
     """Rows and objectives whose terms have different units, one finding per component; nothing without units."""
     if not any(_has_units(component) for component in block.component_objects(Var, active=True, descend_into=Block)):
         return
-    for component in block.component_objects((Constraint, Objective), active=True, descend_into=Block):
+    for component in block.component_objects((Constraint, Objective, *PAIR_TYPES), active=True, descend_into=Block):
         try:
-            assert_units_consistent(component)
-        except (InconsistentUnitsError, UnitsError) as error:
-            yield _finding(component, error)
-    for component in block.component_objects(PAIR_TYPES, active=True, descend_into=Block):
-        try:
-            for data in component.values():
-                for side in sides_of(data):
-                    assert_units_consistent(side)
-        except (InconsistentUnitsError, UnitsError) as error:
-            yield _finding(component, error)
+            pairs = component.values() if component.ctype in PAIR_TYPES else ()
+            for part in chain.from_iterable(map(sides_of, pairs)) if pairs else (component,):
+                assert_units_consistent(part)
+        except (InconsistentUnitsError, UnitsError) as inconsistency:
+            yield _finding(component, inconsistency)
 
 
 def refuse_inconsistent_units(model: Any) -> None:
@@ -217,7 +222,7 @@ def refuse_inconsistent_units(model: Any) -> None:
 
     Raises
     ------
-    TranscriptionError
+    ModelError
         Naming the component and the units.
     """
     for phase in phases_of(model):
@@ -230,7 +235,7 @@ def refuse_inconsistent_units(model: Any) -> None:
                     assert_units_consistent(row)
                 except (InconsistentUnitsError, UnitsError) as error:
                     finding = _finding(component, error)
-                    raise TranscriptionError(f"phase '{phase.name}': {finding.message} {finding.remedy}") from None
+                    raise ModelError(f"phase '{phase.name}': {finding.message} {finding.remedy}") from None
 
 
 def _has_units(component: Any) -> bool:
@@ -238,8 +243,7 @@ def _has_units(component: Any) -> bool:
 
 
 def _finding(component: Any, error: Exception) -> Finding:
-    return Finding(
-        Severity.ERROR,
+    return error_about(
         Subject.UNITS,
         f"'{component.name}': {str(error).strip().rstrip('.')}.",
         (component.name,),

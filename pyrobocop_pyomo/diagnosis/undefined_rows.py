@@ -106,8 +106,6 @@ def _expressions(model: Any) -> Iterator[tuple[str, Any]]:
     for row in model.component_data_objects(Constraint, active=True, descend_into=Block):
         if id(row.parent_component()) not in generated:
             yield _place(row), row.body
-    for pair in model.component_data_objects(PAIR_TYPES, active=True, descend_into=Block):
-        for side in sides_of(pair):
-            yield f"a side of {place_in_words(pair)}", side
-    for objective in model.component_data_objects(Objective, active=True, descend_into=Block):
-        yield f"objective '{objective.name}'", objective.expr
+    for data in model.component_data_objects((*PAIR_TYPES, Objective), active=True, descend_into=Block):
+        place = f"objective '{data.name}'" if data.ctype is Objective else f"a side of {place_in_words(data)}"
+        yield from ((place, side) for side in sides_of(data))

@@ -11,7 +11,7 @@ from pyomo.gdp import Disjunct, Disjunction
 
 from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES
 
-from .findings import Finding, Severity, Subject
+from .findings import Finding, Subject, error_about, quoted
 
 
 def unfinished_findings(block: Any) -> Iterator[Finding]:
@@ -27,7 +27,7 @@ def unfinished_findings(block: Any) -> Iterator[Finding]:
                 along.setdefault(domain.name, []).append(component.name)
     for name, components in along.items():
         yield _error(
-            f"the ContinuousSet '{name}' was not discretised: nothing ties {_some(components)} to values along it.",
+            f"the ContinuousSet '{name}' was not discretised: nothing ties {quoted(components)} to values along it.",
             components,
             f"Call pyo.TransformationFactory('pyrobocop.collocation').apply_to(m, wrt=m.{name}, nfe=20), or Pyomo's "
             "'dae.collocation', before the solve.",
@@ -36,7 +36,7 @@ def unfinished_findings(block: Any) -> Iterator[Finding]:
     if choices:
         names = list(dict.fromkeys(data.parent_component().name for data in choices))
         yield _error(
-            f"{_some(names)} {'is a choice' if len(names) == 1 else 'are choices'} of pyomo.gdp, which no interior "
+            f"{quoted(names)} {'is a choice' if len(names) == 1 else 'are choices'} of pyomo.gdp, which no interior "
             "method sees.",
             names,
             "Apply 'gdp.bigm' or 'gdp.hull' and use a mixed-integer solver, or SolverFactory('gdpopt'); or state the "
@@ -44,10 +44,5 @@ def unfinished_findings(block: Any) -> Iterator[Finding]:
         )
 
 
-def _some(names: list[str]) -> str:
-    shown = ", ".join(map(repr, names[:3]))
-    return shown if len(names) <= 3 else f"{shown} and {len(names) - 3} more"
-
-
 def _error(message: str, components: list[str], remedy: str) -> Finding:
-    return Finding(Severity.ERROR, Subject.STATEMENT, message, tuple(components), remedy)
+    return error_about(Subject.STATEMENT, message, tuple(components), remedy)

@@ -21,7 +21,7 @@ from pyrobocop_pyomo.modeling.undefined_values import undefined_part
 from pyrobocop_pyomo.phases.given_ends import KINDS, EndViolation, end_violations, relations_of, values_given
 from pyrobocop_pyomo.phases.horizon import real_grid
 
-from .findings import Finding, Severity, Subject
+from .findings import Finding, Subject, error_about
 from .linearised_rows import LinearisedRows, gradient, residual_of
 
 REMEDY = "Change the initial guess or the data, or keep the expression away from its edge by bounds."
@@ -34,8 +34,7 @@ def rate_findings(phase: Any) -> Iterator[Finding]:
         if wrong and not _waits_for_a_value(rates[wrong[0][0]]):
             time, number = wrong[0]
             rule = phase.record.equation_of[name]
-            yield Finding(
-                Severity.ERROR,
+            yield error_about(
                 Subject.DATA,
                 f"phase '{phase.name}': the right-hand side of '{name}' in ode '{rule}' is {number:g} at t = {time:g}"
                 f"{_and_more(len(wrong), 'point')}{_because(rates[time])}.",
@@ -61,8 +60,7 @@ def row_findings(linearised: LinearisedRows, reported: set[str]) -> Iterator[Fin
         else:
             what = f"has the value {first.residual:g}"
         index = first.data.index()
-        yield Finding(
-            Severity.ERROR,
+        yield error_about(
             Subject.DATA,
             f"'{first.data.name}' {what} at the initial guess{_and_more(len(rows), 'row')}{_because(first.data.body)}.",
             (name,),
@@ -112,7 +110,7 @@ def values_missing(block: Any) -> list[str]:
 
 
 def _error(name: str, message: str, remedy: str) -> Finding:
-    return Finding(Severity.ERROR, Subject.DATA, message, (name,), remedy)
+    return error_about(Subject.DATA, message, (name,), remedy)
 
 
 def _waits_for_a_value(expression: Any) -> bool:
@@ -149,8 +147,7 @@ def boundary_findings(phase: Any, remarks: list[str]) -> Iterator[Finding]:
                 worst[found.statement] = found
         for found in worst.values():
             known = ", ".join(f"{key} = {number:g}" for key, number in found.values.items())
-            yield Finding(
-                Severity.ERROR,
+            yield error_about(
                 Subject.START,
                 f"phase '{phase.name}': the {where} values violate {_KINDS.get(found.kind, found.kind)} '{found.row}' "
                 f"by {found.amount:.3g} at t = {time:g}: {known}.",
@@ -193,8 +190,7 @@ def discretised_start_findings(block: Any) -> Iterator[Finding]:
             for relation, violation in relations_of(canonical_form(data) if pair else data.expr):
                 gap = violation(relation)
                 if gap > TOLERANCE and next(variables_in(relation, include_fixed=False), None) is None:
-                    yield Finding(
-                        Severity.ERROR,
+                    yield error_about(
                         Subject.START,
                         f"the given values violate {'a side of the pair ' if pair else ''}'{data.name}' by {gap:.3g}.",
                         (data.parent_component().name,),
@@ -202,20 +198,33 @@ def discretised_start_findings(block: Any) -> Iterator[Finding]:
                     )
 
 
-def fixed_findings(block: Any) -> Iterator[Finding]:
-    """Fixed values outside their bounds, the first of each component."""
+def bound_findings(block: Any) -> Iterator[Finding]:
+    """Fixed values outside their bounds, and bounds that cross: the first of each component."""
     for component in block.component_objects(Var, active=True, descend_into=Block):
         outside = [data for data in component.values() if data.fixed and _is_outside(data)]
         if outside:
             data = outside[0]
-            yield Finding(
-                Severity.ERROR,
+            yield error_about(
                 Subject.CONTRADICTION,
                 f"'{data.name}' is fixed to {data.value:g}, outside its bounds ({data.lower}, {data.upper})"
                 f"{_and_more(len(outside), 'index')}.",
                 (data.name,),
                 "Change the value or widen the bounds.",
             )
+        crossed = [data for data in component.values() if not data.fixed and _crosses(*data.bounds)]
+        if crossed:
+            lower, upper = crossed[0].bounds
+            yield error_about(
+                Subject.CONTRADICTION,
+                f"'{crossed[0].name}' has the lower bound {lower:g} above the upper {upper:g}"
+                f"{_and_more(len(crossed), 'index')}.",
+                (crossed[0].name,),
+                "Swap or widen them.",
+            )
+
+
+def _crosses(lower: float | None, upper: float | None) -> bool:
+    return lower is not None and upper is not None and lower > upper
 
 
 def _is_outside(data: Any) -> bool:
@@ -225,23 +234,12 @@ def _is_outside(data: Any) -> bool:
 
 def decided_findings(block: Any) -> Iterator[Finding]:
     """Rows without a variable that may move, which do not hold; fixed values outside their bounds, crossed bounds."""
-    yield from fixed_findings(block)
+    yield from bound_findings(block)
     for row in block.component_data_objects(Constraint, active=True, descend_into=Block):
         if next(variables_in(row.body, include_fixed=False), None) is None and abs(residual_of(row)) > TOLERANCE:
-            yield Finding(
-                Severity.ERROR,
+            yield error_about(
                 Subject.CONTRADICTION,
                 f"'{row.name}' holds no variable that may move and is violated by {abs(residual_of(row)):.3g}.",
                 (row.name,),
                 "Unfix a variable in it, or correct the fixed values.",
-            )
-    for data in block.component_data_objects(Var, active=True, descend_into=Block):
-        lower, upper = data.bounds
-        if not data.fixed and lower is not None and upper is not None and lower > upper:
-            yield Finding(
-                Severity.ERROR,
-                Subject.CONTRADICTION,
-                f"'{data.name}' has the lower bound {lower:g} above the upper {upper:g}.",
-                (data.name,),
-                "Swap or widen them.",
             )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from textwrap import shorten
 
 import numpy as np
 
@@ -19,6 +20,8 @@ SMALL_MOTION_ERROR = 1e-2
 CANCELLED = 0.2
 # An objective below this is zero, but for the tolerance of the solver; its error is compared with this instead.
 ZERO_OBJECTIVE = 1e-8
+# Why an error is not known is said in so many; `remarks` say all.
+MOST_CHARACTERS = 200
 # What would take more elements than this is not advised.
 _MOST_ADVISED = 10_000
 
@@ -32,6 +35,8 @@ class PhaseEstimate(Presented):
     name : str
     order : int
         Of its scheme at element ends.
+    order_of_costs : int
+        Of the objective on finer meshes.
     motion : array, shape (N,), or None
         How far each element ends from where the equations lead under the controls of the plan, as a part of the size
         of each state; the largest of all states.
@@ -53,7 +58,7 @@ class PhaseEstimate(Presented):
         of the size of what is limited, where that is above one. Those that controls or algebraics can meet are not
         looked at: other controls between the points meet them.
     relative_excesses : array, shape (N,), or None
-        The same as a part of the size also where that is below one.
+        The same as a part of the size also where that is below one, down to a thousandth.
     bounds_passed : str
         Which states pass their bounds between the points of the mesh, and which controls by more than a hundredth of
         their size, as a sentence; empty where none does.
@@ -61,6 +66,7 @@ class PhaseEstimate(Presented):
 
     name: str
     order: int
+    order_of_costs: int
     motion: Array | None
     state: str
     largest: float
@@ -101,17 +107,23 @@ class DiscretisationEstimate(Presented):
     objective : float
         Of the answer.
     phases : dict of phase name to PhaseEstimate
+    beside : tuple of str
+        What else moves in the model, of which nothing is known, and why.
     """
 
     objective: float
     phases: Mapping[str, PhaseEstimate] = field(repr=False)
+    beside: tuple[str, ...] = ()
 
     @property
     def objective_error(self) -> float | None:
-        """Estimated error of the objective, in its own units; None where that of some phase is not known."""
+        """Estimated error of the objective, in its own units; None where that of some phase is not known.
+
+        It is zero where nothing free stands in the objective.
+        """
         known = [(phase.net, phase.objective) for phase in self.phases.values()]
         parts = [(net, float(of.sum())) for net, of in known if net is not None and of is not None]
-        if not parts or len(parts) < len(known):
+        if self.beside or not parts or len(parts) < len(known):
             return None
         nets, sizes = zip(*parts, strict=True)
         return max(abs(sum(nets)), CANCELLED * sum(sizes), sum(phase.passed for phase in self.phases.values()))
@@ -129,7 +141,7 @@ class DiscretisationEstimate(Presented):
         """Largest difference, at the end of any element, from the motion of the equations; as a part of each size."""
         found = [phase.relative for phase in self.phases.values()]
         known = [error for error in found if error is not None]
-        return max(known) if known and len(known) == len(found) else None
+        return max(known) if known and len(known) == len(found) and not self.beside else None
 
     @property
     def excess(self) -> float | None:
@@ -142,7 +154,7 @@ class DiscretisationEstimate(Presented):
     def remarks(self) -> tuple[str, ...]:
         """What is not known, and why; and what passes its bounds between the points of the mesh."""
         unknown = tuple(remark for phase in self.phases.values() for remark in phase.remarks)
-        return (*unknown, *self.bounds_passed)
+        return (*self.beside, *unknown, *self.bounds_passed)
 
     @property
     def bounds_passed(self) -> tuple[str, ...]:
@@ -176,7 +188,7 @@ class DiscretisationEstimate(Presented):
                 return None
             factors = [1.0]
             if of_objective is not None:
-                factors.append((of_objective / objective) ** (1.0 / phase.order))
+                factors.append((of_objective / objective) ** (1.0 / phase.order_of_costs))
             if phase.relative is not None:
                 factors.append((phase.relative / motion) ** (1.0 / (phase.order + 1)))
             if not np.isfinite(factors).all():
@@ -184,12 +196,37 @@ class DiscretisationEstimate(Presented):
             total += math.ceil(phase.elements * min(max(factors), _MOST_ADVISED))
         return total if 0 < total <= _MOST_ADVISED else None
 
+    @property
+    def is_known(self) -> bool:
+        """Whether the errors of the objective and of the motion were computed."""
+        return self.objective_error is not None and self.motion_error is not None
+
+    def in_short(self) -> str:
+        """What is said wherever a result is shown: the larger error, or why it is not known; empty without a mesh."""
+        if not (self.phases or self.beside):
+            return ""
+        objective, motion = self.relative_objective_error, self.motion_error
+        if objective is None or motion is None:
+            unknown = [phase for phase in self.phases.values() if phase.motion is None or phase.net is None]
+            why = (*self.beside, *(phase.remarks[0] for phase in unknown))
+            return shorten(f"mesh error not known: {why[0]}", MOST_CHARACTERS, placeholder=" ...")
+        elements = sum(phase.elements or 0 for phase in self.phases.values())
+        error = percent(motion) if motion >= objective else self._objective_error_in_words(objective)
+        return f"mesh error {error} on {elements} elements"
+
+    def _objective_error_in_words(self, relative: float) -> str:
+        """A part of the objective; where that is zero, a part of it says nothing, and the size does."""
+        error = self.objective_error
+        if error is None or error <= abs(self.objective):
+            return percent(relative)
+        return f"{error:.1e} in its units, where the objective is {self.objective:.1e}"
+
     def sentence(self) -> str:
         """The errors in one line; empty where nothing is known."""
         parts = []
         error, relative = self.objective_error, self.relative_objective_error
         if error is not None and relative is not None:
-            parts.append(f"objective {error:.1e} ({percent(relative)})")
+            parts.append(f"objective {error:.1e} ({self._objective_error_in_words(relative)})")
         elif self.phases:
             parts.append("objective not known")
         worst = max((p for p in self.phases.values() if p.relative is not None), key=_relative, default=None)
@@ -205,7 +242,7 @@ class DiscretisationEstimate(Presented):
         """What to do about large errors; empty where they are small."""
         if not self.is_large:
             return ""
-        return f"The mesh is coarse: take {self._finer()}, or rcp.studies.solve_refined."
+        return f"The mesh is coarse: take {self._finer()}."
 
     def in_words(self) -> str:
         """What is large, and how many elements would do; empty where nothing is."""
@@ -217,7 +254,7 @@ class DiscretisationEstimate(Presented):
             if phase.relative is not None and not phase.relative <= SMALL_MOTION_ERROR:
                 off.append(f"'{phase.name}.{phase.state}' is off by {percent(phase.relative)} within an element")
         if objective is not None and not objective <= SMALL_OBJECTIVE_ERROR:
-            off.append(f"the objective {'' if off else 'is off '}by {percent(objective)}")
+            off.append(f"the objective {'' if off else 'is off '}by {self._objective_error_in_words(objective)}")
         if self._passes_limits:
             off.append(f"a limit of states is passed between the points by {percent(self.excess or 0.0)} of its size")
         return f"{', '.join(off)}; take {self._finer()}"

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 from pyomo.core.expr.numvalue import value
 
@@ -14,9 +13,10 @@ from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.expression_nodes import ExpressionEvaluator
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.phases.integrals import INTEGRALS
-from pyrobocop_pyomo.phases.rate_arrays import ARRAY_FUNCTIONS
+from pyrobocop_pyomo.phases.rule_formulas import ARRAY_FUNCTIONS
 
 from .row_multipliers import RowMultipliers
+from .stated_at_points import rows_beside
 
 # Of differences, relative to an integral: where something holds them that is not affine in them.
 _STEP = 1e-5
@@ -87,16 +87,9 @@ def _slopes(expression: Any, members: Mapping[int, Sequence[Any]]) -> dict[int, 
 
 def _rows_that_read(wanted: set[int], model: Any, phases: Sequence[Any], found: RowMultipliers) -> Iterator[Any]:
     """Rows that no phase has stated, and that restrain something, of constraints in which one of some nodes occurs."""
-    stated = {
-        id(phase.component(name))
-        for phase in phases
-        for name in (*phase.record.generated_rows, *(statement.name for statement in phase.record.statements))
-    }
     count = 0
-    for component in model.component_objects(Constraint, active=True):
-        if id(component) in stated:
-            continue
-        rows = [row for row in component.values() if row.active and found.of_row(row) != 0.0]
+    for _, active in rows_beside(model, phases):
+        rows = [row for row in active if found.of_row(row) != 0.0]
         count += len(rows)
         if count > _MOST_ROWS:
             raise TrajectoryError("too many rows beside the phases to look for integrals in.")

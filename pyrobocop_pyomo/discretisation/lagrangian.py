@@ -7,31 +7,27 @@ stages, the function ::
 
 is integrated over each element by a rule that is far more exact than that of the mesh, and by that of the mesh. The
 difference is the first part of the error. Where the mesh is free to place its controls, H is stationary in them at the
-stages only: how much smaller it could be between the stages is the second part.
+stages only: how much smaller it could be between the stages is the second part. The third are kinks: where the motion
+leaves a limit inside an element, that of the mesh stays there until the boundary, and costates and slopes jump.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
-from pyomo.core.base.constraint import Constraint
-from pyomo.core.expr.numvalue import native_numeric_types
-from pyomo.core.expr.relational_expr import RelationalExpression
 
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions
-from pyrobocop_pyomo.modeling.expression_nodes import ExpressionEvaluator
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.numerics.lagrange import differentiation_matrix, evaluation_matrix
+from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
 from pyrobocop_pyomo.phases import Algebraic, Control
+from pyrobocop_pyomo.phases.bounds_between_points import sides_stated
 from pyrobocop_pyomo.phases.companions import indices_of
-from pyrobocop_pyomo.phases.instant_rules import ARRAY_FUNCTIONS
-from pyrobocop_pyomo.phases.rate_arrays import FormulasWithDelays
-from pyrobocop_pyomo.phases.record import labelled_rows
+from pyrobocop_pyomo.phases.instants_inside import InstantsInside
+from pyrobocop_pyomo.phases.quick_instants import SAMPLES, instants_to_look_at
+from pyrobocop_pyomo.phases.rule_formulas import RuleFormulas
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .best_controls import least_integrand, least_integrand_within_rows
@@ -75,31 +71,33 @@ class PhaseLagrangian:
         record = phase.record
         self._record, self._trajectory, self._multipliers, self._sign = record, trajectory, multipliers, sign
         self._indices = indices_of(record, trajectory.grid)
-        self._formulas = FormulasWithDelays(phase, record, self._indices, trajectory.grid, by_instant=True)
+        self._formulas = RuleFormulas(phase, record, self._indices, trajectory.grid)
         names = [name for name in record.names_of_states if name in multipliers.costates]
         rates = self._formulas.rates_of(names, derivatives=True) if names else []
         self._rates = dict(zip(names, rates, strict=True))
         self._integrands = [
-            (weight, self._formulas.formula_of(statement))
+            (weight, self._formulas.formulas_of(statement))
             for weight, statement in zip(weights, record.integrals, strict=True)
             if weight != 0.0
         ]
         self._rows = [
-            (tuple(self._formulas.formulas_of(statement, partial(_row, statement.kind, label)).values()), density)
-            for statement, label, density in multipliers.rows
+            (sides_stated(self._formulas, statement)[label], density) for statement, label, density in multipliers.rows
         ]
         self._refuse_delayed_signals()
+        stated = [*record.statements_of("ode"), *record.integrals, *(statement for statement, _, _ in multipliers.rows)]
+        self._fractions = instants_to_look_at(phase, record, trajectory, self._indices, stated)
         self._states = {name: trajectory.element_states(name) for name in trajectory.states}
         self._signals = {name: trajectory.element_signals(name) for name in trajectory.signals}
         self._stages = trajectory.grid.scheme.stages
-        self.free = record.names(Control)
+        # Values between knots that the user has placed are the same few numbers on any mesh.
+        self.free = [name for name in record.names(Control) if record.declarations[name].knots is None]
         if _determines_algebraics(phase, record):
             self.free = [*self.free, *record.names(Algebraic)]
         self.apart = self._rows_with_slopes_by(self.free)
         self.of_states = frozenset(range(len(self._rows))) - self._rows_with_slopes_by(list(self._signals))
 
     def _refuse_delayed_signals(self) -> None:
-        found = sorted(self._formulas.delayed_names - set(self._trajectory.states))
+        found = sorted({name for name, _ in self._formulas.delays} - set(self._trajectory.states))
         if found:
             raise TrajectoryError(f"'{found[0]}' is read at earlier times: what it does there later is not seen.")
 
@@ -139,9 +137,11 @@ class PhaseLagrangian:
         with np.errstate(all="ignore"):
             stages, between, weights = self._stages_and_between()
             here = between.integrand({})
-            first = weights @ here - scheme.b @ stages.integrand({})
+            exact = self._quick_integral(between) if len(self._fractions) > SAMPLES + 1 else weights @ here
+            first = exact - scheme.b @ stages.integrand({})
             second = weights @ (here - between.least()) if self.free else np.zeros(len(widths))
             passed = between.passed()
+            second = second + self._kinks(between) / widths
         # Both parts may cancel, and do for schemes of Gauss; how well is known to leading order only.
         net = first - second
         parts = np.abs(first) + np.abs(second)
@@ -152,23 +152,27 @@ class PhaseLagrangian:
             raise TrajectoryError("The estimate has no finite value at some point between those of the mesh.")
         return widths * net, np.maximum(widths * bound, passed), passed
 
-    def excesses(self, smallest_size: float) -> Array:
-        """How far each element passes inequalities of states alone between the points, shape ``(N,)``.
+    def _quick_integral(self, between: _Instants) -> Array:
+        """Means of the function over the elements, by a rule on each part on which it hardly changes with the time."""
+        (first, second), parts = np.polynomial.legendre.leggauss(2)[0], np.diff(self._fractions)
+        middles = (self._fractions[1:] + self._fractions[:-1]) / 2.0
+        points = np.concatenate([middles + first / 2.0 * parts, middles + second / 2.0 * parts])
+        return np.tile(parts / 2.0, 2) @ _Instants(self, points, between.rates_at_stages).integrand({})
 
-        As a part of the size of what is limited, where that is above the smallest one. What is violated at points as
-        well, where the user may have set another bound, counts only for what is more.
+    def _kinks(self, between: _Instants) -> Array:
+        """What a bend over the shorter element beside each boundary saves where the motion has a kink, shape ``(N,)``.
+
+        A slope that changes by `a` in one moment costs ``H_uu a^2 h / 12`` more than one that changes over `h`, and
+        ``H_uu a`` is by how much the costate jumps. Where there is no kink both jumps, and their product, are small.
         """
-        with np.errstate(all="ignore"):
-            stages, between, _ = self._stages_and_between()
-            worst = np.zeros(len(self._trajectory.grid.mesh.widths))
-            for (at, *sides, _), (here, *others, _) in zip(stages.limited(), between.limited(), strict=True):
-                size = max(smallest_size, float(np.abs(at).max()))
-                for sign, there, beyond in zip((-1.0, 1.0), sides, others, strict=True):
-                    allowed = max(0.0, float((sign * (at - there)).max()))
-                    worst = np.maximum(worst, ((sign * (here - beyond)).max(axis=0) - allowed) / size)
-        if not np.isfinite(worst).all():
-            raise TrajectoryError("A path constraint has no finite value at some point between those of the mesh.")
-        return worst
+        widths = np.array(self._trajectory.grid.mesh.widths)
+        ends = _Instants(self, np.array([0.0, 1.0]), between.rates_at_stages)
+        products = [
+            (of[0, 1:] - of[1, :-1]) * (ends.slopes[name][0, 1:] - ends.slopes[name][1, :-1])
+            for name, of in ends._costates.items()
+        ]
+        saved = np.abs(sum(products, np.zeros(len(widths) - 1))) * np.minimum(widths[1:], widths[:-1]) / 12.0
+        return np.append(saved, 0.0)
 
     def _stages_and_between(self) -> tuple[_Instants, _Instants, Array]:
         """At the stages, and at the points of a far more exact rule with their weights."""
@@ -180,8 +184,8 @@ class PhaseLagrangian:
         return _Instants(self, scheme.c, rates) if rates else stages, between, weights / 2.0
 
 
-class _Instants:
-    """All elements at some local fractions; arrays have the shape ``(q, N)``.
+class _Instants(InstantsInside):
+    """Costates and densities beside the trajectory.
 
     Parameters
     ----------
@@ -192,29 +196,10 @@ class _Instants:
     """
 
     def __init__(self, phase: PhaseLagrangian, fractions: Array, rates: Mapping[str, Array] | None = None) -> None:
-        self._of, self._fractions = phase, fractions
-        trajectory, multipliers = phase._trajectory, phase._multipliers
-        scheme, mesh = trajectory.grid.scheme, trajectory.grid.mesh
-        self._at_stages = at_stages = scheme.stage_polynomial_at(fractions)
-        starts = np.array(mesh.boundaries[:-1])
-        times = starts + fractions[:, None] * mesh.widths
-        places = np.array(phase._indices.mesh.boundaries)
-        self._index = places[:-1] + fractions[:, None] * np.diff(places)
-        self._clock = times
-        values: dict[str, Any] = {name: scheme.state_at(fractions) @ of.T for name, of in phase._states.items()}
-        values |= {name: at_stages @ of.T for name, of in phase._signals.items()}
-        values |= {name: np.interp(times, *knots) for name, knots in trajectory.piecewise_linear.items()}
-        earlier = [
-            phase._formulas.delayed_numbers(trajectory, times[i], np.array(mesh.widths), fraction)
-            for i, fraction in enumerate(np.asarray(fractions).tolist())
-        ]
-        self._earlier = {key: np.array([at[key] for at in earlier]) for key in earlier[0]}
-        slopes = differentiation_matrix(scheme.state_nodes, fractions)
-        self._slopes = {name: slopes @ of.T / mesh.widths for name, of in phase._states.items()}
-        for name, at in (rates or {}).items():
-            values[name] = phase._states[name][:, 0] + mesh.widths * (scheme.increments_at(fractions) @ at)
-            self._slopes[name] = at_stages @ at
-        self._values = {**values, **trajectory.parameters}
+        super().__init__(phase._record, phase._trajectory, phase._indices, fractions, phase._formulas, rates)
+        self.rates_at_stages = rates
+        self._of, multipliers = phase, phase._multipliers
+        scheme, at_stages = phase._trajectory.grid.scheme, self.at_stages
         with_start = evaluation_matrix([0.0, *scheme.c], fractions) if multipliers.starts else at_stages
         self._costates = {
             name: with_start @ np.vstack([multipliers.starts[name], of.T])
@@ -224,29 +209,19 @@ class _Instants:
         }
         self._densities = [(excess, at_stages @ density.T) for excess, density in phase._rows]
         self._bounds = [
-            (name, self._bound(name, side), at_stages @ density.T) for name, side, density in multipliers.bounds
+            (name, self.bound(name, side), at_stages @ density.T) for name, side, density in multipliers.bounds
         ]
-
-    def _bound(self, name: str, side: int) -> Any:
-        """A declared bound of a state or algebraic at the instants."""
-        declaration = self._of._record.declarations[name]
-        none = (-np.inf, np.inf)[side]
-        if not callable(declaration.bounds):
-            bound = declaration.bounds_at(0.0, name)[side]
-            return none if bound is None else float(bound)
-        found = [declaration.bounds_at(time, name)[side] for time in self._index.ravel().tolist()]
-        return np.array([none if bound is None else bound for bound in found], dtype=float).reshape(self._index.shape)
 
     def limits(self, name: str) -> tuple[Array, Array]:
         """Least and largest value of a control or algebraic at the instants."""
         if name in self._of._multipliers.room:
             room = self._of._multipliers.room[name]
             lower, upper = (
-                np.where(np.isfinite(of).all(axis=1), self._at_stages @ np.where(np.isfinite(of), of, 0.0).T, infinite)
+                np.where(np.isfinite(of).all(axis=1), self.at_stages @ np.where(np.isfinite(of), of, 0.0).T, infinite)
                 for of, infinite in zip(room, (-np.inf, np.inf), strict=True)
             )
         else:
-            lower, upper = (np.zeros(self._index.shape) + self._bound(name, side) for side in (0, 1))
+            lower, upper = (np.zeros(self.index.shape) + self.bound(name, side) for side in (0, 1))
         return lower, upper
 
     def own_rows(self, given: Mapping[str, Array]) -> list[tuple[Array, Array, Array]]:
@@ -255,8 +230,8 @@ class _Instants:
 
     def rows(self, places: Iterable[int], given: Mapping[str, Array]) -> list[tuple[Array, Array, Array]]:
         """Body and bounds of some rows."""
-        known = self._evaluator({**self._values, **given})
-        shape = np.zeros(self._index.shape)
+        known = self.evaluator({**self.values, **given})
+        shape = np.zeros(self.index.shape)
         return [
             (shape + known(body), shape + known(lower), shape + known(upper))
             for (body, lower, upper), _ in (self._of._rows[i] for i in places)
@@ -264,26 +239,22 @@ class _Instants:
 
     def limited(self) -> list[tuple[Array, Array, Array, Array]]:
         """Inequalities of states alone, declared bounds too: body, both bounds, and densities at the stages."""
-        of, shape = self._of, np.zeros(self._index.shape)
+        of, shape = self._of, np.zeros(self.index.shape)
         found = [
             (body, lower, upper, of._rows[i][1])
             for i, (body, lower, upper) in zip(of.of_states, self.rows(of.of_states, {}), strict=True)
             if not np.array_equal(lower, upper)
         ]
-        none = np.zeros((self._index.shape[1], of._stages))
+        none = np.zeros((self.index.shape[1], of._stages))
         for name in of._states:
             density = sum((of for known, _, of in self._of._multipliers.bounds if known == name), none)
-            found.append((shape + self._values[name], *(shape + self._bound(name, side) for side in (0, 1)), density))
+            found.append((shape + self.values[name], *(shape + self.bound(name, side) for side in (0, 1)), density))
         return found
 
     def rates(self) -> dict[str, Array]:
         """What the equations say of the derivatives."""
-        known = self._evaluator(self._values)
-        return {name: np.zeros(self._index.shape) + known(rate) for name, rate in self._of._rates.items()}
-
-    def _evaluator(self, values: Mapping[str, Any]) -> Any:
-        leaves = self._of._formulas.leaves(values, self._index, self._clock, self._slopes)
-        return ExpressionEvaluator({**leaves, **self._earlier}, ARRAY_FUNCTIONS).of
+        known = self.evaluator(self.values)
+        return {name: np.zeros(self.index.shape) + known(rate) for name, rate in self._of._rates.items()}
 
     def integrand(self, given: Mapping[str, Array], *, apart: bool = False) -> Array:
         """The function of the module with some values replaced, in the sign of a minimum.
@@ -296,13 +267,13 @@ class _Instants:
             Leave out the rows and bounds that controls and algebraics can meet.
         """
         of = self._of
-        values = {**self._values, **given}
-        known = self._evaluator(values)
-        total = np.zeros(self._index.shape)
+        values = {**self.values, **given}
+        known = self.evaluator(values)
+        total = np.zeros(self.index.shape)
         for weight, integrand in of._integrands:
             total += weight * known(integrand)
         for name, costate in self._costates.items():
-            total += costate * (known(of._rates[name]) - self._slopes[name])
+            total += costate * (known(of._rates[name]) - self.slopes[name])
         for i, ((body, lower, upper), density) in enumerate(self._densities):
             if not (apart and i in of.apart):
                 total -= density * _beyond(known(body), known(lower), known(upper), of._sign * density)
@@ -321,7 +292,7 @@ class _Instants:
         scheme, widths = of._trajectory.grid.scheme, np.array(of._trajectory.grid.mesh.widths)
         count, stages = len(widths), scheme.stages
         # The gap before each stage of the phase, and the one after the last.
-        gaps = np.searchsorted(scheme.c, self._fractions)[:, None] + stages * np.arange(count)
+        gaps = np.searchsorted(scheme.c, self.fractions)[:, None] + stages * np.arange(count)
         total = np.zeros(count)
         for body, lower, upper, density in self.limited():
             for excess, sign in ((lower - body, of._sign), (body - upper, -of._sign)):
@@ -346,12 +317,12 @@ class _Instants:
             every = {name: of._signals[name].ravel() for name in of.free}
             extremes = {int(place) for values in every.values() for place in (values.argmin(), values.argmax())}
             starts += [{name: values[place] for name, values in every.items()} for place in sorted(extremes)]
-        starts = [{name: np.broadcast_to(of, self._index.shape) for name, of in start.items()} for start in starts]
+        starts = [{name: np.broadcast_to(of, self.index.shape) for name, of in start.items()} for start in starts]
         return least_integrand(self, {name: self.values_of(name) for name in of.free}, starts)
 
     def values_of(self, name: str) -> Array:
         """A control or algebraic at the instants."""
-        return np.zeros(self._index.shape) + self._values[name]
+        return np.zeros(self.index.shape) + self.values[name]
 
 
 def _determines_algebraics(phase: Any, record: Any) -> bool:
@@ -360,41 +331,6 @@ def _determines_algebraics(phase: Any, record: Any) -> bool:
     explicit = set(record.names_of_states) <= set(record.equation_of)
     pairs = any(True for _ in phase.component_data_objects(Complementarity, active=True, descend_into=True))
     return bool(names) and explicit and not pairs and record.residuals_per_point == len(names)
-
-
-def _row(kind: str, label: Any, result: Any) -> dict[str, Any]:
-    """Body and bounds of one of the rows that a rule returned."""
-    row = labelled_rows(kind, plain_expressions(result)).get(label, Constraint.Skip)
-    found = (0.0, -np.inf, np.inf) if row is Constraint.Skip or row is Constraint.Feasible else _excess(row)
-    return dict(zip(("body", "lower", "upper"), found, strict=True))
-
-
-def _excess(row: Any) -> tuple[Any, Any, Any]:
-    """Body and bounds of a row, in the orientation that Pyomo gives it."""
-    infinite = (-np.inf, np.inf)
-    if isinstance(row, tuple):
-        if len(row) == 2:
-            return _oriented(row[0], row[1], equal=True)
-        lower, body, upper = row
-        return body, infinite[0] if lower is None else lower, infinite[1] if upper is None else upper
-    if not isinstance(row, RelationalExpression):
-        return row, 0.0, 0.0  # an equation that was stated as an expression which is zero
-    if len(row.args) == 3:
-        lower, body, upper = row.args
-        return body, lower, upper
-    return _oriented(*row.args, equal=not hasattr(row, "strict"))
-
-
-def _oriented(left: Any, right: Any, *, equal: bool) -> tuple[Any, Any, Any]:
-    if not _varies(left):
-        return right, left, left if equal else np.inf
-    if not _varies(right):
-        return left, right if equal else -np.inf, right
-    return left - right, 0.0 if equal else -np.inf, 0.0
-
-
-def _varies(expression: Any) -> bool:
-    return expression.__class__ not in native_numeric_types and bool(expression.is_potentially_variable())
 
 
 def _beyond(body: Any, lower: Any, upper: Any, dual: Array) -> Array:

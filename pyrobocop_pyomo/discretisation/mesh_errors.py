@@ -56,13 +56,11 @@ class MeshErrors:
     objective: float
 
     @classmethod
-    def of(cls, estimate: DiscretisationEstimate, of_motion: Mapping[str, Array] | None = None) -> MeshErrors:
-        """What an estimate says; with errors of the motion from elsewhere, whose sizes are one or more as well."""
+    def of(cls, estimate: DiscretisationEstimate) -> MeshErrors:
+        """What an estimate says."""
         phases = estimate.phases
-        limits = {name: of.excesses if of_motion else of.relative_excesses for name, of in phases.items()}
-        if of_motion is None:
-            of_motion = {name: of.motion for name, of in phases.items() if of.motion is not None}
-        of_limits = {name: of for name, of in limits.items() if of is not None}
+        of_motion = {name: of.motion for name, of in phases.items() if of.motion is not None}
+        of_limits = {name: of.relative_excesses for name, of in phases.items() if of.relative_excesses is not None}
         size = max(abs(estimate.objective), ZERO_OBJECTIVE)
         parts = {name: of.objective / size for name, of in phases.items() if of.objective is not None}
         error = estimate.relative_objective_error

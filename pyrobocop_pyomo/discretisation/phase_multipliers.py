@@ -11,15 +11,13 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.numerics import Array, Grid
+from pyrobocop_pyomo.numerics.rounding import ROUNDING
 from pyrobocop_pyomo.phases import Algebraic, Control, State
 from pyrobocop_pyomo.phases.declarations import UNBOUNDED
 from pyrobocop_pyomo.phases.nodes import StageNodes
 from pyrobocop_pyomo.phases.record import Statement
 
 from .row_multipliers import RowMultipliers
-
-# Multipliers of a solved program that restrain nothing are of the size of the barrier parameter.
-_NONE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,13 +88,6 @@ def phase_multipliers(phase: Any, found: RowMultipliers, widths: Array) -> Phase
     return PhaseMultipliers(costates, starts, rows_of, _bounds(phase, found, grid, weights), room)
 
 
-def no_multipliers(phase: Any) -> PhaseMultipliers:
-    """The rows of the path constraints of a phase, and no multipliers."""
-    grid = phase.record.grid
-    weights = np.ones((grid.mesh.elements, grid.scheme.stages))
-    return PhaseMultipliers({}, {}, _rows(phase, RowMultipliers({}, {}, {}), "constraint", grid, weights), [], {})
-
-
 def _by_index(found: RowMultipliers, rows: Any) -> dict[Any, float]:
     known = found.rows
     by_index = {index: known.get(id(row)) for index, row in rows.items()}
@@ -148,7 +139,8 @@ def _bounds(phase: Any, found: RowMultipliers, grid: Grid, weights: Array) -> li
                 by_time = {time: known.get(identity, 0.0) for time, identity in identities.items()}
                 if ends:
                     by_time[grid.points[-1]] = 0.0  # what is required at the end restrains nothing before
-                if any(abs(number) > _NONE for number in by_time.values()):
+                # Multipliers of a solved program that restrain nothing are of the size of the barrier parameter.
+                if any(abs(number) > ROUNDING for number in by_time.values()):
                     entries.append((name, side, _at_points(grid, by_time) / weights))
     return entries
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,29 +14,32 @@ from pyomo.core.base.objective import Objective, maximize
 
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.errors import PyRobocopError, TrajectoryError
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.numerics.flows import integrate_elements
 from pyrobocop_pyomo.numerics.tables import tables_continued
 from pyrobocop_pyomo.phases import phases_of
-from pyrobocop_pyomo.phases.bounds_between_points import bounds_passed, sentence_on_bounds
-from pyrobocop_pyomo.phases.companions import indices_of
+from pyrobocop_pyomo.phases.asked_by_point import asked_by_point, read_inside_elements
+from pyrobocop_pyomo.phases.bounds_between_points import (
+    BoundPassed,
+    bounds_passed,
+    rows_passed,
+    sentence_on_bounds,
+)
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
-from pyrobocop_pyomo.phases.rate_arrays import RateArrays
+from pyrobocop_pyomo.phases.reintegration import reintegrate
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .estimates import DiscretisationEstimate, PhaseEstimate
 from .integral_weights import integral_weights
 from .lagrangian import PhaseLagrangian
-from .phase_multipliers import PhaseMultipliers, no_multipliers, phase_multipliers
+from .phase_multipliers import PhaseMultipliers, phase_multipliers
 from .row_multipliers import RowMultipliers
+from .stated_at_points import motion_beside_phases, stated_at_points
 
 logger = logging.getLogger(__name__)
 
-# Of the integration of each element, relative to the size of each state; a state that stays at zero has a size too.
-_TOLERANCE, _SMALLEST_SCALE = 1e-8, 1e-6
-# Where rules are evaluated at each instant, which takes a thousand times as long, and what they say may jump.
-_TOLERANCE_BY_INSTANT = 1e-3
-_SAMPLES = 2
+# A state that stays at zero has a size too.
+_SMALLEST_SCALE = 1e-6
 # A control that passes its bound by more than this part of its size is told beside the states.
 _LARGE = 1e-2
 
@@ -57,52 +62,60 @@ class DiscretisationProbe:
         self._found: DiscretisationEstimate | None = None
         self._phases: list[_Captured] = []
         phases = phases_of(model)
+        self._model = model if phases else None  # which phases know weakly, and which a study may have let go
+        self._beside = list(motion_beside_phases(model, phases))
         if phases:
             with PauseGC():  # many small objects, all of which live on
                 self._capture(model, phases, multipliers)
 
     def _capture(self, model: Any, phases: list[Any], multipliers: Callable[[], RowMultipliers | None]) -> None:
-        sign, weights, known, why = 1.0, {}, multipliers(), "the solver gave no multipliers."
-        if known is not None:
+        weights, known, why = {}, multipliers(), "the solver gave no multipliers."
+        goals = list(model.component_data_objects(Objective, active=True))
+        sign = -1.0 if any(goal.sense == maximize for goal in goals) else 1.0
+        # What no free variable moves is the same on any mesh.
+        constant = all(variable.fixed for variable in variables_in_any([goal.expr for goal in goals]).values())
+        if known is not None and not constant:
             try:
                 weights = integral_weights(model, phases, known)
-                goals = [data.sense for data in model.component_data_objects(Objective, active=True)]
-                sign = -1.0 if maximize in goals else 1.0
+                why = stated_at_points(model, phases, known, self._objective)
+                known = None if why else known
             except (PyRobocopError, ArithmeticError, ValueError, TypeError) as error:
                 known, why = None, str(error)
         for phase in phases:
             try:
-                self._phases.append(_Captured(phase, known, weights.get(id(phase), []), sign, why))
+                captured = _Captured(phase, known, weights.get(id(phase), []), sign, why, constant=constant)
+                self._phases.append(captured)
             # TypeError: rows of steps, and components that were renamed, are not where a phase has them.
             except (PyRobocopError, ArithmeticError, ValueError, LookupError, TypeError) as error:
-                logger.info("phase '%s': nothing is known of the errors of its mesh: %s", phase.name, error)
+                self._beside.append(f"phase '{phase.name}': {_said(error)}")
 
     def error(self) -> DiscretisationEstimate:
         """The errors, estimated when they are requested first."""
         if self._found is None:
             with tables_continued():
                 errors = {captured.phase.name: captured.error(self._objective) for captured in self._phases}
-            self._found = DiscretisationEstimate(self._objective, errors)
-            self._phases = []  # what was captured, the model among it, is not needed any more
+            self._found = DiscretisationEstimate(self._objective, errors, tuple(self._beside))
+            self._phases, self._model = [], None  # what was captured is not needed any more
         return self._found
 
     def __getstate__(self) -> dict[str, Any]:
         # A pickle holds no model.
-        return {"_objective": self._objective, "_found": self.error(), "_phases": []}
+        return {"_objective": self._objective, "_found": self.error(), "_phases": [], "_beside": [], "_model": None}
 
 
 class _Captured:
     """One phase: its values, and its multipliers where they are known."""
 
-    def __init__(self, phase: Any, known: RowMultipliers | None, weights: list[float], sign: float, why: str) -> None:
-        self.phase, self._weights, self._sign, self._why = phase, weights, sign, why
+    def __init__(
+        self, phase: Any, known: RowMultipliers | None, weights: list[float], sign: float, why: str, *, constant: bool
+    ) -> None:
+        self.phase, self._weights, self._sign, self._why, self._constant = phase, weights, sign, why, constant
         self._trajectory: Trajectory = PhaseValues(phase).trajectory(evaluate=False)
         self._multipliers: PhaseMultipliers | None = None
-        self._rows = no_multipliers(phase)
         if any(True for _ in phase.component_data_objects(PAIR_TYPES, active=True)):
             # On finer meshes of a slider that is pushed the estimate stayed at twenty times the objective.
             self._why = "It has pairs, whose forces and multipliers jump inside elements."
-        elif known is not None:
+        elif known is not None and not constant:
             try:
                 self._multipliers = phase_multipliers(phase, known, self._trajectory.grid.mesh.widths)
             except TrajectoryError as error:
@@ -110,68 +123,82 @@ class _Captured:
 
     def error(self, size: float) -> PhaseEstimate:
         """The errors of the phase, as far as they can be estimated; `size` is that of the objective."""
-        remarks = []
+        remarks: list[str] = []
         motion, state, largest, objective, net, flattered = None, "", 0.0, None, None, 0.0
         name = self.phase.name
-        try:
-            self._refuse_other_rules()
-            motion, state, largest = self._motion()
-        except Exception as error:  # rules that were written for single instants may raise anything
-            remarks.append(f"phase '{name}': error of the motion not estimated. {_said(error)}")
-        try:
-            self._refuse_other_rules()
-            if self._multipliers is None:
-                raise TrajectoryError(self._why)
-            nets, objective, parts = PhaseLagrangian(
-                self.phase, self._trajectory, self._multipliers, self._weights, self._sign
-            ).errors(abs(size))
-            net, flattered = float(nets.sum()), float(parts.sum())
-        except Exception as error:  # as above
-            remarks.append(f"phase '{name}': error of the objective not estimated. {_said(error)}")
+        scheme = self._trajectory.grid.scheme
+        reason = asked_by_point(self.phase)
+        if self.phase.record.discrete_states:
+            reason = f"phase '{name}': step maps lead its states; on another mesh it would be another motion."
+        if reason is not None:
+            return PhaseEstimate(name, scheme.order, scheme.order_of_costs, None, "", 0.0, None, (reason,))
         excesses = relative_excesses = None
-        try:
-            self._refuse_other_rules()
-            none = [0.0] * len(self.phase.record.integrals)
-            limits = PhaseLagrangian(self.phase, self._trajectory, self._rows, none, self._sign)
-            excesses, relative_excesses = (limits.excesses(smallest) for smallest in (1.0, _SMALLEST_SCALE))
-        except Exception as error:  # as above
-            remarks.append(f"phase '{name}': what is passed between the points is not known. {_said(error)}")
-        passed = bounds_passed(self.phase.record, self._trajectory)
+        with self._remarked(remarks, "error of the motion not estimated"):
+            motion, state, largest = self._motion()
+        with self._remarked(remarks, "error of the objective not estimated"):
+            nets, objective, parts = self._errors_of_objective(abs(size))
+            net, flattered = float(nets.sum()), float(parts.sum())
+        with self._remarked(remarks, "what is passed between the points is not known"):
+            excesses, relative_excesses = self._excesses(1.0), self._excesses(0.0)
         # A control with a value at each point passes a bound by a little wherever it is on it: verify() tells that.
-        told = {name: one for name, one in passed.items() if not one.is_control or one.excess > _LARGE * one.size}
+        told = {
+            name: of
+            for name, of in self._bounds.items()
+            if name in self.phase.record.declarations and (not of.is_control or of.excess > _LARGE * of.size)
+        }
         beyond = sentence_on_bounds(told)
-        order = self._trajectory.grid.scheme.order
         return PhaseEstimate(
-            name, order, motion, state, largest, objective, tuple(remarks), net, flattered, excesses, relative_excesses,
-            f"phase '{name}': {beyond}" if beyond else "",
+            name, scheme.order, scheme.order_of_costs, motion, state, largest, objective, tuple(remarks), net,
+            flattered, excesses, relative_excesses, f"phase '{name}': {beyond}" if beyond else "",
         )  # fmt: skip
 
-    def _refuse_other_rules(self) -> None:
-        if self.phase.record.discrete_states:
-            raise TrajectoryError("Step maps lead its states; on another mesh it would be another motion.")
+    @contextmanager
+    def _remarked(self, remarks: list[str], failed: str) -> Iterator[None]:
+        """Say in a remark why something is not known: what rules say need not have a value between the points."""
+        try:
+            yield
+        except (PyRobocopError, ArithmeticError, ValueError, TypeError, LookupError) as error:
+            remarks.append(f"phase '{self.phase.name}': {failed}. {_said(error)}")
+
+    @cached_property
+    def _bounds(self) -> dict[str, BoundPassed]:
+        return bounds_passed(self.phase.record, self._trajectory)
+
+    @cached_property
+    def _rows(self) -> dict[str, BoundPassed]:
+        known = self.phase, self.phase.record, self._trajectory
+        each = (rows_passed(*known, statement) for statement in self.phase.record.statements_of("constraint"))
+        return {name: of for found in each for name, of in found.items()}
+
+    def _excesses(self, smallest_size: float) -> Array:
+        """How far each element passes what states alone have to keep, in sizes, where these are above the smallest."""
+        found = [of for of in (*self._bounds.values(), *self._rows.values()) if not of.is_control]
+        none = np.zeros(self._trajectory.grid.mesh.elements)
+        return np.max([none, *(of.of_elements / max(smallest_size, of.size) for of in found)], axis=0)
+
+    def _errors_of_objective(self, size: float) -> tuple[Array, Array, Array]:
+        """As `PhaseLagrangian.errors`."""
+        if self._constant:
+            none = np.zeros(self._trajectory.grid.mesh.elements)
+            return none, none, none
+        inside = read_inside_elements(self.phase)
+        if self._multipliers is None or inside is not None:
+            raise TrajectoryError(inside or self._why)
+        return PhaseLagrangian(self.phase, self._trajectory, self._multipliers, self._weights, self._sign).errors(size)
 
     def _motion(self) -> tuple[Array, str, float]:
         """Errors of the elements relative to each state, and where the largest one is, in its own units."""
-        record, trajectory = self.phase.record, self._trajectory
-        names = record.names_of_states
-        implicit = sorted(set(names) - set(record.equation_of))
-        if implicit or not names:
-            raise TrajectoryError(f"Without explicit equation: {', '.join(implicit)}." if implicit else "No states.")
-        indices = indices_of(record, trajectory.grid)
-        rates = RateArrays(self.phase, record, trajectory, indices, by_instant=True)
-        starts = np.array([trajectory.element_states(name)[:, 0] for name in names]).T
-        sizes = _SMALLEST_SCALE + np.array([np.abs(trajectory.states[name]).max() for name in names])
-        tolerance = _TOLERANCE_BY_INSTANT if rates.asks_by_instant else _TOLERANCE
-        found = integrate_elements(rates, starts, sizes, np.linspace(0.0, 1.0, _SAMPLES + 1), tolerance)
-        if found is None:
-            raise TrajectoryError(
-                "No integration of all elements at once meets its tolerance: the motion is not smooth."
-            )
-        ends = np.array([[*starts[1:, j], trajectory.states[name][-1]] for j, name in enumerate(names)]).T
-        errors = np.abs(found[0] - ends)
-        relative = errors / sizes
-        worst = int(relative.max(axis=0).argmax())
-        return relative.max(axis=1), names[worst], float(errors[:, worst].max())
+        trajectory = self._trajectory
+        if not trajectory.states:
+            return np.zeros(trajectory.grid.mesh.elements), "", 0.0
+        found = reintegrate(self.phase, self.phase.record, trajectory, states_only=True, ends_only=True)
+        sizes = {name: _SMALLEST_SCALE + float(np.abs(of).max()) for name, of in trajectory.states.items()}
+        relative = found.end_errors(found.local, trajectory, sizes)
+        if not np.isfinite(relative).all():
+            raise TrajectoryError("In some element its equations could not be followed.")
+        within = {name: np.abs(found.local[name] - of) for name, of in found.planned.items()}
+        worst = max(within, key=lambda name: float(within[name][:, -1].max()) / sizes[name])
+        return relative, worst, float(relative.max()) * sizes[worst]
 
 
 def _said(error: Exception) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, Union
@@ -14,7 +14,9 @@ from pyomo.core.base.PyomoModel import ConcreteModel
 
 from pyrobocop_pyomo.errors import TeamError
 
-_NAMES_ON_A_MERGED_MODEL = ("objective", "keep_apart")
+_NAMES_ON_A_MERGED_MODEL = ("objective", "keep_apart", "agreement")
+# Times the distance to keep: nearer robots are too near for a plan that holds, and the closing step moves them apart.
+TOO_NEAR = 0.99
 
 Penalty = Union[float, tuple[float, ...], tuple[tuple[float, ...], ...]]  # noqa: UP007
 
@@ -131,7 +133,7 @@ class KeepApart:
 
     Where a closing step follows the rounds, it keeps them apart. Without one, robots do not see each other's unknowns,
     so their distance is bounded with the positions of the round before; where the rounds converge, it holds in the end.
-    The physical score measures it.
+    A plan in which two robots are nearer, by more than a hundredth, is no success.
 
     Attributes
     ----------
@@ -156,6 +158,29 @@ class KeepApart:
             raise TeamError(f"KeepApart: distance = {self.distance!r}; expected a positive number.")
         if self.neighbours < 1:
             raise TeamError(f"KeepApart: neighbours = {self.neighbours!r}; expected at least 1.")
+
+    def least_distance(self, plans: Mapping[str, Mapping[str, Any]], robots: Collection[str]) -> float:
+        """Least distance of two robots at any time of their plans, metres.
+
+        Parameters
+        ----------
+        plans : mapping of agent to (mapping of component to float array)
+        robots : collection of str
+
+        Returns
+        -------
+        float
+            NaN where a robot has no plan, infinite where there are no two.
+        """
+        if not plans.keys() >= set(robots):
+            return float("nan")
+        places = [np.array([plans[name][component] for component in self.components]) for name in robots]
+        gaps = [np.linalg.norm(one - other, axis=0).min() for one, other in combinations(places, 2)]
+        return float(min(gaps, default=np.inf))
+
+    def holds(self, plans: Mapping[str, Mapping[str, Any]], robots: Collection[str]) -> bool:
+        """Whether no two robots are too near in their plans, as far as all have one."""
+        return self.least_distance(plans, robots) >= TOO_NEAR * self.distance
 
     def constrain(self, model: Any, parts: Sequence[Any], within: float = np.inf) -> int:
         """Add rows that keep the robots of one model apart, beside those that it has.

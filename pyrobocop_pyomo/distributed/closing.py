@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any
 
 from pyrobocop_pyomo.complementarity import active_sources, relax
 from pyrobocop_pyomo.errors import TeamError
@@ -13,42 +13,14 @@ from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.solving.persistent_nlp import PersistentNLP
 
-from .agents import KeepApart
+from .agents import TOO_NEAR
 from .local_problem import DELTA, IPOPT_OPTIONS
 from .merging import MergedModel
 from .rounds import PlanScore, Round, is_success
 
 _NEAR = 1.6  # times the distance to keep: couples of robots that the first problem keeps apart
-_TOO_NEAR = 0.99  # times the distance: couples that the next problem keeps apart as well
 _DEARER = 0.01
 _TRIES = 8  # problems of one closing step, with couples that have come near in the one before
-
-
-class OneModelTeam(Protocol):
-    """A team that can be stated as one model."""
-
-    @property
-    def names(self) -> list[str]:
-        """Of the robots."""
-        ...
-
-    @property
-    def keep_apart(self) -> KeepApart | None:
-        """Which distance the robots keep."""
-        ...
-
-    @property
-    def physics(self) -> Callable[[Mapping[str, Mapping[str, Array]]], PlanScore] | None:
-        """Scores the plans of all agents."""
-        ...
-
-    def central(self, *, keep_apart: bool) -> MergedModel:
-        """Make one model of the whole team."""
-        ...
-
-    def plans_of(self, merged: MergedModel) -> dict[str, dict[str, Array]]:
-        """Read the plans of all agents from it."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -101,9 +73,9 @@ class Closing:
             Number of the round after which it was tried last; -1 where it was not.
         """
         waited = tried < 0 or record.number - tried >= self.every
-        return waited and record.mu is not None and record.mu <= self.below
+        return waited and (record.mu is None or record.mu <= self.below)
 
-    def carry_out(self, team: OneModelTeam, values: Mapping[str, Mapping[str, Array]]) -> ClosedPlan:
+    def carry_out(self, team: Any, values: Mapping[str, Mapping[str, Array]]) -> ClosedPlan:
         """Plan for all agents in one model, from their values.
 
         Parameters
@@ -122,9 +94,10 @@ class Closing:
         merged = team.central(keep_apart=False)
         merged.put_on(values)
         _keep_apart(team, merged, _NEAR)
-        if active_sources(merged.model):
+        has_pairs = bool(active_sources(merged.model))
+        if has_pairs:
             relax(merged.model, delta=1.0)
-        nlp = PersistentNLP(merged.model, IPOPT_OPTIONS, barrier=DELTA, go_on_after_limit=True)
+        nlp = PersistentNLP(merged.model, IPOPT_OPTIONS, barrier=DELTA if has_pairs else None, go_on_after_limit=True)
         plan = ClosedPlan(plans={}, score=None, objective=float("nan"))
         position, warm = 0, False
         for _ in range(_TRIES):
@@ -139,7 +112,7 @@ class Closing:
             if not nlp.goes_on_from_last_point:
                 break
             plan.take(team, merged)
-            warm = not _keep_apart(team, merged, _TOO_NEAR)
+            warm = not _keep_apart(team, merged, TOO_NEAR)
             if not warm:
                 nlp.prepare()
                 continue
@@ -176,20 +149,22 @@ class ClosedPlan:
     iterations: int = 0
     cpu_seconds: float = 0.0
 
-    def take(self, team: OneModelTeam, merged: MergedModel) -> None:
+    def take(self, team: Any, merged: MergedModel) -> None:
         """Read plan, score and objective from a model, unless the plan before is better."""
         plans, objective = team.plans_of(merged), merged.objective_value()
-        assert team.physics is not None
-        score = team.physics(plans)
+        score, rule = team.physics(plans), team.keep_apart
         if self.score is not None:
-            worth, before = [(s.strict, is_success(s)) for s in (score, self.score)]
+            worth, before = [
+                (rule is None or rule.holds(those, team.names), s.strict, is_success(s))
+                for those, s in ((plans, score), (self.plans, self.score))
+            ]
             # A smaller mu costs a little; where it costs more, Ipopt was on its way.
             if worth < before or (worth == before and objective > self.objective + _DEARER * abs(self.objective)):
                 return
         self.plans, self.score, self.objective = plans, score, objective
 
 
-def _keep_apart(team: OneModelTeam, merged: MergedModel, reach: float) -> bool:
+def _keep_apart(team: Any, merged: MergedModel, reach: float) -> bool:
     """Keep those apart that are nearer than so many times their distance; whether there are new ones."""
     rule, robots = team.keep_apart, [merged.parts[name] for name in team.names]
     if rule is None or len(robots) < 2 or not rule.constrain(merged.model, robots, reach * rule.distance):

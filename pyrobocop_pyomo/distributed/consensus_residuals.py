@@ -27,8 +27,6 @@ class ConsensusResiduals:
 
     def __init__(self, groups: int) -> None:
         self.disagreement, self.change, self.scaled = np.zeros((3, groups))
-        self._sums = np.zeros((2, groups))
-        self._counts = np.zeros(groups)
 
     def add(self, penalty: PenaltyMatrix, gap: Array, moved: Array) -> None:
         """Add an agent: its distances from what is agreed on, and how far that has moved."""
@@ -36,11 +34,3 @@ class ConsensusResiduals:
         np.maximum.at(self.scaled, groups, np.sqrt(penalty.diagonal) * np.abs(gap))
         np.maximum.at(self.disagreement, groups, np.abs(gap))
         np.maximum.at(self.change, groups, np.abs(moved))
-        np.add.at(self._sums[0], groups, gap**2)
-        np.add.at(self._sums[1], groups, moved**2)
-        np.add.at(self._counts, groups, 1.0)
-
-    def means(self) -> tuple[Array, Array]:
-        """Root mean squares of both."""
-        primal, dual = np.sqrt(self._sums / np.maximum(self._counts, 1.0))
-        return primal, dual

@@ -21,7 +21,7 @@ from .consensus import Consensus
 from .consensus_residuals import ConsensusResiduals
 from .messages import Order, ProblemFacts, Report
 from .rounds import PlanScore, Round
-from .team_schedules import BarrierRounds, PenaltyRounds
+from .team_schedules import BarrierPath, TargetedPenalties
 
 logger = logging.getLogger(__name__)
 
@@ -161,13 +161,14 @@ class Coordination:
         if self.graph is not None:
             self.neighbours = {name: [n for n in self.robots if self.graph.has_edge(name, n)] for name in self.robots}
 
-    def first_state(self, barrier: BarrierRounds) -> TeamState:
-        """The state before any round: no values yet, multipliers zero, penalties as given."""
+    def first_state(self, mu: float) -> TeamState:
+        """The state before any round: no values, multipliers zero, penalties as given; mu where there are pairs."""
         has_pairs = any(fact.pairs for fact in self.facts.values())
         multipliers = {name: np.zeros(self.facts[name].values.size) for name in self.robots}
         positions = {name: fact.positions for name, fact in self.facts.items() if fact.positions is not None}
-        mu = barrier.first() if has_pairs else None
-        return TeamState(0, mu, np.ones(len(self.shared)), np.zeros(0), {}, multipliers, positions)
+        return TeamState(
+            0, mu if has_pairs else None, np.ones(len(self.shared)), np.zeros(0), {}, multipliers, positions
+        )
 
     def begin_round(self) -> None:
         """Forget the reports of the round before."""
@@ -236,8 +237,8 @@ class Coordination:
         self,
         state: TeamState,
         residuals: ConsensusResiduals,
-        barrier: BarrierRounds,
-        penalties: PenaltyRounds,
+        barrier: BarrierPath,
+        penalties: TargetedPenalties | None,
         *,
         scored: bool,
     ) -> Round:
@@ -266,7 +267,8 @@ class Coordination:
             self.hub,
         )
         self.rounds.append(record)
-        state.factors = penalties.after(state.factors, state.mu, residuals)
+        if penalties is not None:
+            state.factors = penalties.after(state.factors, state.mu, residuals)
         if state.mu is not None:
             state.mu = barrier.after(state.mu, record.disagreement, state.slowness)
         state.round += 1

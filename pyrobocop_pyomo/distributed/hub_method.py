@@ -2,31 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from pyrobocop_pyomo.numerics import Array
 
-from .closing import Closing
 from .coordination import Coordination, TeamState
 from .messages import Order, ProblemFacts
-from .rounds import Round, check_ending
-from .team_schedules import (
-    BarrierPath,
-    BarrierRounds,
-    ConstantPenalties,
-    PenaltyRestart,
-    PenaltyRounds,
-    TargetedPenalties,
-)
+from .method import Method
+from .rounds import Round
 
 _FIRST_ITERATIONS = 300
 _HUB_ITERATIONS = 300
 
 
 @dataclass(frozen=True)
-class Hub:
+class Hub(Method):
     r"""Rounds between the hub and the robots.
 
     In each round every robot i minimises its own objective plus
@@ -36,38 +28,17 @@ class Hub:
     are relaxed with delta = 2 mu, and each round solves the barrier problem of its mu, warm in primal and dual. A
     robot's problem does not grow with the team.
 
+    Beside the fields of `Method`; without pairs penalties stay as they are given, and the rounds are accelerated
+    (`AndersonAcceleration`).
+
     Attributes
     ----------
-    barrier : BarrierRounds
-    penalties : PenaltyRounds
-        For teams with pairs. Without, penalties stay as they are given, and the rounds are accelerated
-        (`AndersonAcceleration`).
-    rounds : int
-        At most.
-    until : {"strict", "practical", "rounds"}
-        Which physical score ends the rounds, for teams with physics; "rounds" goes on to the last. Success is a
-        plan that is at least practical.
-    tolerance : float
-        Without physics: largest disagreement, and largest change of what is agreed on in a round.
     object_first : float
         Factor on the penalties of what a single robot shares with the hub in the hub's first problem, before any round:
         the wrenches that alone would move the object to its goal are kept small.
     early : float
         How much more than a late one an early value costs in that first problem: robots have to arrive before they
         push, while the object alone may move at any time.
-    iterations : int
-        Limit of Ipopt's iterations per solve after the first round.
-    score_below : float
-        The plan is scored from this mu on.
-    restart : PenaltyRestart
-        What happens where a contact mode froze too early.
-    closing : Closing or None
-        For teams with physics: when one planner makes exact what the agents have nearly agreed on.
-
-    Raises
-    ------
-    TeamError
-        For less than one round, or an unknown ending.
 
     Notes
     -----
@@ -81,25 +52,12 @@ class Hub:
     statistical learning via the alternating direction method of multipliers, sec. 7.2, doi:10.1561/2200000016
     """
 
-    barrier: BarrierRounds = field(default_factory=BarrierPath)
-    penalties: PenaltyRounds = field(default_factory=TargetedPenalties)
-    rounds: int = 200
-    until: str = "strict"
-    tolerance: float = 1e-6
     object_first: float = 0.28
     early: float = 4.0
-    iterations: int = 150
-    score_below: float = 2e-3
-    restart: PenaltyRestart = field(default_factory=PenaltyRestart)
-    closing: Closing | None = field(default_factory=Closing)
-
-    def __post_init__(self) -> None:
-        """Refuse rounds without an end."""
-        check_ending("Hub", self.rounds, self.until)
 
     def begin(self, work: Coordination) -> TeamState:
         """Ask the hub for a first motion of the object, and start there."""
-        hub, state = _name_of(work), work.first_state(self.barrier)
+        hub, state = _name_of(work), work.first_state(self.barrier.start)
         single = np.array([self.object_first if shared.of_one_robot else 0.0 for shared in work.shared])
         work.begin_round()
         zero = np.zeros(work.facts[hub].values.size)
@@ -142,7 +100,7 @@ class Hub:
         penalties = self.penalties
         if at is not None:
             _go_to(work, state, state.acceleration.next(at, _point(work, state)))
-            penalties = ConstantPenalties()  # the acceleration learns the map of these
+            penalties = None  # the acceleration learns the map of these
         else:
             state.acceleration.steps.clear()
         return work.end_round(state, residuals, self.barrier, penalties, scored=scored)

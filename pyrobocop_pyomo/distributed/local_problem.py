@@ -89,7 +89,6 @@ class LocalProblem:
         self.spec = spec
         self._merged = merge_agents(spec.agents, [name for _, _, names in spec.shared for name in names])
         self.model = self._merged.model
-        self._all_variables = sum(1 for _ in self.model.component_data_objects(Var))
         self._quantities: list[QuantityFacts] = []
         self._variables: list[Any] = []
         weights: list[Array] = [np.zeros(0)]
@@ -106,7 +105,7 @@ class LocalProblem:
         self.penalty = PenaltyMatrix(np.array(groups, dtype=np.intp), np.concatenate(weights), tuple(blocks))
         self.cost = QuadraticCost(self._variables, [positions for _, positions, _ in blocks])
         rule = spec.keep_apart
-        self._coordinates = [] if rule is None else [self._component(name) for name in rule.components]
+        self._coordinates = [] if rule is None else [self._coordinate(name) for name in rule.components]
         if rule is not None and spec.neighbours:
             self._keep_apart(rule, spec.neighbours)
         self._plan = {name: self._component(name) for name in spec.plan}
@@ -134,6 +133,15 @@ class LocalProblem:
             known = ", ".join(c.name for c in self.model.component_objects(Var, descend_into=True)) or "none"
             raise TeamError(
                 f"agent '{self.spec.name}': its model has no component '{name}'. Its variables are {known}."
+            )
+        return component
+
+    def _coordinate(self, name: str) -> Any:
+        component = self._component(name)
+        if component.ctype is not Var or not component.is_indexed():
+            raise TeamError(
+                f"agent '{self.spec.name}': KeepApart has '{name}', a {type(component).__name__}. Name variables over "
+                "time, such as 'me.x'."
             )
         return component
 
@@ -211,16 +219,12 @@ class LocalProblem:
 
     def facts(self) -> ProblemFacts:
         """What the coordinator has to know of this problem."""
-        variables, rows = self.nlp.size
         return ProblemFacts(
             tuple(self._quantities),
             self.penalty,
             self._pairs,
             variable_numbers(self._variables),
             np.array([variable.fixed for variable in self._variables], dtype=bool),
-            variables,
-            rows,
-            self._all_variables,
             self._read_positions(),
             {name: tuple(self._own_controls(part)) for name, part in self._merged.parts.items()},
         )

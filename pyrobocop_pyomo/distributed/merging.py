@@ -10,7 +10,7 @@ import numpy as np
 from pyomo.common.collections import ComponentMap
 from pyomo.common.gc_manager import PauseGC
 from pyomo.core.base.block import Block, BlockData
-from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.constraint import Constraint, ConstraintList
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.objective import Objective, minimize
 from pyomo.core.base.PyomoModel import ConcreteModel
@@ -131,13 +131,14 @@ def merge_agents(agents: Sequence[Agent], shared: Iterable[str]) -> MergedModel:
         for name, model in models.items():
             merged.add_component(name, model)  # as it is: rules hold on to the model that they were written for
         parts = {name: merged.component(name) for name in models}
+        merged.agreement = ConstraintList()
         names = list(dict.fromkeys(shared))
         first, *others = parts.values()
         components = [c for label in names for c in _variable_components(first, label).values()]
         agreed = {id(variable) for component in components for variable in component.values()}
         known = set(_fingerprints(first, agreed).values())
         for other in others:
-            _unify(first, other, names)
+            _unify(first, other, names, merged.agreement)
             said = _fingerprints(other, agreed)
             for row, statement in said.items():
                 if statement in known:
@@ -164,8 +165,11 @@ def _variable_components(block: Any, name: str) -> dict[str, Any]:
     return {variable.name[cut:]: variable for variable in variables}
 
 
-def _unify(first: Any, other: Any, names: Sequence[str]) -> None:
-    """Put the first block's variables in the place of the other's, wherever both have them."""
+def _unify(first: Any, other: Any, names: Sequence[str], agreement: ConstraintList) -> None:
+    """Put the first block's variables in the place of the other's, wherever both have them.
+
+    A variable without an index, such as a duration, stays where phases read it as a number, and is tied by a row.
+    """
     substitution: dict[int, Any] = {}
     replaced: list[tuple[Any, Any]] = []
     for name in names:
@@ -182,8 +186,12 @@ def _unify(first: Any, other: Any, names: Sequence[str]) -> None:
                         f"'{first.local_name}'. Give both models the same horizon and mesh."
                     )
                 _tighten(master[key], variable)
-                substitution[id(variable)] = master[key]
-            replaced.append((copied, master))
+                if copied.is_indexed():
+                    substitution[id(variable)] = master[key]
+                else:
+                    agreement.add(variable == master[key])
+            if copied.is_indexed():
+                replaced.append((copied, master))
     _substitute(other, substitution)
     for copied, master in replaced:
         block, label = copied.parent_block(), copied.local_name
@@ -205,8 +213,19 @@ def _tighten(master: Any, copied: Any) -> None:
         master.set_value(copied.value, skip_validation=True)
 
 
+class _Substitution(NodeReplacement):
+    """Named expressions stay: the integrals of a phase are such, and get other terms where its mesh changes."""
+
+    def _made(self, node: Any, arguments: list[Any]) -> Any:
+        if not node.is_named_expression_type():
+            return super()._made(node, arguments)
+        if arguments[0] is not node.expr:
+            node.set_value(arguments[0])
+        return node
+
+
 def _substitute(block: Any, substitution: Mapping[int, Any]) -> None:
-    replaced = NodeReplacement(substitution).of
+    replaced = _Substitution(substitution).of
     for ctype in (Constraint, Objective, Expression):
         for data in block.component_data_objects(ctype, descend_into=True):
             new = data.expr if data.expr is None else replaced(data.expr)

@@ -67,10 +67,6 @@ class ProblemFacts:
         Complementarity pairs.
     values, fixed : float and bool arrays, shape (n,)
         First values of the shared variables, and which are fixed.
-    variables, rows : int
-        Size of the problem that Ipopt sees.
-    all_variables : int
-        Variables of the model, fixed ones included.
     positions : float array, shape (coordinates, times), or None
         First positions, where robots are kept apart.
     own_controls : mapping of agent to tuple of str
@@ -82,9 +78,6 @@ class ProblemFacts:
     pairs: int
     values: Array
     fixed: np.ndarray
-    variables: int
-    rows: int
-    all_variables: int
     positions: Array | None
     own_controls: Mapping[str, tuple[str, ...]]
 

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from pyrobocop_pyomo.errors import TeamError
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.presentation import Presented
 
@@ -35,19 +34,6 @@ def is_success(score: PlanScore | None) -> bool:
 def ends_rounds(score: PlanScore | None, until: str) -> bool:
     """Whether a plan with this score is what the rounds were carried out for: never, where all of them are wanted."""
     return (until == "strict" and score is not None and score.strict) or (until == "practical" and is_success(score))
-
-
-def check_ending(method: str, rounds: int, until: str) -> None:
-    """Refuse a method whose rounds have no end, or none at all.
-
-    Raises
-    ------
-    TeamError
-    """
-    if not rounds >= 1:
-        raise TeamError(f"{method}: rounds = {rounds!r}; expected at least 1.")
-    if until not in ENDINGS:
-        raise TeamError(f"{method}: until = {until!r}; expected {', '.join(map(repr, ENDINGS))}.")
 
 
 @dataclass(frozen=True)

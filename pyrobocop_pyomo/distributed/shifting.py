@@ -13,9 +13,8 @@ from pyomo.core.base.var import VarData
 from pyrobocop_pyomo.errors import TeamError
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.phases import phases_of
-
-_RELATIVE = 1e-9  # of the duration: how equal the elements have to be
 
 
 def later_times(model: Any) -> dict[float, float]:
@@ -44,7 +43,7 @@ def later_times(model: Any) -> dict[float, float]:
         if grid != times:
             raise TeamError(f"'{model.name}': phases '{first}' and '{name}' have different times. Give them one mesh.")
     steps = np.diff(times)
-    if np.ptp(steps) > _RELATIVE * (times[-1] - times[0]):
+    if np.ptp(steps) > NEGLIGIBLE * (times[-1] - times[0]):
         raise TeamError(
             f"'{model.name}': the times of phase '{first}' are {steps.min():g} to {steps.max():g} apart. A plan is "
             "moved ahead by elements of equal length with one point each, such as those of 'implicit_euler'."

@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from pyrobocop_pyomo.numerics import Array
 
-from .closing import Closing
 from .coordination import Coordination, TeamState
 from .local_problem import DELTA
 from .messages import Order
-from .rounds import Round, check_ending
-from .team_schedules import (
-    BarrierPath,
-    BarrierRounds,
-    ConstantBarrier,
-    ConstantPenalties,
-    PenaltyRestart,
-    PenaltyRounds,
-    TargetedPenalties,
-)
+from .method import Method
+from .rounds import Round
+from .team_schedules import BarrierPath
 
 
 @dataclass(frozen=True)
-class Sova:
+class Sova(Method):
     r"""Rounds among robots that each plan with a copy of everything that is shared.
 
     In each round robot i minimises its own objective plus
@@ -33,69 +25,42 @@ class Sova:
     and :math:`p_i \leftarrow p_i + W \sum_{j \in N_i} (v_i - v_j)`. The multipliers of all robots sum to zero in every
     round. A robot's problem holds the object's dynamics and the wrenches of all robots, so it grows with the team.
 
+    Beside the fields of `Method`:
+
     Attributes
     ----------
-    barrier : BarrierRounds
-    penalties : PenaltyRounds
-    rounds : int
-        At most.
-    until : {"strict", "practical", "rounds"}
-        Which physical score ends the rounds, for teams with physics; "rounds" goes on to the last. Success is a
-        plan that is at least practical.
-    tolerance : float
-        Without physics: largest disagreement, and largest change in a round.
     regularisation : float
         Factor on the penalties in the first round, which has no consensus terms: the copies of the others' wrenches
         would be free otherwise.
-    iterations : int
-        Limit of Ipopt's iterations per solve.
-    score_below : float
-        The plan is scored from this mu on.
-    restart : PenaltyRestart
-        What happens where a contact mode froze too early.
-    closing : Closing or None
-        For teams with physics: when one planner makes exact what the agents have nearly agreed on.
     follow_barrier : bool
         Whether a round solves the barrier problem of its mu, warm in primal and dual. Otherwise each round solves the
         problem with delta = 2 mu, from the primal point of the round before, as the paper does.
-
-    Raises
-    ------
-    TeamError
-        For less than one round, or an unknown ending.
 
     References
     ----------
     Shorinwa, Devlin, Hawkes & Schwager, DisCo, 2024, eq. 18-20 and algorithm 2, doi:10.48550/arXiv.2410.23283
     """
 
-    barrier: BarrierRounds = field(default_factory=BarrierPath)
-    penalties: PenaltyRounds = field(default_factory=TargetedPenalties)
-    rounds: int = 200
-    until: str = "strict"
-    tolerance: float = 1e-6
     regularisation: float = 0.1
     iterations: int = 300
-    score_below: float = 2e-3
-    restart: PenaltyRestart = field(default_factory=PenaltyRestart)
-    closing: Closing | None = field(default_factory=Closing)
     follow_barrier: bool = True
-
-    def __post_init__(self) -> None:
-        """Refuse rounds without an end."""
-        check_ending("Sova", self.rounds, self.until)
 
     @classmethod
     def paper(cls) -> Sova:
         """The preset of the paper: 12 rounds, constant penalties and delta = 1e-3, whatever the outcome."""
         return cls(
-            ConstantBarrier(5e-4), ConstantPenalties(), rounds=12, until="rounds", iterations=5000, closing=None,
+            BarrierPath(5e-4, turn=5e-4, floor=5e-4),
+            None,
+            rounds=12,
+            until="rounds",
+            iterations=5000,
+            closing=None,
             follow_barrier=False,
-        )  # fmt: skip
+        )
 
     def begin(self, work: Coordination) -> TeamState:
         """A first plan of each robot alone, as if the others did whatever helps it."""
-        state = work.first_state(self.barrier)
+        state = work.first_state(self.barrier.start)
         work.begin_round()
         others = work.others(state.positions)
         factors = state.factors * self.regularisation

@@ -4,73 +4,38 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
+import numpy as np
 from pyomo.core.base.var import Var
 
-from pyrobocop_pyomo.errors import CheckpointError, TeamError
+from pyrobocop_pyomo.errors import TeamError
 from pyrobocop_pyomo.execution.engine import Engine
 from pyrobocop_pyomo.execution.engines import find_engine
+from pyrobocop_pyomo.execution.fingerprints import fingerprint
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import networkx
 from pyrobocop_pyomo.solving.progress import Progress
 
 from .agents import Agent, KeepApart, Shared
-from .checkpoint import Checkpoint, fingerprint
+from .checkpoint import Checkpoint
 from .closing import ClosedPlan, Closing
 from .coordination import Coordination, Physics, Plans, TeamState
 from .hub_method import Hub
 from .local_problem import ProblemSpec
 from .merging import MergedModel, build_model, merge_agents
 from .messages import ProblemFacts
+from .method import Method
 from .rounds import PlanScore, Round, ends_rounds, is_success
 from .sova import Sova
 from .team_result import TeamResult
-from .team_schedules import PenaltyRestart
 
 logger = logging.getLogger(__name__)
 
 
-class Method(Protocol):
-    """How the agents of a team come to agree."""
-
-    @property
-    def rounds(self) -> int:
-        """At most."""
-        ...
-
-    @property
-    def until(self) -> str:
-        """Which physical score ends the rounds; success is a plan that is at least practical."""
-        ...
-
-    @property
-    def tolerance(self) -> float:
-        """Without physics: of disagreement and change."""
-        ...
-
-    @property
-    def restart(self) -> PenaltyRestart:
-        """What happens where a contact mode froze too early."""
-        ...
-
-    @property
-    def closing(self) -> Closing | None:
-        """When one planner makes exact what the agents have nearly agreed on."""
-        ...
-
-    def begin(self, work: Coordination) -> TeamState:
-        """Make the first state."""
-        ...
-
-    def round(self, work: Coordination, state: TeamState) -> Round:
-        """Carry out a round."""
-        ...
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Team:
     """Agents with models of their own, and what they share.
 
@@ -110,21 +75,10 @@ class Team:
     physics: Physics | None = None
     graph: Any = None
 
-    def __init__(
-        self,
-        *,
-        robots: Sequence[Agent],
-        shared: Sequence[Shared],
-        hub: Agent | None = None,
-        keep_apart: KeepApart | None = None,
-        physics: Physics | None = None,
-        graph: Any = None,
-    ) -> None:
-        for name, given in {
-            "robots": tuple(robots), "shared": tuple(shared), "hub": hub, "keep_apart": keep_apart, "physics": physics,
-            "graph": graph,
-        }.items():  # fmt: skip
-            object.__setattr__(self, name, given)
+    def __post_init__(self) -> None:
+        """Refuse what makes no team."""
+        object.__setattr__(self, "robots", tuple(self.robots))
+        object.__setattr__(self, "shared", tuple(self.shared))
         self._check()
 
     @property
@@ -194,9 +148,7 @@ class Team:
             zero = tuple(component for shared in of_one for name in robots for component in shared.names_for(name))
             hub = Agent(hub.name, _built_with_zeros, hub, zero)
         graph = None if self.graph is None else self.graph.subgraph([robot.name for robot in left])
-        return Team(
-            robots=left, shared=self.shared, hub=hub, keep_apart=self.keep_apart, physics=self.physics, graph=graph
-        )
+        return replace(self, robots=left, hub=hub, graph=graph)
 
     def closing_of(self, method: Method) -> Closing | None:
         """The closing step of a method, for a team whose physics can say when it is needed."""
@@ -216,11 +168,9 @@ class Team:
         method : "hub", "sova" or a method
         """
         method = find_method(method, self)
-        rule = self.kept_apart_in_rounds(method)
-        neighbours = 0 if rule is None else min(rule.neighbours, len(self.robots) - 1)
-        physics = self.physics
-        of_robots = () if physics is None else tuple(physics.robot_components)
-        of_hub = () if physics is None else tuple(physics.hub_components)
+        rule, in_rounds = self.keep_apart, self.kept_apart_in_rounds(method)
+        neighbours = 0 if in_rounds is None else min(in_rounds.neighbours, len(self.robots) - 1)
+        of_robots, of_hub = self._components_of_plans()
         specs = []
         if isinstance(method, Sova):
             everything = self._shared_by(self.names)
@@ -233,6 +183,13 @@ class Team:
         for robot in self.robots:
             specs.append(ProblemSpec(robot.name, (robot,), self._shared_by([robot.name]), rule, neighbours, of_robots))
         return specs
+
+    def _components_of_plans(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """What the plans of robots and of the hub have where there is physics: what it reads, and positions."""
+        if self.physics is None:
+            return (), ()
+        positions = () if self.keep_apart is None else self.keep_apart.components
+        return (*self.physics.robot_components, *positions), tuple(self.physics.hub_components)
 
     def _shared_by(self, robots: Sequence[str]) -> tuple[tuple[int, Shared, tuple[str, ...]], ...]:
         entries = []
@@ -274,12 +231,13 @@ class Team:
         return self.physics(self.plans_of(merged))
 
     def plans_of(self, merged: MergedModel) -> dict[str, dict[str, Array]]:
-        """Read the plans of all agents from a model of `central`."""
-        physics = self.physics
-        assert physics is not None
-        plans = {name: merged.values_of(physics.robot_components, name) for name in self.names}
+        """Read the plans of all agents from a model of `central`: what the physics reads; without one, everything."""
+        if self.physics is None:
+            return merged.all_values()
+        of_robots, of_hub = self._components_of_plans()
+        plans = {name: merged.values_of(of_robots, name) for name in self.names}
         if self.hub is not None:
-            plans[self.hub.name] = merged.values_of(physics.hub_components, self.hub.name)
+            plans[self.hub.name] = merged.values_of(of_hub, self.hub.name)
         return plans
 
     # ---------------------------------------------------------------- solving
@@ -323,8 +281,8 @@ class Team:
         method = find_method(method, self)
         mark = "" if checkpoint is None else fingerprint([*self.problem_specs(method), method])
         with find_engine(engine) as running:
-            rounds = _Rounds(method, start_team(self, method, running), Progress(progress), on_round)
-            return rounds.run(self, None if checkpoint is None else Path(checkpoint), mark)
+            rounds = _Rounds(self, method, start_team(self, method, running), Progress(progress), on_round)
+            return rounds.run(None if checkpoint is None else Path(checkpoint), mark)
 
 
 def _built_with_zeros(agent: Agent, components: Sequence[str]) -> Any:
@@ -352,6 +310,8 @@ def start_team(team: Team, method: Method, engine: Engine) -> Coordination:
     """
     facts = engine.start(team.problem_specs(method))
     _refuse_forces_of_nobody(team, facts)
+    if len({fact.positions.shape for fact in facts.values() if fact.positions is not None}) > 1:
+        raise TeamError("KeepApart: the robots have positions at different numbers of times. Give all the same mesh.")
     hub = team.hub.name if team.hub is not None and not isinstance(method, Sova) else None
     graph = networkx.complete_graph(team.names) if team.graph is None else team.graph
     rule = team.kept_apart_in_rounds(method)
@@ -400,25 +360,28 @@ class _BestPlan:
     score: PlanScore | None
     plans: dict[str, Any]
     objective: float
+    keeps_apart: bool
 
     @property
-    def rank(self) -> tuple[bool, bool]:
+    def rank(self) -> tuple[bool, bool, bool]:
         """The larger, the better."""
-        return self.score is not None and self.score.strict, is_success(self.score)
+        success = is_success(self.score)
+        return success and self.keeps_apart, self.score is not None and self.score.strict, success
 
 
 class _Rounds:
     """The rounds of one call of `Team.solve`."""
 
-    def __init__(self, method: Method, work: Coordination, progress: Progress, on_round: Any) -> None:
-        self._method, self._work, self._progress, self._on_round = method, work, progress, on_round
+    def __init__(self, team: Team, method: Method, work: Coordination, progress: Progress, on_round: Any) -> None:
+        self._team, self._method, self._work, self._progress = team, method, work, progress
+        self._on_round = on_round
         self._kept: tuple[dict[str, Any], dict[str, Array]] | None = None
         self._restarts = 0
         self._since = 0  # number of rounds before the last restart
         self._closings: list[ClosedPlan] = []
         self._best: _BestPlan | None = None
 
-    def run(self, team: Team, path: Path | None, mark: str) -> TeamResult:
+    def run(self, path: Path | None, mark: str) -> TeamResult:
         work, method = self._work, self._method
         if path is not None and path.exists():
             state = self._resume(path, mark)
@@ -430,7 +393,7 @@ class _Rounds:
                 record = method.round(work, state)
                 self._keep_best(record.score, work.plans, record.objective)
                 self._progress.live(self._line(record))
-                done = self._is_done(record) or self._is_closed(team, state, record)
+                done = self._is_done(state, record) or self._is_closed(state, record)
                 state = self._restarted(state)
                 if path is not None:
                     self._save(path, mark, state)
@@ -441,7 +404,7 @@ class _Rounds:
                 raise
             logger.warning("round %d was interrupted; the result is that of the rounds before", state.round + 1)
         self._progress.line(self._line(work.rounds[-1]))
-        return self._result(team, state)
+        return self._result(state)
 
     def _restarted(self, state: TeamState) -> TeamState:
         """The state, or an earlier one with everything that belongs to it, where the rounds came to a stop too
@@ -462,29 +425,40 @@ class _Rounds:
         self._since = len(self._work.rounds)
         return earlier
 
-    def _is_done(self, record: Round) -> bool:
+    def _is_done(self, state: TeamState, record: Round) -> bool:
         if self._work.physics is None:
-            return record.agrees(self._method.tolerance)
-        return ends_rounds(record.score, self._method.until)
+            return record.agrees(self._method.tolerance) and self._keeps_apart(self._places(state))
+        return ends_rounds(record.score, self._method.until) and self._keeps_apart(self._places(state))
 
-    def _is_closed(self, team: Team, state: TeamState, record: Round) -> bool:
+    def _is_closed(self, state: TeamState, record: Round) -> bool:
         """Whether one planner could make exact what the agents have nearly agreed on."""
-        closing = team.closing_of(self._method)
-        if closing is None or not closing.is_due(record, state.closing_tried):
+        closing = self._team.closing_of(self._method)
+        # Without pairs the rounds agree by themselves: only robots that are too near need it.
+        needless = record.mu is None and self._keeps_apart(self._places(state))
+        if closing is None or needless or not closing.is_due(record, state.closing_tried):
             return False
         state.closing_tried = record.number
-        closed = closing.carry_out(team, self._work.all_values())
+        closed = closing.carry_out(self._team, self._work.all_values())
         self._closings.append(closed)
         self._keep_best(closed.score, closed.plans, closed.objective)
-        return ends_rounds(closed.score, self._method.until)
+        return ends_rounds(closed.score, self._method.until) and self._keeps_apart(closed.plans)
 
     def _keep_best(self, score: PlanScore | None, plans: Plans, objective: float) -> None:
         if score is None:
             return
         # Later plans agree better and are cheaper as a rule.
-        found = _BestPlan(len(self._work.rounds) - 1, score, dict(plans), objective)
+        found = _BestPlan(len(self._work.rounds) - 1, score, dict(plans), objective, self._keeps_apart(plans))
         if self._best is None or found.rank >= self._best.rank:
             self._best = found
+
+    def _keeps_apart(self, plans: Plans) -> bool:
+        rule = self._team.keep_apart
+        return rule is None or rule.holds(plans, self._team.names)
+
+    def _places(self, state: TeamState) -> Plans:
+        """Where the robots were last."""
+        names = () if self._team.keep_apart is None else self._team.keep_apart.components
+        return {robot: dict(zip(names, places, strict=True)) for robot, places in state.positions.items()}
 
     def _line(self, record: Round) -> str:
         apart = " ".join(f"{gap:.1e}" for gap in record.disagreement)
@@ -496,10 +470,13 @@ class _Rounds:
             word = "strict" if record.score.strict else "practical" if record.score.practical else "not physical yet"
         return f"round {record.number + 1}{mu}  apart {apart}  iterations {counts}{failed}  {word}"
 
-    def _result(self, team: Team, state: TeamState) -> TeamResult:
-        work = self._work
+    def _result(self, state: TeamState) -> TeamResult:
+        work, rule = self._work, self._team.keep_apart
         names = tuple(work.consensus.group_names)
-        best = self._best or _BestPlan(len(work.rounds) - 1, None, dict(work.plans), work.rounds[-1].objective)
+        best = self._best
+        if best is None:
+            plans = work.plans if work.physics is not None else work.all_values()
+            best = _BestPlan(len(work.rounds) - 1, None, dict(plans), work.rounds[-1].objective, keeps_apart=False)
         agreement = bool(work.rounds) and work.rounds[-1].agrees(self._method.tolerance)
         source = work.hub or work.robots[0]
         target = state.target if work.hub is not None else work.consensus.of_agent(source, state.target)
@@ -510,7 +487,8 @@ class _Rounds:
             first += len(quantity.keys)
         return TeamResult(
             best.plans, dict(state.values), agreed, work.rounds, best.round, best.score, agreement, names,
-            dict(work.frozen), dict(work.engine.deaths), self._restarts, best.objective, self._closings, team.physics,
+            dict(work.frozen), dict(work.engine.deaths), self._restarts, best.objective, self._closings,
+            self._team.physics, rule, None if rule is None else rule.least_distance(best.plans, self._team.names),
         )  # fmt: skip
 
     # ---------------------------------------------------------------- checkpoints
@@ -524,6 +502,13 @@ class _Rounds:
     def _resume(self, path: Path, mark: str) -> TeamState:
         saved = Checkpoint.load(path, mark)
         if saved.round >= self._method.rounds:
-            raise CheckpointError(f"{path}: all {saved.round} rounds are done. Delete the file to start anew.")
+            raise TeamError(f"{path}: all {saved.round} rounds are done. Delete the file to start anew.")
+        coordinator = {name: values for name, values in saved.coordinator.items() if name != "mu"}  # without pairs NaN
+        for owner, state in [*saved.states.items(), ("the coordinator", coordinator)]:
+            for name, values in state.items():
+                if not np.isfinite(values).all():
+                    raise TeamError(
+                        f"{path}: '{name}' of {owner} has values that are not finite. Delete the file to start anew."
+                    )
         self._work.engine.restore(saved.states)
         return TeamState.of_arrays(saved.coordinator)

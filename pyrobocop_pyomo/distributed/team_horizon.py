@@ -20,11 +20,12 @@ from .agents import Shared
 from .coordination import TeamState
 from .hub_method import Hub
 from .messages import ProblemFacts
+from .method import Method
 from .rounds import Round, is_success
 from .shifting import later_index
 from .sova import Sova
-from .team import Method, Team, find_method, start_team
-from .team_schedules import ConstantBarrier, ConstantPenalties
+from .team import Team, find_method, start_team
+from .team_schedules import BarrierPath
 
 Measured = Mapping[str, Mapping[str, float]]
 
@@ -111,7 +112,7 @@ class TeamHorizon:
         # A few rounds in each step, and no closing step: so the robots keep apart by themselves.
         self._method = replace(found, closing=None)
         self._in_steps: Method = replace(
-            self._method, barrier=ConstantBarrier(mu), penalties=ConstantPenalties(), rounds=rounds
+            self._method, barrier=BarrierPath(mu, turn=mu, floor=mu), penalties=None, rounds=rounds
         )
         self._mu = mu
         self._number = 0
@@ -215,7 +216,7 @@ class TeamHorizon:
             return
         facts = self._work.facts
         self._of_all("put_on", dict.fromkeys(facts, (plans,)))
-        self._state = state = self._work.first_state(ConstantBarrier(self._mu))
+        self._state = state = self._work.first_state(self._mu)
         state.factors, state.round = before.factors, before.round
         for name in state.multipliers.keys() & multipliers.keys():
             if state.multipliers[name].size == multipliers[name].size:

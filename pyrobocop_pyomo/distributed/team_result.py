@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import TeamFailed
+from pyrobocop_pyomo.errors import SolveFailed
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.plotting import AnimationFile, animation_file
 from pyrobocop_pyomo.presentation import Presented
 
+from .agents import TOO_NEAR, KeepApart
 from .closing import ClosedPlan
 from .coordination import Plans
 from .rounds import PlanScore, Round, is_success
@@ -25,12 +26,12 @@ class TeamResult(Presented):
     """The plan of a team.
 
     Success is the physical score of the combined plan, and never a status of a solver. Where a team has no physics, it
-    is agreement to the tolerance.
+    is agreement to the tolerance. Where robots are to keep apart, they do so in the plans.
 
     Attributes
     ----------
     plans : mapping of agent to (mapping of component to float array)
-        The best plan: by its score, else the last.
+        The best plan: by its score, else the last. Without physics all variables are in it.
     values : mapping of agent to float array
         Shared values of the last round.
     agreed : mapping of component to float array
@@ -55,6 +56,9 @@ class TeamResult(Presented):
         What the closing steps gave; the plans are those of the last one where it is the best.
     physics : object or None
         What scored the plans.
+    keep_apart : KeepApart or None
+    least_distance : float or None
+        Of two robots in the plans, where they are to keep apart; NaN where a robot has no plan.
     """
 
     plans: Plans
@@ -71,11 +75,28 @@ class TeamResult(Presented):
     objective: float
     closings: Sequence[ClosedPlan] = ()
     physics: Any = None
+    keep_apart: KeepApart | None = None
+    least_distance: float | None = None
 
     @property
     def success(self) -> bool:
-        """Whether the plan is at least practical by physics; without physics, whether the agents agree."""
-        return self.agreement if self.physics is None else is_success(self.score)
+        """Whether the plan is at least practical by physics; without physics, whether the agents agree.
+
+        In either case robots that are to keep apart do so.
+        """
+        return not self._shortcomings()
+
+    def _shortcomings(self) -> list[str]:
+        found = []
+        if self.physics is None and not self.agreement:
+            found.append("the agents do not agree within the tolerance")
+        if self.physics is not None and not is_success(self.score):
+            found.append("no plan was scored" if self.score is None else "the plan is not practical by physics")
+        rule, least = self.keep_apart, self.least_distance
+        if rule is not None and least is not None and not least >= TOO_NEAR * rule.distance:
+            known = "it is not known how near robots come" if np.isnan(least) else f"robots come within {least:.3g} m"
+            found.append(f"{known}, and are to keep {rule.distance:g} m apart")
+        return found
 
     @property
     def iterations(self) -> float:
@@ -109,11 +130,11 @@ class TeamResult(Presented):
 
         Raises
         ------
-        TeamFailed
+        SolveFailed
             With the score, or the disagreement.
         """
         if not self.success:
-            raise TeamFailed(f"the team found no plan that holds.\n{self}", self)
+            raise SolveFailed(f"the team found no plan that holds.\n{self}", self)
 
     def animate(self, path: str | Path | None = None, **options: Any) -> AnimationFile:
         """Write an animation of the plan, drawn by the team's physics; in a notebook, what is returned plays.
@@ -127,12 +148,14 @@ class TeamResult(Presented):
 
         Raises
         ------
-        TeamFailed
+        SolveFailed
             When the team has no physics that can draw, or no plan.
         """
         animate = getattr(self.physics, "animate", None)
         if animate is None or not self.plans:
-            raise TeamFailed("there is nothing to animate: the team has no physics that can draw its plan, or no plan.")
+            raise SolveFailed(
+                "there is nothing to animate: the team has no physics that can draw its plan, or no plan."
+            )
         target = animation_file(None) if path is None else AnimationFile(path)
         # A user's own physics need not say where it wrote. A temporary file is removed with its own object, not a copy.
         written = AnimationFile(animate(self.plans, target, **options) or target)
@@ -140,20 +163,27 @@ class TeamResult(Presented):
 
     def __str__(self) -> str:
         last = self.rounds[-1]
-        apart = ", ".join(f"{name}: {gap:.3g}" for name, gap in zip(self.shared, last.disagreement, strict=True))
+        apart = ", ".join(
+            f"{name}: {gap:.3g} ({moved:.3g})"
+            for name, gap, moved in zip(self.shared, last.disagreement, last.change, strict=True)
+        )
+        wrong = self._shortcomings()
+        verdict = f"NO PLAN THAT HOLDS: {'; '.join(wrong)}" if wrong else "a plan that holds"
         solves = sum(len(record.reports) for record in self.rounds)
         failures = sum(len(record.failures) for record in self.rounds)
         lines = [
-            f"{len(self.rounds)} rounds, objective {self.objective:.6g}, {solves} local solves ({failures} without a "
-            f"usable point), {self.iterations:.1f} iterations each, {self.cpu_seconds:.1f} CPU s "
-            f"({self.parallel_cpu_seconds:.1f} with a processor for each agent)",
-            f"disagreement: {apart}",
+            f"{verdict}. {len(self.rounds)} rounds, objective {self.objective:.6g}",
+            f"{solves} local solves ({failures} without a usable point), {self.iterations:.1f} iterations each, "
+            f"{self.cpu_seconds:.1f} CPU s ({self.parallel_cpu_seconds:.1f} with a processor for each agent)",
+            f"disagreement (change) in the last round: {apart}",
         ]
         lines += [
             f"closing step: {closed.iterations} iterations, {closed.cpu_seconds:.1f} CPU s" for closed in self.closings
         ]
         if self.restarts:
             lines.append(f"taken up again from an earlier round: {self.restarts} times")
+        if wrong:
+            lines.append("Give more rounds, or plan for all in one model: rcp.solve(team.central().model).")
         lines += [f"'{name}' was frozen: {reason}" for name, reason in self.frozen.items()]
         if self.score is not None:
             lines.append(str(self.score))

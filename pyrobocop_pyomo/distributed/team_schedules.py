@@ -1,10 +1,9 @@
-"""How the barrier parameter and the penalties of a team move from round to round: small objects, one's own as well."""
+"""How the barrier parameter and the penalties of a team move from round to round."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -15,50 +14,11 @@ from .consensus_residuals import ConsensusResiduals
 from .rounds import Round
 
 
-class BarrierRounds(Protocol):
-    """The barrier parameter of each round; the robots' delta is twice as large."""
-
-    def first(self) -> float:
-        """Return mu of the first round."""
-        ...
-
-    def after(self, mu: float, disagreement: Array, slowness: float) -> float:
-        """Return mu of the next round.
-
-        Parameters
-        ----------
-        mu : float
-            Of the last round.
-        disagreement : float array
-            Largest disagreement of the last round, for each `Shared` in its own unit.
-        slowness : float
-            1 at first; doubled each time that the path is taken again from an earlier round.
-        """
-        ...
-
-
-class PenaltyRounds(Protocol):
-    """Factors on the penalties of each round, one for each `Shared`."""
-
-    def after(self, factors: Array, mu: float | None, residuals: ConsensusResiduals) -> Array:
-        """Return the factors of the next round.
-
-        Parameters
-        ----------
-        factors : float array
-            Of the last round, first 1.
-        mu : float or None
-            Of the last round.
-        primal, dual : float arrays
-            Disagreement, and change of what is agreed on since the round before, as root mean squares for each
-            `Shared`.
-        """
-        ...
-
-
 @dataclass(frozen=True)
 class BarrierPath:
     """mu falls by a factor in each round; below `turn` only as fast as the agents agree.
+
+    The robots' delta is twice as large. With ``start``, ``turn`` and ``floor`` alike mu stays as it is.
 
     Attributes
     ----------
@@ -90,111 +50,22 @@ class BarrierPath:
         if not all(0 < factor < 1 for factor in (self.factor, self.fast, self.slow)):
             raise TeamError(f"{self!r}: factor, fast and slow must lie between 0 and 1.")
 
-    def first(self) -> float:
-        """Return mu of the first round."""
-        return self.start
-
     def after(self, mu: float, disagreement: Array, slowness: float) -> float:
-        """Return mu of the next round."""
+        """Return mu of the next round.
+
+        Parameters
+        ----------
+        mu : float
+            Of the last round.
+        disagreement : float array
+            Largest disagreement of the last round, for each `Shared` in its own unit.
+        slowness : float
+            1 at first; doubled each time that the path is taken again from an earlier round.
+        """
         if mu > self.turn:
             return max(self.turn, mu * self.factor ** (1.0 / slowness))
         agreed = bool((disagreement < np.asarray(self.marks) * np.sqrt(mu)).all())
         return max(self.floor, mu * (self.fast if agreed else self.slow))
-
-
-@dataclass(frozen=True)
-class ConstantBarrier:
-    """The same mu in every round, as with a fixed delta = 2 mu.
-
-    Attributes
-    ----------
-    mu : float
-    """
-
-    mu: float = 5e-4
-
-    def first(self) -> float:
-        """Return mu."""
-        return self.mu
-
-    def after(self, mu: float, disagreement: Array, slowness: float) -> float:
-        """Return mu."""
-        return self.mu
-
-
-@dataclass(frozen=True)
-class ConstantPenalties:
-    """Penalties stay as they are given."""
-
-    def after(self, factors: Array, mu: float | None, residuals: ConsensusResiduals) -> Array:
-        """Return the factors as they are."""
-        return factors
-
-
-@dataclass(frozen=True)
-class GrowingPenalties:
-    """Penalties grow by a factor in each round, once mu is small.
-
-    Attributes
-    ----------
-    factor : float, or sequence with one for each `Shared`
-        At least 1.
-    largest : float, or sequence with one for each `Shared`
-        Of the factor on the given penalty.
-    below : float
-        Growth begins when mu is at most this.
-    """
-
-    factor: float | Sequence[float] = 1.15
-    largest: float | Sequence[float] = 30.0
-    below: float = 1.5e-3
-
-    def __post_init__(self) -> None:
-        """Refuse penalties that shrink."""
-        if (np.asarray(self.factor) < 1).any() or (np.asarray(self.largest) < 1).any():
-            raise TeamError(f"{self!r}: factor and largest must be at least 1.")
-
-    def after(self, factors: Array, mu: float | None, residuals: ConsensusResiduals) -> Array:
-        """Return the factors of the next round."""
-        if mu is not None and mu > self.below:
-            return factors
-        grown: Array = np.minimum(factors * np.asarray(self.factor), np.maximum(self.largest, factors))
-        return grown
-
-
-@dataclass(frozen=True)
-class BalancedPenalties:
-    """A penalty grows where the agents disagree more than what they agree on still moves.
-
-    Attributes
-    ----------
-    factor : float
-        Of growth in a round.
-    ratio : float
-        A penalty grows where the disagreement exceeds this times the motion of what is agreed on.
-    largest : float
-        Of the factor on the given penalty.
-    below : float
-        Growth begins when mu is at most this.
-
-    References
-    ----------
-    He, Yang & Wang, Alternating direction method with self-adaptive penalty parameters, JOTA 106 (2000),
-    doi:10.1023/A:1004603514434, whose rule is applied to each `Shared` here, and in one direction
-    """
-
-    factor: float = 1.25
-    ratio: float = 1.0
-    largest: float = 30.0
-    below: float = 1.5e-3
-
-    def after(self, factors: Array, mu: float | None, residuals: ConsensusResiduals) -> Array:
-        """Return the factors of the next round."""
-        if mu is not None and mu > self.below:
-            return factors
-        primal, dual = residuals.means()
-        grown: Array = np.where(primal > self.ratio * dual, np.minimum(self.largest, factors * self.factor), factors)
-        return grown
 
 
 @dataclass(frozen=True)
@@ -233,7 +104,17 @@ class TargetedPenalties:
             raise TeamError(f"{self!r}: expected accuracy > 0, factor >= 1, 0 < fall <= 1 and largest >= 1.")
 
     def after(self, factors: Array, mu: float | None, residuals: ConsensusResiduals) -> Array:
-        """Return the factors of the next round."""
+        """Return the factors of the next round.
+
+        Parameters
+        ----------
+        factors : float array
+            On the penalty of each `Shared` in the last round, first 1.
+        mu : float or None
+            Of the last round.
+        residuals : ConsensusResiduals
+            Of the last round.
+        """
         if mu is not None and mu > self.below:
             return factors
         up, down = residuals.scaled > self.accuracy, residuals.scaled < self.ease * self.accuracy

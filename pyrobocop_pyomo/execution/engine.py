@@ -242,23 +242,8 @@ class Engine(ABC):
                 raise EngineError(f"agent '{name}' is given up ({reply.reason}) and cannot be restored. Start anew.")
             self._value(name, reply, "refused its state")
 
-    def call(self, agent: str, method: str, *arguments: Any) -> Any:
-        """Call a method of an agent's problem, for what is neither an order nor a state.
-
-        Returns
-        -------
-        object
-            What the method gave; an `AgentFailure` of an agent that is given up.
-
-        Raises
-        ------
-        EngineError
-            When the method raises an exception. Exceptions of this package keep their class.
-        """
-        return self.call_all(method, {agent: arguments})[agent]
-
     def call_all(self, method: str, arguments: Mapping[str, tuple[Any, ...]]) -> dict[str, Any]:
-        """Call a method of several agents' problems, side by side.
+        """Call a method of several agents' problems, side by side, for what is neither an order nor a state.
 
         Parameters
         ----------
@@ -268,6 +253,11 @@ class Engine(ABC):
         Returns
         -------
         dict of agent's name to what the method gave, or to the `AgentFailure` of an agent that is given up
+
+        Raises
+        ------
+        EngineError
+            When the method raises an exception. Exceptions of this package keep their class.
         """
         self._check(arguments)
         requests = {name: Request.of(name, "call", method, *given) for name, given in arguments.items()}

@@ -28,10 +28,7 @@ class TaskSolver(Protocol):
 
     @property
     def solve(self) -> Callable[..., Any]:
-        """Called as ``solve(*arguments, deadline=...)`` for what comes of one task.
-
-        None says that there is no result, so that no further task is begun.
-        """
+        """Called as ``solve(*arguments, deadline=...)`` for what comes of one task."""
         ...
 
 
@@ -144,8 +141,7 @@ def _run_here(tasks: Iterable[Task], take: Take, solver: TaskSolver, deadline: D
     try:
         while waiting and not (begun and deadline.has_passed):
             begun = True
-            result = solver.solve(*waiting.pop().arguments, deadline=deadline)
-            following = None if result is None else take(result)
+            following = take(solver.solve(*waiting.pop().arguments, deadline=deadline))
             if following is None:
                 return
             waiting += list(following)[::-1]
@@ -209,7 +205,7 @@ class _TaskRun:
             self._go_on_after(value)
 
     def _go_on_after(self, result: Any) -> None:
-        following = None if result is None else self._take(result)
+        following = self._take(result)
         if following is None:
             self._waiting = []
         else:

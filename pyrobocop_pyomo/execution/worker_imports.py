@@ -6,10 +6,9 @@ import contextlib
 
 from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library
-from pyrobocop_pyomo.optional_imports import highs_bindings, scipy
+from pyrobocop_pyomo.optional_imports import scipy
 
 # Libraries are loaded here, and nothing is solved: a copy is to find no state of any solver.
 with contextlib.suppress(ImportError, OSError, PyRobocopError):
     _ = scipy.optimize.milp, scipy.sparse.csr_array
-    highs_bindings()
     find_ipopt_library()

@@ -1,11 +1,8 @@
 """Convex shapes, poses and exact distances, in the plane and in space. Knows no model."""
 
-from .decomposition import decompose
 from .distance import SignedDistance, signed_distance
 from .distance import distance_of_points as distance_of_points
 from .distance import distances_of_points as distances_of_points
-from .occupancy_grids import cover_occupancy_grid
-from .point_clouds import cover_point_cloud
 from .polytope import Polytope as Polytope
 from .poses import Pose
 from .poses import check_pose as check_pose
@@ -19,8 +16,5 @@ from .separation import separating_directions as separating_directions
 __all__ = [
     "Pose",
     "SignedDistance",
-    "cover_occupancy_grid",
-    "cover_point_cloud",
-    "decompose",
     "signed_distance",
 ]

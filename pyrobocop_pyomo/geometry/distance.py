@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import GeometryError
+from pyrobocop_pyomo.errors import ObstacleError
 
 from .nearest_points import difference_rays, nearest_difference, nearest_differences
 from .polytope import Polytope
@@ -54,12 +54,12 @@ def signed_distance(
 
     Raises
     ------
-    GeometryError
+    ObstacleError
         If one is in the plane and the other in space, or both extend without end such that no translation
         separates them.
     """
     if first.dimension != second.dimension:
-        raise GeometryError(
+        raise ObstacleError(
             f"'{first.name}' has {first.dimension} dimensions and '{second.name}' {second.dimension}. "
             "Give both in the plane, or both in space."
         )
@@ -69,7 +69,7 @@ def signed_distance(
         second = second.placed(second_pose)
     core = distance_of_points(first.vertices, second.vertices, first.rays, second.rays)
     if core.distance == -np.inf:
-        raise GeometryError(
+        raise ObstacleError(
             f"'{first.name}' and '{second.name}' overlap without end: no translation separates them. Bound one of them."
         )
     if first.radius == 0.0 and second.radius == 0.0:

@@ -11,14 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.optional_imports import scipy
 
 from .nearest_points import nearest_difference
 
-# Planes closer than this (unit normals, points scaled to extent one) are one facet that Qhull has cut in triangles.
-SAME_PLANE = 1e-9
-# Relative to unit rows and a scene of extent one.
-ZERO = 1e-9
 # A set whose largest ball is smaller than this, relative to its extent, counts as flat.
 THINNEST = 1e-8
 
@@ -51,26 +48,26 @@ def convex_hull(points: np.ndarray) -> Hull:
     return Hull(hull.vertices, normals, (points @ normals.T).max(axis=0))
 
 
-def affine_rank(points: np.ndarray, rays: np.ndarray, tolerance: float = 1e-9) -> int:
+def affine_rank(points: np.ndarray, rays: np.ndarray) -> int:
     """Dimension of the smallest plane that holds the points and, from them, the rays."""
-    return len(affine_basis(points, rays, tolerance))
+    return len(affine_basis(points, rays))
 
 
-def affine_basis(points: np.ndarray, rays: np.ndarray, tolerance: float = 1e-9) -> np.ndarray:
+def affine_basis(points: np.ndarray, rays: np.ndarray) -> np.ndarray:
     """Orthonormal rows (rank, dimension) that span the directions between the points, and the rays."""
     differences = points - points.mean(axis=0)
     extent = np.abs(differences).max()
     # Rays have no length: each counts as much as the extent does.
     rows = np.vstack([differences / extent if extent > 0.0 else differences, rays])
     _, values, basis = np.linalg.svd(rows, full_matrices=False)
-    return basis[: int((values > tolerance * np.sqrt(len(rows))).sum())]
+    return basis[: int((values > NEGLIGIBLE * np.sqrt(len(rows))).sum())]
 
 
 def _distinct_planes(equations: np.ndarray) -> np.ndarray:
     kept: list[np.ndarray] = []
     remaining = equations
     while len(remaining):
-        same = np.abs(remaining - remaining[0]).max(axis=1) <= SAME_PLANE
+        same = np.abs(remaining - remaining[0]).max(axis=1) <= NEGLIGIBLE
         kept.append(remaining[0])
         remaining = remaining[~same]
     return np.array(kept)
@@ -95,14 +92,14 @@ def halfspaces_of(vertices: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, n
         return hull.normals, hull.offsets
     basis = complement(_lines(rays), vertices.shape[1])
     corners, directions = vertices @ basis.T, rays @ basis.T
-    directions = directions[np.linalg.norm(directions, axis=1) > ZERO]
-    extent = max(float(np.ptp(corners, axis=0).max()), ZERO * float(np.abs(corners).max())) or 1.0
+    directions = directions[np.linalg.norm(directions, axis=1) > NEGLIGIBLE]
+    extent = max(float(np.ptp(corners, axis=0).max()), NEGLIGIBLE * float(np.abs(corners).max())) or 1.0
     inside = corners.mean(axis=0) + extent * directions.sum(axis=0)
     # The polar set {n : n.(v - inside) <= 1, n.r <= 0}: its corners, but the origin, are the facets.
     rows = np.vstack([(corners - inside) / extent, directions])
     polar, _ = corners_of(rows, np.concatenate([np.ones(len(corners)), np.zeros(len(directions))]))
     lengths = np.linalg.norm(polar, axis=1)
-    normals = polar[lengths > ZERO] / lengths[lengths > ZERO][:, None] @ basis
+    normals = polar[lengths > NEGLIGIBLE] / lengths[lengths > NEGLIGIBLE][:, None] @ basis
     return normals, (normals @ vertices.T).max(axis=1)
 
 
@@ -133,7 +130,7 @@ def corners_of(normals: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, np
     # Distances of the planes from the centre, in radii: at least one, so no division is close to zero.
     points = rows * (radius / (offsets - rows @ center))[:, None]
     hull = convex_hull(np.vstack([points, np.zeros(points.shape[1])]))
-    finite = hull.offsets > ZERO
+    finite = hull.offsets > NEGLIGIBLE
     corners = hull.normals[finite] * (radius / hull.offsets[finite])[:, None]
     if len(corners) > 1 and radius < THINNEST * float(np.ptp(corners, axis=0).max()):
         raise EmptyInterior(0.0)
@@ -148,7 +145,7 @@ def _met_by_planes(corners: np.ndarray, normals: np.ndarray, offsets: np.ndarray
     met = corners.copy()
     for k, corner in enumerate(corners):
         misses = offsets - normals @ corner
-        through = np.abs(misses) <= ZERO * extent
+        through = np.abs(misses) <= NEGLIGIBLE * extent
         moved = corner + np.linalg.lstsq(normals[through], misses[through], rcond=None)[0]
         if np.abs(offsets[through] - normals[through] @ moved).max(initial=0.0) < np.abs(misses[through]).max(
             initial=0.0
@@ -183,16 +180,16 @@ def largest_ball(normals: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, 
             break
         center = center + scale * solution.x[:-1]
         radius = float((offsets - normals @ center).min())
-        if radius > 1e-4 * scale or scale < ZERO * whole:
+        if radius > 1e-4 * scale or scale < NEGLIGIBLE * whole:
             break
         # Small compared with the distance of the planes from the origin: again, from a point nearby.
         scale *= 1e-4
-    if solution.x is None or radius <= 1e-3 * ZERO * whole:
+    if solution.x is None or radius <= 1e-3 * NEGLIGIBLE * whole:
         raise EmptyInterior(-np.inf if solution.x is None else radius / whole)
     return center, radius
 
 
-def in_cone(target: np.ndarray, generators: np.ndarray, tolerance: float = ZERO) -> bool:
+def in_cone(target: np.ndarray, generators: np.ndarray, tolerance: float = NEGLIGIBLE) -> bool:
     """Whether a vector is a combination of generators (rows) with nonnegative weights."""
     # Not by scipy.optimize.nnls, which has been seen to return wrong weights with a residual of zero.
     lengths = np.linalg.norm(generators, axis=1)

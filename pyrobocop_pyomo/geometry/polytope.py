@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import GeometryError
-from pyrobocop_pyomo.presentation import Presented, facts_table, outline_picture
+from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.presentation import Presented, facts_table
 
-from .pictured_outlines import pictured_outlines
 from .polyhedra import affine_rank, halfspaces_of
 from .polytope_input import corners_of_halfspaces, corners_of_list, read_points, read_rays
 from .poses import Pose
@@ -51,7 +50,7 @@ class Polytope(Presented):
 
     def __post_init__(self) -> None:
         if not (isinstance(self.vertices, np.ndarray) and isinstance(self.rays, np.ndarray)):
-            raise GeometryError(
+            raise ObstacleError(
                 "Polytope(...) checks nothing and is no way to make one. Write rcp.Polytope.from_vertices(corners), "
                 "rcp.Polytope.hull(points), rcp.Polytope.box(length, width), or another of its class methods."
             )
@@ -77,7 +76,7 @@ class Polytope(Presented):
 
         Raises
         ------
-        GeometryError
+        ObstacleError
             For corners that are not finite or span no volume, and for an outline that crosses itself or is not
             convex: its hull would silently fill what is free. `decompose` cuts it into convex parts.
         """
@@ -96,7 +95,7 @@ class Polytope(Presented):
         cls, points: np.ndarray, rays: Any, radius: float, name: str, *, allow_flat: bool, ordered: bool
     ) -> Polytope:
         if len(points) == 0:
-            raise GeometryError(f"'{name}': there are no points. Give at least one.")
+            raise ObstacleError(f"'{name}': there are no points. Give at least one.")
         directions = read_rays(rays, points.shape[1], name)
         corners = corners_of_list(points, directions, allow_flat=allow_flat, ordered=ordered, name=name)
         return cls(corners, directions, _checked_radius(radius, name), name)
@@ -118,7 +117,7 @@ class Polytope(Presented):
 
         Raises
         ------
-        GeometryError
+        ObstacleError
             If the set is empty, flat, or has no end though it should: a sign or a row is wrong.
         """
         vertices, rays = corners_of_halfspaces(normals, offsets, bounded=bounded, name=name)
@@ -130,7 +129,7 @@ class Polytope(Presented):
         numbers = all(isinstance(side, Real) for side in sides)
         lengths = np.array(sides if numbers else (), dtype=float)
         if len(lengths) not in (2, 3) or not np.isfinite(lengths).all() or lengths.min() <= 0.0:
-            raise GeometryError(f"'{name}': a box has 2 or 3 sides of positive length; given: {sides}.")
+            raise ObstacleError(f"'{name}': a box has 2 or 3 sides of positive length; given: {sides}.")
         # Counter-clockwise in the plane, as for every shape.
         signs = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
         if len(sides) == 3:
@@ -144,7 +143,7 @@ class Polytope(Presented):
     ) -> Polytope:
         """Polygon with equal sides and its first corner on the positive x axis of its centre."""
         if corners < 3 or not (math.isfinite(circumradius) and circumradius > 0.0):
-            raise GeometryError(
+            raise ObstacleError(
                 f"'{name}': a regular polygon has 3 corners or more and a positive circumradius; "
                 f"given: {corners} and {circumradius}."
             )
@@ -193,7 +192,7 @@ class Polytope(Presented):
 
         Raises
         ------
-        GeometryError
+        ObstacleError
             For lengths that are not positive, or fewer than 3 sides.
         """
         corners, excess = around_cone((radius, radius), height, sides, name)
@@ -241,7 +240,7 @@ class Polytope(Presented):
 
         Raises
         ------
-        GeometryError
+        ObstacleError
             For lengths that are not positive, or too few sides.
         """
         corners, excess = around_ellipsoid(semi_axes, sides, name)
@@ -260,7 +259,7 @@ class Polytope(Presented):
     def placed(self, pose: Pose) -> Polytope:
         """The shape in the world at a pose of numbers (of expressions: at their current values)."""
         if pose.dimension != self.dimension:
-            raise GeometryError(
+            raise ObstacleError(
                 f"'{self.name}' has {self.dimension} dimensions and its pose {pose.dimension}. "
                 "Use planar_pose in the plane and spatial_pose in space."
             )
@@ -288,11 +287,11 @@ class Polytope(Presented):
 
         Raises
         ------
-        GeometryError
+        ObstacleError
             If the shape is flat: it has no facets.
         """
         if self.is_flat:
-            raise GeometryError(
+            raise ObstacleError(
                 f"'{self.name}' is flat and has no half-spaces. Use a formulation that works "
                 "with corners, such as 'plane', or give the shape a thickness."
             )
@@ -319,7 +318,7 @@ class Polytope(Presented):
         box = (self.vertices.min(axis=0) - self.radius, self.vertices.max(axis=0) + self.radius)
         reaches = [f"{low:.6g} .. {high:.6g}" for low, high in zip(*box, strict=True)]
         facts = {f"{axis} of the corners, padded": reach for axis, reach in zip("xyz", reaches, strict=False)}
-        return [outline_picture(*pictured_outlines(self)), facts_table(facts)]
+        return [facts_table(facts)]
 
     def __str__(self) -> str:
         parts = [f"{len(self.vertices)} corner{'s' if len(self.vertices) != 1 else ''}"]
@@ -332,12 +331,12 @@ class Polytope(Presented):
 
 def _checked_radius(radius: float, name: str) -> float:
     if not (isinstance(radius, Real) and math.isfinite(radius) and radius >= 0.0):
-        raise GeometryError(f"'{name}': its radius is {radius!r}; a padding is a finite length that is not negative.")
+        raise ObstacleError(f"'{name}': its radius is {radius!r}; a padding is a finite length that is not negative.")
     return float(radius)
 
 
 def _checked_position(position: Sequence[float], name: str, dimension: int | None = None) -> np.ndarray:
     place = read_points([position], name, "positions")[0]
     if dimension is not None and len(place) != dimension:
-        raise GeometryError(f"'{name}': the position has {len(place)} coordinates; expected {dimension}.")
+        raise ObstacleError(f"'{name}': the position has {len(place)} coordinates; expected {dimension}.")
     return place

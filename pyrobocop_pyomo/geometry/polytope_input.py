@@ -10,31 +10,27 @@ from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import GeometryError
+from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
 from .polyhedra import EmptyInterior, affine_basis, affine_rank, convex_hull, corners_of, in_cone
 
 logger = logging.getLogger(__name__)
 
-# Points closer than this, relative to the extent of the list, are one point.
-SAME_POINT = 1e-9
-# Corners closer than this to a plane, relative to the extent of the set, lie in it.
-ON_PLANE = 1e-9
-
 
 def read_points(points: Any, name: str, label: str = "vertices") -> np.ndarray:
-    """Finite points (v, 2 or 3) as an array of floats, or a GeometryError that names the body."""
+    """Finite points (v, 2 or 3) as an array of floats, or a ObstacleError that names the body."""
     try:
         array = np.array(points, dtype=float)
     except (TypeError, ValueError) as error:
-        raise GeometryError(f"'{name}': {label} are no list of points of numbers: {error}.") from None
+        raise ObstacleError(f"'{name}': {label} are no list of points of numbers: {error}.") from None
     if array.ndim != 2 or array.shape[1] not in (2, 3):
-        raise GeometryError(
+        raise ObstacleError(
             f"'{name}': {label} have the shape {array.shape}; expected one row per point, with 2 or 3 coordinates."
         )
     if not np.isfinite(array).all():
         row = int(np.argmax(~np.isfinite(array).all(axis=1)))
-        raise GeometryError(f"'{name}': {label} have an entry that is not finite, in row {row}: {array[row]}.")
+        raise ObstacleError(f"'{name}': {label} have an entry that is not finite, in row {row}: {array[row]}.")
     return array
 
 
@@ -44,10 +40,10 @@ def read_rays(rays: Any, dimension: int, name: str) -> np.ndarray:
         return np.zeros((0, dimension))
     array = read_points(rays, name, "rays")
     if array.shape[1] != dimension:
-        raise GeometryError(f"'{name}': rays have {array.shape[1]} coordinates, and vertices {dimension}.")
+        raise ObstacleError(f"'{name}': rays have {array.shape[1]} coordinates, and vertices {dimension}.")
     lengths = np.linalg.norm(array, axis=1)
     if lengths.min() == 0.0:
-        raise GeometryError(f"'{name}': ray {int(np.argmin(lengths))} is zero, which is no direction. Leave it out.")
+        raise ObstacleError(f"'{name}': ray {int(np.argmin(lengths))} is zero, which is no direction. Leave it out.")
     array = array / lengths[:, None]
     return array[_needed([lambda others, i=i: in_cone(array[i], array[others]) for i in range(len(array))])]
 
@@ -62,15 +58,15 @@ def corners_of_list(points: np.ndarray, rays: np.ndarray, *, allow_flat: bool, o
 
     Raises
     ------
-    GeometryError
+    ObstacleError
         For a flat shape that is not allowed to be one, and for an outline that is not convex.
     """
     distinct = _without_repeated(points, name)
     dimension = points.shape[1]
-    basis = affine_basis(distinct, rays, SAME_POINT)
+    basis = affine_basis(distinct, rays)
     if len(basis) < dimension and not allow_flat:
         spanned = ("a point", "a line", "a plane")[len(basis)]
-        raise GeometryError(
+        raise ObstacleError(
             f"'{name}': its {len(distinct)} distinct points lie in {spanned}; a body in {dimension} dimensions needs "
             f"{dimension + 1} points that do not. Add corners, or say allow_flat=True."
         )
@@ -96,7 +92,7 @@ def _without_repeated(points: np.ndarray, name: str) -> np.ndarray:
     closed = len(points) > 1 and np.array_equal(points[0], points[-1])
     if closed:  # a closed ring, as other programs write it: no warning
         points = points[:-1]
-    tolerance = SAME_POINT * float(np.ptp(points, axis=0).max())
+    tolerance = NEGLIGIBLE * float(np.ptp(points, axis=0).max())
     kept: list[int] = []
     for i, point in enumerate(points):
         if not kept or np.abs(points[kept] - point).max(axis=1).min() > tolerance:
@@ -111,7 +107,7 @@ def _refuse_outlines_that_are_not_convex(points: np.ndarray, corners: np.ndarray
     on_edges = _on_boundary(points, points[corners])
     if not on_edges.all():
         row = int(np.argmin(on_edges))
-        raise GeometryError(
+        raise ObstacleError(
             f"'{name}': the outline is not convex: its point {row}, at {points[row]}, lies inside the hull "
             "of the others. Cut the outline into convex parts with decompose(outline), or take the hull on purpose: "
             "Polytope.hull(points)."
@@ -119,7 +115,7 @@ def _refuse_outlines_that_are_not_convex(points: np.ndarray, corners: np.ndarray
     positions = np.argsort(corners)  # where around the hull the first corner listed is, the second, ...
     steps = {int(step) for step in (np.roll(positions, -1) - positions) % len(corners)}
     if steps not in ({1}, {len(corners) - 1}) and len(corners) > 3:
-        raise GeometryError(
+        raise ObstacleError(
             f"'{name}': the outline crosses itself: its {len(corners)} points, in the order given, do not go around "
             "their hull. List them in order, or take the hull on purpose: Polytope.hull(points)."
         )
@@ -129,7 +125,7 @@ def _on_boundary(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     edges = np.roll(corners, -1, axis=0) - corners
     outward = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
     depths = (outward * corners).sum(axis=1) - points @ outward.T
-    return depths.min(axis=1) <= SAME_POINT * np.ptp(corners, axis=0).max()
+    return depths.min(axis=1) <= NEGLIGIBLE * np.ptp(corners, axis=0).max()
 
 
 def _in_hull(points: np.ndarray, rays: np.ndarray, i: int, others: list[int]) -> bool:
@@ -157,31 +153,31 @@ def corners_of_halfspaces(normals: Any, offsets: Any, *, bounded: bool, name: st
 
     Raises
     ------
-    GeometryError
+    ObstacleError
         For rows that are zero or not finite, a set that is empty or flat, and one without end if `bounded`.
     """
     rows = read_points(normals, name, "normals")
     try:
         sides = np.array(offsets, dtype=float)
     except (TypeError, ValueError) as error:
-        raise GeometryError(f"'{name}': offsets are no list of numbers: {error}.") from None
+        raise ObstacleError(f"'{name}': offsets are no list of numbers: {error}.") from None
     if sides.shape != (len(rows),) or not np.isfinite(sides).all():
-        raise GeometryError(f"'{name}': {len(rows)} normals need as many finite offsets; given: {sides}.")
+        raise ObstacleError(f"'{name}': {len(rows)} normals need as many finite offsets; given: {sides}.")
     lengths = np.linalg.norm(rows, axis=1)
     if len(rows) == 0 or lengths.min() == 0.0:
         where = f"row {int(np.argmin(lengths))} of the normals is zero" if len(rows) else "there are no rows"
-        raise GeometryError(f"'{name}': {where}, which is no half-space.")
+        raise ObstacleError(f"'{name}': {where}, which is no half-space.")
     rows, sides = rows / lengths[:, None], sides / lengths
     try:
         corners, rays = corners_of(rows, sides)
     except EmptyInterior as error:
-        what = "is empty" if error.radius < -ON_PLANE else "has no interior"
-        raise GeometryError(
+        what = "is empty" if error.radius < -NEGLIGIBLE else "has no interior"
+        raise ObstacleError(
             f"'{name}': the set normals @ y <= offsets {what}. "
             "Normals point outwards, away from the body: check their signs."
         ) from None
     if bounded and len(rays):
-        raise GeometryError(
+        raise ObstacleError(
             f"'{name}': the set normals @ y <= offsets has no end in the direction {rays[0].round(6)}. "
             "Check that normals point outwards and that no side is missing; "
             "for a half-space or a wedge say bounded=False."
@@ -194,13 +190,13 @@ def _warn_of_redundant_rows(
     rows: np.ndarray, sides: np.ndarray, corners: np.ndarray, rays: np.ndarray, name: str
 ) -> None:
     # Between the extent of the set and what rounding leaves of it, far from the origin.
-    tolerance = ON_PLANE * float(np.ptp(corners, axis=0).max()) + 1e-14 * float(np.abs(sides).max())
+    tolerance = NEGLIGIBLE * float(np.ptp(corners, axis=0).max()) + 1e-14 * float(np.abs(sides).max())
     facets: list[int] = []
     for i, (row, side) in enumerate(zip(rows, sides, strict=True)):
         touching = corners[side - corners @ row <= tolerance]
-        along = rays[np.abs(rays @ row) <= ON_PLANE]
+        along = rays[np.abs(rays @ row) <= NEGLIGIBLE]
         is_facet = len(touching) > 0 and affine_rank(touching, along) == rows.shape[1] - 1
-        repeated = any(np.abs(rows[i] - rows[j]).max() <= ON_PLANE for j in facets)
+        repeated = any(np.abs(rows[i] - rows[j]).max() <= NEGLIGIBLE for j in facets)
         if is_facet and not repeated:
             facets.append(i)
     redundant = sorted(set(range(len(rows))) - set(facets))

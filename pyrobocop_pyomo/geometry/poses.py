@@ -13,7 +13,7 @@ from pyomo.core.expr import cos as expression_cos
 from pyomo.core.expr import sin as expression_sin
 from pyomo.core.expr.numvalue import native_numeric_types, value
 
-from pyrobocop_pyomo.errors import GeometryError
+from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_entry
 
 logger = logging.getLogger(__name__)
@@ -60,12 +60,12 @@ class Pose:
     @property
     def is_constant(self) -> bool:
         """Whether all entries are plain numbers."""
-        return all(_is_number(entry) for entry in self.entries)
+        return all(is_number(entry) for entry in self.entries)
 
     def apply(self, point: Sequence[Entry]) -> tuple[Entry, ...]:
         """World coordinates of a point of the body; products with zeros and ones are left out."""
         if len(point) != self.dimension:
-            raise GeometryError(
+            raise ObstacleError(
                 f"a pose in {self.dimension} dimensions was applied to a point with {len(point)} coordinates. "
                 "Give both in the plane, or both in space."
             )
@@ -83,7 +83,7 @@ class Pose:
 
         Raises
         ------
-        GeometryError
+        ObstacleError
             If a variable in an entry has no value.
         """
         dimension = self.dimension
@@ -124,14 +124,14 @@ def spatial_pose(
 
     Raises
     ------
-    GeometryError
+    ObstacleError
         If more than one rotation is given, or one of the wrong size.
     """
     given = [
         name for name, what in (("euler", euler), ("quaternion", quaternion), ("matrix", matrix)) if what is not None
     ]
     if len(given) > 1:
-        raise GeometryError(f"spatial_pose: {' and '.join(given)} are given; give one of them.")
+        raise ObstacleError(f"spatial_pose: {' and '.join(given)} are given; give one of them.")
     position = _sized(position, 3, "position: (x, y, z)")
     if euler is not None:
         roll, pitch, yaw = _sized(euler, 3, "euler: (roll, pitch, yaw)")
@@ -152,23 +152,23 @@ def check_pose(pose: Pose, name: str, *, tolerance: float = 1e-6) -> None:
 
     Raises
     ------
-    GeometryError
+    ObstacleError
         Naming the body, if an entry has no finite value, or the rotation is not orthonormal with determinant +1.
     """
     try:
         rotation, translation = pose.numbers()
-    except GeometryError as error:
-        raise GeometryError(f"'{name}': {error}") from None
+    except ObstacleError as error:
+        raise ObstacleError(f"'{name}': {error}") from None
     if not (np.isfinite(rotation).all() and np.isfinite(translation).all()):
-        raise GeometryError(f"'{name}': the pose has entries that are not finite:\n{rotation}\n{translation}.")
+        raise ObstacleError(f"'{name}': the pose has entries that are not finite:\n{rotation}\n{translation}.")
     deviation = float(np.abs(rotation @ rotation.T - np.eye(pose.dimension)).max())
     if deviation > tolerance:
-        raise GeometryError(
+        raise ObstacleError(
             f"'{name}': the pose's rotation R is none: R R' differs from the identity by {deviation:.3g}. "
             "Check the signs of sines and cosines; a quaternion must have length one, as a start value too."
         )
     if np.linalg.det(rotation) < 0.0:
-        raise GeometryError(
+        raise ObstacleError(
             f"'{name}': the pose's rotation mirrors the body (its determinant is -1). Check the signs of the "
             "sines, and that all axes are right-handed."
         )
@@ -178,19 +178,20 @@ def check_pose(pose: Pose, name: str, *, tolerance: float = 1e-6) -> None:
             logger.warning("'%s': an angle of its pose is %.4g; angles are in radians, not in degrees.", name, turned)
 
 
-def _is_number(entry: Entry) -> bool:
+def is_number(entry: Entry) -> bool:
+    """True for plain numbers, False for expressions."""
     return entry.__class__ in native_numeric_types
 
 
 def _value(entry: Entry) -> float:
-    number = entry if _is_number(entry) else value(entry, exception=False)
+    number = entry if is_number(entry) else value(entry, exception=False)
     if number is None:
-        raise GeometryError(f"the pose's entry {entry} has no value. Give its variables start values first.")
+        raise ObstacleError(f"the pose's entry {entry} has no value. Give its variables start values first.")
     return float(number)
 
 
 def _turn(angle: Entry) -> tuple[tuple[Entry, ...], ...]:
-    if _is_number(angle):
+    if is_number(angle):
         cosine, sine = math.cos(angle), math.sin(angle)
     else:
         cosine, sine = expression_cos(angle), expression_sin(angle)
@@ -219,7 +220,7 @@ def _identity(dimension: int) -> tuple[tuple[float, ...], ...]:
 
 def _sized(entries: Sequence[Entry], size: int, label: str) -> tuple[Entry, ...]:
     if len(entries) != size:
-        raise GeometryError(f"spatial_pose: {label} was expected, and {len(entries)} were given.")
+        raise ObstacleError(f"spatial_pose: {label} was expected, and {len(entries)} were given.")
     return tuple(entries)
 
 
@@ -235,13 +236,13 @@ def _dot(left: Sequence[Entry], right: Sequence[Entry]) -> Entry:
 
 
 def _plus(a: Entry, b: Entry) -> Entry:
-    if _is_number(a) and a == 0:
+    if is_number(a) and a == 0:
         return b
-    return a if _is_number(b) and b == 0 else a + b
+    return a if is_number(b) and b == 0 else a + b
 
 
 def _times(a: Entry, b: Entry) -> Entry:
     for this, that in ((a, b), (b, a)):
-        if _is_number(this) and this in (0, 1):
+        if is_number(this) and this in (0, 1):
             return that if this == 1 else 0.0
     return a * b

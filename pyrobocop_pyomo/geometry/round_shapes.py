@@ -8,11 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import GeometryError
+from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.numerics.rounding import ROUNDING
 from pyrobocop_pyomo.optional_imports import scipy
-
-# Around rounding: corners are moved outwards by this share.
-_OUTWARDS = 1e-12
 
 
 def around_cone(radii: tuple[float, float], height: float, sides: int, name: str) -> tuple[np.ndarray, float]:
@@ -23,8 +21,8 @@ def around_cone(radii: tuple[float, float], height: float, sides: int, name: str
     """
     base, top = radii
     if not all(math.isfinite(number) for number in (base, top, height)) or min(base, height) <= 0.0 or top < 0.0:
-        raise GeometryError(f"'{name}': radius {base}, top radius {top}, height {height}; expected positive lengths.")
-    share = (1.0 + _OUTWARDS) / math.cos(math.pi / _checked_sides(sides, 3, name))
+        raise ObstacleError(f"'{name}': radius {base}, top radius {top}, height {height}; expected positive lengths.")
+    share = (1.0 + ROUNDING) / math.cos(math.pi / _checked_sides(sides, 3, name))
     angles = 2.0 * math.pi * np.arange(sides) / sides
     ring = share * np.column_stack([np.cos(angles), np.sin(angles)])
     levels = [np.column_stack([base * ring, np.zeros(sides)])]
@@ -43,15 +41,15 @@ def around_ellipsoid(semi_axes: Sequence[float], sides: int | None, name: str) -
     """
     lengths = np.array(semi_axes, dtype=float)
     if lengths.shape not in ((2,), (3,)) or not np.isfinite(lengths).all() or lengths.min() <= 0.0:
-        raise GeometryError(f"'{name}': semi-axes {semi_axes!r}; expected two or three positive lengths.")
+        raise ObstacleError(f"'{name}': semi-axes {semi_axes!r}; expected two or three positive lengths.")
     if len(lengths) == 2:
         count = _checked_sides(16 if sides is None else sides, 3, name)
-        share = (1.0 + _OUTWARDS) / math.cos(math.pi / count)
+        share = (1.0 + ROUNDING) / math.cos(math.pi / count)
         angles = 2.0 * math.pi * (np.arange(count) + 0.5) / count
         unit = np.column_stack([np.cos(angles), np.sin(angles)])
     else:
         unit = _on_sphere(-(-_checked_sides(10 if sides is None else sides, 5, name) // 5))
-        share = (1.0 + _OUTWARDS) / float(-scipy.spatial.ConvexHull(unit).equations[:, -1].max())
+        share = (1.0 + ROUNDING) / float(-scipy.spatial.ConvexHull(unit).equations[:, -1].max())
     return share * unit * lengths, float((share - 1.0) * lengths.max())
 
 
@@ -59,7 +57,7 @@ def direction_of(axis: Sequence[float], name: str) -> np.ndarray:
     """Unit vector along an axis in space."""
     vector = np.array(axis, dtype=float)
     if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
-        raise GeometryError(f"'{name}': its axis is {axis!r}; expected three numbers, not all zero.")
+        raise ObstacleError(f"'{name}': its axis is {axis!r}; expected three numbers, not all zero.")
     return np.asarray(vector / np.linalg.norm(vector), dtype=np.float64)
 
 
@@ -74,7 +72,7 @@ def frame_along(axis: Sequence[float], name: str) -> np.ndarray:
 
 def _checked_sides(sides: int, least: int, name: str) -> int:
     if not isinstance(sides, int) or sides < least:
-        raise GeometryError(f"'{name}': {sides!r} sides; expected a whole number, {least} or more.")
+        raise ObstacleError(f"'{name}': {sides!r} sides; expected a whole number, {least} or more.")
     return sides
 
 

@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.optional_imports import scipy
 
 from .nearest_points import difference_rays
@@ -14,7 +15,6 @@ from .polyhedra import affine_basis, complement, convex_hull, halfspaces_of
 
 # Rays are unit vectors: one that points this little across a gap is along it.
 LEVEL = 1e-8
-PARALLEL = 1e-9
 
 
 def gap(
@@ -92,7 +92,7 @@ def _edges(points: np.ndarray) -> np.ndarray:
     i, j = _pairs(len(points))
     vectors = points[i] - points[j]
     lengths = np.linalg.norm(vectors, axis=1)
-    kept = lengths > PARALLEL * (lengths.max() if len(lengths) else 0.0)
+    kept = lengths > NEGLIGIBLE * (lengths.max() if len(lengths) else 0.0)
     return vectors[kept] / lengths[kept, None]
 
 
@@ -103,7 +103,7 @@ def _spanned(vectors: np.ndarray) -> np.ndarray:
     i, j = _pairs(len(vectors))
     normals = np.cross(vectors[i], vectors[j])
     lengths = np.linalg.norm(normals, axis=1)
-    kept = lengths > PARALLEL
+    kept = lengths > NEGLIGIBLE
     return normals[kept] / lengths[kept, None]
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.programs.asl_program import asl_available
-from pyrobocop_pyomo.programs.casadi_program import casadi_available
+from pyrobocop_pyomo.programs.vectorised_program import casadi_available
 
 from .ipopt_executable import EXECUTABLE_VARIABLE, find_ipopt_executable
 from .ipopt_library import LIBRARY_VARIABLE, find_ipopt_library
@@ -26,28 +26,23 @@ or, for an Ipopt that is there already, one of these environment variables:
 class Backend(enum.Enum):
     """Where Ipopt runs, and where its derivatives come from; the value is a description."""
 
-    IN_PROCESS_ASL = "Ipopt in this process, derivatives by ASL through PyNumero"
-    IN_PROCESS_CASADI = "Ipopt in this process, derivatives by CasADi"
     IN_PROCESS_VECTORISED = "Ipopt in this process, derivatives by CasADi on vectorised expressions"
+    IN_PROCESS_CASADI = IN_PROCESS_VECTORISED  # another name of the same
+    IN_PROCESS_ASL = "Ipopt in this process, derivatives by ASL through PyNumero"
     EXECUTABLE = "the ipopt executable, derivatives by ASL"
 
     @property
     def derivatives(self) -> str | None:
         """What `CompiledModel` calls the source of derivatives; None for the executable."""
-        return {
-            Backend.IN_PROCESS_ASL: "asl",
-            Backend.IN_PROCESS_CASADI: "casadi",
-            Backend.IN_PROCESS_VECTORISED: "vectorised",
-        }.get(self)
+        return {Backend.IN_PROCESS_VECTORISED: "vectorised", Backend.IN_PROCESS_ASL: "asl"}.get(self)
 
 
 def available_backends() -> list[Backend]:
     """Backends that are present, best first; nothing is loaded or started."""
     in_process = _found(find_ipopt_library)
     present = {
-        Backend.IN_PROCESS_ASL: in_process and asl_available(),
-        Backend.IN_PROCESS_CASADI: in_process and casadi_available(),
         Backend.IN_PROCESS_VECTORISED: in_process and casadi_available(),
+        Backend.IN_PROCESS_ASL: in_process and asl_available(),
         Backend.EXECUTABLE: _found(find_ipopt_executable),
     }
     return [backend for backend in Backend if present[backend]]

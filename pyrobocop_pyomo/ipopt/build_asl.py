@@ -11,23 +11,21 @@ derivatives are wrong (docs/developer/evaluation.md). Everything else of the lib
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import importlib.util
 import logging
 import os
+import platform
 import shlex
 import shutil
 import subprocess
 import sys
-import tarfile
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from pyrobocop_pyomo.errors import BuildFailed, SolverNotFoundError
+from pyrobocop_pyomo.errors import SolverNotFoundError
 
-from .asl_derivatives import DerivativeCheck, check_executable, check_library
 from .ipopt_executable import ipopt_executable_version
 
 logger = logging.getLogger(__name__)
@@ -41,10 +39,6 @@ _SOURCES = ("coinor-ipopt", "libamplsolver")
 # that is left out cuts that chain off. Two equal terms are then not recognised as one, and the second gets no adjoint.
 _CUT_CHAIN = "asl->P.lalist = la;\n\t\tla->hnext = 0;\n"
 _WHOLE_CHAIN = "asl->P.lalist = la;\n"
-# In front of the reader stands the one that writes out defined variables.
-_EXPANSION = Path(__file__).with_name("expanded_definitions.cpp")
-_WRAPPED = "-Wl,--wrap=pfgh_read_ASL"
-
 # What autotools would have found out; every compiler of this century has these headers.
 _HEADER_MACROS = [
     f"-DHAVE_{name}" for name in ("CSTRING", "CSTDIO", "CSTDLIB", "CMATH", "CFLOAT", "CASSERT", "CSTDARG", "CSTDDEF")
@@ -54,7 +48,7 @@ _HEADER_MACROS = [
 def build_asl(
     prefix: str | Path = sys.prefix, *, force: bool = False, report: Callable[[str], None] = logger.info
 ) -> tuple[Path, Path]:
-    """Build what is missing, or differentiates wrongly, and install it.
+    """Build what is missing, or does not run, and install it.
 
     Parameters
     ----------
@@ -69,44 +63,43 @@ def build_asl(
     Returns
     -------
     executable, library : Path
-        What was installed; both differentiate small models rightly.
+        What was installed.
 
     Raises
     ------
     SolverNotFoundError
         When casadi, whose Ipopt is used, is not installed.
-    BuildFailed
         When a step fails, with its command and output; when packages are missing and may not be installed.
     """
     executable = Path(prefix) / "bin" / "ipopt"
     library = Path(prefix) / "lib" / "libpynumero_ASL.so"
-    build_executable = force or not _executable_is_good(executable, report)
-    build_library = force or not _library_is_good(library, report)
+    build_executable = force or ipopt_executable_version(str(executable)) is None
+    build_library = force or not _loads(library)
     if not build_executable and not build_library:
         report(f"already built: {executable}, {library}")
         return executable, library
     casadi = _casadi_folder()
+    if shutil.which("apt-get") is None:
+        raise SolverNotFoundError(f"apt-get is not found: this builds on Debian and Ubuntu only. {ALTERNATIVE}")
     _require_packages(report)
     with tempfile.TemporaryDirectory(prefix="pyrobocop_build_") as name:
         folder = Path(name)
         _fetch_sources(folder, report)
         report("compiling the reader of .nl files")
         reader = _compiled_reader(folder)
+        compile_with = ["g++", "-O2", "-w", f"-I{ASL_HEADERS}", str(reader)]
         if build_executable:
             driver = _unpacked(folder, "coinor-ipopt", "AmplTNLP.cpp")
             report("compiling the ipopt executable")
-            built = folder / "ipopt"
             _run([
-                "g++", "-O2", "-w", *_HEADER_MACROS, f"-I{casadi / 'include' / 'coin-or'}", f"-I{driver}",
-                f"-I{ASL_HEADERS}", str(driver / "AmplTNLP.cpp"), str(driver / "ampl_ipopt.cpp"), str(_EXPANSION),
-                str(reader), "-o", str(built), _WRAPPED, f"-L{casadi}", "-l:libipopt.so.3", f"-Wl,-rpath,{casadi}",
-                "-l:libamplsolver.a", "-ldl", "-lm",
+                *compile_with, *_HEADER_MACROS, f"-I{casadi / 'include' / 'coin-or'}", f"-I{driver}",
+                str(driver / "AmplTNLP.cpp"), str(driver / "ampl_ipopt.cpp"), "-o", str(folder / "ipopt"),
+                f"-L{casadi}", "-l:libipopt.so.3", f"-Wl,-rpath,{casadi}", "-l:libamplsolver.a", "-ldl", "-lm",
             ])  # fmt: skip
-            _install(built, executable)
+            _install(folder / "ipopt", executable)
             version = ipopt_executable_version(str(executable))
             if version is None:
-                raise BuildFailed(f"'{executable}' was built, but '{executable} --version' does not run.")
-            _require_right(check_executable(str(executable)), executable)
+                raise SolverNotFoundError(f"'{executable}' was built, but '{executable} --version' does not run.")
             report(f"installed {executable}: {version}")
             report(
                 "Pyomo's own SolverFactory('ipopt') finds it when its folder is on PATH, or after a call of "
@@ -114,43 +107,19 @@ def build_asl(
             )
         if build_library:
             report("compiling PyNumero's library")
-            built = folder / "libpynumero_ASL.so"
-            source = _pynumero_source()
+            source = Path(importlib.util.find_spec("pyomo.contrib.pynumero").origin).parent / "src"  # type: ignore[union-attr,arg-type]
             # One source file: Pyomo's own CMake project for it would only add CMake to what is needed. Its reader is
             # this one, also where another library of the process has a function of that name.
             _run([
-                "g++", "-O2", "-w", "-fPIC", "-shared", "-DBUILDING_PYNUMERO_ASL", f"-I{ASL_HEADERS}",
-                f"-I{source}", str(source / "AmplInterface.cpp"), str(_EXPANSION), str(reader), "-o", str(built),
-                _WRAPPED, "-Wl,-Bsymbolic-functions", "-lamplsolver", "-ldl",
+                *compile_with, "-fPIC", "-shared", "-DBUILDING_PYNUMERO_ASL", f"-I{source}",
+                str(source / "AmplInterface.cpp"), "-o", str(folder / library.name), "-Wl,-Bsymbolic-functions",
+                "-lamplsolver", "-ldl",
             ])  # fmt: skip
-            _install(built, library)
+            _install(folder / library.name, library)
             if not _loads(library):
-                raise BuildFailed(f"'{library}' was built, but cannot be loaded.")
-            _require_right(check_library(str(library)), library)
+                raise SolverNotFoundError(f"'{library}' was built, but cannot be loaded.")
             report(f"installed {library}")
     return executable, library
-
-
-def _executable_is_good(executable: Path, report: Callable[[str], None]) -> bool:
-    if ipopt_executable_version(str(executable)) is None:
-        return False
-    return _is_right(check_executable(str(executable)), executable, report)
-
-
-def _library_is_good(library: Path, report: Callable[[str], None]) -> bool:
-    return _loads(library) and _is_right(check_library(str(library)), library, report)
-
-
-def _is_right(check: DerivativeCheck, file: Path, report: Callable[[str], None]) -> bool:
-    """Whether a file can stay; what an older version of this function built has wrong derivatives."""
-    if not check.right:
-        report(f"to be replaced: {file}, derivatives {check}")
-    return check.right
-
-
-def _require_right(check: DerivativeCheck, file: Path) -> None:
-    if not check.right:
-        raise BuildFailed(f"'{file}' was built, but its derivatives are {check}. {ALTERNATIVE}")
 
 
 def _loads(library: Path) -> bool:
@@ -172,53 +141,33 @@ def _casadi_folder() -> Path:
         )
     folder = Path(spec.origin).parent
     if not (folder / "libipopt.so.3").is_file() or not (folder / "include" / "coin-or").is_dir():
-        raise BuildFailed(
+        raise SolverNotFoundError(
             f"casadi in '{folder}' has no libipopt.so.3 or no headers in include/coin-or, which its wheels for "
             f"Linux have. Install the wheel: pip install --force-reinstall casadi. {ALTERNATIVE}"
         )
     return folder
 
 
-def _pynumero_source() -> Path:
-    spec = importlib.util.find_spec("pyomo.contrib.pynumero")
-    if spec is None or spec.origin is None or not (source := Path(spec.origin).parent / "src").is_dir():
-        raise BuildFailed("Pyomo is installed without PyNumero's source. Reinstall it: pip install pyomo")
-    return source
-
-
 def _require_packages(report: Callable[[str], None]) -> None:
     if (ASL_HEADERS / "asl.h").is_file() and shutil.which("g++"):
         return
     install = ["apt-get", "install", "--yes", *PACKAGES]
-    if shutil.which("apt-get") is None:
-        raise BuildFailed(f"apt-get is not found: this builds on Debian and Ubuntu only. {ALTERNATIVE}")
-    prefix = _privilege()
-    if prefix is None:
-        raise BuildFailed(
+    prefix = [] if os.geteuid() == 0 else ["sudo", "-n"]
+    if prefix and subprocess.run([*prefix, "true"], capture_output=True).returncode:
+        raise SolverNotFoundError(
             f"the packages {' and '.join(PACKAGES)} are needed, and installing them needs root. "
             f"Run: sudo {shlex.join(install)}"
         )
     report(f"installing {' '.join(PACKAGES)}")
     try:
         _run([*prefix, *install])
-    except BuildFailed:
+    except SolverNotFoundError:
         _run([*prefix, "apt-get", "update"])  # a fresh container has no package lists yet
         _run([*prefix, *install])
 
 
-def _privilege() -> list[str] | None:
-    """What to put before a command that needs root; None when there is no way without a password."""
-    if os.geteuid() == 0:
-        return []
-    if shutil.which("sudo") and subprocess.run(["sudo", "-n", "true"], capture_output=True).returncode == 0:
-        return ["sudo", "-n"]
-    return None
-
-
 def _fetch_sources(folder: Path, report: Callable[[str], None]) -> None:
     """Put the original archives of the distribution's source packages into a folder."""
-    if shutil.which("apt-get") is None:
-        raise BuildFailed(f"apt-get is not found: this builds on Debian and Ubuntu only. {ALTERNATIVE}")
     sources, state, cache = folder / "sources.list", folder / "state", folder / "cache"
     for path in (state / "lists" / "partial", cache / "archives" / "partial"):
         path.mkdir(parents=True)
@@ -233,28 +182,22 @@ def _fetch_sources(folder: Path, report: Callable[[str], None]) -> None:
 
 
 def _unpacked(folder: Path, package: str, file: str) -> Path:
-    """The folder of a file in the archive of a source package, after unpacking that folder."""
+    """The folder of a file in the archive of a source package, after unpacking it."""
     archives = sorted(folder.glob(f"{package}_*.orig.tar.*"))
     if not archives:
-        raise BuildFailed(f"apt-get source {package} delivered no original archive. {ALTERNATIVE}")
-    with tarfile.open(archives[0]) as archive:
-        places = [Path(member.name).parent for member in archive.getmembers() if Path(member.name).name == file]
-        if not places:
-            raise BuildFailed(f"'{archives[0].name}' holds no {file}. {ALTERNATIVE}")
-        wanted = [member for member in archive.getmembers() if Path(member.name).parent == places[0]]
-        # Safe extraction filters exist from the patch releases of 3.10 and 3.11 on, hence the check.
-        if hasattr(tarfile, "data_filter"):
-            archive.extractall(folder, members=wanted, filter="data")
-        else:
-            archive.extractall(folder, members=wanted)
-    return folder / places[0]
+        raise SolverNotFoundError(f"apt-get source {package} delivered no original archive. {ALTERNATIVE}")
+    _run(["tar", "-xf", str(archives[0])], cwd=folder)
+    place = next(folder.rglob(file), None)
+    if place is None:
+        raise SolverNotFoundError(f"'{archives[0].name}' holds no {file}. {ALTERNATIVE}")
+    return place.parent
 
 
 def _compiled_reader(folder: Path) -> Path:
     """The library's reader for second derivatives, without its fault, as an object file."""
     source = _unpacked(folder, "libamplsolver", "pfghread.c")
     text = source / "pfg_read.c"
-    # A reader without that line is a newer one; what is built is checked in any case.
+    # A reader without that line is a newer one.
     text.write_text(text.read_text(encoding="latin-1").replace(_CUT_CHAIN, _WHOLE_CHAIN), encoding="latin-1")
     built = folder / "pfghread.o"
     _run(["gcc", "-O2", "-w", "-fPIC", "-c", f"-I{ASL_HEADERS}", str(source / "pfghread.c"), "-o", str(built)])
@@ -266,11 +209,9 @@ def _source_lines() -> list[str]:
     listed = _run(
         ["apt-get", "indextargets", "--format", "$(REPO_URI) $(RELEASE) $(COMPONENT)", "Identifier: Packages"]
     )
-    release = _os_release()
-    codename, distribution = release.get("VERSION_CODENAME", ""), release.get("ID", "")
-    if distribution not in ("debian", "ubuntu"):
-        distribution = "ubuntu" if "ubuntu" in release.get("ID_LIKE", "") else "debian"
-        codename = release.get("UBUNTU_CODENAME") or release.get("DEBIAN_CODENAME") or codename
+    release = platform.freedesktop_os_release()
+    distribution = "ubuntu" if "ubuntu" in release["ID"] + release.get("ID_LIKE", "") else "debian"
+    codename = release.get("UBUNTU_CODENAME") or release.get("DEBIAN_CODENAME") or release.get("VERSION_CODENAME", "")
     component = "universe" if distribution == "ubuntu" else "main"
     keyring = Path(f"/usr/share/keyrings/{distribution}-archive-keyring.gpg")
     signed = f"[signed-by={keyring}] " if keyring.is_file() else ""
@@ -284,13 +225,6 @@ def _source_lines() -> list[str]:
     return [f"deb-src {signed}{mirror} {codename} {component}" for mirror in mirrors]
 
 
-def _os_release() -> dict[str, str]:
-    with contextlib.suppress(OSError):
-        lines = Path("/etc/os-release").read_text(encoding="utf-8").splitlines()
-        return {key: value.strip("\"'") for key, _, value in (line.partition("=") for line in lines)}
-    return {}
-
-
 def _install(built: Path, target: Path) -> None:
     """Replace in one step: a program that uses the old file goes on undisturbed."""
     try:
@@ -299,7 +233,7 @@ def _install(built: Path, target: Path) -> None:
         shutil.copy2(built, staged)
         staged.replace(target)
     except OSError as error:
-        raise BuildFailed(f"cannot write '{target}': {error}. Choose another place with --prefix.") from error
+        raise SolverNotFoundError(f"cannot write '{target}': {error}. Choose another place with --prefix.") from error
 
 
 def _run(command: Sequence[str], cwd: Path | None = None) -> str:
@@ -310,7 +244,9 @@ def _run(command: Sequence[str], cwd: Path | None = None) -> str:
             command, cwd=cwd, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
         )
     except OSError as error:
-        raise BuildFailed(f"cannot run: {shlex.join(command)}\n{error}") from error
+        raise SolverNotFoundError(f"cannot run: {shlex.join(command)}\n{error}") from error
     if run.returncode != 0:
-        raise BuildFailed(f"this command failed with code {run.returncode}: {shlex.join(command)}\n{run.stdout}")
+        raise SolverNotFoundError(
+            f"this command failed with code {run.returncode}: {shlex.join(command)}\n{run.stdout}"
+        )
     return run.stdout

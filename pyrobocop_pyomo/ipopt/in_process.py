@@ -20,17 +20,17 @@ from pyomo.contrib.solver.common.util import NoOptimalSolutionError, NoSolutionE
 from pyomo.core.base.block import BlockData
 from pyomo.core.staleflag import StaleFlagManager
 
-from pyrobocop_pyomo.errors import EvaluationError, ModelError, SolverNotFoundError
+from pyrobocop_pyomo.errors import EvaluationError, FunctionError, ModelError, SolverNotFoundError
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.rare_collections import rare_collections
 from pyrobocop_pyomo.programs.asl_program import asl_available
-from pyrobocop_pyomo.programs.casadi_program import casadi_available
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.repetition import repeats_nonlinear_terms
+from pyrobocop_pyomo.programs.vectorised_program import casadi_available
 
 from .ipopt_library import find_ipopt_library, load_ipopt_library
 from .ipopt_outcome import IpoptOutcome, IpoptStatus
 from .ipopt_run import run_ipopt
+from .older_interface import OlderInterface
 from .suffixes import InProcessSolutionLoader, scaling_factors, starting_point
 
 logger = logging.getLogger(__name__)
@@ -60,8 +60,8 @@ class InProcessIpoptConfig(SolverConfig):
             ConfigValue(
                 default=None,
                 domain=In([None, "asl", "casadi", "vectorised"]),
-                description="Where derivatives come from; by default 'vectorised' where rows repeat each other, as on "
-                "every mesh; else ASL where PyNumero's library is found, else CasADi.",
+                description="Where derivatives come from: 'vectorised', which is CasADi ('casadi' says the same), or "
+                "'asl'. By default CasADi where it is installed and knows all functions of the model, else ASL.",
             ),
         )
         self.on_iteration = self.declare(
@@ -89,7 +89,7 @@ class InProcessIpopt(SolverBase):
             return Availability.NotFound
         if found is None:
             return Availability.NotFound
-        usable = {"asl": asl_available, "casadi": casadi_available, "vectorised": casadi_available}
+        usable = {"vectorised": casadi_available, "casadi": casadi_available, "asl": asl_available}
         wanted = [self.config.derivatives] if self.config.derivatives else list(usable)
         if not any(usable[name]() for name in wanted):
             return Availability.NeedsCompiledExtension
@@ -148,12 +148,15 @@ class InProcessIpopt(SolverBase):
 
 
 def _compiled(model: BlockData, derivatives: str | None) -> CompiledModel:
-    """The program by what the caller chose; else vectorised where few shapes of terms repeat, as `solve` decides it."""
-    if derivatives is None and casadi_available() and repeats_nonlinear_terms(model):
+    """The program by what the caller chose; else by the first source of derivatives that takes the model."""
+    if derivatives is None and casadi_available() and asl_available():
         try:
             return CompiledModel(model, "vectorised")
         except (ModelError, EvaluationError) as error:
             logger.info("'%s': not vectorised: %s", model.name, error)
+            with contextlib.suppress(FunctionError):  # ASL calls no functions in Python
+                return CompiledModel(model, "asl")
+            raise
     return CompiledModel(model, derivatives)
 
 
@@ -218,6 +221,12 @@ def _raise_or_load(results: Results, config: InProcessIpoptConfig) -> None:
         results.solution_loader.load_solution()
 
 
+class LegacyInProcessIpopt(OlderInterface, InProcessIpopt):
+    """`InProcessIpopt` in Pyomo's older interface."""
+
+    own_options = ("derivatives",)
+
+
 SolverFactory.register(
     name="pyrobocop.ipopt", legacy_name="pyrobocop.ipopt", doc="Ipopt in this process: no executable needed"
-)(InProcessIpopt)
+)(InProcessIpopt, LegacyInProcessIpopt)

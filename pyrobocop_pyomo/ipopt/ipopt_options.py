@@ -7,7 +7,7 @@ import numbers
 from collections.abc import Mapping
 from typing import Any
 
-from pyrobocop_pyomo.errors import SolverOptionError
+from pyrobocop_pyomo.errors import ModelError
 
 from .c_output import c_output_captured
 from .ipopt_library import IpoptLibrary
@@ -40,7 +40,7 @@ def set_options(library: IpoptLibrary, problem: int, options: Mapping[str, Any],
 
     Raises
     ------
-    SolverOptionError
+    ModelError
         When Ipopt refuses one.
     """
     settings = dict(options)
@@ -60,7 +60,7 @@ def set_options(library: IpoptLibrary, problem: int, options: Mapping[str, Any],
                 break
     if refused is not None:
         told = "".join(explanations)
-        raise SolverOptionError(
+        raise ModelError(
             f"Ipopt option '{refused}': the value {settings[refused]!r} is refused by Ipopt {_version(library)}. "
             f"{_last_explanation(told)}{_nearest(refused, told)} "
             "See https://coin-or.github.io/Ipopt/OPTIONS.html for names and values."
@@ -109,7 +109,7 @@ def readings(name: str, value: Any) -> list[str | int | float]:
 
     Raises
     ------
-    SolverOptionError
+    ModelError
         When it is neither text nor a number.
     """
     if isinstance(value, bool):
@@ -122,7 +122,7 @@ def readings(name: str, value: Any) -> list[str | int | float]:
     if isinstance(value, numbers.Real):
         number = float(value)
         return [number, int(number)] if number.is_integer() and abs(number) < 2**31 else [number]
-    raise SolverOptionError(f"Ipopt option '{name}': the value {value!r} is neither text nor a number.")
+    raise ModelError(f"Ipopt option '{name}': the value {value!r} is neither text nor a number.")
 
 
 def _numeric_readings(text: str) -> list[int | float]:

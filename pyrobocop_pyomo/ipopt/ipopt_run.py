@@ -82,7 +82,7 @@ def run_ipopt(
     ------
     SolverNotFoundError
         When there is no Ipopt library, or no linear solver of this package where it is requested.
-    SolverOptionError
+    ModelError
         For an option that Ipopt does not know, a value that it refuses, or a linear solver whose library is missing.
     Exception
         What a callback raised, after Ipopt has returned. An `EvaluationError` is none of them: Ipopt then tries a

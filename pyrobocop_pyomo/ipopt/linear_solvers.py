@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import SolverNotFoundError, SolverOptionError
+from pyrobocop_pyomo.errors import ModelError, SolverNotFoundError
 from pyrobocop_pyomo.linear_solver.factorisation import FactorSize, SymmetricFactorisation
 from pyrobocop_pyomo.linear_solver.library import find_linear_solver
 from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram
@@ -27,8 +27,6 @@ IN_DOUBT = (
     IpoptStatus.INTERNAL_ERROR,
     IpoptStatus.OUT_OF_MEMORY,
 )
-# Whether programs that suit it get the solver of this package where options say nothing.
-BY_DEFAULT = True
 # Rows of a dense front up to which it is at least as fast as MUMPS with its BLAS (benchmarks/linear_solvers.py).
 LARGEST_FRONT = 150
 # Systems with so few entries, and so few in a row, have no such front: to order them would take longer than a step.
@@ -74,7 +72,7 @@ def linear_solver_options() -> dict[str, str]:
     library = find_linear_solver()
     if library is None:
         raise SolverNotFoundError(
-            "there is no compiled linear solver: a C compiler is needed once (apt-get install gcc), and "
+            "there is no compiled linear solver: run python -m pyrobocop_pyomo build-native, with any C compiler; "
             "PYROBOCOP_NATIVE and PYROBOCOP_LINEAR_SOLVER must not say 'off' or 'none'. Ipopt's own is MUMPS."
         )
     return {"linear_solver": "ma27", "hsllib": library}
@@ -94,23 +92,23 @@ def with_linear_solver(options: Mapping[str, Any], nlp: NonlinearProgram | None 
     ------
     SolverNotFoundError
         When it is requested and not there.
-    SolverOptionError
+    ModelError
         When it is requested together with another library.
     """
     resolved = dict(options)
-    if "linear_solver" not in resolved and "hsllib" not in resolved and nlp is not None and BY_DEFAULT and suits(nlp):
+    if "linear_solver" not in resolved and "hsllib" not in resolved and nlp is not None and suits(nlp):
         return {**resolved, **linear_solver_options()}, True
     if resolved.get("linear_solver") != OWN_SOLVER:
         return resolved, False
     if "hsllib" in resolved:
-        raise SolverOptionError(
+        raise ModelError(
             f"linear_solver='{OWN_SOLVER}' is the solver of this package, and hsllib='{resolved['hsllib']}' another "
             "one. Leave one of both out, or name what that library has: linear_solver='ma27' or 'ma57'."
         )
     return {**resolved, **linear_solver_options()}, True
 
 
-def refused_options(options: Mapping[str, Any]) -> SolverOptionError:
+def refused_options(options: Mapping[str, Any]) -> ModelError:
     """Why Ipopt refused options before its first iteration, which it says in its log only.
 
     Parameters
@@ -120,11 +118,11 @@ def refused_options(options: Mapping[str, Any]) -> SolverOptionError:
     """
     solver = options.get("linear_solver")
     if solver not in _LOADED:
-        return SolverOptionError(
+        return ModelError(
             f"Ipopt refused its options as inconsistent: {dict(options)}. Its log says which, and why: tee=True."
         )
     library, option, owner = _LOADED[solver]
-    return SolverOptionError(
+    return ModelError(
         f"Ipopt option 'linear_solver': '{solver}' is in the library '{options.get(option, library)}', which is not "
         f"found or does not have it. Ipopt does not bring it: it comes from {owner}. Say where it is, options={{"
         f"'linear_solver': '{solver}', '{option}': '/path/to/{library}'}}, or leave 'linear_solver' out, or take "

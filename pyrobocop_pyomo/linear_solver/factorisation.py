@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import SingularMatrix, SolverNotFoundError
+from pyrobocop_pyomo.errors import EvaluationError, SolverNotFoundError
 
 from .library import find_linear_solver
 
@@ -102,7 +102,7 @@ class SymmetricFactorisation:
         path = library or find_linear_solver()
         if path is None:
             raise SolverNotFoundError(
-                "there is no compiled linear solver: a C compiler is needed once (apt-get install gcc), and "
+                "there is no compiled linear solver: run python -m pyrobocop_pyomo build-native, with any C compiler; "
                 "PYROBOCOP_NATIVE and PYROBOCOP_LINEAR_SOLVER must not say 'off' or 'none'."
             )
         self._functions = _load(path)
@@ -153,7 +153,7 @@ class SymmetricFactorisation:
 
         Raises
         ------
-        SingularMatrix
+        EvaluationError
             When a pivot is missing, or an entry is not finite.
         MemoryError
             When the factor has more entries than a 32-bit integer counts, or there is no memory.
@@ -172,7 +172,7 @@ class SymmetricFactorisation:
             )  # fmt: skip
             flag, detail = int(self._info[0]), int(self._info[1])
             if flag == _SINGULAR:
-                raise SingularMatrix(
+                raise EvaluationError(
                     f"the matrix with {self.n} rows is singular to working precision, or an entry is not finite."
                 )
             if flag not in (_SHORT_INTEGERS, _SHORT_REALS):

@@ -7,25 +7,18 @@ import os
 from pathlib import Path
 
 from pyrobocop_pyomo.errors import SolverNotFoundError
-from pyrobocop_pyomo.native.shared_library import CACHE_VARIABLE, SWITCH_VARIABLE, shared_library
+from pyrobocop_pyomo.native.shared_library import SWITCH_VARIABLE, shared_library
 
 LINEAR_SOLVER_VARIABLE = "PYROBOCOP_LINEAR_SOLVER"
 LINEAR_SOLVER_NAME = "linear_solver"
 
-_SOURCE = Path(__file__).parent / "source"
-
-
-def linear_solver_sources() -> list[Path]:
-    """The C files that are compiled, and then the headers that they include."""
-    return [*sorted(_SOURCE.glob("*.c")), *sorted(_SOURCE.glob("*.h"))]
-
 
 def find_linear_solver() -> str | None:
-    """Path of the compiled linear solver, or None where there is none and none can be made.
+    """Path of the compiled linear solver, or None where there is none.
 
     The environment variable ``PYROBOCOP_LINEAR_SOLVER`` may name a library that speaks MA27's convention, or be
-    ``none``. Otherwise it is the one that a wheel brought, or that is compiled on the first call, within two seconds,
-    and kept for all later ones; with ``PYROBOCOP_NATIVE=off``, or without a C compiler, there is none.
+    ``none``. Otherwise it is the one that was compiled when the package was installed; with ``PYROBOCOP_NATIVE=off``,
+    or where there was no C compiler, there is none.
 
     Raises
     ------
@@ -42,11 +35,11 @@ def find_linear_solver() -> str | None:
                 "or set it to 'none'."
             )
         return str(Path(chosen).resolve())
-    return _compiled(os.environ.get(SWITCH_VARIABLE, ""), os.environ.get(CACHE_VARIABLE, ""), os.environ.get("CC", ""))
+    return _compiled(os.environ.get(SWITCH_VARIABLE, ""))
 
 
 @functools.cache
-def _compiled(*_settings: str) -> str | None:
-    """Asked once for each setting of the environment: hashing sources and library takes as long as a small solve."""
-    found = shared_library(LINEAR_SOLVER_NAME, linear_solver_sources())
+def _compiled(_switch: str) -> str | None:
+    """Asked once for each setting of the environment: hashing sources takes as long as a small solve."""
+    found = shared_library(LINEAR_SOLVER_NAME)
     return None if found is None else str(found)

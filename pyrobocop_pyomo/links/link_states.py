@@ -9,7 +9,7 @@ from typing import Any
 from pyomo.core.expr.numvalue import native_numeric_types
 from pyomo.core.expr.relational_expr import EqualityExpression, RelationalExpression
 
-from pyrobocop_pyomo.errors import LinkError, TranscriptionError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_arrays import array, plain_expressions
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.phases import Algebraic, Control, Parameter, State
@@ -60,7 +60,7 @@ class PhaseEnd:
             return array([getattr(self, member) for member in names.members]).reshape(names.shape)
         component = self._phase.component(name)
         if component is None:
-            raise LinkError(
+            raise ModelError(
                 f"phase '{self._phase.name}' has no '{name}', which a link asks for at its "
                 f"{'end' if self._last else 'start'}; declared are {', '.join(declared) or 'none'}."
             )
@@ -69,11 +69,7 @@ class PhaseEnd:
         if isinstance(declaration, State):
             return component[self._index]
         if isinstance(declaration, (Algebraic, Control)):
-            nodes = self._phase.record.nodes(name)
-            variables, weights = nodes.variables(self._phase), nodes.weights_at(self._index, after=not self._last)
-            if len(weights) == 1:  # a node: hand over the variable itself, not a sum that hides it
-                return variables[weights[0][0]]
-            return sum(weight * variables[i] for i, weight in weights)
+            return component.at(self._index)  # it follows the mesh
         return component[self._index] if component.is_indexed() and self._index in component else component
 
 
@@ -96,7 +92,7 @@ def states_of_both(
 
     Raises
     ------
-    LinkError
+    ModelError
         When a state is left over.
     """
     before, after = first.record.names_of_states, second.record.names_of_states
@@ -104,13 +100,13 @@ def states_of_both(
     for name in after:
         start = second.component(name)[second.initial_time]
         if name not in continued and name not in determined | omitted and not start.fixed:
-            raise LinkError(
+            raise ModelError(
                 f"{label}: nothing gives the start of state '{name}'; '{first.name}' has the states "
                 f"{', '.join(before) or 'none'}. Give '{name}' in jump=, or leave it alone by omit=['{name}']."
             )
     for name in before:
         if name not in continued and name not in read | omitted | determined:
-            raise LinkError(
+            raise ModelError(
                 f"{label}: state '{name}' of '{first.name}' goes nowhere; '{second.name}' has the states "
                 f"{', '.join(after) or 'none'}. Use it in jump=, or leave it alone by omit=['{name}']."
             )
@@ -122,7 +118,7 @@ def states_given(label: str, first: Any, second: Any, states: Any, determined: s
 
     Raises
     ------
-    LinkError
+    ModelError
         When a name is no state, or a start is given twice.
     """
     if isinstance(states, Mapping):
@@ -133,7 +129,7 @@ def states_given(label: str, first: Any, second: Any, states: Any, determined: s
     for source, target in given:
         before, after = _state_name(label, first, source), _state_name(label, second, target)
         if after in determined | set(continued):
-            raise LinkError(f"{label}: the start of state '{after}' is given twice. Take it out of states=.")
+            raise ModelError(f"{label}: the start of state '{after}' is given twice. Take it out of states=.")
         continued[after] = before
     return continued
 
@@ -143,14 +139,14 @@ def omitted_states(label: str, first: Any, second: Any, omit: Any) -> set[str]:
 
     Raises
     ------
-    LinkError
+    ModelError
         When a name is a state of neither phase.
     """
     named = names_by_component(second.record, names_by_component(first.record, listed(omit)))
     names = {name_of(state) for state in named}
     for name in names:
         if name not in first.record.names_of_states and name not in second.record.names_of_states:
-            raise LinkError(f"{label}: omit= names '{name}', which is a state of neither phase.")
+            raise ModelError(f"{label}: omit= names '{name}', which is a state of neither phase.")
     return names
 
 
@@ -159,14 +155,14 @@ def shared_parameter(label: str, first: Any, second: Any, parameter: Any) -> str
 
     Raises
     ------
-    LinkError
+    ModelError
         When one of them does not.
     """
     name = name_of(parameter)
     for phase in (first, second):
         known = phase.record.names(Parameter)
         if name not in known:
-            raise LinkError(
+            raise ModelError(
                 f"{label}: '{name}' is no parameter of '{phase.name}'; its parameters are {', '.join(known) or 'none'}."
             )
     return name
@@ -185,8 +181,8 @@ def listed(names: Any) -> list[Any]:
 def _state_name(label: str, phase: Any, state: Any) -> str:
     try:
         return phase.state_name(name_of(state))
-    except TranscriptionError as error:
-        raise LinkError(f"{label}: {error}") from None
+    except ModelError as error:
+        raise ModelError(f"{label}: {error}") from None
 
 
 @dataclass
@@ -211,7 +207,7 @@ def sort_jump(
 
     Raises
     ------
-    LinkError
+    ModelError
         When the result is neither, or names what is no state of the second phase.
     """
     if jump is None:
@@ -221,7 +217,7 @@ def sort_jump(
     except TypeError as error:
         if "unhashable" not in str(error):
             raise
-        raise LinkError(
+        raise ModelError(
             f"{what}: a variable cannot be the key of a dict. Write {{'speed': ...}}, the name of the state, "
             "or the relation post.speed == ..."
         ) from error
@@ -231,17 +227,17 @@ def sort_jump(
         for state, expression in plain_expressions(equations_by_component(second.record, result, what)).items():
             name = _name(what, second, list(starts.values()), state)
             if isinstance(expression, RelationalExpression) or not _is_numeric(expression):
-                raise LinkError(
+                raise ModelError(
                     f"{what}: the jump gives '{expression}' as the start of '{name}'; expected an expression."
                 )
             if name in expressions:
-                raise LinkError(f"{what}: the jump gives the start of '{name}' twice.")
+                raise ModelError(f"{what}: the jump gives the start of '{name}' twice.")
             expressions[name] = expression
         return expressions, Relations()
     relations = Relations()
     for label, relation in labelled_rows("constraint", plain_expressions(result)).items():
         if not isinstance(relation, (RelationalExpression, tuple)):
-            raise LinkError(
+            raise ModelError(
                 f"{what}: the jump returned {relation!r}; expected {{state: expression}}, or one or several relations "
                 "between pre and post. Is the return statement missing?"
             )
@@ -255,7 +251,7 @@ def sort_jump(
 def _name(label: str, second: Any, states: Iterable[str], state: Any) -> str:
     name = state if isinstance(state, str) else getattr(state, "local_name", None) or repr(state)
     if name not in states or (not isinstance(state, str) and second.component(name) is not state):
-        raise LinkError(
+        raise ModelError(
             f"{label}: the jump gives a start to '{name}', which is no state of '{second.name}'; its states are "
             f"{', '.join(states) or 'none'}."
         )

@@ -12,13 +12,11 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.set import Set
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.errors import LinkError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.blocks import BuiltBlock, BuiltBlockData, Rule
 from pyrobocop_pyomo.modeling.row_violations import largest_violation
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.phases import PhaseBlock, PhaseBlockData
-from pyrobocop_pyomo.phases.equations import rule_name
-from pyrobocop_pyomo.phases.record import Statement
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .link_states import (
@@ -43,17 +41,17 @@ class _Ends:
     first, second : PhaseBlock
     continued : dict of str to str
         {state of the second: state of the first} of what continues.
-    jump : Statement or None
-        The rule of what jumps.
     shared : list of str
         Parameters of both.
+    omitted : set of str
+        States to leave alone.
     """
 
     first: Any
     second: Any
     continued: dict[str, str] = field(default_factory=dict)
-    jump: Statement | None = None
     shared: list[str] = field(default_factory=list)
+    omitted: set[str] = field(default_factory=set)
 
 
 class LinkData(BuiltBlockData):
@@ -70,7 +68,7 @@ class LinkData(BuiltBlockData):
     """
 
     _kind = "link"
-    _error = LinkError
+    _error = ModelError
 
     @property
     def first(self) -> Any:
@@ -97,6 +95,13 @@ class LinkData(BuiltBlockData):
         """Largest violation of a row of this link at the current values; NaN where a variable has none."""
         return largest_violation(self.component_data_objects(Constraint, active=True))
 
+    @property
+    def starts_asked_for(self) -> list[str]:
+        """States of the second phase whose start this link, or something beside it, has to give."""
+        if not (self.continuity or self.jump):
+            return []
+        return [name for name in self._second_states if name not in self._ends.omitted]
+
     def start_after(self, trajectory: Trajectory) -> dict[str, float]:
         """Where the second phase starts after a motion of the first: what `simulate` takes as ``initial``.
 
@@ -112,7 +117,7 @@ class LinkData(BuiltBlockData):
 
         Raises
         ------
-        LinkError
+        ModelError
             When its relations do not determine them.
         """
         rows = [row for row in (*self.continuity.values(), *self.jump.values()) if row.equality]
@@ -142,14 +147,14 @@ class LinkData(BuiltBlockData):
         determined = {*jumped, *relations.determined}
         joined = (self._what, self.first, self.second)
         if states is None:
-            continued = states_of_both(*joined, determined, omitted_states(*joined, omit), pre._read)
+            self._ends.omitted = omitted_states(*joined, omit)
+            continued = states_of_both(*joined, determined, self._ends.omitted, pre._read)
         elif omit:
-            raise LinkError(f"{self._what}: states= says what continues, omit= what does not. Give one of them.")
+            raise ModelError(f"{self._what}: states= says what continues, omit= what does not. Give one of them.")
         else:
             continued = states_given(*joined, states, determined)
         names = [shared_parameter(*joined, parameter) for parameter in parameters]
         self._ends.continued, self._ends.shared = continued, names
-        self._ends.jump = None if jump is None else Statement("jump", rule_name(jump), jump)
         self.continuity = Constraint(list(continued))
         self.jump = Constraint([*jumped, *relations.rows])
         self.shared = Constraint(names)
@@ -167,19 +172,6 @@ class LinkData(BuiltBlockData):
         for name in self._ends.shared:
             self._add(self.shared, name, getattr(pre, name), getattr(post, name))
 
-    @property
-    def can_follow_times(self) -> bool:
-        """True unless a pickle has lost the rule of the jump, which may read controls."""
-        return self._ends.jump is None or self._ends.jump.rule is not None
-
-    def follow_times(self) -> None:
-        """State the rows anew, for what a jump reads beside the states at both ends."""
-        rule = None if self._ends.jump is None else self._ends.jump.rule
-        jumped, relations = sort_jump(self._what, self.second, self.pre, self.post, rule)
-        for rows in (self.continuity, self.jump, self.shared):
-            rows.clear()
-        self._join(jumped, relations)
-
     def _phases_of(self, source: Any) -> Any:
         """The two phases of this link: two neighbours of an indexed block, the result of a rule, or as given."""
         component = self.parent_component()
@@ -195,7 +187,7 @@ class LinkData(BuiltBlockData):
         row = rows.add(name, before - after == 0)
         # Where nothing is left to choose, a solver would only say that the problem has too few variables.
         if after.fixed and row.body.is_fixed() and abs(value(row.body)) > 1e-8 * max(1.0, abs(after.value)):
-            raise LinkError(
+            raise ModelError(
                 f"{self._what}: '{before}' has the fixed value {value(before):g}, but '{after.name}' is fixed at "
                 f"{after.value:g}. Leave one of them free, or state how '{name}' jumps."
             )
@@ -206,19 +198,19 @@ def _two_phases(link: LinkData, given: Any) -> tuple[PhaseBlockData, PhaseBlockD
 
     Raises
     ------
-    LinkError
+    ModelError
         When they are not two single phases of the model that the link is on.
     """
     what = f"link '{link.name}'"
     if not (isinstance(given, tuple) and len(given) == 2):
-        raise LinkError(f"{what}: expected two phases (first, second), found {given!r}.")
+        raise ModelError(f"{what}: expected two phases (first, second), found {given!r}.")
     for phase in given:
         if isinstance(phase, PhaseBlock) and phase.is_indexed():
-            raise LinkError(f"{what}: '{phase.name}' is indexed; give one of its phases, such as {phase.name}[1].")
+            raise ModelError(f"{what}: '{phase.name}' is indexed; give one of its phases, such as {phase.name}[1].")
         if not isinstance(phase, PhaseBlockData):
-            raise LinkError(f"{what}: {getattr(phase, 'name', repr(phase))!r} is no PhaseBlock.")
+            raise ModelError(f"{what}: {getattr(phase, 'name', repr(phase))!r} is no PhaseBlock.")
         if phase.model() is not link.model():
-            raise LinkError(
+            raise ModelError(
                 f"{what}: phase '{phase.name}' belongs to the model '{phase.model().name}', the link to "
                 f"'{link.model().name}'. Add both to one model."
             )
@@ -253,7 +245,7 @@ class Link(BuiltBlock, data=LinkData):
 
     Raises
     ------
-    LinkError
+    ModelError
         When the phases cannot be joined so; the link is then not added to the model.
 
     Examples
@@ -307,7 +299,7 @@ def _sort_arguments(args: tuple[Any, ...], phases: Any) -> tuple[tuple[Any, ...]
     """Index sets, and what gives the phases: two of them, an indexed block, or a rule."""
     if args and isinstance(args[0], (PhaseBlock, PhaseBlockData)):
         if phases is not None:
-            raise LinkError("a Link takes two phases, or index sets and phases=; it was given both.")
+            raise ModelError("a Link takes two phases, or index sets and phases=; it was given both.")
         if len(args) == 1 and isinstance(args[0], PhaseBlock) and args[0].is_indexed():
             if (
                 not args[0].is_constructed() and args[0].parent_block() is not None
@@ -315,11 +307,11 @@ def _sort_arguments(args: tuple[Any, ...], phases: Any) -> tuple[tuple[Any, ...]
                 return (Set(initialize=_LaterPhases(ComponentUID(args[0])), ordered=True),), args[0]
             order = list(args[0])
             if len(order) < 2:
-                raise LinkError(f"'{args[0].name}' has {len(order)} phases; a Link takes two or more.")
+                raise ModelError(f"'{args[0].name}' has {len(order)} phases; a Link takes two or more.")
             return (order[1:],), args[0]
         return (), args
     if not callable(phases):
-        raise LinkError(
+        raise ModelError(
             "a Link takes two phases: Link(m.flight, m.stance). An indexed one takes index sets and "
             "phases=rule, which returns two phases for each index."
         )

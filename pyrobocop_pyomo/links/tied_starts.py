@@ -13,18 +13,16 @@ from typing import Any
 import numpy as np
 from pyomo.core.base.constraint import Constraint
 
-from pyrobocop_pyomo.errors import LinkError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.row_violations import constraint_violation
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in, variables_in_any
 from pyrobocop_pyomo.modeling.variable_values import unfixed, values_restored
 from pyrobocop_pyomo.numerics.mixed_complementarity import solve_mixed_complementarity
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.phases.companions import other_phases, put_on_model
 from pyrobocop_pyomo.phases.declarations import Parameter
 from pyrobocop_pyomo.phases.element_system import ElementSystem
 from pyrobocop_pyomo.trajectories import Trajectory
-
-# By which a row may hold less than at the plan, in its units: what is led no farther away needs no other start.
-_HOLDS = 1e-9
 
 Led = Sequence[tuple[Any, Trajectory]]
 
@@ -64,7 +62,7 @@ class StartTies:
 
         Raises
         ------
-        LinkError
+        ModelError
             When the rows do not say where.
         """
         rows = (*self.rows, *self.conditions)
@@ -72,7 +70,9 @@ class StartTies:
 
         def broken(rows: Sequence[Any]) -> list[str]:
             now = [constraint_violation(row) for row in rows]
-            return [row.name for row, a, b in zip(rows, now, planned[-len(rows) :], strict=True) if not a <= b + _HOLDS]
+            return [
+                row.name for row, a, b in zip(rows, now, planned[-len(rows) :], strict=True) if not a <= b + NEGLIGIBLE
+            ]
 
         with put_on_model(led):
             if not rows or not broken(rows):
@@ -83,7 +83,7 @@ class StartTies:
             for variable, number in zip(self.unknowns, found, strict=True):
                 variable.set_value(number, skip_validation=True)
             if self.conditions and (first := broken(self.conditions)):
-                raise LinkError(f"{what}: '{first[0]}' does not hold after the motion of the phases before it.")
+                raise ModelError(f"{what}: '{first[0]}' does not hold after the motion of the phases before it.")
         names = {id(variable): name for name, variable in _starts(self.phase).items()}
         numbers = zip(self.unknowns, found, strict=True)
         return {names[id(variable)]: number for variable, number in numbers if id(variable) in names}
@@ -141,13 +141,13 @@ def solved_start(label: str, phase: Any, rows: Collection[Any], unknowns: Collec
 
     Raises
     ------
-    LinkError
+    ModelError
         When the equations do not determine them.
     """
     stated, variables = list(rows), list(unknowns)
     if len(stated) != len(variables):
         names = ", ".join(variable.name for variable in variables) or "none"
-        raise LinkError(
+        raise ModelError(
             f"{label}: {len(stated)} equations for the start of {len(variables)} states ({names}). Give the start of "
             f"'{phase.name}' yourself."
         )
@@ -156,7 +156,7 @@ def solved_start(label: str, phase: Any, rows: Collection[Any], unknowns: Collec
         guess = np.array([0.0 if variable.value is None else variable.value for variable in variables])
         solution = solve_mixed_complementarity(ElementSystem(variables, expressions, []).problem(), guess)
     if not solution.solved:
-        raise LinkError(
+        raise ModelError(
             f"{label}: its relations have no solution for the start of '{phase.name}' (residual "
             f"{solution.residual:.1e} in '{stated[solution.worst].name}')."
         )

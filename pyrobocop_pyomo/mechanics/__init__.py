@@ -1,10 +1,10 @@
 """Reusable models of contact mechanics."""
 
+from pyrobocop_pyomo.errors import removed_names
+
 from . import planar, spatial
-from .friction import CoulombFriction, CoulombSlip, StribeckFriction
-from .limit_surfaces import LimitSurface, SlidingFriction
-from .nonsmooth_functions import AbsoluteValue, DeadZone, Maximum, Minimum, Saturation
-from .physical_score import PhysicalScore, ScoreLimits
+from .friction import CoulombFriction, CoulombSlip
+from .nonsmooth_functions import AbsoluteValue, Maximum, Minimum, Saturation
 from .planar_pushing import SquareSlider
 from .signal_laws import SignalLaw
 from .switches import Sign, Step
@@ -14,22 +14,28 @@ __all__ = [
     "AbsoluteValue",
     "CoulombFriction",
     "CoulombSlip",
-    "DeadZone",
     "HardWall",
-    "LimitSurface",
     "Maximum",
     "Minimum",
-    "PhysicalScore",
     "PointContact",
     "Saturation",
-    "ScoreLimits",
     "Sign",
     "SignalLaw",
-    "SlidingFriction",
     "SoftWall",
     "SquareSlider",
     "Step",
-    "StribeckFriction",
     "planar",
     "spatial",
 ]
+
+__getattr__ = removed_names(
+    __name__,
+    {
+        "nothing: scores give its objects": "PhysicalScore",
+        "it as Maximum(s - upper, 0) less Maximum(lower - s, 0)": "DeadZone",
+        "SquareSlider has one; of another outline, state the velocity in the ode": "LimitSurface",
+        "score.misses('strict') or score.misses('practical')": "ScoreLimits",
+        "a law of your own (docs/how-to/contact-laws), or CoulombFriction along each direction": "SlidingFriction",
+        "give CoulombFriction a rule as its coefficient": "StribeckFriction",
+    },
+)

@@ -1,25 +1,19 @@
-"""Dry friction along a line: Coulomb's law read both ways, and stiction that falls off with speed."""
+"""Dry friction along a line: Coulomb's law read both ways."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import copysign, exp
+from math import copysign
 from typing import Any, ClassVar
 
-from pyomo.core.expr import exp as exp_expression
-
 from pyrobocop_pyomo.complementarity import complements
-from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.phases.declarations import UNBOUNDED, Bounds
 
 from .signal_laws import NONNEGATIVE, Moment, Quantity, Rule, SignalLaw, Unknown, part_name
 
 _SLIP_PARTS = ("forward", "backward")
-
-
-def _parts(speed: float) -> dict[str, float]:
-    return {"forward": max(speed, 0.0), "backward": max(-speed, 0.0)}
 
 
 @dataclass(frozen=True)
@@ -85,91 +79,7 @@ class CoulombFriction(SignalLaw):
         """Full strength against the slip."""
         slip = asked("slip")
         force = -copysign(asked("coefficient") * asked("normal"), slip) if slip else 0.0
-        return {"": force, **_parts(slip)}
-
-
-@dataclass(frozen=True)
-class StribeckFriction(SignalLaw):
-    """Stiction that falls off with speed, and viscous friction beside it.
-
-    ::
-
-        F = -normal c(w) sign(w) - viscous w,    c(w) = kinetic + (static - kinetic) exp(-(w / stribeck_speed)^2)
-
-    with the slip ``w = forward - backward``, ``0 <= forward _|_ normal c + F + viscous w >= 0`` and
-    ``0 <= backward _|_ normal c - F - viscous w >= 0``. What sticks holds up to ``static normal``; once it slips,
-    friction becomes weaker, and a body on a spring jerks along.
-
-    Attributes
-    ----------
-    slip : rule
-        ``w``: speed of what the force acts on relative to what it rubs on, metres per second.
-    normal : number or rule
-        Normal force, newtons; it must not be negative.
-    static, kinetic : number or rule
-        Coefficients at rest and at speed; the one at rest is not the smaller one.
-    stribeck_speed : number or rule
-        How fast stiction falls off, metres per second.
-    viscous : number or rule
-        Newton seconds per metre.
-
-    References
-    ----------
-    Armstrong-Hélouvry, Dupont & Canudas de Wit, A survey of models, analysis tools and compensation methods for the
-    control of machines with friction, Automatica 30 (1994), doi:10.1016/0005-1098(94)90209-7
-    """
-
-    positive: ClassVar = ("static", "kinetic", "stribeck_speed")
-    nonnegative: ClassVar = ("normal", "viscous")
-
-    slip: Quantity
-    normal: Quantity
-    static: Quantity
-    kinetic: Quantity
-    stribeck_speed: Quantity
-    viscous: Quantity = 0.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        numbers = [given for given in (self.kinetic, self.static) if isinstance(given, (int, float))]
-        if len(numbers) == 2 and numbers[0] > numbers[1]:
-            raise DeclarationError(
-                f"{self._what}: static = {self.static!r} is below kinetic = {self.kinetic!r}. Friction at rest is the "
-                "stronger one: swap them."
-            )
-
-    def unknowns(self) -> Mapping[str, Unknown]:
-        """The force, and the parts of the slip: ``<name>_forward``, ``<name>_backward``."""
-        return {
-            "": Unknown(UNBOUNDED, lambda at: at.ask("kinetic") * at.ask("normal")),
-            **_slip_unknowns(NONNEGATIVE, lambda at: at.ask("slip")),
-        }
-
-    def equations(self, at: Moment) -> Any:
-        """The parts make up the slip."""
-        return at.ask("slip") == at["forward"] - at["backward"]
-
-    def pairs(self, at: Moment) -> Any:
-        """Slip only at full strength, and against the force."""
-        slip = at["forward"] - at["backward"]
-        strength = self._strength(at.ask, slip, exp_expression)
-        dry = at.signal + at.ask("viscous") * slip
-        return {
-            "forward": complements(at["forward"] >= 0, strength + dry >= 0),
-            "backward": complements(at["backward"] >= 0, strength - dry >= 0),
-        }
-
-    def start(self, asked: Callable[[str], Any]) -> Mapping[str, float]:
-        """Full strength against the slip."""
-        slip = asked("slip")
-        dry = copysign(self._strength(asked, slip, exp), slip) if slip else 0.0
-        return {"": -dry - asked("viscous") * slip, **_parts(slip)}
-
-    @staticmethod
-    def _strength(asked: Callable[[str], Any], slip: Any, exponential: Callable[[Any], Any]) -> Any:
-        fading = exponential(-((slip / asked("stribeck_speed")) ** 2))
-        kinetic = asked("kinetic")
-        return asked("normal") * (kinetic + (asked("static") - kinetic) * fading)
+        return {"": force, "forward": max(slip, 0.0), "backward": max(-slip, 0.0)}
 
 
 @dataclass(frozen=True)
@@ -212,7 +122,7 @@ class CoulombSlip(SignalLaw):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.fastest is not None and not isinstance(self.fastest, (int, float)):
-            raise DeclarationError(f"{self._what}: fastest = {self.fastest!r}; it is a bound, and has to be a number.")
+            raise ModelError(f"{self._what}: fastest = {self.fastest!r}; it is a bound, and has to be a number.")
 
     def unknowns(self) -> Mapping[str, Unknown]:
         """The parts of the slip: ``<name>_forward``, ``<name>_backward``."""

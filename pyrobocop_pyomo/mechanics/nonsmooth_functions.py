@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pyrobocop_pyomo.complementarity import complements
-from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.phases.declarations import UNBOUNDED
 
 from .signal_laws import NONNEGATIVE, Moment, Quantity, SignalLaw, Unknown
@@ -64,7 +64,7 @@ class _Extremum(SignalLaw):
         plain = SignalLaw.__dataclass_fields__
         for name in options:
             if name not in plain:
-                raise DeclarationError(f"{type(self).__name__} has no keyword '{name}'; it has {', '.join(plain)}.")
+                raise ModelError(f"{type(self).__name__} has no keyword '{name}'; it has {', '.join(plain)}.")
         for name, entry in plain.items():
             default = entry.default_factory() if callable(entry.default_factory) else entry.default
             object.__setattr__(self, name, options.get(name, default))
@@ -74,7 +74,7 @@ class _Extremum(SignalLaw):
 
     def __post_init__(self) -> None:
         if len(self.of) < 2:
-            raise DeclarationError(f"{self._what}: {len(self.of)} quantities; give two or more, each as an argument.")
+            raise ModelError(f"{self._what}: {len(self.of)} quantities; give two or more, each as an argument.")
         super().__post_init__()
 
     @property
@@ -113,7 +113,7 @@ class Maximum(_Extremum):
 
     Raises
     ------
-    DeclarationError
+    ModelError
         When there are fewer.
     """
 
@@ -138,7 +138,7 @@ class Minimum(_Extremum):
 
     Raises
     ------
-    DeclarationError
+    ModelError
         When there are fewer.
     """
 
@@ -152,31 +152,7 @@ class Minimum(_Extremum):
 
 
 @dataclass(frozen=True)
-class _Range(SignalLaw):
-    """Between two limits, and what is over the upper and under the lower one."""
-
-    of: Quantity
-    lower: Quantity
-    upper: Quantity
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        numbers = [limit for limit in (self.lower, self.upper) if isinstance(limit, (int, float))]
-        if len(numbers) == 2 and not numbers[0] < numbers[1]:
-            raise DeclarationError(
-                f"{self._what}: lower = {self.lower!r} is not below upper = {self.upper!r}. Set them apart."
-            )
-
-    def _excess(self, asked: Callable[[str], Any]) -> tuple[float, float]:
-        given = asked("of")
-        return max(given - asked("upper"), 0.0), max(asked("lower") - given, 0.0)
-
-    def _excess_unknowns(self) -> Mapping[str, Unknown]:
-        like = Unknown(NONNEGATIVE, lambda at: at.ask("of"))
-        return {"over": like, "under": like}
-
-
-class Saturation(_Range):
+class Saturation(SignalLaw):
     """A quantity cut off at two limits: ``min(max(s, lower), upper)``.
 
     With what is over and under, ``s = v + over - under``, ``0 <= over _|_ upper - v >= 0`` and
@@ -191,14 +167,27 @@ class Saturation(_Range):
 
     Raises
     ------
-    DeclarationError
+    ModelError
         When the lower limit is not below the upper one.
     """
+
+    of: Quantity
+    lower: Quantity
+    upper: Quantity
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        numbers = [limit for limit in (self.lower, self.upper) if isinstance(limit, (int, float))]
+        if len(numbers) == 2 and not numbers[0] < numbers[1]:
+            raise ModelError(
+                f"{self._what}: lower = {self.lower!r} is not below upper = {self.upper!r}. Set them apart."
+            )
 
     def unknowns(self) -> Mapping[str, Unknown]:
         """The value, and what was cut off: ``<name>_over``, ``<name>_under``."""
         limits = [limit if isinstance(limit, (int, float)) else None for limit in (self.lower, self.upper)]
-        return {"": Unknown((limits[0], limits[1]), lambda at: at.ask("of")), **self._excess_unknowns()}
+        like = Unknown(NONNEGATIVE, lambda at: at.ask("of"))
+        return {"": like._replace(bounds=(limits[0], limits[1])), "over": like, "under": like}
 
     def equations(self, at: Moment) -> Any:
         """The parts make up the quantity."""
@@ -213,46 +202,6 @@ class Saturation(_Range):
 
     def start(self, asked: Callable[[str], Any]) -> Mapping[str, float]:
         """The quantity without what is over and under."""
-        over, under = self._excess(asked)
-        return {"": asked("of") - over + under, "over": over, "under": under}
-
-
-class DeadZone(_Range):
-    """What a quantity has beyond two limits, and zero between them: ``max(s - upper, 0) - max(lower - s, 0)``.
-
-    The value is ``over - under``, with ``0 <= over _|_ over - (s - upper) >= 0`` and
-    ``0 <= under _|_ under - (lower - s) >= 0``: backlash in a gear, a valve with overlap, a tolerance in a cost.
-
-    Attributes
-    ----------
-    of : rule
-        ``s``.
-    lower, upper : number or rule
-        In the units of s.
-
-    Raises
-    ------
-    DeclarationError
-        When the lower limit is not below the upper one.
-    """
-
-    def unknowns(self) -> Mapping[str, Unknown]:
-        """The value, and its parts: ``<name>_over``, ``<name>_under``."""
-        return {"": Unknown(UNBOUNDED, lambda at: at.ask("of")), **self._excess_unknowns()}
-
-    def equations(self, at: Moment) -> Any:
-        """The parts make up the value."""
-        return at.signal == at["over"] - at["under"]
-
-    def pairs(self, at: Moment) -> Any:
-        """Each part is zero, or all that is beyond its limit."""
-        s = at.ask("of")
-        return {
-            "upper": complements(at["over"] >= 0, at["over"] - (s - at.ask("upper")) >= 0),
-            "lower": complements(at["under"] >= 0, at["under"] - (at.ask("lower") - s) >= 0),
-        }
-
-    def start(self, asked: Callable[[str], Any]) -> Mapping[str, float]:
-        """What is beyond the limits."""
-        over, under = self._excess(asked)
-        return {"": over - under, "over": over, "under": under}
+        given = asked("of")
+        over, under = max(given - asked("upper"), 0.0), max(asked("lower") - given, 0.0)
+        return {"": given - over + under, "over": over, "under": under}

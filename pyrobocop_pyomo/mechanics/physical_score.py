@@ -16,74 +16,30 @@ from pyrobocop_pyomo.presentation import Presented
 PUSHING = 0.1
 
 
-@dataclass(frozen=True)
-class ScoreLimits:
-    """What a plan must keep to deserve a word; an entry that is None is not asked for.
-
-    Attributes
-    ----------
-    name : str
-    residual : float or None
-        Missing forces and moments, newtons and newton metres.
-    cone : float
-        Force outside the friction cone, newtons.
-    product : float or None
-        Of complementary quantities, newton metres and newton metres per second.
-    penetration : float or None
-        On the plan, metres.
-    goal_distance, goal_angle : float
-        Of the re-simulated object, metres and degrees.
-    gap_at_force, simulated_penetration : float or None
-        Along the re-simulated object, metres.
-    distance : float
-        Between the centres of robots, metres.
-    speed, spin : float
-        Beyond a limit, and where rest is required: metres and degrees per second.
-    bound : float
-        Outside of bounds, in units of the variable.
-    """
-
-    name: str
-    residual: float | None
-    cone: float
-    product: float | None
-    penetration: float | None
-    goal_distance: float
-    goal_angle: float
-    gap_at_force: float | None
-    simulated_penetration: float | None
-    distance: float
-    speed: float
-    spin: float
-    bound: float
-
-
+# field of the score -> (label, unit, whose trajectory of the object, limits of strict and practical; None: not asked).
 # What practical asks for, strict asks for as well: a strict plan is practical.
-STRICT = ScoreLimits("strict", 0.05, 0.05, 0.02, 0.002, 0.02, 2.0, 0.01, 0.01, 0.2, 0.02, 2.0, 0.002)
-PRACTICAL = ScoreLimits("practical", None, 0.05, 0.02, None, 0.05, 5.0, 0.01, 0.01, 0.2, 0.05, 5.0, 0.01)
-
-# field of the score -> (label, unit, whose trajectory of the object, field of the limits)
-_ROWS = {
-    "object_force": ("force missing to the object's path", "N", "plan", "residual"),
-    "object_moment": ("moment missing to the object's path", "N m", "plan", "residual"),
-    "robot_force": ("force missing to the robots' paths", "N", "plan", "residual"),
-    "cone_excess": ("force outside the friction cone", "N", "-", "cone"),
-    "gap_product": ("force times gap", "N m", "plan", "product"),
-    "friction_product": ("friction that does not oppose slip", "N m/s", "plan", "product"),
-    "separation_product": ("force times separating speed", "N m/s", "plan", "product"),
-    "penetration": ("penetration", "m", "plan", "penetration"),
-    "goal_distance": ("distance from the goal", "m", "simulated", "goal_distance"),
-    "goal_angle": ("angle from the goal", "deg", "simulated", "goal_angle"),
-    "gap_at_force": ("gap where a robot pushes", "m", "simulated", "gap_at_force"),
-    "simulated_penetration": ("penetration", "m", "simulated", "simulated_penetration"),
-    "distance": ("distance of robots", "m", "-", "distance"),
-    "force_excess": ("driving force beyond its limit", "N", "-", "cone"),
-    "speed_excess": ("speed of a robot beyond its limit", "m/s", "-", "speed"),
-    "bound_excess": ("variable outside its bounds", "-", "plan", "bound"),
-    "end_speed": ("speed at the end", "m/s", "simulated", "speed"),
-    "end_spin": ("angular speed at the end", "deg/s", "simulated", "spin"),
-    "robot_end_speed": ("speed of a robot at the end", "m/s", "-", "speed"),
+_ROWS: dict[str, tuple[str, str, str, tuple[float | None, float | None]]] = {
+    "object_force": ("force missing to the object's path", "N", "plan", (0.05, None)),
+    "object_moment": ("moment missing to the object's path", "N m", "plan", (0.05, None)),
+    "robot_force": ("force missing to the robots' paths", "N", "plan", (0.05, None)),
+    "cone_excess": ("force outside the friction cone", "N", "-", (0.05, 0.05)),
+    "gap_product": ("force times gap", "N m", "plan", (0.02, 0.02)),
+    "friction_product": ("friction that does not oppose slip", "N m/s", "plan", (0.02, 0.02)),
+    "separation_product": ("force times separating speed", "N m/s", "plan", (0.02, 0.02)),
+    "penetration": ("penetration", "m", "plan", (0.002, None)),
+    "goal_distance": ("distance from the goal", "m", "simulated", (0.02, 0.05)),
+    "goal_angle": ("angle from the goal", "deg", "simulated", (2.0, 5.0)),
+    "gap_at_force": ("gap where a robot pushes", "m", "simulated", (0.01, 0.01)),
+    "simulated_penetration": ("penetration", "m", "simulated", (0.01, 0.01)),
+    "distance": ("distance of robots", "m", "-", (0.2, 0.2)),
+    "force_excess": ("driving force beyond its limit", "N", "-", (0.05, 0.05)),
+    "speed_excess": ("speed of a robot beyond its limit", "m/s", "-", (0.02, 0.05)),
+    "bound_excess": ("variable outside its bounds", "-", "plan", (0.002, 0.01)),
+    "end_speed": ("speed at the end", "m/s", "simulated", (0.02, 0.05)),
+    "end_spin": ("angular speed at the end", "deg/s", "simulated", (2.0, 5.0)),
+    "robot_end_speed": ("speed of a robot at the end", "m/s", "-", (0.02, 0.05)),
 }
+_LEVELS = ("strict", "practical")
 
 
 @dataclass(frozen=True)
@@ -156,7 +112,7 @@ class PhysicalScore(Presented):
         """Whether the plan is practical, residuals are under 0.05 N, penetration under 2 mm; the simulated object ends
         within 2 cm and 2 deg of its goal, at no more than 2 cm and 2 deg per second where rest is required.
         """
-        return not self.misses(STRICT)
+        return not self.misses("strict")
 
     @property
     def practical(self) -> bool:
@@ -164,18 +120,18 @@ class PhysicalScore(Presented):
         second where rest is required, is pushed where it is touched (gap and penetration under 1 cm), products are
         under 0.02, and robots keep their limits.
         """
-        return not self.misses(PRACTICAL)
+        return not self.misses("practical")
 
     @property
     def product(self) -> float:
         """The largest of the three products."""
         return max(self.gap_product, self.friction_product, self.separation_product)
 
-    def misses(self, limits: ScoreLimits) -> list[str]:
-        """The numbers that do not keep the limits; each as ``'label: value unit (limit)'``."""
+    def misses(self, level: str) -> list[str]:
+        """The numbers that miss the limits of "strict" or "practical"; each as ``'label: value unit (limit)'``."""
         found = []
-        for name, (label, unit, whose, limit_name) in _ROWS.items():
-            value, limit = getattr(self, name), getattr(limits, limit_name)
+        for name, (label, unit, whose, limits) in _ROWS.items():
+            value, limit = getattr(self, name), limits[_LEVELS.index(level)]
             # A number that is not a number keeps no limit.
             if limit is not None and not (value > limit if name == "distance" else value < limit):
                 found.append(f"{label} ({whose}): {value:.3g} {unit} (limit {limit:g})")
@@ -184,8 +140,7 @@ class PhysicalScore(Presented):
     def __str__(self) -> str:
         word = "strict" if self.strict else "practical" if self.practical else "not physically valid"
         lines = [f"physical score: {word}", f"{'':36}{'object':>10}{'value':>12}       strict  practical"]
-        for name, (label, unit, whose, limit_name) in _ROWS.items():
-            limits = [getattr(level, limit_name) for level in (STRICT, PRACTICAL)]
+        for name, (label, unit, whose, limits) in _ROWS.items():
             shown = "".join(f"{'-' if limit is None else format(limit, 'g'):>10} " for limit in limits)
             lines.append(f"{label:36}{whose:>10}{getattr(self, name):>12.3g} {unit:6}{shown}".rstrip())
         return "\n".join(lines)

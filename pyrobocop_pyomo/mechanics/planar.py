@@ -4,7 +4,7 @@ from .planar_bodies import DiscRobot, GroundFriction, ViscousDrag
 from .planar_bodies import PlanarBody as RigidBody
 from .planar_contacts import PlanarContact as Contact
 from .planar_score import PlanarScore as Score
-from .planar_shapes import Capsule, Disc, PlanarGap, RoundedBox
+from .planar_shapes import Capsule, Disc, RoundedBox
 
 __all__ = [
     "Capsule",
@@ -12,7 +12,6 @@ __all__ = [
     "Disc",
     "DiscRobot",
     "GroundFriction",
-    "PlanarGap",
     "RigidBody",
     "RoundedBox",
     "Score",

@@ -6,21 +6,23 @@ momentum at its start plus the impulse of the mean forces, and positions move wi
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any, Union
+from typing import Any, ClassVar
 
 import numpy as np
 from pyomo.core.base.expression import Expression
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases import Control, State
 
-from .planar_shapes import Disc, PlanarShape, root
+from .planar_shapes import Disc, PlanarShape
+from .shapes import root
 
-Bounds = tuple[Union[float, None], Union[float, None]]  # noqa: UP007
 Place = Sequence[Any]
 
 POSE = ("qx", "qy", "qth")
@@ -79,8 +81,31 @@ class ViscousDrag:
         return -self.linear * u_x, -self.linear * u_y, -self.angular * u_theta
 
 
+class PushedBody:
+    """A body on which others exert wrenches."""
+
+    _WRENCH: ClassVar[tuple[str, ...]]
+
+    def state_wrench(self, phase: Any, *index: Any, as_expressions: bool = False) -> None:
+        """Declare a wrench on this body: what one robot does to it. Serves as the rule of an indexed phase.
+
+        Parameters
+        ----------
+        phase : PhaseBlock
+        *index
+            Not read; it is there for ``PhaseBlock(names, rule=body.state_wrench)``.
+        as_expressions : bool
+            Expressions that a contact fills in, in place of variables with a row each.
+        """
+        for name in self._WRENCH:
+            if as_expressions:
+                phase.add_component(name, Expression(phase.points, initialize=0.0))
+            else:
+                phase.declare(name, Control())
+
+
 @dataclass(frozen=True)
-class PlanarBody:
+class PlanarBody(PushedBody):
     """A rigid body in the plane.
 
     On a phase, its pose is ``qx``, ``qy``, ``qth`` (metres, radians) and its velocity ``ux``, ``uy``, ``uth``; a
@@ -112,25 +137,10 @@ class PlanarBody:
     inertia: float
     resistance: GroundFriction | ViscousDrag | None = None
 
+    _WRENCH = WRENCH
+
     def __post_init__(self) -> None:
         check_positive(self, "mass", "inertia")
-
-    def state_wrench(self, phase: Any, *index: Any, as_expressions: bool = False) -> None:
-        """Declare a wrench on this body: what one robot does to it. Serves as the rule of an indexed phase.
-
-        Parameters
-        ----------
-        phase : PhaseBlock
-        *index
-            Not read; it is there for ``PhaseBlock(names, rule=body.state_wrench)``.
-        as_expressions : bool
-            Expressions that a contact fills in, in place of variables with a row each.
-        """
-        for name in WRENCH:
-            if as_expressions:
-                phase.add_component(name, Expression(phase.points, initialize=0.0))
-            else:
-                phase.declare(name, Control())
 
     def state_motion(self, phase: Any, wrenches: Iterable[Any], *, start: Place, goal: Place | None = None) -> None:
         """State that the body moves under wrenches, from rest and, where it has a goal, to rest.
@@ -149,7 +159,7 @@ class PlanarBody:
 
         Raises
         ------
-        DeclarationError
+        ModelError
             When a name is taken, a wrench lacks a component, or the grids differ.
         """
         wrenches = list(wrenches)
@@ -190,7 +200,7 @@ class PlanarBody:
 
         Raises
         ------
-        DeclarationError
+        ModelError
             When a name is taken.
         """
         check_free(phase, *POSE, *TWIST, "kinematic_copy")
@@ -204,8 +214,86 @@ class PlanarBody:
             return {b.qx: b.ux[t], b.qy: b.uy[t], b.qth: b.uth[t]}
 
 
+class DrivenRobot(ABC):
+    """A double integrator that is driven by a force along each axis of the world."""
+
+    mass: float
+    speed_limit: float
+
+    _AXES: ClassVar[tuple[str, ...]]
+    _WRENCH: ClassVar[tuple[str, ...]]
+
+    @property
+    @abstractmethod
+    def driving_limits(self) -> Array:
+        """Lowest and highest driving force along each axis, newtons; shape (2, d)."""
+
+    @property
+    def falling(self) -> Array:
+        """Acceleration by gravity along each axis, metres per second squared; shape (d,)."""
+        return np.zeros(len(self._AXES))
+
+    @property
+    def hovering_force(self) -> Array:
+        """The driving force that carries its weight, newtons; shape (d,)."""
+        force: Array = 0.0 - self.mass * self.falling
+        return force
+
+    def state_motion(
+        self,
+        phase: Any,
+        push: Any,
+        *,
+        start: Sequence[float],
+        within: Sequence[tuple[float | None, float | None]] | None = None,
+        rest_at_end: bool = True,
+    ) -> None:
+        """State that the robot moves from rest under its driving force, gravity, and the reaction to its push.
+
+        Parameters
+        ----------
+        phase : PhaseBlock
+            Gets states, controls and equations.
+        push : PhaseBlock
+            The wrench of this robot on the body, on the same grid.
+        start : sequence of float
+            Along each axis, metres.
+        within : sequence of (lowest, highest), optional
+            Where its centre has to stay along each axis, metres.
+        rest_at_end : bool
+            Whether it ends at rest.
+
+        Raises
+        ------
+        ModelError
+            When a name is taken, the push lacks a component, the grids differ, or it starts outside of where it has
+            to stay.
+        """
+        axes = self._AXES
+        velocity, force = [f"v{axis}" for axis in axes], [f"tau_{axis}" for axis in axes]
+        check_free(phase, *axes, *velocity, *force, "double_integrator")
+        check_has(push, phase, *self._WRENCH)
+        boxes = [(None, None)] * len(axes) if within is None else within
+        for name, place, (low, high) in zip(axes, start, boxes, strict=True):
+            phase.declare(name, State(initial=float(place), bounds=(low, high), initial_guess=float(place)))
+        for name in velocity:
+            limits = (-self.speed_limit, self.speed_limit)
+            phase.declare(name, State(initial=0.0, final=0.0 if rest_at_end else None, bounds=limits))
+        for name, low, high, hovering in zip(force, *self.driving_limits.tolist(), self.hovering_force, strict=True):
+            phase.declare(name, Control(bounds=(low, high), initial_guess=float(hovering)))
+
+        @phase.ode
+        def double_integrator(b: Any, t: float) -> dict[Any, Any]:
+            rates = {getattr(b, axis): getattr(b, speed)[t] for axis, speed in zip(axes, velocity, strict=True)}
+            pushed = [f"f{axis}" for axis in axes]
+            for speed, driving, reaction, g in zip(velocity, force, pushed, self.falling.tolist(), strict=True):
+                rate = (getattr(b, driving)[t] - getattr(push, reaction)[t]) / self.mass
+                rates[getattr(b, speed)] = rate + g if g else rate
+            return rates
+
+
 @dataclass(frozen=True)
-class DiscRobot:
+class DiscRobot(DrivenRobot):
     """A robot that is a disc and is driven by a force: a double integrator in the plane.
 
     On a phase, its position is ``x``, ``y``, its velocity ``vx``, ``vy``, its driving force ``tau_x``, ``tau_y``.
@@ -226,58 +314,16 @@ class DiscRobot:
     force_limit: float
     speed_limit: float
 
+    _AXES = ("x", "y")
+    _WRENCH = WRENCH
+
     def __post_init__(self) -> None:
         check_positive(self, "mass", "force_limit", "speed_limit")
 
-    def state_motion(
-        self,
-        phase: Any,
-        push: Any,
-        *,
-        start: Sequence[float],
-        within: Sequence[tuple[float, float]] | None = None,
-        rest_at_end: bool = True,
-    ) -> None:
-        """State that the robot moves from rest under its driving force and the reaction to its push.
-
-        Parameters
-        ----------
-        phase : PhaseBlock
-            Gets states, controls and equations.
-        push : PhaseBlock
-            The wrench of this robot on the body, with ``fx`` and ``fy`` on the same grid.
-        start : (x, y)
-            Metres.
-        within : ((lowest x, highest x), (lowest y, highest y)), optional
-            Where its centre has to stay, metres.
-        rest_at_end : bool
-            Whether it ends at rest.
-
-        Raises
-        ------
-        DeclarationError
-            When a name is taken, the push lacks a component, the grids differ, or it starts outside of where it has
-            to stay.
-        """
-        check_free(phase, "x", "y", "vx", "vy", "tau_x", "tau_y", "double_integrator")
-        check_has(push, phase, *WRENCH)
-        boxes: Sequence[Bounds] = [(None, None)] * 2 if within is None else within
-        for name, place, box in zip("xy", start, boxes, strict=True):
-            phase.declare(name, State(initial=place, bounds=box, initial_guess=place))
-        for name in ("vx", "vy"):
-            limits = (-self.speed_limit, self.speed_limit)
-            phase.declare(name, State(initial=0.0, final=0.0 if rest_at_end else None, bounds=limits))
-        for name in ("tau_x", "tau_y"):
-            phase.declare(name, Control(bounds=(-self.force_limit, self.force_limit)))
-
-        @phase.ode
-        def double_integrator(b: Any, t: float) -> dict[Any, Any]:
-            return {
-                b.x: b.vx[t],
-                b.y: b.vy[t],
-                b.vx: (b.tau_x[t] - push.fx[t]) / self.mass,
-                b.vy: (b.tau_y[t] - push.fy[t]) / self.mass,
-            }
+    @property
+    def driving_limits(self) -> Array:
+        """Lowest and highest driving force along each axis, newtons."""
+        return np.outer((-self.force_limit, self.force_limit), np.ones(2))
 
 
 _OVERLAP = 0.01  # metres: what a start may be measured to be inside a body
@@ -288,17 +334,22 @@ def check_positive(thing: Any, *names: str) -> None:
     for name in names:
         value = getattr(thing, name)
         if not (np.isfinite(value) and value > 0):
-            raise DeclarationError(f"{type(thing).__name__}: {name} = {value!r}; expected a positive number.")
+            raise ModelError(f"{type(thing).__name__}: {name} = {value!r}; expected a positive number.")
 
 
 def check_free(phase: Any, *names: str) -> None:
     """Refuse a phase on which a name that is about to be stated is taken, before anything is added to it."""
     taken = [name for name in names if hasattr(phase, name)]
     if taken:
-        raise DeclarationError(
+        raise ModelError(
             f"phase '{phase.name}': '{taken[0]}' is there already. State a motion, a copy or a contact once, each on a "
             "phase that has not its names."
         )
+
+
+def entries_at(phase: Any, names: Sequence[str], t: float) -> list[Any]:
+    """What a phase has under several names at a time index."""
+    return [getattr(phase, name)[t] for name in names]
 
 
 class PhaseNumbers:
@@ -333,7 +384,7 @@ def check_no_overlap(phase: Any, body: Any, names: Sequence[str], gap: Any) -> N
     distance = float(gap(robot, at, start).gap)
     if distance < -_OVERLAP:
         place = ", ".join(f"{value(entry):.3g}" for entry in own.values())
-        raise DeclarationError(
+        raise ModelError(
             f"phase '{phase.name}': the robot starts at ({place}), {-distance:.3g} m inside the body of phase "
             f"'{body.name}'. Contact cannot undo that: move one of them."
         )
@@ -343,12 +394,12 @@ def check_has(phase: Any, beside: Any, *names: str) -> None:
     """Refuse a phase that lacks a component, or whose grid is not that of the phase beside it."""
     missing = [name for name in names if phase.component(name) is None]
     if missing:
-        raise DeclarationError(
+        raise ModelError(
             f"phase '{beside.name}' is to read '{missing[0]}' of phase '{phase.name}', which does not have it. State "
             "the wrench, the motion or the copy there first."
         )
     if tuple(phase.points) != tuple(beside.points):
-        raise DeclarationError(
+        raise ModelError(
             f"phases '{beside.name}' and '{phase.name}' have different grids, {len(beside.points)} and "
             f"{len(phase.points)} collocation points or other times. Give both the same duration, elements and scheme."
         )

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from .limit_surfaces import LimitSurface
+from pyomo.core.expr import cos, sin
 
 
 @dataclass(frozen=True)
@@ -40,12 +40,6 @@ class SquareSlider:
     gravity: float = 9.81
 
     @property
-    def limit_surface(self) -> LimitSurface:
-        """Of the whole square; any other outline has one too, `LimitSurface.of_polygon`."""
-        force = self.table_friction * self.mass * self.gravity
-        return LimitSurface(force, force * self.mean_distance)
-
-    @property
     def mean_distance(self) -> float:
         """Mean distance of the square's points from its centre, metres: the lever arm of table friction."""
         return 2 * self.half_side / 6 * (math.sqrt(2) + math.asinh(1))
@@ -53,7 +47,11 @@ class SquareSlider:
     @property
     def compliance(self) -> float:
         """``c``: speed per unit of force, in the units of the quasi-static model."""
-        return 1 / self.limit_surface.force**2
+        return 1 / self._largest_force**2
+
+    @property
+    def _largest_force(self) -> float:
+        return self.table_friction * self.mass * self.gravity
 
     def velocity(self, theta: Any, contact: tuple[Any, Any], force: tuple[Any, Any]) -> tuple[Any, Any, Any]:
         """World velocity of the slider under a contact force.
@@ -74,4 +72,8 @@ class SquareSlider:
         (v_x, v_y, omega) : tuple
             Rates of the pose in the world frame.
         """
-        return self.limit_surface.velocity(theta, contact, force)
+        f_x, f_y = force
+        largest = self._largest_force
+        body_x, body_y = f_x / largest**2, f_y / largest**2
+        omega = (contact[0] * f_y - contact[1] * f_x) / (largest * self.mean_distance) ** 2
+        return cos(theta) * body_x - sin(theta) * body_y, sin(theta) * body_x + cos(theta) * body_y, omega

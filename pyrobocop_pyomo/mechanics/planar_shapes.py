@@ -2,17 +2,10 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import numpy as np
-from pyomo.core.expr import cos as expression_cos
-from pyomo.core.expr import sin as expression_sin
-from pyomo.core.expr import sqrt as expression_sqrt
-
-from pyrobocop_pyomo.errors import GeometryError
-from pyrobocop_pyomo.geometry import Polytope
+from .shapes import RoundedShape, cosine, root, sine
 
 # Added to squared lengths before their root is taken, square metres: a length of zero would have no derivative.
 _SMALL_AREA = 1e-6
@@ -39,7 +32,7 @@ class PlanarGap(NamedTuple):
 
 
 @dataclass(frozen=True)
-class PlanarShape(ABC):
+class PlanarShape(RoundedShape):
     """A core, a point or a segment or a rectangle, padded by a radius.
 
     The gap to a disc is the distance of its centre from the core, less both radii. Where the nearest point of the core
@@ -53,19 +46,6 @@ class PlanarShape(ABC):
     """
 
     radius: float
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not (np.isfinite(value) and (value > 0 or (name == "radius" and value >= 0))):
-                raise GeometryError(f"{type(self).__name__}: {name} = {value!r}; expected a positive length in metres.")
-
-    @abstractmethod
-    def nearest_of_core(self, x: Any, y: Any) -> tuple[Any, Any]:
-        """The point of the core that is nearest to (x, y), in the frame of the body."""
-
-    @abstractmethod
-    def outline(self) -> Polytope:
-        """The same shape for pictures and exact distances, without smoothing."""
 
     def gap_to_disc(
         self, disc_radius: float, x: Any, y: Any, pose: tuple[Any, Any, Any] = (0.0, 0.0, 0.0)
@@ -108,13 +88,10 @@ class PlanarShape(ABC):
 class Disc(PlanarShape):
     """A disc around the origin of the body's frame."""
 
-    def nearest_of_core(self, x: Any, y: Any) -> tuple[Any, Any]:
-        """The origin."""
+    @property
+    def core(self) -> tuple[float, ...]:
+        """Half the length of the core along each axis of the body, metres."""
         return 0.0, 0.0
-
-    def outline(self) -> Polytope:
-        """A padded point."""
-        return Polytope.ball(self.radius) if self.radius else Polytope.point((0.0, 0.0))
 
 
 @dataclass(frozen=True)
@@ -134,13 +111,10 @@ class Capsule(PlanarShape):
     half_length: float
     smoothing: float = 0.01
 
-    def nearest_of_core(self, x: Any, y: Any) -> tuple[Any, Any]:
-        """On the segment, as far along as (x, y) is."""
-        return limited(x, self.half_length, self.smoothing), 0.0
-
-    def outline(self) -> Polytope:
-        """A padded segment."""
-        return Polytope.capsule((-self.half_length, 0.0), (self.half_length, 0.0), self.radius)
+    @property
+    def core(self) -> tuple[float, ...]:
+        """Half the length of the core along each axis of the body, metres."""
+        return self.half_length, 0.0
 
 
 @dataclass(frozen=True)
@@ -164,30 +138,7 @@ class RoundedBox(PlanarShape):
     half_width: float
     smoothing: float = 0.01
 
-    def nearest_of_core(self, x: Any, y: Any) -> tuple[Any, Any]:
-        """Within the rectangle, as far along both sides as (x, y) is."""
-        return limited(x, self.half_length, self.smoothing), limited(y, self.half_width, self.smoothing)
-
-    def outline(self) -> Polytope:
-        """A padded rectangle."""
-        return Polytope.box(2 * self.half_length, 2 * self.half_width).padded(self.radius)
-
-
-def limited(value: Any, limit: float, smoothing: float) -> Any:
-    """``min(max(value, -limit), limit)``, smoothed: off by at most half the smoothing, at the limits."""
-    return (root((value + limit) ** 2 + smoothing**2) - root((value - limit) ** 2 + smoothing**2)) / 2
-
-
-def root(value: Any) -> Any:
-    """Square root of a number, an array or an expression."""
-    return np.sqrt(value) if isinstance(value, np.ndarray) else expression_sqrt(value)
-
-
-def sine(value: Any) -> Any:
-    """Sine of a number, an array or an expression."""
-    return np.sin(value) if isinstance(value, np.ndarray) else expression_sin(value)
-
-
-def cosine(value: Any) -> Any:
-    """Cosine of a number, an array or an expression."""
-    return np.cos(value) if isinstance(value, np.ndarray) else expression_cos(value)
+    @property
+    def core(self) -> tuple[float, ...]:
+        """Half the length of the core along each axis of the body, metres."""
+        return self.half_length, self.half_width

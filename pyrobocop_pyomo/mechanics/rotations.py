@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import scipy
 
@@ -118,7 +118,7 @@ def rotation_matrix(vector: Vector) -> Array:
     """Rotation matrix, shape (3, 3), of a rotation vector (axis times angle, radians)."""
     numbers = np.asarray(vector, dtype=float)
     if numbers.shape != (3,) or not np.isfinite(numbers).all():
-        raise DeclarationError(f"rotation vector {vector!r}: expected three finite numbers, the axis times the angle.")
+        raise ModelError(f"rotation vector {vector!r}: expected three finite numbers, the axis times the angle.")
     matrix: Array = scipy.spatial.transform.Rotation.from_rotvec(numbers).as_matrix()
     return matrix
 

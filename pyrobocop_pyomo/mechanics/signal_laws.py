@@ -14,16 +14,17 @@ from dataclasses import dataclass, fields
 from numbers import Real
 from typing import Any, ClassVar, NamedTuple, Union
 
-from pyomo.core.base.expression import Expression
 from pyomo.core.base.units_container import _PyomoUnit
 from pyomo.core.base.units_container import units as pyomo_units
 from pyomo.core.expr.numvalue import native_numeric_types, native_types, value
 from pyomo.core.expr.visitor import identify_mutable_parameters
 
-from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_entry
 from pyrobocop_pyomo.phases import Algebraic, Law
 from pyrobocop_pyomo.phases.declarations import Bounds
+from pyrobocop_pyomo.phases.equations import add_expression
+from pyrobocop_pyomo.phases.record import Statement
 from pyrobocop_pyomo.transcription import InitialGuess
 
 Rule = Callable[[Any, float], Any]
@@ -99,7 +100,7 @@ class SignalLaw(Law):
 
         Raises
         ------
-        DeclarationError
+        ModelError
             When a name is taken, or a rule gives no number and no expression.
         """
         law = self._with_rules(phase)
@@ -124,7 +125,7 @@ class SignalLaw(Law):
             )
         formula = law.expression_of(name)
         if formula is not None:
-            phase.add_component(name, Expression(phase.points, rule=formula))
+            add_expression(phase, phase.record, Statement("expression", name, formula))
         if law.equations(first) is not None:
             phase.residual(LawRule(law, name, "equations"))
         phase.complementarity(LawRule(law, name, "pairs"))
@@ -140,16 +141,16 @@ class SignalLaw(Law):
             if isinstance(one, Real) and not isinstance(one, bool) and math.isfinite(one):
                 self._refuse_sign(name, float(one), f"{self._what}: {name} = {one!r}")
             elif not (callable(one) or _is_of_model(one)):
-                raise DeclarationError(
+                raise ModelError(
                     f"{self._what}: {name} = {one!r}; expected a finite number, a rule (phase, t) -> expression, or a "
                     "component of the model."
                 )
 
     def _refuse_sign(self, name: str, number: float, label: str) -> None:
         if name in self.positive and not number > 0:
-            raise DeclarationError(f"{label}; expected a positive number.")
+            raise ModelError(f"{label}; expected a positive number.")
         if name in self.nonnegative and not number >= 0:
-            raise DeclarationError(f"{label}; expected zero or a positive number.")
+            raise ModelError(f"{label}; expected zero or a positive number.")
 
     @property
     def _what(self) -> str:
@@ -177,7 +178,7 @@ class SignalLaw(Law):
         guesses: dict[str, Any] = {s: [float(row.get(s, 0.0)) for row in rows] for s in self.unknowns()}
         if self.initial_guess is not None:
             if "" not in guesses:
-                raise DeclarationError(
+                raise ModelError(
                     f"{self._what}: '{name}' is an expression in {', '.join(part_name(name, s) for s in guesses)}, and "
                     "has no initial guess of its own. Use phase.initialize for these."
                 )
@@ -214,7 +215,7 @@ class Moment:
 
         Raises
         ------
-        DeclarationError
+        ModelError
             When a rule returns something else.
         """
         given = getattr(self._law, field)
@@ -245,7 +246,7 @@ class Moment:
             getattr(result, "is_numeric_type", lambda: False)() and not getattr(result, "is_indexed", lambda: False)()
         )
         if not numeric:
-            raise DeclarationError(
+            raise ModelError(
                 f"{self._where(field)} gives {result!r}; expected a number or an expression. Is the return statement, "
                 "or an index [t], missing?"
             )
@@ -326,7 +327,7 @@ def _as_rule(given: Any, phase: Any, label: str) -> Any:
     if not hasattr(given, "ctype") or given is not given.parent_component():
         if not given.is_potentially_variable() and not _parameters_in(given):
             return given  # a number with units
-        raise DeclarationError(
+        raise ModelError(
             f"{label} = {given}, which belongs to this model alone, and to one point of it. Write it as a rule: "
             "lambda phase, t: ..."
         )
@@ -335,9 +336,9 @@ def _as_rule(given: Any, phase: Any, label: str) -> Any:
         names.append(block.local_name)
         block = block.parent_block()
     if block is None:
-        raise DeclarationError(f"{label} = {given}, which is not on the model of phase '{phase.name}'. Add it first.")
+        raise ModelError(f"{label} = {given}, which is not on the model of phase '{phase.name}'. Add it first.")
     if "[" in "".join(names) or (given.is_indexed() and phase.points.first() not in given):
-        raise DeclarationError(
+        raise ModelError(
             f"{label} = {given}, which is within an indexed block, or not indexed by the times of phase "
             f"'{phase.name}'. Write it as a rule: lambda phase, t: ..."
         )

@@ -6,7 +6,7 @@ from .spatial_contacts import SpatialContact as Contact
 from .spatial_score import SpatialScore as Score
 from .spatial_shapes import SpatialBox as RoundedBox
 from .spatial_shapes import SpatialCapsule as Capsule
-from .spatial_shapes import SpatialGap, Sphere
+from .spatial_shapes import Sphere
 
 __all__ = [
     "Capsule",
@@ -14,7 +14,6 @@ __all__ = [
     "RigidBody",
     "RoundedBox",
     "Score",
-    "SpatialGap",
     "Sphere",
     "SphereRobot",
 ]

@@ -12,13 +12,20 @@ from typing import Any
 
 import numpy as np
 from pyomo.core.base.constraint import Constraint
-from pyomo.core.base.expression import Expression
 
-from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases import Algebraic, Control, State
 
-from .planar_bodies import check_free, check_has, check_positive, middle_of_goal
+from .planar_bodies import (
+    DrivenRobot,
+    PushedBody,
+    check_free,
+    check_has,
+    check_positive,
+    entries_at,
+    middle_of_goal,
+)
 from .rotations import (
     Matrix,
     Vector,
@@ -42,7 +49,7 @@ SPATIAL_WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 
 
 @dataclass(frozen=True)
-class SpatialBody:
+class SpatialBody(PushedBody):
     """A rigid body in space.
 
     On a phase, its position is ``qx``, ``qy``, ``qz`` (metres), its rotation matrix ``R11`` to ``R33``, its velocity
@@ -79,19 +86,21 @@ class SpatialBody:
     inertia: float | tuple[float, float, float]
     gravity: float = 9.81
 
+    _WRENCH = SPATIAL_WRENCH
+
     def __post_init__(self) -> None:
         check_positive(self, "mass")
         moments = np.atleast_1d(np.asarray(self.inertia, dtype=float))
         if moments.shape not in ((1,), (3,)) or not (np.isfinite(moments) & (moments > 0)).all():
-            raise DeclarationError(
+            raise ModelError(
                 f"SpatialBody: inertia = {self.inertia!r}; expected a positive number or three, the principal moments."
             )
         if 2 * moments.max() > moments.sum() * (3 / len(moments)) * (1 + 1e-9):
-            raise DeclarationError(
+            raise ModelError(
                 f"SpatialBody: inertia = {self.inertia!r}; no body has a principal moment above the sum of the others."
             )
         if not np.isfinite(self.gravity):
-            raise DeclarationError(f"SpatialBody: gravity = {self.gravity!r}; expected a number.")
+            raise ModelError(f"SpatialBody: gravity = {self.gravity!r}; expected a number.")
 
     @property
     def moments(self) -> tuple[float, float, float]:
@@ -117,23 +126,6 @@ class SpatialBody:
         gyroscopic = cross_product(turned, [j * w for j, w in zip(moments, turned, strict=True)])
         in_body = [(inner_product(c, moment) - g) / j for c, g, j in zip(columns, gyroscopic, moments, strict=True)]
         return [inner_product(row, in_body) for row in rotation]
-
-    def state_wrench(self, phase: Any, *index: Any, as_expressions: bool = False) -> None:
-        """Declare a wrench on this body: what one robot does to it. Serves as the rule of an indexed phase.
-
-        Parameters
-        ----------
-        phase : PhaseBlock
-        *index
-            Not read; it is there for ``PhaseBlock(names, rule=body.state_wrench)``.
-        as_expressions : bool
-            Expressions that a contact fills in, in place of variables with a row each.
-        """
-        for name in SPATIAL_WRENCH:
-            if as_expressions:
-                phase.add_component(name, Expression(phase.points, initialize=0.0))
-            else:
-                phase.declare(name, Control())
 
     def state_motion(
         self,
@@ -165,7 +157,7 @@ class SpatialBody:
 
         Raises
         ------
-        DeclarationError
+        ModelError
             When a name is taken, a wrench lacks a component, grids differ, or the phase has a free duration.
 
         Notes
@@ -203,29 +195,25 @@ class SpatialBody:
         if path.last is not None:
             _state_goal_rotation(phase, path.last)
 
-    def state_copy(
-        self, phase: Any, *, start: Sequence[float], goal: Place | None = None, with_rotation: bool | None = None
-    ) -> None:
+    def state_copy(self, phase: Any, *, start: Sequence[float], goal: Place | None = None) -> None:
         """State a kinematic copy: the pose follows velocities that are chosen freely. Where it goes, others decide.
 
         Parameters
         ----------
         phase : PhaseBlock
-            Gets the states of the pose, and the velocities as controls.
+            Gets the states of the pose, and the velocities as controls; a rotation matrix where the shape is not
+            round, because a contact reads it only then.
         start : (x, y, z, r_x, r_y, r_z)
             Metres, radians.
         goal : (x, y, z, r_x, r_y, r_z), optional
             Where the initial guess leads; nothing is required of the end.
-        with_rotation : bool, optional
-            Whether the copy has a rotation matrix; by default where the shape is not round, because a contact reads it
-            only then.
 
         Raises
         ------
-        DeclarationError
+        ModelError
             When a name is taken, or the phase has a free duration.
         """
-        turns = not self.shape.is_round if with_rotation is None else with_rotation
+        turns = not self.shape.is_round
         check_free(phase, *POSITION, *VELOCITY, *SPIN, "kinematic_copy")
         check_free(phase, *((*ROTATION, *TURN, "turn_over_element") if turns else ()))
         path = _PoseGuess(phase, start, goal)
@@ -268,7 +256,7 @@ class SpatialBody:
 
 
 @dataclass(frozen=True)
-class SphereRobot:
+class SphereRobot(DrivenRobot):
     """A robot that is a sphere and is driven by a force: a quadrotor without attitude, a point mass with a size.
 
     On a phase, its position is ``x``, ``y``, ``z``, its velocity ``vx``, ``vy``, ``vz``, its driving force ``tau_x``,
@@ -293,76 +281,26 @@ class SphereRobot:
     speed_limit: float
     gravity: float = 9.81
 
+    _AXES = ("x", "y", "z")
+    _WRENCH = SPATIAL_WRENCH
+
     def __post_init__(self) -> None:
         check_positive(self, "mass", "speed_limit")
         limits = np.asarray(self.force_limits, dtype=float)
         if limits.shape != (3, 2) or np.isnan(limits).any() or (limits[:, 0] > limits[:, 1]).any():
-            raise DeclarationError(
+            raise ModelError(
                 f"SphereRobot: force_limits = {self.force_limits!r}; expected a pair (lowest, highest) for each axis."
             )
 
     @property
-    def hovering_force(self) -> tuple[float, float, float]:
-        """The driving force that carries its weight, newtons."""
-        return 0.0, 0.0, self.mass * self.gravity
+    def driving_limits(self) -> Array:
+        """Lowest and highest driving force along each axis, newtons."""
+        return np.array(self.force_limits, dtype=float).T
 
-    def state_motion(
-        self,
-        phase: Any,
-        push: Any,
-        *,
-        start: Sequence[float],
-        within: Sequence[tuple[float | None, float | None]] | None = None,
-        rest_at_end: bool = True,
-    ) -> None:
-        """State that the robot moves from rest under its driving force, gravity, and the reaction to its push.
-
-        Parameters
-        ----------
-        phase : PhaseBlock
-            Gets states, controls and equations.
-        push : PhaseBlock
-            The wrench of this robot on the body, with ``fx``, ``fy`` and ``fz`` on the same grid.
-        start : (x, y, z)
-            Metres.
-        within : three pairs (lowest, highest), optional
-            Where its centre has to stay, metres.
-        rest_at_end : bool
-            Whether it ends at rest.
-
-        Raises
-        ------
-        DeclarationError
-            When a name is taken, the push lacks a component, the grids differ, or it starts outside of where it has
-            to stay.
-        """
-        place, velocity, force = ("x", "y", "z"), ("vx", "vy", "vz"), ("tau_x", "tau_y", "tau_z")
-        check_free(phase, *place, *velocity, *force, "double_integrator")
-        check_has(push, phase, *SPATIAL_WRENCH)
-        boxes = [(None, None)] * 3 if within is None else within
-        for name, value, box in zip(place, start, boxes, strict=True):
-            phase.declare(name, State(initial=float(value), bounds=(box[0], box[1]), initial_guess=float(value)))
-        for name in velocity:
-            limits = (-self.speed_limit, self.speed_limit)
-            phase.declare(name, State(initial=0.0, final=0.0 if rest_at_end else None, bounds=limits))
-        for name, limits, hovering in zip(force, self.force_limits, self.hovering_force, strict=True):
-            phase.declare(name, Control(bounds=(limits[0], limits[1]), initial_guess=hovering))
-
-        @phase.ode
-        def double_integrator(b: Any, t: float) -> dict[Any, Any]:
-            return {
-                b.x: b.vx[t],
-                b.y: b.vy[t],
-                b.z: b.vz[t],
-                b.vx: (b.tau_x[t] - push.fx[t]) / self.mass,
-                b.vy: (b.tau_y[t] - push.fy[t]) / self.mass,
-                b.vz: (b.tau_z[t] - push.fz[t]) / self.mass - self.gravity,
-            }
-
-
-def entries_at(phase: Any, names: Sequence[str], t: float) -> list[Any]:
-    """What a phase has under several names at a time index."""
-    return [getattr(phase, name)[t] for name in names]
+    @property
+    def falling(self) -> Array:
+        """Acceleration by gravity along each axis, metres per second squared."""
+        return np.array([0.0, 0.0, -self.gravity])
 
 
 def rotation_at(phase: Any, t: float) -> list[list[Any]]:
@@ -405,13 +343,13 @@ class _PoseGuess:
 
     def __init__(self, phase: Any, start: Sequence[float], goal: Place | None) -> None:
         if phase.has_normalised_time:
-            raise DeclarationError(
+            raise ModelError(
                 f"phase '{phase.name}': a body steps by the exponential map over elements whose durations are numbers. "
                 "Give the phase a fixed start, duration and mesh."
             )
         for what, pose in (("start", start), ("goal", goal)):
             if pose is not None and len(pose) != 6:
-                raise DeclarationError(
+                raise ModelError(
                     f"phase '{phase.name}': {what} = {pose!r}; expected (x, y, z, r_x, r_y, r_z), a position and a "
                     "rotation vector."
                 )

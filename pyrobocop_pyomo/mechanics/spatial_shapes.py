@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import numpy as np
+from pyrobocop_pyomo.errors import ObstacleError
 
-from pyrobocop_pyomo.errors import GeometryError
-from pyrobocop_pyomo.geometry import Polytope
-
-from .planar_shapes import limited, root
 from .rotations import Matrix, Vector, inner_product
+from .shapes import RoundedShape, root
 
 # Added to squared lengths before their root is taken, square metres: a length of zero would have no derivative.
 _SMALL_AREA = 1e-12
@@ -51,7 +47,7 @@ class SpatialGap(NamedTuple):
 
 
 @dataclass(frozen=True)
-class SpatialShape(ABC):
+class SpatialShape(RoundedShape):
     """A core, a point or a segment or a box, padded by a radius.
 
     The gap to a sphere is the distance of its centre from the core, less both radii. Where the nearest point of the
@@ -65,24 +61,6 @@ class SpatialShape(ABC):
     """
 
     radius: float
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not (np.isfinite(value) and (value > 0 or (name == "radius" and value >= 0))):
-                raise GeometryError(f"{type(self).__name__}: {name} = {value!r}; expected a positive length in metres.")
-
-    @abstractmethod
-    def nearest_of_core(self, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
-        """The point of the core that is nearest to (x, y, z), in the frame of the body."""
-
-    @abstractmethod
-    def outline(self) -> Polytope:
-        """The same shape for pictures and exact distances, without smoothing."""
-
-    @property
-    def is_round(self) -> bool:
-        """True when no rotation changes the shape."""
-        return False
 
     def gap_to_sphere(
         self,
@@ -113,7 +91,7 @@ class SpatialShape(ABC):
         core: Vector = (0.0, 0.0, 0.0)
         if not self.is_round:
             if rotation is None:
-                raise GeometryError(f"{type(self).__name__}: its gap needs the rotation of the body.")
+                raise ObstacleError(f"{type(self).__name__}: its gap needs the rotation of the body.")
             in_frame = self.nearest_of_core(*(inner_product(column, apart) for column in zip(*rotation, strict=True)))
             core = [inner_product(row, in_frame) for row in rotation]
         apart = [d - k for d, k in zip(apart, core, strict=True)] if not self.is_round else apart
@@ -128,18 +106,9 @@ class Sphere(SpatialShape):
     """A sphere around the origin of the body's frame."""
 
     @property
-    def is_round(self) -> bool:
-        """True."""
-        return True
-
-    def nearest_of_core(self, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
-        """The origin."""
+    def core(self) -> tuple[float, ...]:
+        """Half the length of the core along each axis of the body, metres."""
         return 0.0, 0.0, 0.0
-
-    def outline(self) -> Polytope:
-        """A padded point."""
-        origin = (0.0, 0.0, 0.0)
-        return Polytope.ball(self.radius, origin) if self.radius else Polytope.point(origin)
 
 
 @dataclass(frozen=True)
@@ -159,13 +128,10 @@ class SpatialCapsule(SpatialShape):
     half_length: float
     smoothing: float = 0.01
 
-    def nearest_of_core(self, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
-        """On the segment, as far along as (x, y, z) is."""
-        return limited(x, self.half_length, self.smoothing), 0.0, 0.0
-
-    def outline(self) -> Polytope:
-        """A padded segment."""
-        return Polytope.capsule((-self.half_length, 0.0, 0.0), (self.half_length, 0.0, 0.0), self.radius)
+    @property
+    def core(self) -> tuple[float, ...]:
+        """Half the length of the core along each axis of the body, metres."""
+        return self.half_length, 0.0, 0.0
 
 
 @dataclass(frozen=True)
@@ -190,12 +156,7 @@ class SpatialBox(SpatialShape):
     half_height: float
     smoothing: float = 0.01
 
-    def nearest_of_core(self, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
-        """Within the box, as far along its sides as (x, y, z) is."""
-        halves = (self.half_length, self.half_width, self.half_height)
-        x, y, z = (limited(value, half, self.smoothing) for value, half in zip((x, y, z), halves, strict=True))
-        return x, y, z
-
-    def outline(self) -> Polytope:
-        """A padded box."""
-        return Polytope.box(2 * self.half_length, 2 * self.half_width, 2 * self.half_height).padded(self.radius)
+    @property
+    def core(self) -> tuple[float, ...]:
+        """Half the length of the core along each axis of the body, metres."""
+        return self.half_length, self.half_width, self.half_height

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from pyrobocop_pyomo.complementarity import complements
-from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.phases import Law
 
 from .friction import CoulombFriction
@@ -61,7 +61,7 @@ class SoftWall(SignalLaw):
 
     Raises
     ------
-    DeclarationError
+    ModelError
         When the stiffness is not positive, the damping negative, or one of damping and rate is given alone.
 
     References
@@ -81,7 +81,7 @@ class SoftWall(SignalLaw):
     def __post_init__(self) -> None:
         super().__post_init__()
         if (self.damping is None) != (self.rate is None):
-            raise DeclarationError(
+            raise ModelError(
                 f"{self._what}: damping = {self.damping!r} and rate = {self.rate!r}; damping acts on the rate of the "
                 "gap: give both, or neither."
             )
@@ -143,7 +143,7 @@ class PointContact(Law):
 
         Raises
         ------
-        DeclarationError
+        ModelError
             When a name is taken, or a rule gives no number and no expression.
         """
         for law_name, law in self._laws(name).items():

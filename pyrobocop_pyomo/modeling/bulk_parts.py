@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from typing import Any
 
 from pyomo.core.base.constraint import ConstraintData
-from pyomo.core.base.param import ParamData
 from pyomo.core.base.set import Reals
 from pyomo.core.base.var import VarData
 from pyomo.core.expr.numvalue import native_numeric_types
@@ -37,13 +36,6 @@ def copy_variable(variable: VarData, indices: Iterable[Any]) -> None:
         put_part(component, index, copy(variable))
 
 
-def new_parameter(component: Any, number: float) -> ParamData:
-    """Make a mutable parameter, not yet in its component."""
-    parameter = ParamData(component)
-    parameter._value = number
-    return parameter
-
-
 def new_row(component: Any, index: Any, expression: Any) -> ConstraintData:
     """Make a row and put it into its component."""
     row = ConstraintData(expression, component)
@@ -55,11 +47,6 @@ def put_part(component: Any, index: Any, data: Any) -> None:
     """Put a part into its component."""
     data._index = index
     component._data[index] = data
-
-
-def remove_part(data: Any) -> None:
-    """Take a part out of its component."""
-    del data.parent_component()._data[data.index()]
 
 
 @contextmanager

@@ -51,17 +51,6 @@ class ComponentGroups:
 
     def _add(self, component: Any) -> None:
         first = len(self.names)
-        classes = set(map(type, component))
-        if float in classes and classes <= {float, int}:
-            # One quantity over time, as most are; its first time is often a whole number.
-            self._begin(component, ())
-            self.members[-1] = list(component.values())
-            self._group_of.update(dict.fromkeys(map(id, self.members[-1]), first))
-        else:
-            self._add_by_index(component)
-        self._groups_of_component[id(component)] = list(range(first, len(self.names)))
-
-    def _add_by_index(self, component: Any) -> None:
         keys = {key: key if isinstance(key, tuple) else (key,) for key in component}
         times = {place for key in keys.values() for place, entry in enumerate(key) if isinstance(entry, float)}
         group_of_key: dict[tuple[Any, ...], int] = {}
@@ -73,6 +62,7 @@ class ComponentGroups:
             data = component[key]
             self._group_of[id(data)] = group_of_key[kept]
             self.members[group_of_key[kept]].append(data)
+        self._groups_of_component[id(component)] = list(range(first, len(self.names)))
 
     def _begin(self, component: Any, kept: tuple[Any, ...]) -> None:
         self.names.append(component.name + (f"[{', '.join(map(str, kept))}]" if kept else ""))

@@ -135,6 +135,8 @@ class _Copying:
         """An object of the user's that holds something of the model: a shallow copy that holds the copy's."""
         if _is_of_pyomo(owner):
             return self._of_model(owner)
+        if hasattr(type(owner), "__deepcopy__"):  # it knows what in it is of the model
+            return copy.deepcopy(owner, self._memo)
         key = id(owner)
         if key in self._functions:
             return self._functions[key][1]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
-from pyrobocop_pyomo.errors import TimeLimitReached
+from pyrobocop_pyomo.errors import SolveFailed
 
 
 @dataclass(frozen=True)
@@ -45,11 +45,15 @@ class Deadline:
 
         Raises
         ------
-        TimeLimitReached
+        SolveFailed
             When the deadline has passed.
         """
         if self.has_passed:
-            raise TimeLimitReached(f"{work}: the time limit was reached before there was an answer. Raise time_limit.")
+            raise SolveFailed(f"{work}: the time limit was reached before there was an answer. Raise time_limit.")
+
+    def earlier_by(self, seconds: float) -> Deadline:
+        """So many seconds before this one: they are left to what follows."""
+        return Deadline(None if self.end is None else self.end - seconds)
 
     def within(self, seconds: float | None) -> Deadline:
         """The earlier one of this deadline and the one in so many seconds."""

@@ -20,7 +20,7 @@ from pyomo.core.base.indexed_component_slice import IndexedComponent_slice
 from pyomo.core.expr import numeric_expr
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.errors import ExpressionArrayError
+from pyrobocop_pyomo.errors import ModelError
 
 from .expression_functions import FUNCTIONS, KEEP_THEIR_MEANING, PYOMO_TO_NUMPY, remedy_for
 
@@ -80,7 +80,7 @@ class ArrayEntry:
     def __float__(self) -> float:
         if self.expression.__class__ in native_numeric_types:
             return float(self.expression)
-        raise ExpressionArrayError(
+        raise ModelError(
             f"a number was asked for where '{_shortened(self)}' stands, which is an expression. Write np.sin and the "
             "like instead of math.sin, and make arrays that expressions are assigned to with dtype=object, or by "
             "pyrobocop_pyomo.array."
@@ -89,7 +89,7 @@ class ArrayEntry:
     def __bool__(self) -> bool:
         if self.expression.__class__ in native_numeric_types:
             return bool(self.expression)
-        raise ExpressionArrayError(
+        raise ModelError(
             f"'{_shortened(self)}' is an expression, so that it is neither true nor false while a model is built. A "
             "rule cannot branch on variables: state both cases by complementarity (mechanics), or as phases."
         )
@@ -163,7 +163,7 @@ class ExpressionArray(np.ndarray):
         try:
             result = super().__array_function__(func, types, args, kwargs)
         except (PyomoException, TypeError) as error:
-            raise ExpressionArrayError(
+            raise ModelError(
                 f"np.{func.__name__} cannot be applied to expressions ({f'{error}'.splitlines()[0]}). "
                 f"{remedy_for(func.__name__)}"
             ) from error
@@ -202,7 +202,7 @@ def array(values: Any) -> ExpressionArray:
 
     Raises
     ------
-    ExpressionArrayError
+    ModelError
         When rows have different lengths; later, when a function is applied that has no meaning for expressions, or that
         would break derivatives (``np.maximum``, ``np.sign``, a comparison in an ``if``). The message names the remedy.
 
@@ -283,12 +283,12 @@ def plain_scalar(result: Any, label: str) -> Any:
 
     Raises
     ------
-    ExpressionArrayError
+    ModelError
         When the array has several entries; the message begins with `label`.
     """
     if isinstance(result, np.ndarray):
         if result.size != 1:
-            raise ExpressionArrayError(
+            raise ModelError(
                 f"{label} is an array of shape {result.shape}, where one expression is expected. Sum it by np.sum or @."
             )
         result = result.reshape(-1)[0]
@@ -337,7 +337,7 @@ def _shape(values: Any) -> tuple[int, ...]:
         return ()
     shapes = {_shape(member) for member in members}
     if len(shapes) > 1:
-        raise ExpressionArrayError(
+        raise ModelError(
             f"an array of expressions: its rows have the shapes {', '.join(map(str, sorted(shapes)))}, which have to "
             "be alike."
         )
@@ -361,7 +361,7 @@ def _apply(ufunc: np.ufunc, method: str, inputs: tuple[Any, ...], options: dict[
     arrays = [np.asarray(array(given)) for given in inputs]
     for target in options.get("out", ()):
         if target is not None and target.dtype != object:
-            raise ExpressionArrayError(
+            raise ModelError(
                 f"np.{name}: an expression cannot be stored in an array of {target.dtype}. Make the array with "
                 "dtype=object, or write a = a + b instead of a += b."
             )
@@ -372,7 +372,7 @@ def _apply(ufunc: np.ufunc, method: str, inputs: tuple[Any, ...], options: dict[
     elif name in _RELATIONS:
         options["dtype"] = object  # NumPy would ask whether each relation is true
     elif name not in KEEP_THEIR_MEANING:
-        raise ExpressionArrayError(f"np.{name} is not defined for expressions. {remedy_for(name)}")
+        raise ModelError(f"np.{name} is not defined for expressions. {remedy_for(name)}")
     result = getattr(ufunc, method)(*arrays, **options)
     return result.view(ExpressionArray) if isinstance(result, np.ndarray) else result
 
@@ -427,7 +427,7 @@ def _solve(matrix: Any, right_hand_side: Any) -> Any:
 def _square(matrix: Any, name: str) -> ExpressionArray:
     entries = array(matrix)
     if entries.ndim != 2 or entries.shape[0] != entries.shape[1] or not 0 < len(entries) <= _LARGEST_SYSTEM:
-        raise ExpressionArrayError(
+        raise ModelError(
             f"np.linalg.{name} of expressions: the matrix has shape {entries.shape}; formulas are made for square "
             f"ones up to {_LARGEST_SYSTEM} x {_LARGEST_SYSTEM}. State larger systems as residuals: A @ x - b with "
             "algebraics x."

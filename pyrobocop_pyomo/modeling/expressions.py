@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 from pyomo.core.base.component import ComponentBase
 from pyomo.core.base.var import VarData
-from pyomo.core.expr import Expr_if, LinearExpression, MonomialTermExpression
-from pyomo.core.expr.numvalue import native_numeric_types, native_types, value
-
-from .shared_nodes import shared_value
+from pyomo.core.expr import Expr_if, MonomialTermExpression
+from pyomo.core.expr.numvalue import native_numeric_types, native_types
 
 
 def holds_variable(expression: Any) -> bool:
@@ -95,31 +93,6 @@ def new_leaves(stack: list[Any], seen: set[int]) -> Iterator[Any]:
                 yield node
             else:
                 stack.extend(node.args)
-
-
-def value_or_none(expression: Any) -> Any:
-    """The value of an expression, None where a variable or a parameter of it has none.
-
-    Affine expressions are summed up here: Pyomo's general walk takes five times as long.
-    """
-    if expression.__class__ is not LinearExpression:
-        return shared_value(expression, exception=False)
-    total: Any = 0
-    for term in expression.args:
-        if term.__class__ is MonomialTermExpression:
-            coefficient, variable = term.args
-            number = variable.value
-            if coefficient.__class__ not in native_numeric_types:
-                coefficient = value(coefficient, exception=False)
-            if coefficient is None or number is None:
-                return None
-            total += coefficient * number
-        else:
-            number = term if term.__class__ in native_numeric_types else value(term, exception=False)
-            if number is None:
-                return None
-            total += number
-    return total
 
 
 def choose(number: Any, where_nonnegative: Any, elsewhere: Any) -> Any:

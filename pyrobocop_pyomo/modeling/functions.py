@@ -406,13 +406,18 @@ class FunctionOutput:
 
 
 def python_function_refused(label: str) -> str:
-    """Why a model cannot be written to a file for another process, and what to do."""
+    """Why a model cannot be written to a file, and what to do."""
     return (
-        f"{label} is called, which no other process can. Solve in this process: rcp.solve with a backend in process "
-        "(the default), or SolverFactory('pyrobocop.ipopt')."
+        f"{label} is called, which a program from a file cannot. Solve in this process with derivatives by CasADi, "
+        "which is the default: rcp.solve(m), or SolverFactory('pyrobocop.ipopt')."
     )
 
 
 def is_function_call(node: Any) -> bool:
     """Whether a node calls an output of a `Function`."""
     return isinstance(node, ExternalFunctionExpression) and isinstance(node._fcn, FunctionOutput)
+
+
+def function_called(node: Any) -> Any:
+    """The `Function` of which a node calls an output; None for other nodes."""
+    return node._fcn.function if is_function_call(node) else None

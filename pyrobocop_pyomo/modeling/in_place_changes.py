@@ -50,7 +50,7 @@ class InPlaceChanges:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if error is not None:
-            self._take_back()
+            self.take_back()
 
     # ---------------------------------------------------------------- what may change
 
@@ -142,6 +142,21 @@ class InPlaceChanges:
 
     # ---------------------------------------------------------------- what has changed
 
+    def rewritten(self) -> Iterator[tuple[Any, Any, list[Any], list[Any]]]:
+        """Component and index of what holds expressions, with these before it was stated anew and now.
+
+        Components that were empty before are left out: what they had was taken off for a while.
+        """
+        for state in self._states.values():
+            component = state.component
+            if component.ctype is Expression:
+                yield from ((component, part._index, list(held), list(part._args_)) for part, held in state.contents)
+                continue
+            before = {index: held for index, part in state.parts.items() if (held := _expressions_of(part))}
+            now = {part._index: held for part, held in expressions_in(component)}
+            for index in (before | now) if before else ():
+                yield component, index, before.get(index, []), now.get(index, [])
+
     def lost_parts(self) -> dict[int, Any]:
         """Parts that no component has any more, by their identity."""
         held = {id(part) for state in self._states.values() for part in state.component._data.values()}
@@ -167,7 +182,8 @@ class InPlaceChanges:
         self._states.clear()
         self._undone_by.clear()
 
-    def _take_back(self) -> None:
+    def take_back(self) -> None:
+        """Let everything be what it was."""
         for undo in reversed(self._undone_by):
             undo()
         for state in self._states.values():
@@ -190,7 +206,11 @@ class InPlaceChanges:
 def expressions_in(component: Any) -> Iterator[tuple[Any, list[Any]]]:
     """Parts of a component that hold expressions, each with these."""
     for part in component.values():
-        if hasattr(part, "args") and hasattr(part, "weight"):  # a pair of this package
-            yield part, list(part.args)
-        elif getattr(part, "expr", None) is not None:
-            yield part, [part.expr]
+        if held := _expressions_of(part):
+            yield part, held
+
+
+def _expressions_of(part: Any) -> list[Any]:
+    if hasattr(part, "args") and hasattr(part, "weight"):  # a pair of this package
+        return list(part.args)
+    return [] if getattr(part, "expr", None) is None else [part.expr]

@@ -88,12 +88,9 @@ class Signals:
         Passed to the rule as ``t``.
     error : type of exception
         What a reading raises that cannot be answered.
-    hold_numbers : bool
-        Whether what is read are variables that hold the values of one instant.
     """
 
     index: Any
-    hold_numbers = False
     error: type[PyRobocopError] = ObstacleError
 
     def is_index(self, key: Any) -> bool:
@@ -142,11 +139,6 @@ class BlockProxy:
         # Kept, because rules use what they read as keys: ``rates[b.x]``.
         found = self.__dict__[name] = proxy_of(getattr(self._block, name), self._signals)
         return found
-
-    @property
-    def holds_numbers(self) -> bool:
-        """Whether a rule may compute with the values of what it reads at ``t``, in place of expressions."""
-        return self._signals.hold_numbers
 
     def time_at(self, t: Any) -> Any:
         """Real time of an index, as `PhaseBlock.time_at` gives it."""

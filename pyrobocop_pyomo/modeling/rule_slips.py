@@ -22,7 +22,6 @@ _OF_NUMPY = {numpy_name: name for name, numpy_name in NUMPY_NAMES.items()}
 _UFUNC = re.compile(r"has no callable (\w+) method")
 _NO_ATTRIBUTE = re.compile(r"'(\w+)' object has no attribute '(\w+)'")
 _SCALAR = re.compile(r"scalar component '(.*)' as an indexed component")
-_BY_ZERO = re.compile(r"division by zero|cannot be raised to a negative power|zero to a negative")
 _OF_PHASE = re.compile(r"phase '.*?' has no '(\w+)'\.")
 _OF_PYOMO = re.compile(r"VarData|ScalarVar|\w+Expression")
 _SHAPES = re.compile(r"mismatch in its core dimension|could not be broadcast|shapes .* not aligned|same length")
@@ -31,7 +30,12 @@ _FAMILY = re.compile(r"Indexed\w+|Signal(?:Var|Expression)|ComponentProxy|NotImp
 
 @contextmanager
 def slips_explained(
-    rule: Any, label: str, block: Any, arguments: Sequence[str], error: type[PyRobocopError]
+    rule: Any,
+    label: str,
+    block: Any,
+    arguments: Sequence[str],
+    error: type[PyRobocopError],
+    time: float | None = None,
 ) -> Iterator[None]:
     """Explain what a rule raises, where it is a slip that is known; anything else stays as it is.
 
@@ -46,16 +50,47 @@ def slips_explained(
         Names of the arguments that the rule is called with.
     error : type of exception
         What is raised instead.
+    time : float, optional
+        At which the rule is called.
     """
     try:
         yield
     except PyRobocopError:
         raise
-    except (TypeError, ValueError, AttributeError, KeyError, ZeroDivisionError, PyomoException) as found:
+    except ZeroDivisionError as found:
+        raise error(f"{label}: {_division_by_zero(found, time)}") from found
+    except (TypeError, ValueError, AttributeError, KeyError, PyomoException) as found:
         slip = slip_of(rule, found, block, arguments)
         if slip is None:
             raise
         raise error(f"{label}: {slip}") from found
+
+
+def number_at(function: Callable[[float], Any], time: float, label: str, error: type[PyRobocopError]) -> Any:
+    """What a function of the time alone gives; a division by zero is named with the time.
+
+    Parameters
+    ----------
+    function : callable
+    time : float
+    label : str
+        What it gives, in messages.
+    error : type of exception
+        What is raised instead.
+    """
+    try:
+        return function(time)
+    except ZeroDivisionError as found:
+        raise error(f"{label}: {_division_by_zero(found, time)}") from found
+
+
+def _division_by_zero(error: ZeroDivisionError, time: float | None) -> str:
+    """In words; Pyomo raises some without any."""
+    where = "" if time is None else f" at t = {time:g}"
+    return (
+        f"its rule divides numbers by zero{where} ({str(error) or 'division by zero'}). What is singular at an end of "
+        "the phase can be stated with scheme='gauss', whose points lie inside."
+    )
 
 
 def slip_of(rule: Any, error: Exception, block: Any, arguments: Sequence[str]) -> str | None:
@@ -76,13 +111,6 @@ def slip_of(rule: Any, error: Exception, block: Any, arguments: Sequence[str]) -
             return None
         name = scalar.group(1).rpartition(".")[2]
         return f"its rule reads '{name}' at [{arguments[1]}], which is one number at all times. Write b.{name}."
-    if isinstance(error, ZeroDivisionError):
-        if _BY_ZERO.search(text) is None:
-            return None  # raised by the rule itself
-        return (
-            f"its rule divides numbers by zero ({text}). What is singular at an end of the phase can be stated with "
-            "scheme='gauss', whose points lie inside."
-        )
     if isinstance(error, AttributeError):
         if (of_phase := _OF_PHASE.match(text)) is not None:
             return _of_missing(of_phase.group(1), block, arguments)

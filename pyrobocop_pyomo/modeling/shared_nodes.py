@@ -8,32 +8,9 @@ Pyomo's own walks visit the tree.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Set
-from itertools import chain
-from operator import attrgetter
 from typing import Any
 
-from pyomo.core.expr.numeric_expr import (
-    DivisionExpression,
-    MonomialTermExpression,
-    NegationExpression,
-    PowExpression,
-    ProductExpression,
-    UnaryFunctionExpression,
-)
 from pyomo.core.expr.numvalue import native_types, value
-
-_ARGUMENTS = attrgetter("_args_")
-# Places of one tree that are looked at: more are walked over node by node, each node once.
-_MOST_PLACES = 2000
-# Classes whose `args` are all that this attribute holds; a sum may share its list with a longer one.
-_ALL_ARGUMENTS = {
-    DivisionExpression,
-    MonomialTermExpression,
-    NegationExpression,
-    PowExpression,
-    ProductExpression,
-    UnaryFunctionExpression,
-}
 
 
 def variables_in(expression: Any, leaves: Collection[int] = (), include_fixed: bool = True) -> Iterator[Any]:
@@ -74,80 +51,9 @@ def topmost_nodes(expressions: Iterable[Any], wanted: Callable[[Any], bool]) -> 
 
 
 def variables_in_any(expressions: Iterable[Any], leaves: Set[int] = frozenset()) -> dict[int, Any]:
-    """Each variable that one of many expressions holds, by its id.
-
-    Goes over all of them level by level, in a third of the time that one walk after the other takes.
-
-    Parameters
-    ----------
-    expressions : iterable of expressions, relations, variables or numbers
-    leaves : set of int
-        Ids of named expressions that stand for themselves; they are in the result in place of what they hold.
-    """
-    expressions = list(expressions)
-    alike = _variables_of_alike(expressions, leaves)
-    if alike is not None:
-        return alike
-    found: dict[int, Any] = {}
-    seen: dict[int, Any] = {}  # as in `variables_in`
-    level: Iterable[Any] = expressions
-    while level:
-        nodes_of_class: dict[type, list[Any]] = {}
-        for node in level:
-            same = nodes_of_class.get(node.__class__)
-            if same is None:
-                nodes_of_class[node.__class__] = [node]
-            else:
-                same.append(node)
-        arguments: list[Any] = []
-        for cls, nodes in nodes_of_class.items():
-            if cls in native_types:
-                continue
-            new = dict(zip(map(id, nodes), nodes, strict=True))
-            for key in new.keys() & seen.keys():
-                del new[key]
-            seen.update(new)
-            for key in new.keys() & leaves:
-                found[key] = new.pop(key)
-            if cls in _ALL_ARGUMENTS:
-                arguments += chain.from_iterable(map(_ARGUMENTS, new.values()))
-            elif nodes[0].is_expression_type():
-                arguments += chain.from_iterable(node.args for node in new.values())
-            elif nodes[0].is_variable_type():
-                found.update(new)
-        level = arguments
-    return found
-
-
-def _variables_of_alike(expressions: list[Any], leaves: Set[int]) -> dict[int, Any] | None:
-    """The variables of expressions of one shape, place by place of their trees; None where their shapes differ."""
-    found: dict[int, Any] = {}
-    entered: dict[int, tuple[list[int], Any]] = {}  # with the nodes themselves, as in `variables_in`
-    pending: list[Any] = [expressions] if expressions else []
-    while pending:
-        nodes = pending.pop()
-        classes = set(map(type, nodes))
-        if classes <= native_types:
-            continue
-        if len(classes) > 1 or len(entered) > _MOST_PLACES:
-            return None
-        identities = list(map(id, nodes))
-        if entered.get(identities[0], ((), None))[0] == identities:
-            continue
-        entered[identities[0]] = identities, nodes
-        if leaves and not leaves.isdisjoint(identities):
-            return None
-        if nodes[0].is_expression_type():
-            if classes <= _ALL_ARGUMENTS:
-                arguments = list(map(_ARGUMENTS, nodes))
-            else:
-                arguments = [node.args for node in nodes]
-            if len(set(map(len, arguments))) > 1:
-                return None
-            pending += zip(*arguments, strict=True)
-        elif nodes[0].is_variable_type():
-            found.update(zip(identities, nodes, strict=True))
-    return found
+    """Each variable that one of many expressions holds, by its id; `leaves` are as in `variables_in`."""
+    found = topmost_nodes(expressions, lambda node: not node.is_expression_type() or id(node) in leaves)
+    return {id(node): node for node in found if node.is_expression_type() or node.is_variable_type()}
 
 
 def nodes_of(expression: Any) -> Iterator[Any]:
@@ -167,7 +73,8 @@ def nodes_of(expression: Any) -> Iterator[Any]:
 class NodeValues:
     """Values of expressions at what their variables hold now; what they share is evaluated once.
 
-    Errors are those of Pyomo's ``value``: a ValueError where a variable has no value, or what the operation raises.
+    Errors are those of Pyomo's ``value``: a ValueError where a variable has no value, or what the operation raises. A
+    result that is not real is a ValueError, too.
 
     Parameters
     ----------
@@ -208,6 +115,8 @@ class NodeValues:
                 pending.pop()
                 kept.append(node)
                 number = known[id(node)] = node._apply_operation(numbers)
+                if number.__class__ is complex:
+                    raise ValueError(f"'{node}' is a power of a negative number, {numbers[0]:g}, and no real number")
                 if not pending:
                     return number
                 pending[-1][1].append(number)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from pyomo.core.expr import numeric_expr
 
-from pyrobocop_pyomo.errors import TranscriptionError
+from pyrobocop_pyomo.errors import ModelError
 
 from .expression_arrays import ArrayEntry
 
@@ -62,7 +62,7 @@ class TimeIndex(ArrayEntry):
 
 
 def _refused(self: TimeIndex, *_: Any) -> Any:
-    raise TranscriptionError(
+    raise ModelError(
         f"{self.what} uses t as a number. Start, duration or elements of the phase are to be found, and with them the "
         "time. In formulas of Pyomo's functions t is the time, (t - b.start) / b.duration is the part of the phase "
         "that has passed, and b.points.ord(t) the place of the point. Write pyo.sin(t) instead of math.sin(t), and "

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import ExpressionArrayError
+from pyrobocop_pyomo.errors import ModelError
 
 from .expression_arrays import ExpressionArray, array
 
@@ -105,7 +105,7 @@ class VariableFamily:
 
     Raises
     ------
-    ExpressionArrayError
+    ModelError
         When it is read at an index that it does not have, or used without ``[t]``.
     """
 
@@ -164,7 +164,7 @@ class VariableFamily:
         if not any(isinstance(label, (int, float)) for label in keys):
             return self._chosen(keys)  # names are no times: b.x["left"] is the component, b.x["left"][t] its value
         member = self.names.member(key)
-        raise ExpressionArrayError(
+        raise ModelError(
             f"'{self.name}' is read at [{key}], which is no time of the phase but a label. A component has a name of "
             f"its own: '{member}', as in b.{member}.at_end; at a time it is b.{self.names.name}[{key}, t]."
         )
@@ -180,7 +180,7 @@ class VariableFamily:
         if len(axes) == 1 and len(labels) > 1:
             labels = (labels,)  # labels of several dimensions that are no product
         if len(labels) > len(axes):
-            raise ExpressionArrayError(self._wrong_index(labels))
+            raise ModelError(self._wrong_index(labels))
         positions: list[Any] = []
         for label, axis in zip(labels, axes, strict=False):
             if isinstance(label, slice):
@@ -188,7 +188,7 @@ class VariableFamily:
             elif label in axis:
                 positions.append(axis.index(label))
             else:
-                raise ExpressionArrayError(self._wrong_index(labels))
+                raise ModelError(self._wrong_index(labels))
         return members[tuple(positions)]
 
     def _wrong_index(self, labels: tuple[Any, ...]) -> str:
@@ -305,11 +305,11 @@ class VariableFamily:
 
         Raises
         ------
-        ExpressionArrayError
+        ModelError
             When its members change in time.
         """
         if self.names.in_time:
-            raise ExpressionArrayError(
+            raise ModelError(
                 f"'{self.name}' is computed with as it is, but it changes in time. Is an index [t] missing?"
             )
         return self._array(self.members, lambda member: member)

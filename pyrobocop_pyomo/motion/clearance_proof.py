@@ -16,13 +16,14 @@ import numpy as np
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import check_pose, distances_of_points, signed_distance
 from pyrobocop_pyomo.numerics import Array, Indices
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
 from .bodies import Body
-from .equations_motion import EquationsMotion, equations_motion
-from .far_pairs import BoxProofs, PairToProve, box_distances
+from .far_pairs import BoxProofs, box_distances
 from .motion import Motion
 from .moving_shapes import MovingShape, PathBounds, halves, moving_shapes
 from .pose_templates import node_times
+from .replayed_motion import replayed_motion
 from .required_clearance import (
     RequiredBounds,
     RequiredClearance,
@@ -35,8 +36,6 @@ from .safety_report import BodyPairSafety, SafetyReport
 
 _EPS = float(np.finfo(float).eps)
 _TOLERANCE_PER_CLEARANCE = 0.01
-# A normal and a ray that should be orthogonal differ by up to this in rounding. The error counts over the whole scene.
-_RAY_TOLERANCE = 1e-9
 # Instants per level of the search for the closest instant.
 _SEARCH = 17
 # So many intervals are searched although they are proven: the closest instant is nearly always in one of the three
@@ -78,10 +77,10 @@ def verify_clearance(
     Returns
     -------
     SafetyReport
-        Safe only where the distance is *proven*, up to rounding, for the plan and, where its phases have differential
-        equations, for the motion that these make of its controls. There is one line per pair of convex parts. Intervals
-        whose values do not describe the motion of a rigid body, because it jumps or is distorted by more than the
-        tolerance, are undecided.
+        Clear only where the distance is *proven*, up to rounding, for the plan; safe where it is proven as well for the
+        motion that the equations of the model make of its controls, or where there are none. There is one line per pair
+        of convex parts. Intervals whose values do not describe the motion of a rigid body, because it jumps or is
+        distorted by more than the tolerance, are undecided.
 
     Raises
     ------
@@ -102,8 +101,7 @@ def verify_clearance(
         _check_tolerance(pair, clearance.least, tolerance)
     ends = np.array([[times[nodes[0]], times[nodes[-1]]] for nodes in motion.intervals])
     lengths = {clearance_text(pair): asked.formulas for pair, asked in required.items() if asked.formulas is not None}
-    led = equations_motion(motion, shapes, lengths) if equations else EquationsMotion()
-    pairs: list[PairToProve] = []
+    led = replayed_motion(motion, shapes, lengths, equations=equations)
     proofs: list[_Proof] = []
     jumps: list[Array] = []
     for (first, second), clearance in required.items():
@@ -112,20 +110,19 @@ def verify_clearance(
             for q, q_mismatch in zip(shapes[second], mismatches[second], strict=True):
                 read = (p.name, q.name, clearance_text((first, second)))
                 deviation = np.sum([led.of(name, len(ends)) for name in read], axis=0)
-                pairs.append(PairToProve(p, q, clearance))
-                proofs.append(_Proof(p, q, clearance, settings, deviation))
+                unknown = led.why_unknown if any(name in led.deviation for name in read) else ""
+                proofs.append(_Proof(p, q, clearance, settings, deviation, unknown))
                 jumps.append(p_mismatch + q_mismatch)
     with np.errstate(all="ignore"):  # what is not finite is never proven
-        results = _proven(pairs, proofs, ends, jumps)
+        results = _proven(proofs, ends, jumps)
     lines = dict.fromkeys(
         name for parts in shapes.values() for shape in parts if shape.template for name in shape.template.parameters
     )
     return SafetyReport(
         tuple(results),
-        motion=_motion_text(motion.description(watched), lines),
-        motion_is_assumed=motion.is_assumed(watched) or bool(lines),
+        motion=_motion_text(motion.description, lines),
+        motion_is_assumed=motion.is_assumed or bool(lines),
         equations=led.statement,
-        equations_unknown=bool(led.why_unknown),
     )
 
 
@@ -178,7 +175,7 @@ def _at_points(
                 )
                 allowed = _tolerance(tolerance, float(required.min()))
                 results.append(BodyPairSafety.at_points(p_name, q_name, motion.points, distances, required, allowed))
-    return SafetyReport(tuple(results), between=False, motion=motion.description(bodies))
+    return SafetyReport(tuple(results), between=False, motion=motion.description)
 
 
 def _required_at(motion: Motion, asked: Any, pair: tuple[str, str], point: Any) -> float:
@@ -198,16 +195,12 @@ class ProofSettings:
     max_subintervals: int
 
 
-def _proven(
-    pairs: Sequence[PairToProve], proofs: Sequence[_Proof], ends: Array, mismatches: Sequence[Array]
-) -> list[BodyPairSafety]:
+def _proven(proofs: Sequence[_Proof], ends: Array, mismatches: Sequence[Array]) -> list[BodyPairSafety]:
     """Prove the clearances of all pairs over all intervals.
 
     Parameters
     ----------
-    pairs : sequence of PairToProve
     proofs : sequence of _Proof
-        One per pair.
     ends : array, shape (intervals, 2)
         Times of the start and the end of each interval.
     mismatches : sequence of array, shape (intervals,)
@@ -216,7 +209,7 @@ def _proven(
     """
     if not proofs:
         return []
-    boxes = BoxProofs(pairs, len(ends))
+    boxes = BoxProofs(proofs, len(ends))
     far = boxes.far(np.stack([proof.needed for proof in proofs]))
     least = np.where(far, boxes.bounds.min(axis=1), np.inf)
     # The nearest of the far pairs are searched like all others: the smallest distance of a report is one of theirs.
@@ -242,9 +235,11 @@ class _Proof:
         clearance: RequiredClearance,
         settings: ProofSettings,
         deviation: Array,
+        not_replayed: str,
     ) -> None:
         self.first, self.second, self.clearance, self.settings = first, second, clearance, settings
-        # More where the equations lead away from the plan; nothing is proven where nobody knows how far.
+        self.not_replayed = not_replayed
+        # More where the equations lead away from the plan.
         self.deviation = deviation
         self.needed = np.where(np.isfinite(deviation), deviation, 0.0) - settings.tolerance
         self.radii = first.shape.radius + second.shape.radius
@@ -307,6 +302,7 @@ class _Proof:
             subintervals=self.subintervals,
             interval_ends=ends,
             interval_times=ends[:, 0] + self.instant * (ends[:, 1] - ends[:, 0]),
+            not_replayed=self.not_replayed,
         )
 
     def _level(
@@ -396,7 +392,7 @@ class _Proof:
         # A normal that is not quite orthogonal to a ray loses the angle times the size of the scene.
         leaning = np.maximum(-p.ray_bounds(normals).low.min(axis=1, initial=0.0), 0.0)
         leaning = np.maximum(leaning, q.ray_bounds(normals).high.max(axis=1, initial=0.0))
-        gap = np.where(leaning <= _RAY_TOLERANCE, gap - 4.0 * leaning * _reach(p, q), -np.inf)
+        gap = np.where(leaning <= NEGLIGIBLE, gap - 4.0 * leaning * _reach(p, q), -np.inf)
         size = np.maximum(np.abs(ends[0]), np.abs(ends[1])).max(axis=(1, 2)) + np.abs(required.highest)
         return (gap - 64 * _EPS * size) / length - self.radii
 

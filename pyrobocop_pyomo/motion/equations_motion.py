@@ -41,7 +41,7 @@ class EquationsMotion:
     deviation : dict of str to array, shape (intervals,)
         By the name of a moving part: how far any of its corners gets from where the plan has it; by the text of a
         clearance: how far what is required gets from what the plan asks for. Zero where a body
-        moves by a formula in time; infinite where the motion of the equations left the finite numbers, or is not known.
+        moves by a formula in time; infinite where the motion of the equations left the finite numbers.
     how : str
         How it was found, in words; empty where it is not known.
     why_unknown : str
@@ -54,12 +54,7 @@ class EquationsMotion:
 
     @property
     def statement(self) -> str:
-        """What is known of the motion of the equations, in words; nothing where there are none."""
-        if self.why_unknown:
-            return (
-                f"the motion of the equations is not known, and not proven: {self.why_unknown} Where a controller "
-                "tracks the plan itself, ask for the plan alone by equations=False."
-            )
+        """What is known of the motion of the equations, in words; nothing where nobody followed it."""
         if not self.how:
             return ""
         largest = max((float(of.max(initial=0.0)) for of in self.deviation.values()), default=0.0)
@@ -69,13 +64,6 @@ class EquationsMotion:
     def of(self, name: str, intervals: int) -> Array:
         """Deviation of a part by interval; zero where nothing is known of another motion."""
         return self.deviation.get(name, np.zeros(intervals))
-
-
-def phases_of_motion(motion: Motion) -> list[Any]:
-    """The phases whose states move along the points of a motion."""
-    states = getattr(motion.interpolation, "states", None)
-    phase = getattr(states, "phase", None)
-    return [] if phase is None else [phase]
 
 
 def equations_motion(
@@ -91,38 +79,25 @@ def equations_motion(
     lengths : mapping of str to SignalFormulas, optional
         Clearances that read signals: with other states, another clearance is required.
     """
-    # A formula of the user's own between points is no motion of a phase.
-    found_in = [(shape, shape.template) for parts in shapes.values() for shape in parts]
-    moving = [(shape, template) for shape, template in found_in if isinstance(template, SignalFormulas)]
+    moving = [(shape, shape.template) for parts in shapes.values() for shape in parts if shape.template is not None]
     phases: dict[int, Any] = {}
     lengths = lengths or {}
-
-    def unknown(why: str) -> EquationsMotion:
-        # What nobody knows is as far away as it can be: unknown is never safe.
-        names = [*(shape.name for shape, template in moving if _reads(template)), *lengths]
-        return EquationsMotion({name: np.full(len(motion.intervals), np.inf) for name in names}, why_unknown=why)
-
     for template in [*(template for _, template in moving), *lengths.values()]:
         for signal in template.signals:
             home = None if signal.component is None else signal.component.parent_block()
             if isinstance(home, PhaseBlockData):
                 phases[id(home)] = home
-    reads_signals = any(_reads(template) for _, template in moving)
     # Where a phase states no equations, whatever moves a body is chosen, and there is no other motion than the plan.
-    if phases and not any(map(_states_equations, phases.values())):
+    if not any(map(_states_equations, phases.values())):
         return EquationsMotion()
-    if not phases:
-        if motion.interpolation is None or motion.interpolation.is_assumed or not reads_signals:
-            return EquationsMotion()
-        return unknown("the model has rows at its points for them, which say nothing in between.")
     found: dict[int, Any] = {}
     for key, phase in phases.items():
         try:
             found[key] = reintegrated(phase)
         except PyRobocopError as error:
-            return unknown(str(error))
+            return EquationsMotion(why_unknown=str(error))
         if len(found[key].errors) != len(motion.intervals):
-            return unknown(f"phase '{phase.name}' has other elements than the motion.")
+            return EquationsMotion(why_unknown=f"phase '{phase.name}' has other elements than the motion.")
     by_template: dict[int, Array] = {}
     deviation = {}
     for shape, template in moving:
@@ -160,8 +135,6 @@ def reintegrated(phase: Any, after: tuple[Any, ...] = ()) -> Reintegration:
         if any(other is known for known in following):
             continue
         before = reintegrated(other, following)
-        if before.contact:
-            continue  # each element starts where the plan does
         if before.open_loop is None:
             return replace(_states(phase), open_loop=None)
         led.append((other, _led(other.trajectory(), before)))
@@ -254,11 +227,6 @@ def _states_equations(phase: Any) -> bool:
         if equations or statement.kind in ("ode", "residual", "step map"):
             return True
     return False
-
-
-def _reads(template: SignalFormulas) -> bool:
-    """Whether a pose reads variables of the model over time, which equations may move."""
-    return any(signal.component is not None for signal in template.signals)
 
 
 def _differences(template: SignalFormulas, found: Mapping[int, Any], intervals: int) -> Array:

@@ -8,7 +8,7 @@ measured at a few instants of the interval in which the boxes are nearest.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -32,15 +32,8 @@ def box_distances(a: Interval, b: Interval) -> Array:
     return np.where(distances > 0.0, distances, -np.inf)
 
 
-@dataclass(frozen=True, eq=False)
-class PairToProve:
-    """One pair of convex parts.
-
-    Attributes
-    ----------
-    first, second : MovingShape
-    clearance : RequiredClearance
-    """
+class PairToProve(Protocol):
+    """One pair of convex parts."""
 
     first: MovingShape
     second: MovingShape

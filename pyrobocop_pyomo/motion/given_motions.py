@@ -17,7 +17,7 @@ from pyomo.core.expr import cos, sin
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose, planar_pose
 from pyrobocop_pyomo.modeling.rule_proxies import Signal
-from pyrobocop_pyomo.numerics import Array, Grid
+from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .interpolation import STATES_ONLY, CollocationInterpolation, NodalInterpolation
@@ -45,7 +45,7 @@ class PathInterpolation(NodalInterpolation):
     model: Any = None
     angles: Mapping[str, Mapping[float, float]] = field(default_factory=dict)
 
-    def leaves(self, signal: Signal, interval: int) -> list[Any]:
+    def polynomial(self, signal: Signal, interval: int) -> list[Any]:
         """Values at both ends; of a constant that of the interval, of a turn zero and the angle."""
         start, end = self.support[interval]
         name = signal.component.local_name
@@ -55,7 +55,7 @@ class PathInterpolation(NodalInterpolation):
             return [0.0, self.angles[name][start]]
         return [signal.at(start), signal.at(end)]
 
-    def weights(self, signal: Signal, interval: int, fractions: ArrayLike) -> Array:
+    def polynomial_weights(self, signal: Signal, interval: int, fractions: ArrayLike) -> Array:
         """Of the values at both ends."""
         local = np.atleast_1d(np.asarray(fractions, dtype=float))
         return np.column_stack([1.0 - local, local])
@@ -166,29 +166,22 @@ def _spatial_rule(
 # -------------------------------------------------------------------------------------------------------- trajectories
 
 
-class StatesOfTrajectory:
+class TrajectoryInterpolation(CollocationInterpolation):
     """States of a `Trajectory`, on a model that has its values; time is real time."""
 
     def __init__(self, trajectory: Trajectory, model: Any) -> None:
-        self.trajectory, self.phase = trajectory, model
-
-    @property
-    def grid(self) -> Grid:
-        """Grid of the trajectory."""
-        return self.trajectory.grid
+        super().__init__(trajectory.grid)
+        self.trajectory, self.model = trajectory, model
 
     @property
     def owner(self) -> str:
         """The trajectory."""
         return f"of trajectory '{self.trajectory.name}'"
 
-    def check(self, signal: Signal) -> None:
+    def refuse(self, signal: Signal) -> None:
         """Refuse what is no state."""
         if signal.component.local_name not in self.trajectory.states:
             raise ObstacleError(f"'{signal.name}' is no state of trajectory '{self.trajectory.name}'. {STATES_ONLY}")
-
-    def check_early(self, signal: Signal) -> None:
-        """Nothing: the trajectory is complete."""
 
     def joins_lines(self, signal: Signal) -> bool:
         """False: the parameters of the model are the states."""
@@ -196,20 +189,12 @@ class StatesOfTrajectory:
 
     def is_time_of(self, block: Any) -> bool:
         """True for the model that stands for the phase."""
-        return block is self.phase
+        return block is self.model
 
     def rates(self, signal: Signal) -> Any:
         """Derivative of a state by collocation point; None where the trajectory has none."""
         values = self.trajectory.rates.get(signal.component.local_name)
         return None if values is None else dict(zip(self.grid.points, values.tolist(), strict=True))
-
-    def width(self, interval: int) -> Any:
-        """Width of an element."""
-        return float(self.grid.mesh.widths[interval])
-
-    def time_at(self, index: float) -> Any:
-        """The index is the time."""
-        return index
 
 
 def motion_along_trajectory(trajectory: Trajectory) -> Motion:
@@ -223,7 +208,7 @@ def motion_along_trajectory(trajectory: Trajectory) -> Motion:
     for name, value in trajectory.parameters.items():
         model.add_component(name, Param(initialize=value))
     model.time_at = _same
-    return Motion(model, times, CollocationInterpolation(StatesOfTrajectory(trajectory, model)))
+    return Motion(model, times, TrajectoryInterpolation(trajectory, model))
 
 
 def _same(t: Any) -> Any:

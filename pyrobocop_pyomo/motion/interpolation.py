@@ -8,10 +8,11 @@ value and the increments ``h f``.
 from __future__ import annotations
 
 import itertools
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -37,158 +38,140 @@ STATES_ONLY = (
 )
 
 
-class Interpolation(Protocol):
-    """The motion on the intervals of a set of points."""
+class Interpolation(ABC):
+    """The motion on the intervals of a set of points.
+
+    Attributes
+    ----------
+    intervals : tuple of tuples
+        Nodes of each interval, both ends included.
+    is_assumed : bool
+        Whether nothing in the model says that the motion between the nodes is this one.
+    phase : PhaseBlock or None
+        Whose states move.
+    """
+
+    intervals: Nodes
+    is_assumed: bool = False
+    phase: Any = None
 
     @property
-    def intervals(self) -> Nodes:
-        """Nodes of each interval, both ends included."""
-
-    @property
+    @abstractmethod
     def description(self) -> str:
         """What the motion between the nodes is, in words."""
 
-    @property
-    def is_assumed(self) -> bool:
-        """Whether nothing in the model says that the motion between the nodes is this one."""
+    @abstractmethod
+    def refuse(self, signal: Signal) -> None:
+        """Raise `ObstacleError` for a signal whose polynomial is not continuous."""
+
+    @abstractmethod
+    def polynomial(self, signal: Signal, interval: int) -> list[Any]:
+        """Variables and expressions that define the polynomial of one interval."""
+
+    @abstractmethod
+    def polynomial_weights(self, signal: Signal, interval: int, fractions: ArrayLike) -> Array:
+        """Weights of these at local fractions, shape ``(len(fractions), leaves)``."""
+
+    def joins_lines(self, signal: Signal) -> bool:
+        """Whether a signal has values at the nodes only, which are joined by lines: parameters over the nodes."""
+        return signal.component.ctype is Param
 
     def check(self, signal: Signal) -> None:
         """Raise `ObstacleError` for a signal that is not continuous."""
+        if not self.joins_lines(signal):
+            self.refuse(signal)
 
-    def check_early(self, signal: Signal) -> None:
+    def check_early(self, signal: Signal) -> None:  # noqa: B027
         """The same while the model is still being stated: only for what can never become continuous."""
 
     def leaves(self, signal: Signal, interval: int) -> list[Any]:
-        """Variables and expressions that define the polynomial of one interval."""
+        """What the motion of a signal on one interval is made of."""
+        if self.joins_lines(signal):
+            return [signal.at(node) for node in self.intervals[interval]]
+        return self.polynomial(signal, interval)
 
     def weights(self, signal: Signal, interval: int, fractions: ArrayLike) -> Array:
         """Weights of the leaves at local fractions, shape ``(len(fractions), leaves)``."""
-
-    def joins_lines(self, signal: Signal) -> bool:
-        """Whether a signal has values at the nodes only, which are joined by lines."""
+        if self.joins_lines(signal):
+            return line_weights(self.intervals[interval], fractions)
+        return self.polynomial_weights(signal, interval, fractions)
 
     def is_time_of(self, block: Any) -> bool:
         """Whether ``block.time_at`` maps the indices to time."""
+        return False
 
     def time_at(self, index: float) -> Any:
         """Time at an index: a number or an expression."""
+        return index
 
 
 # ---------------------------------------------------------------------------------------------- collocation polynomials
 
 
-class CollocatedStates(Protocol):
-    """States on a collocation grid: those of a phase, or of a discretised continuous set."""
+class CollocationInterpolation(Interpolation):
+    """States follow the polynomial of their scheme, the same one that `Trajectory` evaluates.
+
+    Parameters
+    ----------
+    grid : Grid
+        Scheme and mesh, in indices.
+    """
+
+    def __init__(self, grid: Grid) -> None:
+        self.grid = grid
+        ends = grid.mesh.boundaries[1:]
+        self.intervals = tuple(
+            nodes if nodes[-1] == end else (*nodes, end) for nodes, end in zip(grid.node_times, ends, strict=True)
+        )
 
     @property
-    def grid(self) -> Grid:
-        """Scheme and mesh, in indices."""
-
-    @property
+    @abstractmethod
     def owner(self) -> str:
         """What the states belong to, in words."""
 
-    def check(self, signal: Signal) -> None:
-        """Raise `ObstacleError` for what is not a state."""
-
-    def check_early(self, signal: Signal) -> None:
-        """The same, only for what can never become one."""
-
-    def joins_lines(self, signal: Signal) -> bool:
-        """Whether a signal is no state, but has values at the nodes which are joined by lines."""
-
-    def is_time_of(self, block: Any) -> bool:
-        """Whether ``block.time_at`` maps the indices to time."""
-
+    @abstractmethod
     def rates(self, signal: Signal) -> Any:
         """Derivative of a state by collocation point; None where it has none."""
-
-    def width(self, interval: int) -> Any:
-        """Width of an element, in time."""
-
-    def time_at(self, index: float) -> Any:
-        """Time at an index."""
-
-
-class CollocationInterpolation:
-    """States follow the polynomial of their scheme, the same one that `Trajectory` evaluates."""
-
-    is_assumed = False
-
-    def __init__(self, states: CollocatedStates) -> None:
-        self.states = states
-        grid = states.grid
-        starts = grid.mesh.boundaries[:-1]
-        ends = grid.mesh.boundaries[1:]
-        self.intervals = tuple(
-            nodes if nodes[-1] == end else (*nodes, end)
-            for nodes, start, end in zip(grid.node_times, starts, ends, strict=True)
-        )
 
     @property
     def description(self) -> str:
         """The polynomials of a scheme."""
-        return f"the polynomials of the states {self.states.owner} ({self.states.grid.scheme.name})"
+        return f"the polynomials of the states {self.owner} ({self.grid.scheme.name})"
 
-    def check(self, signal: Signal) -> None:
-        """Only states are continuous; parameters are joined by lines."""
-        if not self.joins_lines(signal):
-            self.states.check(signal)
-
-    def check_early(self, signal: Signal) -> None:
-        """Only what no equation that is stated later can change: `check` knows states once these are."""
-        self.states.check_early(signal)
-
-    def joins_lines(self, signal: Signal) -> bool:
-        """True for parameters over the nodes, unless these are the states."""
-        return self.states.joins_lines(signal)
+    def width(self, interval: int) -> Any:
+        """Width of an element, in time."""
+        return float(self.grid.mesh.widths[interval])
 
     def _rates(self, signal: Signal) -> Any:
-        scheme = self.states.grid.scheme
+        scheme = self.grid.scheme
         # The values at the nodes alone leave the polynomial of such a scheme one degree short.
-        return self.states.rates(signal) if scheme.starts_on_a_stage and scheme.is_collocation else None
+        return self.rates(signal) if scheme.starts_on_a_stage and scheme.is_collocation else None
 
-    def leaves(self, signal: Signal, interval: int) -> list[Any]:
+    def polynomial(self, signal: Signal, interval: int) -> list[Any]:
         """Values at the nodes, or the start value and the increments."""
-        if self.joins_lines(signal):
-            return [signal.at(node) for node in self.intervals[interval]]
-        grid, rates = self.states.grid, self._rates(signal)
+        grid, rates = self.grid, self._rates(signal)
         nodes = grid.node_times[interval]
         if rates is None:
             return [signal.at(node) for node in nodes]
-        width = self.states.width(interval)
+        width = self.width(interval)
         return [signal.at(nodes[0]), *(width * rates[stage] for stage in grid.stage_times[interval])]
 
-    def weights(self, signal: Signal, interval: int, fractions: ArrayLike) -> Array:
+    def polynomial_weights(self, signal: Signal, interval: int, fractions: ArrayLike) -> Array:
         """Weights that the scheme defines."""
-        if self.joins_lines(signal):
-            return line_weights(self.intervals[interval], fractions)
-        scheme = self.states.grid.scheme
+        scheme = self.grid.scheme
         if self._rates(signal) is None:
             return scheme.state_at(fractions)
         increments = scheme.increments_at(fractions)
         return np.column_stack([np.ones(len(increments)), increments])
 
-    def is_time_of(self, block: Any) -> bool:
-        """True for the phase of the states, and for one that happens at the same time."""
-        return self.states.is_time_of(block)
 
-    def time_at(self, index: float) -> Any:
-        """Time of the phase; the index itself on a continuous set."""
-        return self.states.time_at(index)
-
-
-class PhaseStates:
+class PhaseInterpolation(CollocationInterpolation):
     """States of a `PhaseBlock`."""
 
     def __init__(self, phase: Any) -> None:
+        super().__init__(phase.grid)
         self.phase = phase
         self._phases = [phase]  # and others at the same times, whose states were read
-
-    @property
-    def grid(self) -> Grid:
-        """Grid of the phase."""
-        return self.phase.grid
 
     @property
     def owner(self) -> str:
@@ -211,7 +194,7 @@ class PhaseStates:
         is_state = name in home.record.names_of_states and home.component(name) is component
         return home, name if is_state else None
 
-    def check(self, signal: Signal) -> None:
+    def refuse(self, signal: Signal) -> None:
         """Refuse what is no state of the phase, or of one at the same times."""
         refuse_other_times(self.phase, self._home_of(signal))
         home, name = self._state_of(signal)
@@ -220,10 +203,6 @@ class PhaseStates:
             raise ObstacleError(f"'{signal.name}' is no state of phase '{home.name}'. {STATES_ONLY}")
         if not any(home is phase for phase in self._phases):
             self._phases.append(home)
-
-    def joins_lines(self, signal: Signal) -> bool:
-        """True for parameters."""
-        return signal.component.ctype is Param
 
     def check_early(self, signal: Signal) -> None:
         """Refuse states of a phase that has other times; ties of two durations may come later."""
@@ -254,34 +233,19 @@ class PhaseStates:
         return self.phase.time_at(index)
 
 
-class ContinuousSetStates:
+class ContinuousSetInterpolation(CollocationInterpolation):
     """States along a `ContinuousSet` that the transformation `pyrobocop.collocation` has discretised."""
 
     def __init__(self, discretisation: Discretisation) -> None:
+        super().__init__(discretisation.grid)
         self.discretisation = discretisation
-
-    @property
-    def grid(self) -> Grid:
-        """Grid of the transformation."""
-        return self.discretisation.grid
 
     @property
     def owner(self) -> str:
         """The set."""
         return f"along '{self.discretisation.domain.name}'"
 
-    def joins_lines(self, signal: Signal) -> bool:
-        """True for parameters."""
-        return signal.component.ctype is Param
-
-    def check_early(self, signal: Signal) -> None:
-        """Nothing."""
-
-    def is_time_of(self, block: Any) -> bool:
-        """False: the indices are the time."""
-        return False
-
-    def check(self, signal: Signal) -> None:
+    def refuse(self, signal: Signal) -> None:
         """Refuse what has no derivative along the set."""
         component = parent_of(signal.at(self.grid.points[0]))
         if not any(state is component for state in self.discretisation.states):
@@ -302,20 +266,12 @@ class ContinuousSetStates:
         shown = next(substituted, derivative)
         return {time: shown[variable.index()] for time, variable in data.items()}
 
-    def width(self, interval: int) -> Any:
-        """Width of an element."""
-        return float(self.grid.mesh.widths[interval])
-
-    def time_at(self, index: float) -> Any:
-        """The index is the time."""
-        return index
-
 
 # ------------------------------------------------------------------------------------------- polynomials through nodes
 
 
 @dataclass(frozen=True, eq=False)
-class NodalInterpolation:
+class NodalInterpolation(Interpolation):
     """Polynomials through given nodes of each interval.
 
     Attributes
@@ -324,8 +280,8 @@ class NodalInterpolation:
         Nodes within each closed interval.
     support : tuple of tuples
         The nodes among them that the polynomial goes through.
-    refuse : callable
-        ``refuse(signal)`` raises `ObstacleError` for a signal that is not continuous.
+    refusal : callable
+        ``refusal(signal)`` raises `ObstacleError` for a signal that is not continuous.
     description : str
         What the motion is, in words.
     is_assumed : bool
@@ -338,16 +294,15 @@ class NodalInterpolation:
 
     intervals: Nodes
     support: Nodes
-    refuse: Callable[[Signal], None]
+    refusal: Callable[[Signal], None]
     description: str = "straight lines between the points, which is assumed"
     is_assumed: bool = True
     is_plain: bool = False
     has_lines: bool = False
 
-    def check(self, signal: Signal) -> None:
-        """Raise what `refuse` raises; parameters over a continuous set are joined by lines."""
-        if not self.joins_lines(signal):
-            self.refuse(signal)
+    def refuse(self, signal: Signal) -> None:
+        """Raise what `refusal` raises."""
+        self.refusal(signal)
 
     def joins_lines(self, signal: Signal) -> bool:
         """True for parameters over a continuous set; elsewhere the polynomials hold for everything."""
@@ -358,27 +313,15 @@ class NodalInterpolation:
         if self.is_plain:
             self.refuse(signal)
 
-    def leaves(self, signal: Signal, interval: int) -> list[Any]:
+    def polynomial(self, signal: Signal, interval: int) -> list[Any]:
         """Values at the nodes."""
-        if self.joins_lines(signal):
-            return [signal.at(node) for node in self.intervals[interval]]
         return [signal.at(node) for node in self.support[interval]]
 
-    def weights(self, signal: Signal, interval: int, fractions: ArrayLike) -> Array:
+    def polynomial_weights(self, signal: Signal, interval: int, fractions: ArrayLike) -> Array:
         """Lagrange polynomials on the nodes."""
-        if self.joins_lines(signal):
-            return line_weights(self.intervals[interval], fractions)
         start, end = self.intervals[interval][0], self.intervals[interval][-1]
         local = [(node - start) / (end - start) for node in self.support[interval]]
         return evaluation_matrix(local, fractions)
-
-    def is_time_of(self, block: Any) -> bool:
-        """False: the indices are the time."""
-        return False
-
-    def time_at(self, index: float) -> Any:
-        """The index is the time."""
-        return index
 
 
 def dae_interpolation(domain: Any) -> NodalInterpolation:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any
@@ -16,22 +16,18 @@ from pyrobocop_pyomo.continuous.record import discretisation_of
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.modeling.expressions import is_plain_variable
 from pyrobocop_pyomo.modeling.rule_proxies import Signal, Signals, rule_result
+from pyrobocop_pyomo.numerics.rounding import ROUNDING
 from pyrobocop_pyomo.phases import PhaseBlockData
 
-from .bodies import Body
 from .interpolation import (
-    CollocationInterpolation,
-    ContinuousSetStates,
+    ContinuousSetInterpolation,
     Interpolation,
     NodalInterpolation,
-    PhaseStates,
+    PhaseInterpolation,
     dae_interpolation,
     parent_of,
 )
 from .pose_rules import asked_pose
-
-# A local fraction this close to a node counts as the node.
-_AT_NODE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,41 +63,26 @@ class Motion:
         nodes = self.intervals[interval]
         local = self.local_fractions(interval)
         nearest = min(range(len(nodes)), key=lambda k: abs(local[k] - fraction))
-        if abs(local[nearest] - fraction) <= _AT_NODE:
+        if abs(local[nearest] - fraction) <= ROUNDING:
             return nodes[nearest]
         return float(nodes[0] + fraction * (nodes[-1] - nodes[0]))
 
-    def description(self, bodies: Mapping[str, Body]) -> str:
-        """What the motion of these bodies between the points is, and how that is known, in words."""
+    @property
+    def phase(self) -> Any:
+        """The phase whose states move along the points; None where there is none."""
+        return None if self.interpolation is None else self.interpolation.phase
+
+    @property
+    def description(self) -> str:
+        """What the motion between the points is, and how that is known, in words."""
         if self.interpolation is None:
             return "the points alone; nothing is known of the motion between them"
-        by_formula = [f"'{name}'" for name, body in bodies.items() if body.between_points is not None]
-        others = any(body.moves and body.between_points is None for body in bodies.values())
-        words = [self.interpolation.description] if others or not by_formula else []
-        if by_formula:
-            words.append(f"the formula between_points of {', '.join(by_formula)}")
-        return "; ".join(words)
+        return self.interpolation.description
 
-    def is_assumed(self, bodies: Mapping[str, Body]) -> bool:
-        """Whether nothing in the model says that some of these bodies move like this."""
-        moving = [body for body in bodies.values() if body.moves and body.between_points is None]
-        return self.interpolation is not None and self.interpolation.is_assumed and bool(moving)
-
-    def check_formula(self, body: Body, name: str) -> None:
-        """Refuse a formula for the pose between points where the model itself says what the motion is.
-
-        Raises
-        ------
-        ObstacleError
-            Naming the body.
-        """
-        if body.between_points is None or (self.interpolation is not None and self.interpolation.is_assumed):
-            return
-        known = "there is none" if self.interpolation is None else f"it is {self.interpolation.description}"
-        raise ObstacleError(
-            f"'{name}' has between_points=, but the motion between these points needs no formula: {known}. Leave "
-            "between_points= out; it is for points that are plain numbers."
-        )
+    @property
+    def is_assumed(self) -> bool:
+        """Whether nothing in the model says that bodies move like this."""
+        return self.interpolation is not None and self.interpolation.is_assumed
 
     def time_at(self, index: Any) -> Any:
         """Time at an index: the index itself, or an expression where the duration is free."""
@@ -122,13 +103,6 @@ class Motion:
                 f"the pose of '{name}' has no value at t = {t!r} ({error}). It is evaluated at every point and at both "
                 "ends of every interval, where states have values, but controls and algebraics may have none."
             ) from error
-
-    def pose_of(self, body: Body, interval: int, fraction: float, *, name: str = "body") -> Any:
-        """Pose of a moving body at a local fraction of an interval: by its own formula, or else by `pose_at`."""
-        assert body.pose is not None
-        if body.between_points is None or self.index_at(interval, fraction) in self.intervals[interval]:
-            return self.pose_at(body.pose, interval, fraction, name=name)
-        return body.between_points(self.block, self.intervals[interval][0], fraction)
 
     def pose_at(self, rule: Callable[..., Any], interval: int, fraction: float, *, name: str = "body") -> Any:
         """Pose at a local fraction of an interval, in expressions of the variables at the nodes.
@@ -209,7 +183,7 @@ def motion_of(point_set: Any, parent_block: Any) -> Motion:
         return Motion(parent_block, tuple(point_set), _continuous_interpolation(point_set))
     home = point_set.parent_block() if hasattr(point_set, "parent_block") else None
     if isinstance(home, PhaseBlockData) and (point_set is home.time or point_set is home.points):
-        return Motion(parent_block, tuple(point_set), CollocationInterpolation(PhaseStates(home)))
+        return Motion(parent_block, tuple(point_set), PhaseInterpolation(home))
     points = tuple(point_set)
     if not _is_ordered(point_set) or not all(map(_is_number, points)):
         return Motion(parent_block, points, None)
@@ -229,7 +203,7 @@ def motion_of(point_set: Any, parent_block: Any) -> Motion:
 
 def _continuous_interpolation(domain: Any) -> Interpolation:
     ours = discretisation_of(domain)
-    return dae_interpolation(domain) if ours is None else CollocationInterpolation(ContinuousSetStates(ours))
+    return dae_interpolation(domain) if ours is None else ContinuousSetInterpolation(ours)
 
 
 def _is_ordered(point_set: Any) -> bool:

@@ -12,7 +12,6 @@ from pyrobocop_pyomo.numerics import Array, Indices
 from pyrobocop_pyomo.numerics.interval_arithmetic import Interval
 
 from .bodies import Body
-from .formulas_between_points import FormulaTemplate, formula_template
 from .motion import Motion
 from .pose_templates import SignalFormulas, node_times, template_of
 
@@ -29,13 +28,13 @@ class MovingShape:
     name : str
     shape : Polytope
         In the body's frame.
-    template : SignalFormulas, FormulaTemplate or None
+    template : SignalFormulas or None
         None for a shape that rests.
     """
 
     name: str
     shape: Polytope
-    template: SignalFormulas | FormulaTemplate | None
+    template: SignalFormulas | None
 
     def corners(self, interval: Indices, fraction: Array) -> tuple[Array, Array]:
         """Corners (m, v, d) and rays (m, k, d) in the world, at local fractions of intervals."""
@@ -68,7 +67,7 @@ class MovingShape:
             largest += self._distortion(self.template, len(largest))
         return largest
 
-    def _distortion(self, template: SignalFormulas | FormulaTemplate, intervals: int) -> Array:
+    def _distortion(self, template: SignalFormulas, intervals: int) -> Array:
         """Largest distance of a corner from its place on a rigid body, at samples of each interval."""
         d = self.shape.dimension
         interval = np.repeat(np.arange(intervals), _SAMPLES)
@@ -188,7 +187,7 @@ def moving_shapes(motion: Motion, bodies: dict[str, Body]) -> dict[str, list[Mov
     shapes = {}
     times = node_times(motion)
     for name, body in bodies.items():
-        template = _template(motion, body, name, times)
+        template = None if body.pose is None else template_of(motion, body.pose, name, body.dimension, times)
         shapes[name] = [MovingShape(label, part, template) for label, part in body.named_parts(name)]
     return shapes
 
@@ -201,16 +200,6 @@ def halves(interval: Indices, start: Array, end: Array) -> tuple[Indices, Array,
         np.concatenate([start, middle]),
         np.concatenate([middle, end]),
     )
-
-
-def _template(
-    motion: Motion, body: Body, name: str, times: dict[float, float]
-) -> SignalFormulas | FormulaTemplate | None:
-    if body.pose is None:
-        return None
-    if body.between_points is not None:
-        return formula_template(motion, body, name)
-    return template_of(motion, body.pose, name, body.dimension, times)
 
 
 def _rotated(rotation: Array, vectors: Array) -> Array:

@@ -17,6 +17,7 @@ from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose
 from pyrobocop_pyomo.modeling.rule_proxies import Signal, Signals, rule_result
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
 from .expression_values import ExpressionValues
 from .motion import Motion
@@ -24,7 +25,6 @@ from .pose_rules import asked_pose
 
 # Values of the placeholders, in the two askings and in the comparison: a rule that takes one of them gives itself away.
 _FIRST, _SECOND, _COMPARED = 0.31, 0.47, 0.39
-_SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +115,7 @@ def read_pose(motion: Motion, rule: Callable[..., Any], name: str) -> PoseReadin
     one, other = first.values({}), second.values({})
     same_reading = [signal.identity for signal in first.signals] == [signal.identity for signal in second.signals]
     if same_reading and (
-        one is None or other is None or np.allclose(one, other, rtol=_SAME, atol=_SAME, equal_nan=True)
+        one is None or other is None or np.allclose(one, other, rtol=NEGLIGIBLE, atol=NEGLIGIBLE, equal_nan=True)
     ):
         return first
     raise ObstacleError(

@@ -22,6 +22,7 @@ from pyrobocop_pyomo.numerics.bernstein import (
     derivative_coefficients,
     restrict,
 )
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.numerics.taylor_forms import TaylorForm, taylor_form_of_polynomial
 
 from .expression_values import ExpressionValues
@@ -29,9 +30,6 @@ from .interpolation import Interpolation, parent_of
 from .motion import Motion
 from .pose_rules import asked_pose
 from .table_functions import TableFunction
-
-# Largest difference of template and rule at a node, relative to the size of the pose.
-_AGREEMENT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +139,7 @@ class SignalFormulas:
         """
         differences = np.abs(self._at_nodes(nodes) - expected).max(axis=1)
         worst = int(np.argmax(np.where(np.isnan(differences), np.inf, differences)))
-        if not differences[worst] <= _AGREEMENT * max(1.0, float(np.abs(expected).max())):
+        if not differences[worst] <= NEGLIGIBLE * max(1.0, float(np.abs(expected).max())):
             raise ObstacleError(
                 f"{self.name}: at t = {nodes[worst]:g} the rule differs by {differences[worst]:.3g} from "
                 "the formula that it gives for all t. A motion between the nodes is known only where the rule is one "
@@ -172,7 +170,7 @@ def template_of(
         does not return a pose of the body's dimension.
     """
     what = f"the pose of '{name}'"
-    placeholders = _placeholders(motion, times)
+    placeholders = _SignalPlaceholders(motion, times)
     pose = asked_pose(lambda: rule_result(rule, motion.block, placeholders, what), rule, motion.block, name)
     if pose.dimension != dimension:
         raise ObstacleError(
@@ -205,23 +203,11 @@ def length_formulas_of(
     ObstacleError
         Naming what the rule is about, as `template_of`.
     """
-    placeholders, length = _evaluated_once(motion, rule, label, times)
+    placeholders = _SignalPlaceholders(motion, times)
+    with slips_explained(rule, label, motion.block, ("b", "t"), ObstacleError):
+        length = rule_result(rule, motion.block, placeholders, label)
     formulas = SignalFormulas(label, [length], *placeholders.known)
     return _checked_formulas(motion, formulas, lambda node: entry_values([rule(motion.block, node)]))
-
-
-def _evaluated_once(
-    motion: Motion, rule: Callable[..., Any], label: str, times: Mapping[float, float] | None
-) -> tuple[_SignalPlaceholders, Any]:
-    """What a rule says in placeholders."""
-    placeholders = _placeholders(motion, times)
-    with slips_explained(rule, label, motion.block, ("b", "t"), ObstacleError):
-        return placeholders, rule_result(rule, motion.block, placeholders, label)
-
-
-def _placeholders(motion: Motion, times: Mapping[float, float] | None) -> _SignalPlaceholders:
-    assert motion.interpolation is not None
-    return _SignalPlaceholders(motion, motion.interpolation, times)
 
 
 def _checked_formulas(
@@ -240,12 +226,13 @@ def _checked_formulas(
 class _SignalPlaceholders(Signals):
     """Replaces signals by placeholders, and remembers the signal of each placeholder."""
 
-    def __init__(self, motion: Motion, interpolation: Interpolation, times: Mapping[float, float] | None) -> None:
+    def __init__(self, motion: Motion, times: Mapping[float, float] | None) -> None:
+        assert motion.interpolation is not None
         self.owner = ConcreteModel()
         self.signals: dict[Any, PiecewisePolynomial] = {}
         self.lines: dict[Any, Any] = {}
         self._motion = motion
-        self._interpolation = interpolation
+        self._interpolation = motion.interpolation
         self._times = times
         ends = np.array([[nodes[0], nodes[-1]] for nodes in motion.intervals], dtype=float)
         self._add("index", "t", float, ends)

@@ -1,4 +1,8 @@
-"""`SafetyReport`: the distances that are proven for all body pairs, at all times."""
+"""`SafetyReport`: the distances that are proven for all body pairs, at all times.
+
+A pair is *clear* where the distance is proven of the plan, and *safe* where it is proven of the motion under the plan's
+controls as well. What was not looked at has no number, and is neither safe nor unsafe.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +16,7 @@ from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.plotting import ClearanceCurve, plot_clearances
 from pyrobocop_pyomo.presentation import Presented, disclosed_text, table
 
+NOT_REPLAYED = "the motion under the controls was not replayed"
 _NOT_BY_EQUATIONS = "but not for the motion of its equations"
 
 
@@ -48,14 +53,14 @@ class BodyPairSafety(Presented):
     interval_clearance : array, shape (intervals,)
         What is required at the instant of `interval_distance`; `interval_proven` refers to it.
     interval_deviation : array, shape (intervals,)
-        How far the equations lead the parts from where the plan has them, under its controls; infinite where that is
-        not known. Distances are those of the plan; this is taken off what is proven for it.
-    preferred : float or None
-        A larger clearance that was preferred, where there is one; `safe` says nothing about it.
+        How far the equations lead the parts from where the plan has them, under its controls: infinite where they lead
+        out of all bounds, NaN where nobody looked. Distances are those of the plan; this is taken off what is proven.
     interval_ends : array, shape (intervals, 2), optional
         Times of the start and the end of each interval; None for points without order.
     interval_times : array, shape (intervals,), optional
         When `interval_distance` was found.
+    not_replayed : str
+        Why the motion under the controls was not followed, or not everywhere; empty where it was, or is the plan.
     """
 
     first: str
@@ -72,9 +77,9 @@ class BodyPairSafety(Presented):
     subintervals: int
     interval_clearance: Array = field(repr=False)
     interval_deviation: Array = field(repr=False)
-    preferred: float | None = None
     interval_ends: Array | None = field(default=None, repr=False)
     interval_times: Array | None = field(default=None, repr=False)
+    not_replayed: str = ""
 
     @classmethod
     def at_points(
@@ -100,20 +105,28 @@ class BodyPairSafety(Presented):
         )
 
     @property
-    def safe(self) -> bool:
-        """Whether the clearance, less the tolerance, is proven at all times, for the plan and for its equations."""
-        return not self.unproven
+    def safe(self) -> bool | None:
+        """Whether the clearance, less the tolerance, is proven at all times, for the plan and under its controls.
+
+        None where it is proven of the plan, and nobody knows the motion under its controls.
+        """
+        return False if self.unproven else None if self.not_replayed else True
 
     @property
     def deviation(self) -> float:
-        """Largest distance of the motion of the equations from the plan."""
-        return float(self.interval_deviation.max(initial=0.0))
+        """Largest distance of the motion of the equations from the plan; NaN where it is not known."""
+        return float("nan") if self.not_replayed else float(self.interval_deviation.max(initial=0.0))
 
     @property
     def proven_of_equations(self) -> float:
-        """What `proven` is for the motion of the equations."""
-        excess = self.interval_proven - self.interval_clearance - self.interval_deviation
-        return float(excess.min(initial=np.inf)) + self.clearance
+        """What `proven` is for the motion of the equations; NaN where it is not known."""
+        excess = self.proven_of_both - self.interval_clearance
+        return float("nan") if self.not_replayed else float(excess.min(initial=np.inf)) + self.clearance
+
+    @property
+    def proven_of_both(self) -> Array:
+        """By interval: what is proven of the plan and, as far as that is known, of the motion of its equations."""
+        return self.interval_proven - np.where(np.isnan(self.interval_deviation), 0.0, self.interval_deviation)
 
     @property
     def missing(self) -> Array:
@@ -132,14 +145,7 @@ class BodyPairSafety(Presented):
     @property
     def unproven(self) -> tuple[int, ...]:
         """Intervals (or points) for which the clearance, less the tolerance, is not proven of both motions."""
-        proven = self.interval_proven - self.interval_deviation
-        return tuple(np.flatnonzero(~(proven >= self.interval_clearance - self.tolerance)).tolist())
-
-    @property
-    def plan_is_proven(self) -> bool:
-        """Whether the clearance is proven of the plan, wherever the motion of its equations is not known."""
-        proven = self.interval_proven >= self.interval_clearance - self.tolerance
-        return bool(np.all(proven & ~np.isfinite(self.interval_deviation)))
+        return tuple(np.flatnonzero(~(self.proven_of_both >= self.interval_clearance - self.tolerance)).tolist())
 
     @property
     def violated(self) -> tuple[int, ...]:
@@ -153,7 +159,7 @@ class BodyPairSafety(Presented):
         It is the plan only that keeps the clearance where the motion of its equations may not: on a mesh that is too
         coarse, or with values that are no solution.
         """
-        if self.safe:
+        if not self.unproven:
             return "clear"
         if self.violated:
             return "overlap" if self.distance < 0.0 else "too close"
@@ -162,18 +168,18 @@ class BodyPairSafety(Presented):
     @property
     def plan_only(self) -> tuple[int, ...]:
         """Intervals in which the plan is not too close, but the motion of its equations may be."""
-        led_away = (self.missing > self.tolerance) | ~np.isfinite(self.interval_deviation)
+        led_away = (self.missing > self.tolerance) | np.isinf(self.interval_deviation)
         return tuple(i for i in self.unproven if led_away[i] and i not in self.violated)
 
     def __str__(self) -> str:
         near = f"overlap by {-self.distance:.3g}" if self.distance < 0.0 else f"are {self.distance:.3g} apart"
-        proven = (
-            f"; {self.verdict}: proven {self.proven:.3g} for the plan and {self.proven_of_equations:.3g} for the "
-            "motion of its equations"
+        of_equations = (
+            "" if self.not_replayed else f" and {self.proven_of_equations:.3g} for the motion of its equations"
         )
+        proven = f"; {self.verdict}: proven {self.proven:.3g} for the plan{of_equations}"
         return (
             f"'{self.first}' and '{self.second}' {near} at t = {_time_text(self.time)}, required clearance "
-            f"{self.clearance:g}{'' if self.safe or self.violated else proven}"
+            f"{self.clearance:g}{proven if self.unproven and not self.violated else ''}"
         )
 
 
@@ -191,9 +197,8 @@ class SafetyReport(Presented):
     motion_is_assumed : bool
         Whether nothing in the model says that the motion is this one.
     equations : str
-        How the motion of the equations was found, and how far it is from the plan; empty where there are none.
-    equations_unknown : bool
-        Whether there are equations whose motion is not known, for the reason that `equations` says.
+        How the motion of the equations was found, and how far it is from the plan; empty where there are none, and
+        where it is not known.
     """
 
     body_pairs: tuple[BodyPairSafety, ...]
@@ -201,17 +206,27 @@ class SafetyReport(Presented):
     motion: str = ""
     motion_is_assumed: bool = False
     equations: str = ""
-    equations_unknown: bool = False
 
     @property
-    def safe(self) -> bool:
-        """Whether every body pair is proven clear at all times; what is not known is never safe."""
-        return all(pair.safe for pair in self.body_pairs)
+    def safe(self) -> bool | None:
+        """Whether every body pair is proven to keep its clearance at all times, also under the plan's controls.
+
+        None where all are proven clear, and nobody knows the motion under the controls: `not_replayed` says why.
+        """
+        verdicts = [pair.safe for pair in self.body_pairs]
+        return False if False in verdicts else None if None in verdicts else True
 
     @property
-    def is_settled(self) -> bool:
-        """Whether no other plan would be proven better: safe, but for equations whose motion is not known."""
-        return all(pair.safe or (self.equations_unknown and pair.plan_is_proven) for pair in self.body_pairs)
+    def not_replayed(self) -> str:
+        """Why the motion under the plan's controls is not known; empty where it is, or where it is the plan."""
+        return " ".join(dict.fromkeys(pair.not_replayed for pair in self.body_pairs if pair.not_replayed))
+
+    @property
+    def word(self) -> str:
+        """What is known, in few words: safe, clear, or not safe, and on which kind of motion."""
+        lines = " along straight lines" if self.motion_is_assumed else ""
+        kept = f"safe{lines}" if self.safe else f"clear{lines}; {NOT_REPLAYED}: {self.not_replayed}"
+        return "NOT SAFE" if self.safe is False else kept
 
     @property
     def worst(self) -> BodyPairSafety | None:
@@ -242,35 +257,36 @@ class SafetyReport(Presented):
             ClearanceCurve(
                 name=f"{pair.first} - {pair.second}",
                 asked=pair.interval_clearance,
-                proven=pair.interval_proven - pair.interval_deviation,
+                proven=pair.proven_of_both,
                 found=pair.interval_distance,
                 ends=pair.interval_ends,
                 times=pair.interval_times,
             )
             for pair in shown
         ]
-        return plot_clearances("clear" if self.safe else "NOT SAFE", curves, most=most, figure=figure)
+        return plot_clearances(self.word.partition(":")[0], curves, most=most, figure=figure)
 
-    def table(self) -> str:
-        """One line per body pair, the worst first."""
-        preferences = any(pair.preferred is not None for pair in self.body_pairs)
-        rows: list[tuple[str, ...]] = [
-            ("body pair", "asked", "closest found", "at t =", "proven", "of equations", "verdict")
-        ]
-        rows += [
+    def _rows(self) -> list[tuple[str, ...]]:
+        """The header, and one row per body pair, the worst first."""
+        header = ("body pair", "asked", "closest found", "at t =", "proven", "of equations", "verdict")
+        rows = [
             (
                 f"{pair.first} - {pair.second}",
                 f"{pair.clearance:.6g}",
                 f"{pair.distance:.6g}",
                 _time_text(pair.time),
                 f"{pair.proven:.6g}",
-                f"{pair.proven_of_equations:.6g}",
-                pair.verdict + (_preference_text(pair) if preferences else ""),
+                "not known" if pair.not_replayed else f"{pair.proven_of_equations:.6g}",
+                pair.verdict,
             )
             for pair in sorted(self.body_pairs, key=_badness)
         ]
-        if not self.equations:
-            rows = [(*row[:5], row[6]) for row in rows]
+        both = bool(self.equations or self.not_replayed)
+        return [row if both else (*row[:5], row[6]) for row in (header, *rows)]
+
+    def table(self) -> str:
+        """One line per body pair, the worst first."""
+        rows = self._rows()
         widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
         lines = []
         for row in rows:
@@ -279,37 +295,25 @@ class SafetyReport(Presented):
         return "\n".join(lines)
 
     def _html_parts(self) -> list[str]:
-        header = ("body pair", "asked", "closest found", "at t =", "proven", "verdict")
-        rows = [
-            (
-                f"{pair.first} - {pair.second}",
-                pair.clearance,
-                pair.distance,
-                _time_text(pair.time),
-                pair.proven,
-                pair.verdict,
-            )
-            for pair in sorted(self.body_pairs, key=_badness)
-        ]
+        header, *rows = self._rows()
         return [table(header, rows), disclosed_text("as text", str(self))]
 
     def __str__(self) -> str:
-        about = f"{self.equations}\n" if self.equations else ""
         where = "at all times" if self.between else "at the points"
         of_motion = f"; motion: {self.motion}" if self.motion else ""
-        if self.safe:
-            count = len(self.body_pairs)
-            pairs = "1 body pair keeps its" if count == 1 else f"{count} body pairs keep their"
-            return f"clear: {pairs} clearance {where}{of_motion}\n{about}{self.table()}"
+        count = len(self.body_pairs)
+        pairs = "1 body pair keeps its" if count == 1 else f"{count} body pairs keep their"
+        about = [self.equations] if self.equations else []
+        if self.safe is not False:
+            joint = ": " if self.safe else " "  # after a sentence that says why a motion is not known
+            return "\n".join([f"{self.word}{joint}{pairs} clearance {where}{of_motion}", *about, self.table()])
         violated = sum(1 for pair in self.body_pairs if pair.violated)
         plan_only = sum(1 for pair in self.body_pairs if pair.verdict == "plan only")
-        still_open = sum(1 for pair in self.body_pairs if not pair.safe and not pair.violated) - plan_only
-        why = "but the motion of its equations is not known" if self.equations_unknown else _NOT_BY_EQUATIONS
-        by_plan = f", {plan_only} clear for the plan, {why}" if plan_only else ""
-        return (
-            f"NOT SAFE: {violated} of {len(self.body_pairs)} body pairs too close, {still_open} undecided{by_plan}"
-            f"{of_motion}\n{about}{self.table()}"
-        )
+        still_open = sum(1 for pair in self.body_pairs if pair.unproven and not pair.violated) - plan_only
+        by_plan = f", {plan_only} clear for the plan, {_NOT_BY_EQUATIONS}" if plan_only else ""
+        about += [f"{NOT_REPLAYED}: {self.not_replayed}"] if self.not_replayed else []
+        first = f"{self.word}: {violated} of {count} body pairs too close, {still_open} undecided{by_plan}{of_motion}"
+        return "\n".join([first, *about, self.table()])
 
 
 def joined_report(reports: Iterable[SafetyReport]) -> SafetyReport:
@@ -324,20 +328,12 @@ def joined_report(reports: Iterable[SafetyReport]) -> SafetyReport:
         motion="; ".join(motions),
         motion_is_assumed=any(report.motion_is_assumed for report in collected),
         equations="\n".join(equations),
-        equations_unknown=any(report.equations_unknown for report in collected),
     )
-
-
-def _preference_text(pair: BodyPairSafety) -> str:
-    if pair.preferred is None:
-        return ""
-    missed = pair.preferred - pair.distance
-    return f", {pair.preferred:g} preferred" + (f" and missed by {missed:.3g}" if missed > pair.tolerance else "")
 
 
 def _badness(pair: BodyPairSafety) -> tuple[bool, float]:
     """Sort key: unsafe pairs first, then those with least to spare."""
-    return (pair.safe, -pair.shortfall)
+    return (not pair.unproven, -pair.shortfall)
 
 
 def _time_text(time: Any) -> str:

@@ -11,8 +11,7 @@ from pyomo.repn import generate_standard_repn
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.modeling.expressions import same_expression
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
-
-_SAME = 1e-12
+from pyrobocop_pyomo.numerics.rounding import ROUNDING
 
 
 def refuse_other_times(phase: Any, other: Any, *, early: bool = False) -> None:
@@ -51,7 +50,7 @@ def refuse_other_times(phase: Any, other: Any, *, early: bool = False) -> None:
 
 def _same(first: Any, second: Any) -> bool:
     if isinstance(first, Real) and isinstance(second, Real):
-        return abs(float(first) - float(second)) <= _SAME * max(1.0, abs(float(first)))
+        return abs(float(first) - float(second)) <= ROUNDING * max(1.0, abs(float(first)))
     return not isinstance(first, Real) and not isinstance(second, Real) and same_expression(first, second)
 
 
@@ -72,4 +71,6 @@ def _is_difference(row: Any) -> bool:
     if not form.is_linear() or len(form.linear_coefs) != 2:
         return False
     first, second = form.linear_coefs
-    return bool(abs(first + second) <= _SAME * abs(first) and abs(form.constant - row.upper) <= _SAME * abs(first))
+    return bool(
+        abs(first + second) <= ROUNDING * abs(first) and abs(form.constant - row.upper) <= ROUNDING * abs(first)
+    )

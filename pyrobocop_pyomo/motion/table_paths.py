@@ -11,11 +11,9 @@ from pyomo.core.expr.numvalue import native_numeric_types
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose, planar_pose, spatial_pose
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
 from .table_functions import TableFunction, checked_times
-
-# Part of the table's span by which a time may miss its ends, as sums of steps do.
-_AT_END = 1e-9
 
 
 class TablePath:
@@ -130,7 +128,7 @@ class TablePath:
 
     def _inside(self, time: float) -> float:
         start, end = float(self.times[0]), float(self.times[-1])
-        nearly = _AT_END * (end - start)
+        nearly = NEGLIGIBLE * (end - start)
         if not self.hold_ends and not start - nearly <= time <= end + nearly:
             raise ObstacleError(
                 f"{self!r} says nothing about time {time:g}. Extend the table, or let the body rest at its ends by "

@@ -268,28 +268,28 @@ class ActiveSetSearch:
             if self._late():
                 return None
             nodes, gap = self.limits.exploring_nodes, self.limits.exploring_gap
-            nearby = self._steepest(point, radius, node_limit=nodes, gap=gap, by_binaries=True)
+            nearby = self._steepest(point, radius, node_limit=nodes, gap=gap)
             if nearby is None or nearby.branch.key() in tried or self._late():
                 continue
             tried.add(nearby.branch.key())
             better = self._go("explore", nearby.branch, best, best.x + nearby.step)
-            if better is not None and self._improves(better, best):
+            if better is not None and self._improves(better, best, point):
                 return self.descend(better)
         return None
 
     def _nearly_feasible_branch(self, point: Linearisation, radius: float) -> Descent | None:
-        price = 1e3 * max(1.0, float(np.abs(point.gradient).max(initial=0.0)))
-        return self._steepest(point, radius, elastic=price)
+        return self._steepest(point, radius, elastic=1e3 * point.slope)
 
     def _steepest(self, point: Linearisation, radius: float, **choices: Any) -> Descent | None:
         """The linear program with complementarity constraints, in what is left of the time."""
-        limit = self.deadline.within(self.limits.lpec_seconds).left
-        assert limit is not None
-        if limit <= 0.0:
+        if self.deadline.has_passed:
             return None
         started = time.perf_counter()
         try:
-            return steepest_branch(self.program, point, radius, time_limit=limit, on_nodes=self._count_nodes, **choices)
+            deadline = self.deadline.within(self.limits.lpec_seconds)
+            return steepest_branch(
+                self.program, point, radius, deadline=deadline, on_nodes=self._count_nodes, **choices
+            )
         except KeyboardInterrupt:
             self.interrupted = True
             return None
@@ -315,9 +315,8 @@ class ActiveSetSearch:
                 break
             tried.add(best.branch.key())
             point = Linearisation.at(self.program.nlp, best.x)
-            scale = max(1.0, float(np.abs(point.gradient).max(initial=0.0)))
             against = opposing_multipliers(self.program, point, best.branch, best.point, reach)
-            asking = against > self.limits.feasibility * scale
+            asking = against > self.limits.feasibility * point.slope
             better = None
             for chosen in (asking, asking & (against == against.max(initial=0.0))):
                 branch = Branch(best.branch.a_zero ^ chosen, best.branch.b_zero ^ chosen)
@@ -343,20 +342,19 @@ class ActiveSetSearch:
         for _ in range(self.limits.rounds):
             if self._late():
                 return best
-            scale = max(1.0, float(np.abs(point.gradient).max(initial=0.0)))
             # An interior-point solution is a little away from its bounds, and the linear program would gain that
             # distance in any branch: what counts is what another branch gains beyond this one.
             descent = self._steepest(
                 point,
                 radius,
                 stay=best.branch,
-                least_gain=self.limits.descent * scale,
+                least_gain=self.limits.descent * point.slope,
                 gap=self.limits.descent_gap,
                 node_limit=self.limits.descent_nodes,
             )
             if descent is None:
                 return best
-            if descent.gain <= self.limits.descent * scale:
+            if descent.gain <= self.limits.descent * point.slope:
                 self.certificate = Certificate.PROVEN if descent.proven else Certificate.UNKNOWN
                 self.undecided = 0 if descent.proven else descent.open_pairs
                 self.certified = best if descent.proven else self.certified
@@ -369,7 +367,7 @@ class ActiveSetSearch:
                     return best
                 tried.add(descent.branch.key())
                 self._tried_from = best, tried
-            if better is not None and self._improves(better, best):
+            if better is not None and self._improves(better, best, point):
                 best, radius = better, self.limits.radius
                 point = Linearisation.at(self.program.nlp, best.x)
             else:
@@ -414,8 +412,8 @@ class ActiveSetSearch:
             allowance = 1e-2 if start.natural_residual > self.limits.feasibility else 1e-3
         return found.objective <= start.objective + allowance * max(1.0, abs(start.objective))
 
-    def _improves(self, found: BranchPoint, best: BranchPoint) -> bool:
-        return found.objective < best.objective - self.limits.objective * max(1.0, abs(best.objective))
+    def _improves(self, found: BranchPoint, best: BranchPoint, point: Linearisation) -> bool:
+        return found.objective < best.objective - self.limits.objective * max(point.slope, abs(best.objective))
 
     def _count_work(self, iterations: float) -> None:
         self.work_left -= iterations

@@ -1,24 +1,27 @@
-"""Linear programs whose bounds change from solve to solve, in one HiGHS object for all of them."""
+"""Linear programs, some with integers, by the HiGHS that SciPy brings."""
 
 from __future__ import annotations
 
 import enum
-import threading
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from pyrobocop_pyomo.optional_imports import highs_bindings, scipy
+from pyrobocop_pyomo.ipopt.c_output import c_output_muted
+from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.numerics import BoolArray
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
+from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
-# Bounds that cross by less are equal, but for rounding.
-CROSSED_BOUNDS = 1e-9
-
 Rows = tuple[Any, FloatArray | float, FloatArray | float]
+
+
+def prepare() -> None:
+    """Import the solver, which takes longer than it does for a small program."""
+    _ = scipy.optimize.milp
 
 
 class LinearStatus(enum.Enum):
@@ -29,145 +32,105 @@ class LinearStatus(enum.Enum):
     STOPPED = "Stopped by a limit, unbounded, or not solvable to the solver's tolerances."
 
 
+class LinearAnswer(NamedTuple):
+    """How a linear program ended.
+
+    Attributes
+    ----------
+    status : LinearStatus
+    x : float array or None
+        The optimum, or the best point with integers that was found before a limit; None where there is none.
+    nodes : int
+        Of the search tree; at least 1.
+    """
+
+    status: LinearStatus
+    x: FloatArray | None
+    nodes: int = 1
+
+
+@dataclass(frozen=True, eq=False)
 class LinearProgram:
     """Minimise ``cost @ x`` over rows and bounds.
 
-    One HiGHS object per thread serves all programs, and a program whose bounds change goes on from the basis of its
-    last solve. Where neither highspy nor SciPy gives access to such an object, each solve starts anew in SciPy.
-
-    Parameters
+    Attributes
     ----------
     cost, lower, upper : float array, shape (n,)
-    constraints : sequence of (matrix, lower, upper)
-        Rows ``lower <= matrix @ x <= upper``; a matrix without rows is left out.
+    rows : sequence of (matrix, lower, upper)
+        ``lower <= matrix @ x <= upper``; a matrix without rows is left out.
+    integer : bool array, shape (n,), optional
+        Which variables are integers.
     """
 
-    def __init__(
-        self, cost: FloatArray, lower: FloatArray, upper: FloatArray, constraints: Sequence[Rows] = ()
-    ) -> None:
-        some = [rows for rows in constraints if rows[0].shape[0]]
-        self.cost, self.lower, self.upper = cost, lower, np.maximum(lower, upper)
-        empty = scipy.sparse.csr_array((0, cost.size))
-        self._matrix: csr_array = scipy.sparse.vstack([empty, *(rows[0] for rows in some)], format="csr")
-        self._row_lower, self._row_upper = (
-            np.concatenate([np.empty(0), *(np.broadcast_to(rows[side], rows[0].shape[0]) for rows in some)])
-            for side in (1, 2)
-        )
+    cost: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    rows: Sequence[Rows] = ()
+    integer: BoolArray | None = None
 
-    @property
-    def rows(self) -> tuple[csr_array, FloatArray, FloatArray]:
-        """The matrix of all rows, and their bounds."""
-        return self._matrix, self._row_lower, self._row_upper
-
-    def solve(
-        self, lower: FloatArray | None = None, upper: FloatArray | None = None, *, time_limit: float
-    ) -> tuple[LinearStatus, FloatArray | None]:
-        """Solve with these bounds, or with those of the program; the point is None unless it is an optimum.
+    def solve(self, deadline: Deadline, node_limit: int | None = None, gap: float = 1e-6) -> LinearAnswer:
+        """Solve it.
 
         Parameters
         ----------
-        lower, upper : float array, shape (n,), optional
-        time_limit : float
-            Seconds.
+        deadline : Deadline
+        node_limit : int, optional
+            Most nodes of the search tree: unlike seconds, the same on a busy machine.
+        gap : float
+            Relative distance from the optimum at which the search may stop.
         """
-        lower, upper = self.lower if lower is None else lower, self.upper if upper is None else upper
-        if (lower > upper + CROSSED_BOUNDS).any():
-            return LinearStatus.INFEASIBLE, None
-        upper = np.maximum(lower, upper)
+        if (self.lower > self.upper + NEGLIGIBLE).any():
+            return LinearAnswer(LinearStatus.INFEASIBLE, None)
         if not self.cost.size:
-            return LinearStatus.SOLVED, np.empty(0)
-        solver = _kept_solver()
-        if solver is None:
-            return self._solved_anew(lower, upper, time_limit)
-        return solver.solve(self, lower, upper, time_limit)
-
-    def row_duals(self, *, time_limit: float) -> FloatArray | None:
-        """By how much the least cost grows per unit of a row's active bound; None where HiGHS gives none."""
-        solver = _kept_solver()
-        if solver is None or self.solve(time_limit=time_limit)[0] is not LinearStatus.SOLVED:
-            return None
-        return solver.row_duals() if self.cost.size else np.zeros(self._row_lower.size)
-
-    def _solved_anew(
-        self, lower: FloatArray, upper: FloatArray, time_limit: float
-    ) -> tuple[LinearStatus, FloatArray | None]:
-        rows = scipy.optimize.LinearConstraint(self._matrix, self._row_lower, self._row_upper)
-        result = scipy.optimize.milp(
-            self.cost,
-            bounds=scipy.optimize.Bounds(lower, upper),
-            constraints=[rows] if self._row_lower.size else None,
-            options={"time_limit": time_limit},
-        )
+            return LinearAnswer(LinearStatus.SOLVED, np.empty(0))
+        rows = [scipy.optimize.LinearConstraint(*some) for some in self.rows if some[0].shape[0]]
+        # HiGHS now and then prints a line, whatever its options are.
+        with c_output_muted():
+            result = scipy.optimize.milp(
+                self.cost,
+                integrality=self.integer,
+                bounds=scipy.optimize.Bounds(self.lower, np.maximum(self.lower, self.upper)),
+                constraints=rows or None,
+                options={**_time_limit(deadline), "mip_rel_gap": gap, "node_limit": node_limit},
+            )
         status = {0: LinearStatus.SOLVED, 2: LinearStatus.INFEASIBLE}.get(result.status, LinearStatus.STOPPED)
-        return status, result.x if status is LinearStatus.SOLVED else None
+        is_point = status is LinearStatus.SOLVED or self.integer is not None
+        return LinearAnswer(status, result.x if is_point else None, max(1, int(result.mip_node_count or 0)))
 
-    def model(self, bindings: Any, lower: FloatArray, upper: FloatArray) -> Any:
-        """The program in the form that HiGHS reads."""
-        model = bindings.HighsLp()
-        model.num_col_, model.num_row_ = self.cost.size, self._row_lower.size
-        model.col_cost_, model.col_lower_, model.col_upper_ = self.cost, lower, upper
-        model.row_lower_, model.row_upper_ = self._row_lower, self._row_upper
-        model.a_matrix_.format_ = bindings.MatrixFormat.kRowwise
-        model.a_matrix_.start_ = self._matrix.indptr.astype(np.int32)
-        model.a_matrix_.index_ = self._matrix.indices.astype(np.int32)
-        model.a_matrix_.value_ = self._matrix.data
-        return model
+    def solve_with_duals(self, deadline: Deadline) -> tuple[FloatArray, FloatArray] | None:
+        """Solve it without integers.
 
-
-class _Highs:
-    """A HiGHS object, and the program that it holds."""
-
-    def __init__(self, bindings: Any) -> None:
-        self._bindings = bindings
-        self._highs = bindings._Highs()  # the class that highspy and SciPy both have
-        self._highs.setOptionValue("output_flag", False)
-        # Programs that take milliseconds gain nothing from more threads, which keep the other cores busy with waiting.
-        self._highs.setOptionValue("threads", 1)
-        self._program: LinearProgram | None = None
-        self._lower = self._upper = np.empty(0)
-
-    def solve(
-        self, program: LinearProgram, lower: FloatArray, upper: FloatArray, time_limit: float
-    ) -> tuple[LinearStatus, FloatArray | None]:
-        highs, statuses = self._highs, self._bindings.HighsModelStatus
-        self._put(program, lower, upper)
-        # Its clock counts all runs of the object.
-        highs.setOptionValue("time_limit", highs.getRunTime() + time_limit)
-        # All objects of a thread share the threads of the first run, and one that asks for another number of them is
-        # refused: those of the user's runs are given up before ours, and ours before the user's next.
-        highs.resetGlobalScheduler(True)
-        highs.run()
-        highs.resetGlobalScheduler(True)
-        status = highs.getModelStatus()
-        if status == statuses.kOptimal:
-            return LinearStatus.SOLVED, np.array(highs.getSolution().col_value)
-        return (LinearStatus.INFEASIBLE if status == statuses.kInfeasible else LinearStatus.STOPPED), None
-
-    def row_duals(self) -> FloatArray:
-        return np.array(self._highs.getSolution().row_dual)
-
-    def _put(self, program: LinearProgram, lower: FloatArray, upper: FloatArray) -> None:
-        if self._program is program:
-            changed = np.flatnonzero((lower != self._lower) | (upper != self._upper)).astype(np.int32)
-            if changed.size:
-                self._highs.changeColsBounds(changed.size, changed, lower[changed], upper[changed])
-        else:
-            self._program = None
-            self._highs.passModel(program.model(self._bindings, lower, upper))
-            self._program = program
-        self._lower, self._upper = lower.copy(), upper.copy()
+        Returns
+        -------
+        float array, shape (n,)
+            The optimum.
+        float array, shape (m,)
+            By how much the least cost grows per unit of the active bound of each row.
+        """
+        matrix = scipy.sparse.vstack([some[0] for some in self.rows], format="csr")
+        lower, upper = (
+            np.concatenate([np.broadcast_to(some[side], some[0].shape[0]) for some in self.rows]) for side in (1, 2)
+        )
+        equal = np.flatnonzero(lower == upper)
+        above, below = (np.flatnonzero(np.isfinite(bound) & (lower != upper)) for bound in (upper, lower))
+        with c_output_muted():
+            result = scipy.optimize.linprog(
+                self.cost,
+                A_ub=scipy.sparse.vstack([matrix[above], -matrix[below]]),
+                b_ub=np.concatenate([upper[above], -lower[below]]),
+                A_eq=matrix[equal],
+                b_eq=lower[equal],
+                bounds=np.column_stack([self.lower, np.maximum(self.lower, self.upper)]),
+                options=_time_limit(deadline),
+            )
+        if result.status != 0:
+            return None
+        duals = np.zeros(lower.size)
+        duals[equal] = result.eqlin.marginals
+        duals[above] += result.ineqlin.marginals[: above.size]
+        duals[below] -= result.ineqlin.marginals[above.size :]
+        return result.x, duals
 
 
-class _OfThread(threading.local):
-    solver: _Highs | None = None
-
-
-_of_thread = _OfThread()
-
-
-def _kept_solver() -> _Highs | None:
-    """The object of this thread; None where there is no way to have one."""
-    bindings = highs_bindings()
-    if _of_thread.solver is None and bindings is not None:
-        _of_thread.solver = _Highs(bindings)
-    return _of_thread.solver
+def _time_limit(deadline: Deadline) -> dict[str, float]:
+    return {} if deadline.left is None else {"time_limit": max(deadline.left, 0.0)}

@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
+from pyrobocop_pyomo.numerics import BoolArray
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 
 from .branch import Branch, branch_with
-from .linear_programs import LinearProgram
+from .linear_programs import LinearProgram, LinearStatus, Rows
 from .linearisation import Linearisation
-from .pair_tree import OpenSides, PairTree
 from .problem import ComplementarityProgram, Sides
-from .side_binaries import best_sides_by_binaries
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-# Linear programs that one search may take where nothing else is said.
+# Nodes that one search may take where nothing else is said.
 NODES = 1000
+# A side this small counts as zero: HiGHS meets rows with integers no better.
+ZERO_SIDE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,10 +64,9 @@ def steepest_branch(
     stay: Branch | None = None,
     least_gain: float = 0.0,
     elastic: float | None = None,
-    time_limit: float = 5.0,
+    deadline: Deadline = NO_DEADLINE,
     node_limit: int = NODES,
     gap: float = 1e-6,
-    by_binaries: bool = False,
     on_nodes: Callable[[int], object] | None = None,
 ) -> Descent | None:
     """Minimise the linearised objective over the linearised feasible set within a trust region.
@@ -90,16 +91,13 @@ def steepest_branch(
         By how much more, per unit of the radius.
     elastic : float, optional
         Price of violating a linearised row, per unit; needed at a point that is not feasible. By default rows hold.
-    time_limit : float
-        Seconds.
+    deadline : Deadline
     node_limit : int
-        Most linear programs: unlike seconds, the same on a busy machine.
+        Most nodes of the search tree: unlike seconds, the same on a busy machine.
     gap : float
         Relative distance from the optimum at which the search may stop.
-    by_binaries : bool
-        Whether HiGHS chooses the sides, with its heuristics, where the search has found no choice within its limit.
     on_nodes : callable, optional
-        Told how many linear programs it took.
+        Told how many nodes it took.
 
     Returns
     -------
@@ -131,7 +129,8 @@ def steepest_branch(
         slacks = [sign * scipy.sparse.eye_array(slack, format="csr") for sign in (1.0, -1.0)]
         matrix = scipy.sparse.block_array([[matrix, *slacks]], format="csr")
     linear = LinearProgram(
-        np.concatenate([point.gradient, np.full(2 * slack, elastic or 0.0)]),
+        # Whatever the unit of the objective is: the solver's tolerances of costs are absolute ones, too.
+        np.concatenate([point.gradient, np.full(2 * slack, elastic or 0.0)]) / point.slope,
         np.concatenate([lower, np.zeros(2 * slack)]),
         np.concatenate([upper, np.full(2 * slack, np.inf)]),
         [(matrix, rows_lower, rows_upper)],
@@ -139,42 +138,116 @@ def steepest_branch(
     open_a, open_b = (
         _open_sides(sides, values, open_pairs, linear) for sides, values in ((program.a, a), (program.b, b))
     )
-    tree = PairTree(linear, open_a, open_b, nearest.a_zero[open_pairs], time_limit)
+    choices = _SideChoices(linear, open_a, open_b)
     staying, ceiling = 0.0, np.inf
-    if stay is not None and open_pairs.size:
+    is_held = stay is not None and open_pairs.size > 0
+    if stay is not None and is_held:
         # Where rounding keeps any step from it, there is still the step of length zero.
-        staying = min(0.0, tree.cost_of(stay.a_zero[open_pairs], stay.b_zero[open_pairs]))
-        ceiling = staying - least_gain
-    started = time.perf_counter()
-    best = tree.search(ceiling=ceiling, node_limit=node_limit, gap=gap)
-    left = time_limit - (time.perf_counter() - started)
-    if by_binaries and best.x is None and not best.proven and left > 0.0:
-        best = best_sides_by_binaries(linear, open_a, open_b, time_limit=left, node_limit=node_limit, gap=gap)
+        staying = min(0.0, choices.held(stay.a_zero[open_pairs], stay.b_zero[open_pairs], deadline)[1])
+        ceiling = staying - least_gain / point.slope
+    optimum, chosen, proven, nodes = choices.best(nearest.a_zero[open_pairs], ceiling, deadline, node_limit, gap)
     if on_nodes is not None:
-        on_nodes(best.nodes)
-    if best.x is None:
-        if stay is None or not open_pairs.size:
+        on_nodes(nodes)
+    if optimum is None:
+        if stay is None or not is_held:
             return None
-        return Descent(np.zeros(n), -staying, stay, best.proven, open_pairs.size, 0.0)
-    step = best.x[:n]
+        return Descent(np.zeros(n), -staying * point.slope, stay, proven, open_pairs.size, 0.0)
+    step = optimum[:n]
     a_zero = nearest.a_zero.copy()
-    a_zero[open_pairs] = best.a_zero
+    a_zero[open_pairs] = chosen
     cost = float(point.gradient @ step)
     return Descent(
         radius * step,
         max(0.0, -cost),
         branch_with(program, a_zero),
-        best.proven,
+        proven,
         open_pairs.size,
-        max(0.0, staying - cost) if stay is not None and open_pairs.size else 0.0,
+        max(0.0, staying * point.slope - cost) if is_held else 0.0,
     )
 
 
-def _open_sides(sides: Sides, values: FloatArray, pairs: np.ndarray, linear: LinearProgram) -> OpenSides:
+class _OpenSides(NamedTuple):
+    """One side of each pair that may be zero or positive, as a column: ``side = sign * (x[column] - zero)``."""
+
+    column: NDArray[np.intp]
+    sign: FloatArray
+    zero: FloatArray
+
+    def values(self, x: FloatArray) -> FloatArray:
+        return self.sign * (x[self.column] - self.zero)
+
+
+class _SideChoices(NamedTuple):
+    """A linear program whose bounds keep the sides of pairs nonnegative, and one of each pair is to be zero."""
+
+    linear: LinearProgram
+    a: _OpenSides
+    b: _OpenSides
+
+    def held(self, a_zero: BoolArray, b_zero: BoolArray, deadline: Deadline) -> tuple[FloatArray | None, float]:
+        """The optimum with these sides held at zero, and its cost: infinite where there is none."""
+        lower, upper = self.linear.lower.copy(), self.linear.upper.copy()
+        for sides, zero in ((self.a, a_zero), (self.b, b_zero)):
+            # One column may be a side of several pairs: zero of the one may be far from zero of the other.
+            np.maximum.at(lower, sides.column[zero], sides.zero[zero])
+            np.minimum.at(upper, sides.column[zero], sides.zero[zero])
+        x = replace(self.linear, lower=lower, upper=upper).solve(deadline).x
+        return x, np.inf if x is None else float(self.linear.cost @ x)
+
+    def best(
+        self, nearest: BoolArray, ceiling: float, deadline: Deadline, node_limit: int, gap: float
+    ) -> tuple[FloatArray | None, BoolArray, bool, int]:
+        """The least cost below a ceiling: its point, whether a is zero there, whether that is proven, and the nodes.
+
+        Where a pair leaves the choice open, `nearest` says whether a is zero.
+        """
+        if not nearest.size:
+            answer = self.linear.solve(deadline)
+            return answer.x, nearest, answer.status is not LinearStatus.STOPPED, answer.nodes
+        answer = self._with_binaries(ceiling).solve(deadline, node_limit, gap)
+        if answer.x is None:
+            return None, nearest, answer.status is LinearStatus.INFEASIBLE, answer.nodes
+        a, b = (sides.values(answer.x) for sides in (self.a, self.b))
+        chosen = np.where(np.maximum(a, b) <= ZERO_SIDE, nearest, a <= b)
+        # To a mixed-integer program 1e-6 is zero. So the choice is taken from it, and the point from a linear program.
+        x, cost = self.held(chosen, ~chosen, deadline)
+        if not cost < ceiling:
+            return None, nearest, False, answer.nodes
+        return x, chosen, answer.status is LinearStatus.SOLVED, answer.nodes
+
+    def _with_binaries(self, ceiling: float) -> LinearProgram:
+        """One binary y per pair: ``a <= a_max (1 - y)`` and ``b <= b_max y``; and points of a lower cost only."""
+        linear, n, count = self.linear, self.linear.cost.size, self.a.column.size
+        rows: list[Rows] = [
+            (
+                scipy.sparse.block_array([[matrix, scipy.sparse.csr_array((matrix.shape[0], count))]], format="csr"),
+                lower,
+                upper,
+            )
+            for matrix, lower, upper in [*linear.rows, (scipy.sparse.csr_array(linear.cost[None]), -np.inf, ceiling)]
+        ]
+        numbers = np.arange(count)
+        for sides, factor, right in ((self.a, 1.0, 1.0), (self.b, -1.0, 0.0)):
+            farthest = np.where(sides.sign > 0.0, linear.upper[sides.column], linear.lower[sides.column])
+            room = np.maximum(sides.sign * (farthest - sides.zero), 0.0)
+            slope = scipy.sparse.csr_array((sides.sign, (numbers, sides.column)), shape=(count, n))
+            choice = scipy.sparse.diags_array(factor * room)
+            below = scipy.sparse.block_array([[slope, choice]], format="csr")
+            rows.append((below, -np.inf, right * room + sides.sign * sides.zero))
+        return LinearProgram(
+            np.concatenate([linear.cost, np.zeros(count)]),
+            np.concatenate([linear.lower, np.zeros(count)]),
+            np.concatenate([linear.upper, np.ones(count)]),
+            rows,
+            np.arange(n + count) >= n,
+        )
+
+
+def _open_sides(sides: Sides, values: FloatArray, pairs: NDArray[np.intp], linear: LinearProgram) -> _OpenSides:
     """The sides of pairs that may choose, in the variables of the linear program."""
     column = sides.index[pairs]
     zero = np.clip(-sides.sign[pairs] * values[pairs], linear.lower[column], linear.upper[column])
-    return OpenSides(column, sides.sign[pairs], zero)
+    return _OpenSides(column, sides.sign[pairs], zero)
 
 
 def _rows(point: Linearisation, radius: float, *, loose: bool) -> tuple[csr_array, FloatArray, FloatArray]:

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pyrobocop_pyomo.ipopt.c_output import c_output_muted
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
 from pyrobocop_pyomo.numerics import BoolArray
 from pyrobocop_pyomo.optional_imports import scipy
@@ -21,9 +20,8 @@ from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoi
 from pyrobocop_pyomo.programs.stationarity import stationarity
 
 from .branch import Branch, restricted
-from .linear_programs import LinearProgram
+from .linear_programs import LinearProgram, LinearStatus
 from .linearisation import Linearisation
-from .mixed_integer import minimise
 from .multiplier_columns import active_bounds, active_rows, residual_columns, row_activity, rows_of_sides, side_columns
 from .problem import ComplementarityProgram, Sides
 from .stationarity import Multipliers, Stationarity
@@ -61,10 +59,10 @@ class MultiplierProblem:
         biactive_tolerance: float = 1e-6,
         active_tolerance: float = 1e-2,
     ) -> None:
-        self._program, self._point = program, point
+        # With an objective whose slope is 1: the tolerances of linear programs are absolute.
+        self._program, self._point = program, replace(point, gradient=point.gradient / point.slope)
+        self._slope = point.slope
         self.pairs, self.rows = program.pairs, point.nlp.m
-        self._scale = max(1.0, float(np.abs(point.gradient).max(initial=0.0)))
-        self._bound = LARGEST_MULTIPLIER * self._scale
         a, b = program.a.values(point.x), program.b.values(point.x)
         a_zero, b_zero = a <= biactive_tolerance, b <= biactive_tolerance
         self._a_pairs = np.flatnonzero(a_zero & ~program.a.constant)
@@ -81,12 +79,12 @@ class MultiplierProblem:
             residual_columns(point.nlp.n),
         ]
         self._columns = scipy.sparse.block_array([[block.columns for block in blocks[:-1]]], format="csr")
-        self._weights = np.concatenate([block.weight for block in blocks[:-1]]) / self._scale
+        self._weights = np.concatenate([block.weight for block in blocks[:-1]])
         columns = [sign * block.columns for block in blocks for sign in (1.0, -1.0)]
         self._matrix = scipy.sparse.block_array([[*columns, scipy.sparse.csr_array((point.nlp.n, 1))]], format="csr")
         parts = [part for block in blocks for part in (block.positive, block.negative)]
-        self._upper = np.append(np.minimum(np.concatenate(parts), self._bound), np.inf)
-        weights = np.concatenate([block.weight for block in blocks for _ in range(2)]) / self._scale
+        self._upper = np.append(np.minimum(np.concatenate(parts), LARGEST_MULTIPLIER), np.inf)
+        weights = np.concatenate([block.weight for block in blocks for _ in range(2)])
         weighted = np.flatnonzero(weights)
         numbers = np.arange(weighted.size)
         self._residuals = scipy.sparse.csr_array(
@@ -100,27 +98,26 @@ class MultiplierProblem:
         self._parts = [slice(start, end) for start, end in itertools.pairwise(sizes)]
         self._row_numbers = np.flatnonzero(activity.active)
 
-    def find(self, kind: Stationarity, time_limit: float = 5.0) -> Multipliers | None:
+    def find(self, kind: Stationarity, deadline: Deadline = NO_DEADLINE) -> Multipliers | None:
         """Look for the multipliers of a kind that leave the least residual; None where none are found in time."""
         asked, right, binaries, upper = self._signs(kind)
         if binaries:
-            values, proven = self._solved(asked, right, binaries, upper, time_limit)
-            if values is None or not proven:
+            values = self._with_choices(asked, right, binaries, upper, deadline)
+            if values is None:
                 return None
             # To a mixed-integer program a binary of 1e-6 is zero, and times a large bound it is not. So the choice is
             # taken from it, and the multipliers from the linear program that is left.
             width = upper.size
             room = right - asked[:, width:] @ np.round(values[width:])
-            closed = np.unique(asked[np.flatnonzero(room < 0.5 * self._bound), :width].nonzero()[1])
+            closed = np.unique(asked[np.flatnonzero(room < 0.5 * LARGEST_MULTIPLIER), :width].nonzero()[1])
             upper[closed] = 0.0
-        with c_output_muted():
-            _, values = self._linear.solve(upper=upper, time_limit=time_limit)
+        values = replace(self._linear, upper=upper).solve(deadline).x
         if values is None:
             return None
         signed = [values[self._parts[2 * i]] - values[self._parts[2 * i + 1]] for i in range(4)]
         return self._found(kind, signed, float(values[-1]))
 
-    def find_nearly(self, kind: Stationarity, time_limit: float = 5.0) -> Multipliers | None:
+    def find_nearly(self, kind: Stationarity, deadline: Deadline = NO_DEADLINE) -> Multipliers | None:
         """Look for the multipliers of W or S that leave the least sum of residuals; None where HiGHS gives none.
 
         The dual of that program is the steepest step within the cone of what is active, which has as many columns as
@@ -130,7 +127,6 @@ class MultiplierProblem:
         _, _, binaries, upper = self._signs(kind)
         assert not binaries, "choices of signs have no dual"
         positive, negative = (np.concatenate([upper[part] for part in self._parts[first:8:2]]) for first in (0, 1))
-        distance = self._weights * self._scale
         steps = LinearProgram(
             self._point.gradient,
             -np.ones(self._point.nlp.n),
@@ -138,47 +134,37 @@ class MultiplierProblem:
             [
                 (
                     self._columns.T.tocsr(),
-                    np.where(negative > 0.0, -distance, -np.inf),
-                    np.where(positive > 0.0, distance, np.inf),
+                    np.where(negative > 0.0, -self._weights, -np.inf),
+                    np.where(positive > 0.0, self._weights, np.inf),
                 )
             ],
         )
-        with c_output_muted():
-            duals = steps.row_duals(time_limit=time_limit)
-        if duals is None:
+        answer = steps.solve_with_duals(deadline)
+        if answer is None:
             return None
-        found = np.clip(-duals, -negative, positive)
-        residuals = np.concatenate(
-            [(self._point.gradient + self._columns @ found) / self._scale, self._weights * found]
-        )
+        found = np.clip(-answer[1], -negative, positive)
+        residuals = np.concatenate([self._point.gradient + self._columns @ found, self._weights * found])
         ends = np.cumsum([0, *(part.stop - part.start for part in self._parts[:8:2])])
         signed = [found[start:end] for start, end in itertools.pairwise(ends)]
         return self._found(kind, signed, float(np.abs(residuals).max(initial=0.0)))
 
-    def _solved(
-        self, asked: csr_array, right: FloatArray, binaries: int, upper: FloatArray, time_limit: float
-    ) -> tuple[FloatArray | None, bool]:
+    def _with_choices(
+        self, asked: csr_array, right: FloatArray, binaries: int, upper: FloatArray, deadline: Deadline
+    ) -> FloatArray | None:
         """Minimise the largest residual, where signs ask for choices."""
-        width = upper.size
-        equations, residuals = (
-            scipy.sparse.block_array([[matrix, scipy.sparse.csr_array((matrix.shape[0], binaries))]], format="csr")
-            for matrix in (self._matrix, self._residuals)
-        )
-        largest = np.zeros(width + binaries)
-        largest[width - 1] = 1.0
-        found, proven, _ = minimise(
-            largest,
-            np.zeros(width + binaries),
+        linear = self._linear
+        wider = [
+            (scipy.sparse.block_array([[matrix, scipy.sparse.csr_array((matrix.shape[0], binaries))]]), *sides)
+            for matrix, *sides in linear.rows
+        ]
+        answer = LinearProgram(
+            np.concatenate([linear.cost, np.zeros(binaries)]),
+            np.zeros(upper.size + binaries),
             np.concatenate([upper, np.ones(binaries)]),
-            np.concatenate([np.zeros(width), np.ones(binaries)]),
-            [
-                (equations, -self._point.gradient, -self._point.gradient),
-                (residuals, -np.inf, 0.0),
-                (asked, -np.inf, right),
-            ],
-            time_limit,
-        )
-        return found, proven
+            [*wider, (asked, -np.inf, right)],
+            np.arange(upper.size + binaries) >= upper.size,
+        ).solve(deadline)
+        return answer.x if answer.status is LinearStatus.SOLVED else None
 
     @functools.cached_property
     def _linear(self) -> LinearProgram:
@@ -195,7 +181,8 @@ class MultiplierProblem:
     def _found(self, kind: Stationarity, signed: list[FloatArray], residual: float) -> Multipliers:
         nu, xi = np.zeros(self._program.pairs), np.zeros(self._program.pairs)
         rows = np.zeros(self._point.nlp.m)
-        rows[self._row_numbers], nu[self._a_pairs], xi[self._b_pairs] = signed[0], signed[2], signed[3]
+        of_rows, _, of_a, of_b = (self._slope * part for part in signed)
+        rows[self._row_numbers], nu[self._a_pairs], xi[self._b_pairs] = of_rows, of_a, of_b
         return Multipliers(kind, nu, xi, rows, residual)
 
     def _signs(self, kind: Stationarity) -> tuple[csr_array, FloatArray, int, FloatArray]:
@@ -203,7 +190,7 @@ class MultiplierProblem:
         nu = [np.searchsorted(self._a_pairs, self.biactive) + self._parts[i].start for i in (4, 5)]
         xi = [np.searchsorted(self._b_pairs, self.biactive) + self._parts[i].start for i in (6, 7)]
         upper = self._upper.copy()
-        count, bound, width = self.biactive.size, self._bound, self._upper.size
+        count, bound, width = self.biactive.size, LARGEST_MULTIPLIER, self._upper.size
         if kind is Stationarity.S:
             upper[nu[1]] = upper[xi[1]] = 0.0
         # Each rule: parts that add up, binaries with their factors, right-hand side; per biactive pair.
@@ -262,7 +249,7 @@ def strong_multipliers(
     reach : float
         A pair is biactive here if its other side is at most this large: nearly biactive pairs count as well.
     tolerance : float
-        Of signs, relative to the objective's gradient, and of what counts as zero.
+        Of what counts as zero.
 
     Returns
     -------
@@ -273,7 +260,6 @@ def strong_multipliers(
     if stationarity(nlp, solved, sizes) > STATIONARY:
         return None
     rows, lower, upper = solved.complete(nlp)
-    scale = max(1.0, float(np.abs(point.gradient).max(initial=0.0)))
     # Where a row says as well that a held side is nonnegative, the solver has split the multiplier at will.
     held_pairs = tuple(
         np.flatnonzero(zero & ~sides.constant)
@@ -290,7 +276,8 @@ def strong_multipliers(
     ):
         of_bounds = np.where(sides.constant, 0.0, np.where(sides.sign > 0, lower[sides.index], upper[sides.index]))
         held_multipliers = np.where(_first_of_its_variable(sides, held), sides.slopes(gradient), 0.0)
-        if (held_multipliers[held & (partner <= reach)] < -tolerance * scale).any():
+        # Of many pairs all steps together: what a linear program would find.
+        if np.minimum(held_multipliers[held & (partner <= reach)], 0.0).sum() < -STATIONARY * point.slope:
             return None
         found.append(np.where(held, held_multipliers, np.where(sides.values(point.x) <= tolerance, of_bounds, 0.0)))
     return Multipliers(Stationarity.S, found[0], found[1], rows, 0.0)
@@ -359,14 +346,10 @@ def classify(
     """
 
     def find(kind: Stationarity) -> Multipliers | None:
-        left = deadline.within(time_limit).left
-        assert left is not None
-        return problem.find(kind, left) if left > 0.0 else None
+        return None if deadline.has_passed else problem.find(kind, deadline.within(time_limit))
 
     # Most points are strongly stationary, and then nothing else has to be asked.
-    left = deadline.within(time_limit).left
-    assert left is not None
-    strong = problem.find_nearly(Stationarity.S, left) if left > 0.0 else None
+    strong = None if deadline.has_passed else problem.find_nearly(Stationarity.S, deadline.within(time_limit))
     if strong is None or not strong.residual <= NEARLY * tolerance:
         strong = find(Stationarity.S)
     if strong is not None and strong.residual <= tolerance:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pyrobocop_pyomo.errors import SensitivityError
+from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram
@@ -75,9 +75,9 @@ def derivatives(
 
     Raises
     ------
-    TimeLimitReached
+    SolveFailed
         When the deadline has passed.
-    SensitivityError
+    EvaluationError
         If the point is not stationary, an active constraint has no multiplier, active constraints are linearly
         dependent, or the Lagrangian is flat in a direction that they leave.
 
@@ -227,7 +227,7 @@ def _check_independent(constraints: _Constraints, x: FloatArray, active: NDArray
     if not np.abs(found).max() <= 1e10 * np.abs(probe).max():
         involved = np.argsort(-np.abs(found))[:5]
         involved = involved[np.abs(found[involved]) > 1e-3 * np.abs(found).max()]
-        raise SensitivityError(
+        raise EvaluationError(
             f"the active constraints are linearly dependent, so their multipliers are not unique; among them: "
             f"{_names(constraints, active[np.sort(involved)])}. Remove what says the same twice."
         )
@@ -251,7 +251,7 @@ def _refined(
     moved = np.abs(x - start) / np.maximum(1.0, np.abs(start))
     if not moved.max(initial=0.0) <= 1e-2:
         worst = int(np.argmax(np.nan_to_num(moved, nan=np.inf)))
-        raise SensitivityError(
+        raise EvaluationError(
             f"the point is no solution that could be refined: Newton's method moves "
             f"{constraints.describe(constraints.nlp.m + worst)} from {start[worst]:g} to {x[worst]:g}. Solve again, "
             "with a tighter tolerance: options={'tol': 1e-10}."
@@ -275,7 +275,7 @@ def _check_strict(constraints: _Constraints, x: FloatArray, active: NDArray[np.i
         unsure[number] = _direction(jacobian, number) not in said
     doubtful = np.union1d(weak, np.flatnonzero(unsure))
     if doubtful.size:
-        raise SensitivityError(
+        raise EvaluationError(
             f"strict complementarity fails: {doubtful.size} inequalities are met with equality but nothing pushes "
             f"against them: {_names(constraints, doubtful)}. The solution has a kink in the parameters there; remove "
             "the inequalities if they do not matter, or move the data."
@@ -301,7 +301,7 @@ def _kkt(
         if found.size > 1 and np.isfinite(found).all():
             order = np.argsort(-np.abs(found[: free.size]))[:3]
             where = f", among them along {_names(constraints, constraints.nlp.m + free[order])}"
-        raise SensitivityError(
+        raise EvaluationError(
             "the solution is not unique: there is a direction in which the active constraints and the Lagrangian are "
             f"flat{where}. Make the objective strictly convex there, for example by a small quadratic term, or fix "
             "what is undetermined."

@@ -1,1 +1,1 @@
-"""C parts of this package: compiled once on each machine, found again, loaded."""
+"""C parts of this package: compiled when it is installed, found again, loaded."""

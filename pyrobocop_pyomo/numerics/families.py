@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import SchemeError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.optional_imports import scipy
 
 from .schemes import Scheme
@@ -71,7 +71,7 @@ def explicit(stages: int) -> Scheme:
         3: ([[0.0, 0.0, 0.0], [1 / 3, 0.0, 0.0], [0.0, 2 / 3, 0.0]], [0.25, 0.0, 0.75]),
     }
     if stages not in tableaux:
-        raise SchemeError(
+        raise ModelError(
             f"explicit: stages = {stages}; there are one to three. With four, order four needs a stage at the element "
             "end beside the end value itself. Use radau or gauss for higher orders."
         )
@@ -81,7 +81,7 @@ def explicit(stages: int) -> Scheme:
 
 def _check_stages(name: str, stages: int, least: int = 1) -> None:
     if isinstance(stages, bool) or not isinstance(stages, (int, np.integer)) or stages < least:
-        raise SchemeError(f"{name}: stages = {stages!r}; expected an integer of at least {least}.")
+        raise ModelError(f"{name}: stages = {stages!r}; expected an integer of at least {least}.")
 
 
 # Further names for the same thing are welcome here: a user types the one that the field taught them.
@@ -116,19 +116,19 @@ def find_scheme(scheme: str | Scheme, stages: int | None = None) -> Scheme:
 
     Raises
     ------
-    SchemeError
+    ModelError
         When the name is unknown or the number of stages does not fit.
     """
     if isinstance(scheme, Scheme):
         if stages not in (None, scheme.stages):
-            raise SchemeError(
+            raise ModelError(
                 f"{scheme.name} has {scheme.stages} stages, but stages = {stages} was asked for. Leave 'stages' out."
             )
         return scheme
     if scheme in SINGLE_SCHEMES:
         family, own = SINGLE_SCHEMES[scheme]
         if stages not in (None, own):
-            raise SchemeError(
+            raise ModelError(
                 f"'{scheme}' has {own} stage{'s' if own > 1 else ''}, but stages = {stages} was asked for. "
                 "Leave 'stages' out."
             )
@@ -136,4 +136,4 @@ def find_scheme(scheme: str | Scheme, stages: int | None = None) -> Scheme:
     if scheme in FAMILIES:
         return FAMILIES[scheme](3 if stages is None else stages)
     known = ", ".join(f"'{name}'" for name in (*FAMILIES, *SINGLE_SCHEMES))
-    raise SchemeError(f"unknown scheme {scheme!r}; known are {known}, or pass a Scheme.")
+    raise ModelError(f"unknown scheme {scheme!r}; known are {known}, or pass a Scheme.")

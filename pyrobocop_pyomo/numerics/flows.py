@@ -1,9 +1,9 @@
 """Flows of differential equations over many elements at once, and the motion that they are together.
 
 The elements are integrated side by side by the classical Runge-Kutta method, with steps that are halved until the
-extrapolated result no longer changes; where that is hopeless since the equations are stiff, by an implicit one. One
-element after the other, as a motion is, would take as many calls as there
-are elements: here Newton's method finds the starts of all elements at which the ends meet.
+extrapolated result no longer changes; where that is hopeless, as for stiff equations, nothing is found. One element
+after the other, as a motion is, would take as many calls as there are elements: here Newton's method finds the starts
+of all elements at which the ends meet.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from itertools import pairwise
 import numpy as np
 
 from .arrays import Array
-from .stiff_flows import march_implicitly
 
 # (local fraction, states of shape (n, k, N)) -> derivatives by the local fraction, of the same shape.
 Rates = Callable[[float, Array], Array]
@@ -52,14 +51,11 @@ class Flows:
         Each element from its own start.
     whole : array, shape (N, k, n), or None
         From the start of the first element on; None where that could not be followed, or left the finite numbers.
-    error : float
-        Estimated error of the integration, relative to the scales.
     """
 
     fractions: Array
     local: Array
     whole: Array | None
-    error: float
 
 
 def integrate_flows(
@@ -101,21 +97,16 @@ def integrate_flows(
     local = _by_element(found.path[:: (len(found.path) - 1) // (count - 1)])
     if whole is not None:
         whole = _by_element(whole[:: (len(whole) - 1) // (count - 1)])
-    return Flows(_divided(fractions, (count - 1) // (len(fractions) - 1)), local, whole, found.error)
+    return Flows(_divided(fractions, (count - 1) // (len(fractions) - 1)), local, whole)
 
 
-def integrate_elements(
-    rates: Rates, starts: Array, scales: Array, fractions: Array, tolerance: float
-) -> tuple[Array, float] | None:
-    """Integrate all elements, each from its own start; parameters as for `integrate_flows`.
-
-    Returns
-    -------
-    (ends, error) or None
-        ``ends`` of shape ``(N, n)``; None as from `integrate_flows`.
-    """
+def integrate_elements(rates: Rates, starts: Array, scales: Array, fractions: Array, tolerance: float) -> Flows | None:
+    """Integrate all elements, each from its own start; parameters and result as for `integrate_flows`."""
     found = _march(rates, starts.T[:, None, :], scales, fractions, tolerance)
-    return None if found is None else (found.path[-1].T, found.error)
+    if found is None:
+        return None
+    parts = (len(found.path) - 1) // (len(fractions) - 1)
+    return Flows(_divided(fractions, parts), _by_element(found.path), None)
 
 
 def _by_element(paths: Array) -> Array:
@@ -138,11 +129,11 @@ def _from_first_start(
     An unstable motion goes far from the elements' own starts, where slopes along these say nothing: starts are moved
     only as far along the motion as slopes tell how, and later sweeps, with slopes of their own, go on from there. At
     least one more element meets the one before it after each sweep. Where the motion of each element was not stiff,
-    that from the first start is at most unstable: implicit steps would follow it far away, at great cost.
+    that from the first start is at most unstable.
     """
     now, sizes = starts.T.copy(), scales
     elements = now.shape[1]
-    best, waited, stiff = -1, 0, march.stiff
+    best, waited = -1, 0
     counted = _Counted(rates)
     for sweep in range(max(_SWEEPS, _MOST_ELEMENTS // elements)):
         now = now + _moves(now, march.ends[:, 0], slopes, first, _TRUSTED * sizes)
@@ -153,7 +144,7 @@ def _from_first_start(
             steps = _DIFFERENCE * sizes
             varied = np.concatenate([varied, varied + np.diag(steps)[:, :, None]], axis=1)
         before = counted.calls
-        found = _march(counted, varied, sizes, fractions, tolerance, may_be_stiff=stiff)
+        found = _march(counted, varied, sizes, fractions, tolerance, may_be_stiff=False)
         if found is None:
             return None
         march = found
@@ -200,42 +191,32 @@ class _March:
 
     path: Array
     ends: Array
-    error: float
-    stiff: bool = False
 
 
 def _march(
     rates: Rates, starts: Array, scales: Array, fractions: Array, tolerance: float, *, may_be_stiff: bool = True
 ) -> _March | None:
     """Integrate with halved steps until the states at the fractions no longer change."""
-    steps, looked_stiff = _FIRST_STEPS, not may_be_stiff
+    steps = _FIRST_STEPS
     with np.errstate(all="ignore"):
         coarse, coarse_path = _runge_kutta(rates, starts, fractions, steps)
-        while steps < min(_MOST_STEPS, max(_STIFF_STEPS, _MOST_STEPS_IN_ALL // len(fractions))):
+        most_steps = min(_MOST_STEPS, max(_STIFF_STEPS, _MOST_STEPS_IN_ALL // len(fractions)))
+        while steps < most_steps:
             steps *= 2
             fine, path = _runge_kutta(rates, starts, fractions, steps)
             changes = (np.abs(fine - coarse) / _ORDER_FACTOR).max(axis=(0, 2))
             # Where elements lead far from the plan, relative to how far: less would be rounding.
             sizes = np.maximum(scales[:, None], np.abs(fine).max(axis=(0, 2)))
             error = float((changes / sizes).max())
-            if error <= tolerance:
+            # Beside a corner more steps bring little.
+            if error <= (tolerance if steps < most_steps else max(tolerance, 1e-6)):
                 corrected = path[::2] + (path[::2] - coarse_path) / _ORDER_FACTOR
                 ends = fine[-1] + (fine[-1] - coarse[-1]) / _ORDER_FACTOR
-                return _March(corrected[:: min(_STEPS_PER_INSTANT, steps // 2)], ends, error)
-            if not looked_stiff and steps >= _STIFF_STEPS and not (changes <= scales[:, None]).all():
-                looked_stiff = True
-                found = _marched_implicitly(rates, starts, scales, fractions, tolerance)
-                if found is not None:
-                    return found
+                return _March(corrected[:: min(_STEPS_PER_INSTANT, steps // 2)], ends)
+            if may_be_stiff and steps >= _STIFF_STEPS and not (changes <= scales[:, None]).all():
+                return None
             coarse, coarse_path = fine, path
-    return None if looked_stiff else _marched_implicitly(rates, starts, scales, fractions, tolerance)
-
-
-def _marched_implicitly(
-    rates: Rates, starts: Array, scales: Array, fractions: Array, tolerance: float
-) -> _March | None:
-    found = march_implicitly(rates, starts, scales, fractions, tolerance)
-    return None if found is None else _March(found[0][:, :, 0, :], found[0][-1], found[1], stiff=True)
+    return None
 
 
 def _divided(fractions: Array, parts: int) -> Array:

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import MeshError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.presentation import Presented
 
 from .arrays import Array, Indices
@@ -26,7 +26,7 @@ class Mesh(Presented):
 
     Raises
     ------
-    MeshError
+    ModelError
         With fewer than two boundaries, values that are not finite, or boundaries that do not increase.
     """
 
@@ -35,15 +35,15 @@ class Mesh(Presented):
     def __post_init__(self) -> None:
         if len(self.boundaries) < 2:
             elements = max(len(self.boundaries) - 1, 0)
-            raise MeshError(f"a mesh of {elements} elements; at least one element, hence two boundaries, is needed.")
+            raise ModelError(f"a mesh of {elements} elements; at least one element, hence two boundaries, is needed.")
         array = np.asarray(self.boundaries, dtype=float)
         if not np.isfinite(array).all():
             i = int(np.flatnonzero(~np.isfinite(array))[0])
-            raise MeshError(f"mesh boundary {i} is {array[i]}; boundaries must be finite numbers.")
+            raise ModelError(f"mesh boundary {i} is {array[i]}; boundaries must be finite numbers.")
         steps = np.diff(array)
         if (steps <= 0).any():
             i = int(np.flatnonzero(steps <= 0)[0])
-            raise MeshError(
+            raise ModelError(
                 f"mesh boundaries must increase, but boundary {i} is {array[i]:g} and boundary {i + 1} is "
                 f"{array[i + 1]:g}. Sort them and remove doubles."
             )
@@ -52,7 +52,7 @@ class Mesh(Presented):
     def uniform(cls, start: float, end: float, elements: int) -> Mesh:
         """``elements`` elements of equal width between ``start`` and ``end``."""
         if isinstance(elements, bool) or not isinstance(elements, (int, np.integer)) or elements < 1:
-            raise MeshError(f"elements = {elements!r}; expected an integer of at least 1.")
+            raise ModelError(f"elements = {elements!r}; expected an integer of at least 1.")
         # Multiply before dividing: 10 * 3 / 100 is 0.3, where 3 * (10 / 100) is not.
         inner = [start + (end - start) * i / elements for i in range(elements)]
         return cls((*inner, float(end)))

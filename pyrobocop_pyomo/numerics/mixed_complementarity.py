@@ -90,6 +90,14 @@ class MixedComplementarity:
         either = np.where(gap <= np.abs(other), gap, other)
         return np.where(self.either, either, body - np.clip(body - other, self.lower, self.upper))
 
+    def matrices(self, values: ComplementarityValues, little: float) -> Iterator[Array]:
+        """Derivatives of the equations nearest to holding; then, where both sides are zero, of the others too."""
+        nearest = self.choice(values)
+        yield _equations(self, values, nearest)[1]
+        both = (np.abs(values.body - self.lower) <= little) & (np.abs(values.other) <= little)
+        if both.any():
+            yield _equations(self, values, np.where(both, np.where(nearest == FREE, LOWER, FREE), nearest))[1]
+
     def choice(self, values: ComplementarityValues) -> Choice:
         """Which equation of each statement is the nearest to holding."""
         body, other = values.body, values.other
@@ -120,7 +128,7 @@ class ComplementaritySolution:
 
 
 def solve_mixed_complementarity(
-    problem: MixedComplementarity, start: Array, tolerance: float = 1e-9
+    problem: MixedComplementarity, start: Array, tolerance: float = 1e-9, *, thorough: bool = True
 ) -> ComplementaritySolution:
     """A solution next to a point.
 
@@ -130,6 +138,8 @@ def solve_mixed_complementarity(
     start : array, shape (n,)
     tolerance : float
         Of the residual of a solution.
+    thorough : bool
+        Whether other ways follow where Newton's method from the point fails, and one more step where it does not.
 
     Returns
     -------
@@ -138,8 +148,8 @@ def solve_mixed_complementarity(
     """
     start = np.asarray(start, dtype=float)
     best = _judged(problem, start, tolerance)
-    for begin in _starts(start):
-        for way in (_by_newton, _by_damping, _by_pivots, _by_enumeration):
+    for begin in _starts(start) if thorough else [start]:
+        for way in (_by_newton, _by_damping, _by_pivots, _by_enumeration)[: None if thorough else 1]:
             if best.solved:
                 break
             for point in way(problem, begin, tolerance):
@@ -147,7 +157,7 @@ def solve_mixed_complementarity(
                 best = found if found.residual < best.residual else best
                 if best.solved:
                     break
-    if best.solved:  # one more step: what was solved to a tolerance is usually solved to rounding next
+    if best.solved and thorough:  # one more step: what was solved to a tolerance is usually solved to rounding next
         refined = next(_by_newton(problem, best.point, 0.0), best.point)
         found = _judged(problem, refined, tolerance)
         best = found if found.residual < best.residual else best

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pyrobocop_pyomo.errors import SchemeError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.presentation import Presented
 
 from .arrays import Array
@@ -38,7 +38,7 @@ class Scheme(Presented):
 
     Raises
     ------
-    SchemeError
+    ModelError
         When the arrays do not describe a scheme whose states can be eliminated stage by stage.
 
     References
@@ -54,31 +54,31 @@ class Scheme(Presented):
 
     def __post_init__(self) -> None:
         if not (np.all(np.diff(self.c) > 0) and self.c[0] >= 0.0 and self.c[-1] <= 1.0):
-            raise SchemeError(f"{self.name}: stage times {self.c.tolist()} must strictly increase in [0, 1].")
+            raise ModelError(f"{self.name}: stage times {self.c.tolist()} must strictly increase in [0, 1].")
         gap = np.abs(np.append(self.A.sum(axis=1), self.b.sum()) - np.append(self.c, 1.0))
         if gap.max() > 1e-12:
             row = int(gap.argmax())
             what, total, wanted = (
                 ("b", self.b.sum(), 1.0) if row == self.stages else (f"row {row} of A", self.A[row].sum(), self.c[row])
             )
-            raise SchemeError(
+            raise ModelError(
                 f"{self.name}: {what} sums to {total:.6f}, but must to {wanted:.6f}. "
                 "A collocation method is built with Scheme.from_points(name, c)."
             )
         if self.c[-1] == 1.0 and not self.stiffly_accurate:
-            raise SchemeError(
+            raise ModelError(
                 f"{self.name}: its last stage lies at the element end but is not the end value (the last row of A is "
                 "not b): the state would have two values there. Use a scheme without a stage at 1."
             )
         if np.linalg.cond(self._stage_matrix) > 1e12:
-            raise SchemeError(f"{self.name}: the stage equations are singular; the stages cannot be told apart.")
+            raise ModelError(f"{self.name}: the stage equations are singular; the stages cannot be told apart.")
 
     @classmethod
     def from_points(cls, name: str, points: ArrayLike) -> Scheme:
         """The collocation method on given points in [0, 1]."""
         c = np.asarray(points, dtype=float)
         if c.ndim != 1 or len(c) == 0 or not (np.all(np.diff(c) > 0) and c[0] >= 0.0 and c[-1] <= 1.0):
-            raise SchemeError(f"{name}: collocation points {c.tolist()} must strictly increase in [0, 1].")
+            raise ModelError(f"{name}: collocation points {c.tolist()} must strictly increase in [0, 1].")
         integrals = integration_matrix(c, [*c, 1.0])
         return cls(name, A=integrals[:-1], b=integrals[-1], c=c)
 
@@ -107,6 +107,18 @@ class Scheme(Presented):
     def order(self) -> int:
         """Order of the method at element ends."""
         return _collocation_order(self) if self.is_collocation else _tree_order(self)
+
+    @cached_property
+    def order_of_costs(self) -> int:
+        """Order of the cost of a plan that is optimal on the mesh, whose costates follow a method of their own.
+
+        References
+        ----------
+        Hager, Runge-Kutta methods in optimal control and the transformed adjoint system, Numer. Math. 87 (2000),
+        doi:10.1007/s002110000178
+        """
+        # Beyond its stages a method of collocation is exact for as many moments in its costates as in its quadrature.
+        return min(self.order, 2 * (self.order - self.stages) + 2 if self.is_collocation else 2)
 
     @cached_property
     def end_is_a_node(self) -> bool:
@@ -165,6 +177,23 @@ class Scheme(Presented):
             return np.asarray(np.eye(len(self.state_nodes))[-1], dtype=np.float64)
         weights = np.linalg.solve(self._stage_matrix.T, self.b)
         return np.asarray([1.0 - weights.sum(), *weights], dtype=np.float64)
+
+    def check_rows(self) -> None:
+        """Refuse rows that do not hold for the polynomials which the scheme has to follow exactly.
+
+        Raises
+        ------
+        ModelError
+            When `D`, `F` or `end_weights` were changed: no mesh would be fine enough.
+        """
+        for degree in range(self.stages + 1 if self.is_collocation else 2):
+            values, rates = self.state_nodes**degree, degree * self.c ** max(degree - 1, 0)
+            off = np.append(self.D @ values - self.F @ rates, self.end_weights @ values - 1.0)
+            if not np.abs(off).max() < 1e-8:
+                raise ModelError(
+                    f"{self.name}: its rows are off by {np.abs(off).max():.1e} for a state that is a polynomial of "
+                    f"degree {degree} in time: no mesh would be fine enough. Build it with Scheme.from_points(name, c)."
+                )
 
     def state_at(self, tau: ArrayLike) -> Array:
         """Weights of the values at `state_nodes` that give the state at local times, shape ``(len(tau), nodes)``.

@@ -55,6 +55,7 @@ class _Interpolant:
         self.name, self.inputs, self.outside = name, list(inputs), outside
         self.lower = np.array([grid[0] for grid in grids])
         self.upper = np.array([grid[-1] for grid in grids])
+        self.cells = np.array([np.diff(grid).min() for grid in grids])
         if kind == "monotone":
             self._spline = scipy.interpolate.PchipInterpolator(grids[0], values)
         else:
@@ -124,7 +125,7 @@ class _Spline(Function):
 
     def __init__(self, interpolant: _Interpolant, by: tuple[int, ...], **options: Any) -> None:
         self._interpolant, self._by = interpolant, by
-        self.lower, self.upper = interpolant.lower, interpolant.upper
+        self.lower, self.upper, self.cells = interpolant.lower, interpolant.upper, interpolant.cells
         functions = [partial(interpolant.derivatives, by, order) for order in range(3)]
         super().__init__(*functions, inputs=interpolant.inputs, check_derivatives=False, **options)
 

@@ -2,30 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Hashable, Iterable, Mapping
+from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from pyomo.common.gc_manager import PauseGC
 from pyomo.core.base.component import ModelComponentFactory
-from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.param import Param
 from pyomo.core.base.set import Any as AnyIndex
 from pyomo.core.base.set import Set
-from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.modeling.blocks import BuiltBlock, BuiltBlockData, Rule
+from pyrobocop_pyomo.modeling.blocks import Rule
 from pyrobocop_pyomo.motion.clearance_proof import verify_clearance
-from pyrobocop_pyomo.motion.motion import Motion, motion_of
 from pyrobocop_pyomo.motion.safety_report import SafetyReport
 from pyrobocop_pyomo.presentation import table
 
 from .avoidance_record import AvoidanceOptions, AvoidanceRecord, MotionSegment, segments_of_motion
-from .block_arguments import set_of_points, sort_arguments
+from .block_arguments import MotionBlock, MotionBlockData, set_of_points, sort_arguments
 from .broad_phase import (
     BUILT_WITHOUT_GUESS,
     add_back,
@@ -35,26 +32,22 @@ from .broad_phase import (
     near_the_motion,
     places_of,
 )
-from .clearances import FreeClearance, asked_at, least_possible, update_estimates, verified_clearances
-from .clocks import check_rules
-from .formulations import SeparationIndex, TurningPlane
+from .clearances import ClearanceRule, asked_at, least_possible, update_estimates, verified_clearances
+from .clocks import check_rules, doubtful_clock
 from .impossible_gaps import check_gaps
 from .initial_checks import check_fixed_poses, check_poses, has_values, warn_about_quaternions
 from .initial_separations import start_all, start_new, start_one
+from .planes import SeparationIndex, declare_planes, set_norm
 from .scene import BodyPair
 from .separation_rows import (
     add_poses,
     add_separation,
-    harden,
     remove_separations,
-    soften,
-    update_soft_clearance_cost,
-    update_softness,
 )
 from .snapshot import Snapshot, proven_gap
 
 
-class ObstacleAvoidanceBlockData(BuiltBlockData):
+class ObstacleAvoidanceBlockData(MotionBlockData):
     """One avoidance block; see `ObstacleAvoidanceBlock` for how to make one.
 
     Attributes
@@ -64,37 +57,21 @@ class ObstacleAvoidanceBlockData(BuiltBlockData):
     normal : Var or Expression
         ``normal[first, second, start, axis]``, which points from the second to the first.
     required : Expression
-        Gap that each separation has to prove: clearance, radii and margin, less the slack.
+        Gap that each separation has to prove: clearance, radii and margin.
     clearance : Param
         By body pair, of those whose clearance is a number; mutable.
-    least_clearance : Var
-        Where a `FreeClearance` was given: what all body pairs that have it keep.
-    clearance_scale : Param
-        Factor of all clearances, 1 at first; mutable.
     margin : Param
         Added to the clearance, by separation; mutable.
-    slack : Var
-        By separation, while the block is softened.
-    softness : Expression
-        Cost of the slack, for the objective; 0 unless softened.
-    missed : Var
-        With a soft clearance: how much of the preferred one each separation misses.
-    soft_clearance_cost : Expression
-        With a soft clearance: the cost of what is missed, to be added to the objective.
+    equations : bool
+        Whether the motion that the equations make of the plan's controls has to keep clear as well.
     """
 
     _kind = "obstacle avoidance"
-    _error = ObstacleError
 
     @property
     def record(self) -> AvoidanceRecord:
         """Scene, segments of motion and poses behind this block."""
         return self._record_if_built()
-
-    @property
-    def motion(self) -> Motion:
-        """The motion over the set of points."""
-        return motion_of(self.record.points, self.parent_block())
 
     @property
     def axes(self) -> range:
@@ -123,34 +100,19 @@ class ObstacleAvoidanceBlockData(BuiltBlockData):
         """
         self._build_once(points, **options)
 
-    def _build(self, points: Any, **options: Any) -> None:
+    def _build(self, points: Any, *, equations: bool = True, **options: Any) -> None:
+        self.equations = equations
         points = set_of_points(self, points)
         self._record = record = AvoidanceOptions(**options).record(self._what, points)
         numbers = {pair: asked for pair, asked in record.asked.items() if isinstance(asked, float)}
-        self.clearance_scale = Param(initialize=1.0, mutable=True, doc="factor of all clearances")
         self.clearance = Param(
             list(numbers), initialize=numbers, mutable=True, doc="clearance of each body pair that has a number"
         )
-        free = [asked for asked in record.asked.values() if isinstance(asked, FreeClearance)]
-        if free:
-            self.least_clearance = Var(bounds=free[0].bounds, initialize=free[0].start, doc="clearance that is kept")
         self.separations = Set(dimen=3, doc="first, second, start of a segment of motion")
         self.margin = Param(self.separations, mutable=True, default=0.0, doc="added to the clearance")
         self.required = Expression(AnyIndex, doc="gap that a separation has to prove")
-        self.slack = Var(self.separations, bounds=(0, None), dense=False, doc="gap that is missing, while softened")
-        self.softness_weight = Param(initialize=1.0, mutable=True, doc="cost of a unit of slack")
-        self.softness = Expression(expr=0.0, doc="cost of the slack")
-        if record.soft_clearance is not None:
-            self.preferred_clearance = Expression(expr=record.soft_clearance.preferred, doc="clearance preferred")
-            self.missed = Var(self.separations, bounds=(0, None), dense=False, doc="preferred clearance that is missed")
-            self.asked_is_kept = Constraint(AnyIndex, doc="no more is missed than what is required allows")
-            self.soft_clearance_cost = Expression(expr=0.0, doc="cost of what is missed, for the objective")
-        record.formulation.declare(self, self.axes)
-        motion = self.motion
-        for name, body in record.scene.bodies.items():
-            motion.check_formula(body, name)
-        scene = record.scene
-        check_rules(self._what, motion, scene.bodies, between=record.per_interval)
+        declare_planes(self)
+        check_rules(self._what, self.motion, record.scene.bodies, between=record.per_interval)
         self._separate()
 
     def _separate(self, *, starts_next: bool = False) -> None:
@@ -170,18 +132,16 @@ class ObstacleAvoidanceBlockData(BuiltBlockData):
             kept[:] = False
         with PauseGC():
             add_back(self, record, [segments[k] for k in np.flatnonzero(kept).tolist()])
-        update_soft_clearance_cost(self, record)
 
     # ---------------------------------------------------------------- another mesh below
 
     @property
     def can_follow_times(self) -> bool:
-        """True: separations can be made for other times."""
-        return True
-
-    def stands_on(self, sets: Container[int]) -> bool:
-        """True where the motion is over one of the sets, which are given by their identities."""
-        return id(self.record.points) in sets
+        """Whether separations can be made for other times: no pose or clearance was asked for at each point."""
+        bodies, asked = self.record.scene.bodies.values(), self.record.asked.values()
+        rules: list[Any] = [body.pose for body in bodies if body.pose is not None]
+        rules += [each.rule for each in asked if isinstance(each, ClearanceRule)]
+        return all(rule.is_known_at_other_times(self.motion.block) for rule in rules)
 
     def follow_times(self) -> None:
         """Separate the shapes anew over the times that there are now; margins and splits start again.
@@ -195,7 +155,6 @@ class ObstacleAvoidanceBlockData(BuiltBlockData):
         remove_separations(self, record, list(record.segments.values()))
         record.pruned, record.pinned, record.poses, record.lengths = {}, set(), {}, {}
         self._separate(starts_next=True)
-        update_softness(self, record)
         if has_values(record):
             self.initialize()
 
@@ -229,12 +188,9 @@ class ObstacleAvoidanceBlockData(BuiltBlockData):
         record.directions = given
         with PauseGC():
             apply_broad_phase(self, snapshot)
-            update_softness(self, record)
-            update_soft_clearance_cost(self, record)
             record.overlapping = start_all(self, snapshot, units, seed)
-            if record.formulation.norms:
-                chosen = ("ball" if record.overlapping else "sphere") if record.norm == "auto" else record.norm
-                self.set_norm("sphere" if record.soft else chosen)
+            # The ball is easier for solvers, the sphere pushes shapes apart.
+            self.set_norm("ball" if record.overlapping else "sphere")
 
     # ---------------------------------------------------------------- checks
 
@@ -249,22 +205,10 @@ class ObstacleAvoidanceBlockData(BuiltBlockData):
         """
         snapshot = Snapshot(self.record, self._what)
         segments = self.record.segments
-        if isinstance(self.record.formulation, TurningPlane):
-            return {index: self._gap_of_turning_plane(snapshot, segment) for index, segment in segments.items()}
         return {
             index: proven_gap(*snapshot.placed_pair(segment), self._normal(index))
             for index, segment in segments.items()
         }
-
-    def _gap_of_turning_plane(self, snapshot: Snapshot, segment: MotionSegment) -> float:
-        """The least gap at the times covered, each with the normal of that time."""
-        normals, _ = TurningPlane().ends(self, segment.index)
-        local = segment.local_times or (0.0,)
-        single = [MotionSegment(segment.first, segment.second, None, (time,)) for time in segment.times]
-        return min(
-            proven_gap(*snapshot.placed_pair(one), (1.0 - s) * normals[0] + s * normals[1])
-            for one, s in zip(single, local, strict=True)
-        )
 
     def verify(self, tolerance: float | None = None, *, equations: bool = True) -> SafetyReport:
         """Check the motion that the current values describe: all body pairs, at all times between the points.
@@ -274,16 +218,16 @@ class ObstacleAvoidanceBlockData(BuiltBlockData):
         tolerance : float, optional
             How much of a clearance may be missing; 1 % by default.
         equations : bool
-            Whether the motion that the equations make of the plan's controls is proven as well.
+            Whether the motion that the equations make of the plan's controls is proven as well, unless the block says
+            that it need not be.
         """
         bodies = self.record.scene.bodies
         report = verify_clearance(
-            self.motion, bodies, verified_clearances(self), tolerance=tolerance, equations=equations
+            self.motion, bodies, verified_clearances(self), tolerance=tolerance, equations=equations and self.equations
         )
-        if self.record.soft_clearance is None:
-            return report
-        preferred = float(value(self.preferred_clearance))
-        return replace(report, body_pairs=tuple(replace(pair, preferred=preferred) for pair in report.body_pairs))
+        clock = doubtful_clock(self)
+        pairs = (replace(pair, not_replayed=pair.not_replayed or clock) for pair in report.body_pairs)
+        return replace(report, body_pairs=tuple(pairs))
 
     # ---------------------------------------------------------------- changes between solves
 
@@ -317,8 +261,6 @@ class ObstacleAvoidanceBlockData(BuiltBlockData):
                 record.pinned.add(half.index)
                 self.margin[half.index] = margin
                 start_one(self, Snapshot(record, self._what), half, normal)
-            update_softness(self, record)
-            update_soft_clearance_cost(self, record)
         return left.index, right.index
 
     def restore(self, first: str, second: str, interval: Hashable) -> list[SeparationIndex]:
@@ -376,8 +318,6 @@ class ObstacleAvoidanceBlockData(BuiltBlockData):
         with PauseGC():
             add_back(self, record, segments)
             start_new(self, snapshot, segments, units)
-            update_softness(self, record)
-            update_soft_clearance_cost(self, record)
 
     def set_margin(self, first: str, second: str, start: Hashable, margin: float) -> None:
         """Add a margin to the clearance of one separation, for the motion between its poses."""
@@ -388,51 +328,12 @@ class ObstacleAvoidanceBlockData(BuiltBlockData):
     def set_norm(self, norm: str) -> None:
         """Bound the lengths of all normals by 1 ("ball"), or fix them at 1 ("sphere")."""
         record = self.record
-        if norm == "ball" and record.soft:
-            raise ObstacleError(f"{self._what}: softened separations need normals of length 1. Harden it first.")
-        if norm not in record.formulation.norms:
-            raise ObstacleError(
-                f"{self._what}: norm is {norm!r}; the formulation '{record.formulation.name}' has "
-                f"{' and '.join(map(repr, record.formulation.norms)) or 'a norm of its own'}."
-            )
+        if norm not in ("ball", "sphere"):
+            raise ObstacleError(f"{self._what}: norm is {norm!r}; it is 'ball' or 'sphere'.")
         if norm != record.norm_now:
             for index in record.segments:
-                record.formulation.set_norm(self, index, norm)
+                set_norm(self, index, norm)
         record.norm_now = norm
-
-    def scale_clearance(self, factor: float) -> None:
-        """Require a fraction of the clearances only, to approach the full ones in steps."""
-        if not (np.isfinite(factor) and factor > 0):
-            raise ObstacleError(f"{self._what}: the clearances are scaled by {factor!r}; the factor must be > 0.")
-        self.clearance_scale.set_value(float(factor))
-
-    def soften(self, weight: float = 1.0) -> None:
-        """Let every separation miss its gap by a slack; add ``softness`` to the objective.
-
-        The lengths of normals are fixed at 1 meanwhile: shorter normals would make the cost of any overlap small.
-
-        Parameters
-        ----------
-        weight : float
-            Cost of a unit of slack.
-        """
-        if not (np.isfinite(weight) and weight > 0):
-            raise ObstacleError(f"{self._what}: the weight of the slack is {weight!r}; it must be > 0.")
-        if not self.record.formulation.signed:
-            raise ObstacleError(
-                f"{self._what}: the formulation '{self.record.formulation.name}' does not measure how deep shapes "
-                'overlap, so that a slack has no meaning. Use formulation="plane".'
-            )
-        self.softness_weight.set_value(float(weight))
-        if not self.record.soft:
-            soften(self, self.record)
-            if self.record.formulation.norms:
-                self.set_norm("sphere")
-
-    def harden(self) -> None:
-        """Remove the slack again; `initialize` chooses the norm anew."""
-        if self.record.soft:
-            harden(self, self.record)
 
     def _normal(self, index: SeparationIndex) -> np.ndarray:
         entries = [value(self.normal[(*index, axis)], exception=False) for axis in self.axes]
@@ -448,7 +349,7 @@ class ObstacleAvoidanceBlockData(BuiltBlockData):
 
 
 @ModelComponentFactory.register("Bodies that keep clear of obstacles and of each other.")
-class ObstacleAvoidanceBlock(BuiltBlock, data=ObstacleAvoidanceBlockData):
+class ObstacleAvoidanceBlock(MotionBlock, data=ObstacleAvoidanceBlockData):
     """Bodies that keep clear of obstacles and of each other, over a set of times.
 
     Parameters
@@ -460,33 +361,26 @@ class ObstacleAvoidanceBlock(BuiltBlock, data=ObstacleAvoidanceBlockData):
         Bodies that the plan moves.
     obstacles : mapping of name to Polytope, list of Polytope or Body; or a sequence of such
         Bodies that it does not move. A list of polytopes is one obstacle, their union; a `Body` moves by itself.
-    clearance : number, Param, Var, expression, callable or FreeClearance; or mapping of body pair to such
+    clearance : number, Param, Var, expression or callable; or mapping of body pair to such
         Distance to be kept, > 0. A rule is called as ``rule(block, t)``, like that of a pose: ``lambda b, t: 0.1 + 0.2
-        * b.v[t]``. A `FreeClearance` is chosen by the optimiser: ``least_clearance``.
+        * b.v[t]``. A variable with a lower bound > 0 is chosen by the optimiser.
     body, pose : Polytope and callable, optional
         Short for ``bodies={"body": Body(body, pose=pose)}``.
-    between_points : callable, optional
-        ``between_points(block, t, fraction)`` of that body, see `Body`: the pose between points that are plain
-        numbers.
     body_pairs : networkx.Graph or iterable of (str, str), optional
         Which bodies keep clear of which; by default every body of every obstacle and of every other body.
     exclude : iterable of (str, str)
         Body pairs to leave out, such as adjacent links of an arm.
-    formulation : str or Formulation
-        ``"plane"`` (default), ``"turning plane"``, ``"dual"``, ``"mixed"``, ``"offset"`` or ``"optimality"``.
-    norm : str
-        Length of the normals: ``"sphere"`` fixes it, ``"ball"`` bounds it; ``"auto"`` takes the sphere where the
-        initial guess is clear of obstacles, the ball where it is not.
     between : str or None
-        ``"plane"`` asks for one plane per interval, which separates the shapes at all poses of it; None separates them
-        at each point on its own. By default ``"plane"`` where the formulation can.
+        ``"plane"``: one plane per interval, which separates the shapes at all poses of it; None separates them at each
+        point on its own.
     broad_phase : float, "auto" or None
         Body pairs that are farther apart than this at the initial guess are left out, interval by interval. `verify`
         checks all, and `solve` brings back what the plan comes near to. By default the length follows from the scene
         and grows whenever a pair comes back; scenes with few separations keep all. None leaves nothing out.
-    soft_clearance : (number or Param, number or Param), optional
-        A larger clearance that is preferred, and the cost of a unit of length missed, by each pair of convex parts, on
-        average over the motion. Add ``soft_clearance_cost`` to the objective.
+    equations : bool
+        Whether the motion that the equations make of the plan's controls keeps clear as well, on a finer mesh where
+        `solve` has to. False for robots whose controller tracks the polynomials of the plan: it is proven clear, and
+        since nothing else is looked at ``safe`` is None.
     rule : callable, optional
         ``rule(block, *index)`` calls ``block.build(points, bodies=..., ...)``; for indexed blocks.
 
@@ -533,14 +427,11 @@ class ObstacleAvoidanceBlock(BuiltBlock, data=ObstacleAvoidanceBlockData):
         clearance: Any = None,
         body: Any = None,
         pose: Rule | None = None,
-        between_points: Rule | None = None,
         body_pairs: Any = None,
         exclude: Any = (),
-        formulation: Any = "plane",
-        norm: str = "auto",
-        between: str | None = "auto",
+        between: str | None = "plane",
         broad_phase: float | str | None = "auto",
-        soft_clearance: Any = None,
+        equations: bool = True,
         rule: Rule | None = None,
         **block_options: Any,
     ) -> None:
@@ -550,18 +441,11 @@ class ObstacleAvoidanceBlock(BuiltBlock, data=ObstacleAvoidanceBlockData):
             "clearance": clearance,
             "body": body,
             "pose": pose,
-            "between_points": between_points,
             "body_pairs": body_pairs,
             "exclude": exclude,
-            "formulation": formulation,
-            "norm": norm,
             "between": between,
             "broad_phase": broad_phase,
-            "soft_clearance": soft_clearance,
+            "equations": equations,
         }
         indexes, built_from = sort_arguments("an ObstacleAvoidanceBlock", points, options, rule)
         super().__init__(*indexes, **built_from, **block_options)
-
-    @classmethod
-    def _is_scalar(cls, args: tuple[Any, ...], keywords: Mapping[str, Any]) -> bool:
-        return keywords.get("rule") is None or not args

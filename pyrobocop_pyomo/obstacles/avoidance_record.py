@@ -10,11 +10,12 @@ from typing import Any
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.motion.motion import Motion
 
-from .clearances import FreeClearance, SoftClearance, asked_clearances, check_preference, checked_soft_clearance
-from .formulations import FORMULATIONS, Formulation, SeparationIndex
+from .clearances import ClearanceRule, asked_clearances
+from .planes import SeparationIndex
 from .scene import BodyPair, Scene, make_scene
 
 
@@ -48,20 +49,12 @@ class MotionSegment:
         """Index of the separation in all components."""
         return (self.first, self.second, self.times[0])
 
-    @property
-    def local_times(self) -> tuple[float, ...]:
-        """Positions of the times within the segment, from 0 to 1; empty where the separation is for one time."""
-        if not self.fractions:
-            return ()
-        start, width = self.fractions[0], self.fractions[-1] - self.fractions[0]
-        return (0.0, *((fraction - start) / width for fraction in self.fractions[1:-1]), 1.0)
-
     def pose_at(self, motion: Motion, body: Body, position: int, name: str) -> Pose:
         """Expressions of the pose of a moving body at one of the times."""
+        assert body.pose is not None
         if self.interval is None:
-            assert body.pose is not None
             return motion.pose_at_node(body.pose, self.times[position], name=name)
-        return motion.pose_of(body, self.interval, self.fractions[position], name=name)
+        return motion.pose_at(body.pose, self.interval, self.fractions[position], name=name)
 
     def halves(self, motion: Motion) -> tuple[MotionSegment, MotionSegment]:
         """The two halves; they share the time in the middle, which is added where it is not one of the times."""
@@ -111,9 +104,6 @@ class AvoidanceRecord:
     scene : Scene
     points : Set
         The times that the user gave.
-    formulation : Formulation
-    norm : str
-        ``"auto"``, ``"ball"`` or ``"sphere"``, as given.
     per_interval : bool
         True where one separation covers an interval.
     broad_phase : float, "auto" or None
@@ -129,24 +119,18 @@ class AvoidanceRecord:
         Expressions of the poses, shared by all body pairs; the time is None for a body that rests.
     norm_now : str
         The norm that the rows have.
-    soft : bool
-        True while the rows have slack.
     reach : float
         Up to which distance a broad phase that is on by itself has looked so far.
     overlapping : dict of pair of parts to int
         Number of segments on which they overlapped when start values were set last.
     asked : dict of body pair to clearance
-        Floats, expressions, `ClearanceRule` or `FreeClearance`.
-    soft_clearance : SoftClearance or None
-        What is preferred, beside what is required.
+        Floats, expressions or `ClearanceRule`.
     lengths : dict of (body, body, time) to expression
         What the rules of clearances ask for at the times of the poses.
     """
 
     scene: Scene
     points: Any
-    formulation: Formulation
-    norm: str
     per_interval: bool
     broad_phase: float | str | None
     segments: dict[SeparationIndex, MotionSegment] = field(default_factory=dict)
@@ -155,17 +139,16 @@ class AvoidanceRecord:
     directions: dict[BodyPair, Any] = field(default_factory=dict)
     poses: dict[tuple[str, Hashable], Pose] = field(default_factory=dict)
     norm_now: str = "ball"
-    soft: bool = False
     reach: float = 0.0
     overlapping: dict[tuple[str, str], int] = field(default_factory=dict)
     asked: dict[BodyPair, Any] = field(default_factory=dict)
-    soft_clearance: SoftClearance | None = None
     lengths: dict[tuple[str, str, Hashable], Any] = field(default_factory=dict)
 
     @property
     def depends_on_what_is_far(self) -> bool:
-        """Whether distances beyond the clearance count: where more is preferred, or the optimiser chooses how much."""
-        return self.soft_clearance is not None or any(isinstance(a, FreeClearance) for a in self.asked.values())
+        """Whether distances beyond the clearance count: where the optimiser chooses how much it is."""
+        chosen = (asked for asked in self.asked.values() if not isinstance(asked, (float, ClearanceRule)))
+        return any(True for asked in chosen for _ in variables_in(asked, include_fixed=False))
 
     @property
     def dimension(self) -> int:
@@ -207,14 +190,10 @@ class AvoidanceOptions:
     clearance: Any = None
     body: Any = None
     pose: Callable[..., Any] | None = None
-    between_points: Callable[..., Any] | None = None
     body_pairs: Any = None
     exclude: Any = ()
-    formulation: str | Formulation = "plane"
-    norm: str = "auto"
-    between: str | None = "auto"
+    between: str | None = "plane"
     broad_phase: float | str | None = "auto"
-    soft_clearance: Any = None
 
     def record(self, label: str, points: Any) -> AvoidanceRecord:
         """The record of a new block.
@@ -234,65 +213,21 @@ class AvoidanceOptions:
             exclude=self.exclude,
         )
         asked = asked_clearances(label, scene.body_pairs, scene.bodies, self.clearance)
-        soft = checked_soft_clearance(label, self.soft_clearance)
-        check_preference(label, soft, asked)
-        formulation = self._formulation(label)
-        _check_shapes(label, scene, formulation)
-        self._check_norm(label, formulation)
-        per_interval = self._per_interval(label, formulation)
+        if self.between not in ("plane", None):
+            raise ObstacleError(f'{label}: between is {self.between!r}; it is "plane" or None.')
         self._check_broad_phase(label, [number for number in asked.values() if isinstance(number, float)])
-        return AvoidanceRecord(
-            scene,
-            points,
-            formulation,
-            self.norm,
-            per_interval,
-            self.broad_phase,
-            asked=asked,
-            soft_clearance=soft,
-        )
+        return AvoidanceRecord(scene, points, self.between is not None, self.broad_phase, asked=asked)
 
     def _bodies(self, label: str) -> Any:
         if self.body is None:
             if self.pose is not None:
                 raise ObstacleError(f"{label}: pose= goes with body=; with bodies=, give Body(shape, pose=rule).")
-            if self.between_points is not None:
-                raise ObstacleError(
-                    f"{label}: between_points= goes with body=; with bodies=, give Body(shape, pose=rule, "
-                    "between_points=formula)."
-                )
             return self.bodies
         if self.bodies is not None:
             raise ObstacleError(f"{label}: give bodies= or body=, not both.")
         if self.pose is None:
             raise ObstacleError(f"{label}: body= needs pose=rule, which says where it is: rule(block, t) -> Pose.")
-        return {"body": Body(self.body, self.pose, self.between_points)}
-
-    def _formulation(self, label: str) -> Formulation:
-        if not isinstance(self.formulation, str):
-            return self.formulation
-        if self.formulation not in FORMULATIONS:
-            raise ObstacleError(
-                f"{label}: formulation is {self.formulation!r}; there are {', '.join(map(repr, FORMULATIONS))}."
-            )
-        return FORMULATIONS[self.formulation]
-
-    def _check_norm(self, label: str, formulation: Formulation) -> None:
-        if self.norm != "auto" and self.norm not in formulation.norms:
-            raise ObstacleError(
-                f"{label}: norm is {self.norm!r}; the formulation '{formulation.name}' takes "
-                f"{', '.join(map(repr, ('auto', *formulation.norms)))}."
-            )
-
-    def _per_interval(self, label: str, formulation: Formulation) -> bool:
-        if self.between not in ("auto", "plane", None):
-            raise ObstacleError(f'{label}: between is {self.between!r}; it is "plane" or None.')
-        if self.between == "plane" and not formulation.covers_intervals:
-            raise ObstacleError(
-                f"{label}: the formulation '{formulation.name}' separates shapes at one pose at a time and cannot "
-                'cover an interval. Use formulation="plane", or between=None.'
-            )
-        return self.between is not None and formulation.covers_intervals
+        return {"body": Body(self.body, self.pose)}
 
     def _check_broad_phase(self, label: str, clearances: list[float]) -> None:
         length = self.broad_phase
@@ -306,25 +241,3 @@ class AvoidanceOptions:
                 f"{label}: broad_phase {length:g} leaves out body pairs that are nearer than the clearance "
                 f"{largest:g}. Take several times the clearance."
             )
-
-
-def _check_shapes(label: str, scene: Scene, formulation: Formulation) -> None:
-    """Check that shapes have half-spaces, or are bounded, where the formulation needs it.
-
-    Raises
-    ------
-    ObstacleError
-        Naming the body.
-    """
-    for pair in scene.part_pairs():
-        for part, halfspaces, rays in zip(pair, formulation.halfspaces, formulation.rays, strict=True):
-            if halfspaces and part.shape.is_flat:
-                raise ObstacleError(
-                    f"{label}: '{part.name}' is flat, and the formulation '{formulation.name}' needs its half-spaces, "
-                    'which a flat shape does not have. Use formulation="plane", or give the shape a thickness.'
-                )
-            if not rays and not part.shape.is_bounded:
-                raise ObstacleError(
-                    f"{label}: '{part.name}' is unbounded, which the formulation '{formulation.name}' cannot take. "
-                    'Use formulation="plane", or cut the shape to the region that can be reached.'
-                )

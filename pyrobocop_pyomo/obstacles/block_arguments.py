@@ -1,14 +1,45 @@
-"""Arguments of the blocks of this folder: a set of points and options, or index sets and a rule."""
+"""What both blocks of this folder are: built on a set of points, whose motion they read; indexed ones by a rule."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable, Mapping
 from typing import Any
 
 from pyomo.core.base.set import Set
 
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.modeling.blocks import Rule
+from pyrobocop_pyomo.modeling.blocks import BuiltBlock, BuiltBlockData, Rule
+from pyrobocop_pyomo.motion.motion import Motion, motion_of
+
+
+class MotionBlockData(BuiltBlockData):
+    """One block about the motion over a set of points."""
+
+    equations = True
+
+    _error = ObstacleError
+
+    @property
+    def record(self) -> Any:
+        """The facts behind this block: its points, bodies and poses."""
+        return self._record_if_built()
+
+    @property
+    def motion(self) -> Motion:
+        """The motion over the set of points."""
+        return motion_of(self.record.points, self.parent_block())
+
+    def stands_on(self, sets: Container[int]) -> bool:
+        """True where the motion is over one of the sets, which are given by their identities."""
+        return id(self.record.points) in sets
+
+
+class MotionBlock(BuiltBlock):
+    """A block, or blocks by index sets and a rule."""
+
+    @classmethod
+    def _is_scalar(cls, args: tuple[Any, ...], keywords: Mapping[str, Any]) -> bool:
+        return keywords.get("rule") is None or not args
 
 
 def sort_arguments(

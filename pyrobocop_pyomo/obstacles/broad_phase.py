@@ -17,7 +17,7 @@ from pyrobocop_pyomo.motion.safety_report import SafetyReport
 from pyrobocop_pyomo.numerics import Array, BoolArray
 
 from .avoidance_record import AvoidanceRecord, MotionSegment
-from .formulations import SeparationIndex
+from .planes import SeparationIndex
 from .separation_rows import add_separation, remove_separations
 from .snapshot import Snapshot
 

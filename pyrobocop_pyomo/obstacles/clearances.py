@@ -1,4 +1,4 @@
-"""What is required as clearance: numbers, parameters, variables, expressions, rules of time; and preferences."""
+"""What is required as clearance: numbers, parameters, variables, expressions, rules of time."""
 
 from __future__ import annotations
 
@@ -8,19 +8,17 @@ from dataclasses import dataclass
 from numbers import Real
 from typing import Any
 
-from pyomo.contrib.fbbt.expression_bounds_walker import ExpressionBoundsVisitor
 from pyomo.core.base.indexed_component import IndexedComponent
 from pyomo.core.expr.numvalue import NumericValue, is_fixed, value
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.modeling.copied_rules import copied_rule
+from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.motion.motion import Motion
 from pyrobocop_pyomo.motion.required_clearance import clearance_text, clearance_value, is_clearance_rule
 from pyrobocop_pyomo.rules.rule_template import templated
-
-from .clocks import phase_of
 
 BodyPair = tuple[str, str]
 
@@ -51,68 +49,6 @@ class ClearanceRule:
         return {"rule": picklable_or_none(self.rule) or _lost_rule}
 
 
-@dataclass(frozen=True, kw_only=True)
-class FreeClearance:
-    """A clearance that the optimiser chooses, for `ObstacleAvoidanceBlock`: its ``least_clearance``.
-
-    All body pairs that are given one keep the same clearance, which is a variable of the block. With
-    ``pyo.Objective(expr=avoid.least_clearance, sense=pyo.maximize)`` the plan keeps as far away as it can.
-
-    Attributes
-    ----------
-    bounds : (float, float or None)
-        The lower one must be > 0: so much is kept in any case.
-    initial_guess : float, optional
-        The lower bound by default.
-
-    Examples
-    --------
-    >>> import pyrobocop_pyomo as rcp
-    >>> rcp.FreeClearance(bounds=(0.02, 1.0))
-    FreeClearance(bounds=(0.02, 1.0), initial_guess=None)
-    """
-
-    bounds: tuple[float, float | None]
-    initial_guess: float | None = None
-
-    def __post_init__(self) -> None:
-        try:
-            lower, upper = self.bounds
-        except (TypeError, ValueError):
-            raise ObstacleError(
-                f"a FreeClearance with bounds = {self.bounds!r}; expected a pair (lower, upper), the upper may be None."
-            ) from None
-        if not (_is_length(lower) and (upper is None or (_is_length(upper) and upper >= lower))):
-            raise ObstacleError(
-                f"a FreeClearance with bounds = {self.bounds!r}; expected 0 < lower <= upper, or None for the upper. "
-                "Without a clearance nothing tells touching from overlapping."
-            )
-        guess = self.initial_guess
-        if guess is not None and not (_is_length(guess) and lower <= guess <= (math.inf if upper is None else upper)):
-            raise ObstacleError(f"a FreeClearance with initial_guess = {guess!r}, outside its bounds {self.bounds!r}.")
-
-    @property
-    def start(self) -> float:
-        """The value that the variable starts at."""
-        return float(self.bounds[0] if self.initial_guess is None else self.initial_guess)
-
-
-@dataclass(frozen=True)
-class SoftClearance:
-    """A clearance that is preferred to the one asked for, and the cost of missing it.
-
-    Attributes
-    ----------
-    preferred : number, Param or expression
-        The same at all times.
-    weight : number or Param
-        Cost of a unit of length missed, by each pair of convex parts, on average over the motion.
-    """
-
-    preferred: Any
-    weight: Any
-
-
 def _is_length(number: Any) -> bool:
     return isinstance(number, Real) and not isinstance(number, bool) and 0.0 < float(number) < math.inf
 
@@ -123,7 +59,7 @@ def _is_length(number: Any) -> bool:
 def asked_clearances(
     label: str, body_pairs: Iterable[BodyPair], bodies: Iterable[str], clearance: Any
 ) -> dict[BodyPair, Any]:
-    """The clearance of each watched body pair: a float, an expression, a `ClearanceRule` or a `FreeClearance`.
+    """The clearance of each watched body pair: a float, an expression or a `ClearanceRule`.
 
     Raises
     ------
@@ -150,12 +86,6 @@ def asked_clearances(
             )
     else:
         asked = {frozenset(pair): clearance for pair in pairs}
-    free = {given for given in asked.values() if isinstance(given, FreeClearance)}
-    if len(free) > 1:
-        raise ObstacleError(
-            f"{label}: clearance= has {len(free)} different FreeClearance; a block has one least_clearance. Give all "
-            "of its free body pairs the same one, or use a Var of the model for each."
-        )
     return {pair: _checked_clearance(label, pair, asked[frozenset(pair)]) for pair in pairs}
 
 
@@ -170,7 +100,7 @@ def _checked_key(label: str, given: Any, bodies: Iterable[str]) -> BodyPair:
 
 
 def _checked_clearance(label: str, pair: BodyPair, given: Any) -> Any:
-    if isinstance(given, (ClearanceRule, FreeClearance)):
+    if isinstance(given, ClearanceRule):
         return given
     if is_clearance_rule(given):
         return ClearanceRule(given)
@@ -186,48 +116,10 @@ def _checked_clearance(label: str, pair: BodyPair, given: Any) -> Any:
     if not _is_length(given):
         raise ObstacleError(
             f"{label}: {clearance_text(pair)} is {given!r}; it must be a length > 0: a number, a Param, a Var or an "
-            "expression of the model, a rule(block, t) or a FreeClearance. Without clearance nothing tells touching "
+            "expression of the model, or a rule(block, t). Without clearance nothing tells touching "
             "from overlapping; choose well above the solver's tolerance."
         )
     return float(given)
-
-
-def checked_soft_clearance(label: str, given: Any) -> SoftClearance | None:
-    """The preferred clearance and its weight.
-
-    Raises
-    ------
-    ObstacleError
-        Where they are not two positive numbers or expressions.
-    """
-    if given is None or isinstance(given, SoftClearance):
-        return given
-    if not (isinstance(given, (tuple, list)) and len(given) == 2):
-        raise ObstacleError(
-            f"{label}: soft_clearance is {given!r}; expected (preferred, weight): a length larger than the clearance, "
-            "and the cost of a unit of length missed."
-        )
-    for name, entry in zip(("preferred clearance", "weight"), given, strict=True):
-        number = value(entry, exception=False) if isinstance(entry, NumericValue) else entry
-        if not _is_length(number):
-            raise ObstacleError(f"{label}: soft_clearance has the {name} {entry!r}; expected a number > 0 or a Param.")
-    return SoftClearance(*given)
-
-
-def check_preference(label: str, soft: SoftClearance | None, asked: Mapping[BodyPair, Any]) -> None:
-    """Check that the preferred clearance is larger than all that are numbers.
-
-    Raises
-    ------
-    ObstacleError
-        Naming the body pair.
-    """
-    for pair, given in asked.items():
-        if soft is not None and isinstance(given, float) and value(soft.preferred) <= given:
-            raise ObstacleError(
-                f"{label}: soft_clearance prefers {value(soft.preferred):g}, which is not more than "
-                f"{clearance_text(pair)}, {given:g}. Prefer more, or ask for less."
-            )
 
 
 # ------------------------------------------------------------------------------------------------- on a block, at times
@@ -244,8 +136,8 @@ def length_at(motion: Motion, rule: ClearanceRule, pair: BodyPair, segment: Any,
     what, time = clearance_text(pair), segment.times[position]
     if segment.interval is None or time in motion.intervals[segment.interval]:
         try:
-            with slips_explained(rule.rule, what, motion.block, ("b", "t"), ObstacleError):
-                phase = phase_of(motion)
+            with slips_explained(rule.rule, what, motion.block, ("b", "t"), ObstacleError, time):
+                phase = motion.phase
                 found = rule(motion.block, time if phase is None else phase.record.index_for_rule(phase, time, what))
         except KeyError as error:
             raise ObstacleError(
@@ -268,8 +160,6 @@ def asked_at(block: Any, pair: BodyPair, time: Hashable) -> Any:
     asked = block.record.asked[pair]
     if isinstance(asked, float):
         return block.clearance[pair]
-    if isinstance(asked, FreeClearance):
-        return block.least_clearance
     return block.record.lengths[(*pair, time)] if isinstance(asked, ClearanceRule) else asked
 
 
@@ -293,14 +183,13 @@ def least_possible(expression: Any) -> float:
     """The least value of a clearance, whatever its variables become; 0 where it is not known."""
     if isinstance(expression, Real) or not expression.is_potentially_variable():
         return float(value(expression))
-    lower, _ = ExpressionBoundsVisitor(use_fixed_var_values_as_bounds=True).walk_expression(expression)
+    lower, _ = ExpressionBounds(use_fixed_var_values_as_bounds=True).walk_expression(expression)
     return max(float(lower), 0.0) if lower is not None and math.isfinite(lower) else 0.0
 
 
 def update_estimates(block: Any) -> None:
     """Note the largest clearance of each body pair as a number, for what needs to know about how far away is enough."""
     record = block.record
-    preferred = 0.0 if record.soft_clearance is None else float(value(record.soft_clearance.preferred))
     for pair in record.asked:
         known = [number for number in clearance_values(block, pair) if math.isfinite(number)]
-        record.scene.clearances[pair] = max([preferred, *known])
+        record.scene.clearances[pair] = max(known, default=0.0)

@@ -8,7 +8,7 @@ that are somewhere else.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from numbers import Real
 from typing import Any
 
@@ -27,13 +27,12 @@ from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.motion.motion import Motion
 from pyrobocop_pyomo.motion.pose_probe import PoseReading, read_pose
 from pyrobocop_pyomo.motion.table_paths import TablePath
-from pyrobocop_pyomo.phases import PhaseBlockData
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
 logger = logging.getLogger(__name__)
 
 # By how much the index is scaled down and the duration up: what depends on their product alone does not change.
 _SCALE = 1.7
-_SAME = 1e-9
 # Largest jump of an obstacle from phase to phase, in units of length, that is rounding.
 _LARGEST_JUMP = 1e-6
 
@@ -90,7 +89,7 @@ def _refuse_endless_turns(label: str, name: str, body: Body, reading: PoseReadin
 
 
 def _check_index(label: str, name: str, motion: Motion, pose: Any, reading: PoseReading) -> None:
-    phase = phase_of(motion)
+    phase = motion.phase
     if phase is None or not phase.has_normalised_time or not reading.reads_index or _is_real_time(phase, reading):
         return
     fact = (
@@ -117,21 +116,15 @@ def _is_real_time(phase: Any, reading: PoseReading) -> bool:
     for index, length in ((0.23, 0.9), (0.61, 1.3)):
         before = reading.values({id(reading.index): index, id(duration): length})
         after = reading.values({id(reading.index): index / _SCALE, id(duration): length * _SCALE})
-        if before is None or after is None or not np.allclose(before, after, rtol=_SAME, atol=_SAME):
+        if before is None or after is None or not np.allclose(before, after, rtol=NEGLIGIBLE, atol=NEGLIGIBLE):
             return False
     return True
-
-
-def phase_of(motion: Motion) -> Any:
-    """The phase whose times are the points of a motion; None where there is none."""
-    phase = getattr(getattr(motion.interpolation, "states", None), "phase", None)
-    return phase if isinstance(phase, PhaseBlockData) else None
 
 
 # ------------------------------------------------------------------------------------------- from one phase to the next
 
 
-def check_clocks(model: Any, blocks: Iterable[Any]) -> None:
+def check_clocks(model: Any, blocks: Collection[Any]) -> None:
     """Check that what moves in time goes on where one phase follows another.
 
     Parameters
@@ -145,22 +138,34 @@ def check_clocks(model: Any, blocks: Iterable[Any]) -> None:
         Where the clock of a phase that follows another starts anew and an obstacle of both jumps: naming it, both
         phases, and by how much.
     """
-    of_phase: dict[int, list[Any]] = {}
     for block in blocks:
         _warn_of_scaled_set(model, block)
-        phase = phase_of(block.motion)
-        if phase is not None:
-            of_phase.setdefault(id(phase), []).append(block)
-    for link in blocks_of_kind(model, LinkData):
-        first, second = link.first, link.second
-        if first is second or id(second) not in of_phase:
-            continue  # nothing moves beside it, whenever it starts
-        if _goes_on(first, second):
-            _warn_of_loose_start(model, first, second, of_phase[id(second)])
+        for doubt in _doubts(block, blocks):
+            logger.warning("%s", doubt)
+
+
+def doubtful_clock(block: Any) -> str:
+    """Why it is not known when the obstacles of a block are where, in words; empty where it is."""
+    try:
+        return next(_doubts(block, blocks_of_kind(block.model(), type(block))), "")
+    except ObstacleError as error:
+        return str(error)
+
+
+def _doubts(block: Any, blocks: Collection[Any]) -> Iterator[str]:
+    """What moves in time beside a phase that follows another one, and does not go on with its time."""
+    second = block.motion.phase
+    for link in blocks_of_kind(block.model(), LinkData) if second is not None else ():
+        first = link.first
+        if link.second is not second or first is second:
             continue
-        for block in of_phase[id(second)]:
-            for name, body, after in _timed(block):
-                _check_passage(first, second, block, name, body, after, of_phase.get(id(first), ()))
+        if _goes_on(first, second):
+            beside = [other for other in blocks if other.motion.phase is second]
+            yield from _loose_start(first, second, block, beside)
+            continue
+        before = [other for other in blocks if other.motion.phase is first]
+        for name, body, after in _timed(block):
+            yield from _passage(first, second, block, name, body, after, before)
 
 
 def _goes_on(first: Any, second: Any) -> bool:
@@ -168,31 +173,25 @@ def _goes_on(first: Any, second: Any) -> bool:
     end, start = first.time_at(first.final_time), second.time_at(second.initial_time)
     if _is_open(start):
         return True
-    return not _is_open(end) and abs(float(value(end)) - float(value(start))) <= _SAME * max(
+    return not _is_open(end) and abs(float(value(end)) - float(value(start))) <= NEGLIGIBLE * max(
         1.0, abs(float(value(end)))
     )
 
 
-def _warn_of_loose_start(model: Any, first: Any, second: Any, blocks: Iterable[Any]) -> None:
-    """Tell where a phase that follows another may start at any time: a solver then chooses where obstacles are."""
-    if not is_plain_variable(second.start):
-        return
-    names = [name for block in blocks for name, _, _ in _timed(block)]
+def _loose_start(first: Any, second: Any, block: Any, beside: Iterable[Any]) -> Iterator[str]:
+    """Where a phase that follows another may start at any time: a solver then chooses where obstacles are."""
+    names = [name for name, _, _ in _timed(block)] if is_plain_variable(second.start) else []
     if not names:
         return
-    # The phase and the block read the start themselves, where poses depend on time.
-    own = [second, *blocks]
-    rows = model.component_data_objects(Constraint, active=True, descend_into=True)
+    # The phase and its blocks read the start themselves, where poses depend on time.
+    own = [second, *beside]
+    rows = block.model().component_data_objects(Constraint, active=True, descend_into=True)
     others = (row for row in rows if not any(_is_within(row, block) for block in own))
     read = (variable for row in others for variable in variables_in(row.body, include_fixed=False))
     if not any(variable is second.start for variable in read):
-        logger.warning(
-            "phase '%s' follows '%s', but nothing ties its start to the end of that phase, and %s move(s) with its "
-            "time. Give it start=%s.",
-            second.name,
-            first.name,
-            ", ".join(f"'{name}'" for name in names),
-            first.name,
+        yield (
+            f"phase '{second.name}' follows '{first.name}', but nothing ties its start to the end of that phase, and "
+            f"{', '.join(map(repr, names))} move(s) with its time. Give it start={first.name}."
         )
 
 
@@ -252,9 +251,9 @@ def _timed(block: Any) -> Iterator[tuple[str, Body, PoseReading]]:
                 yield name, body, reading
 
 
-def _check_passage(
+def _passage(
     first: Any, second: Any, block: Any, name: str, body: Body, after: PoseReading, before: Iterable[Any]
-) -> None:
+) -> Iterator[str]:
     remedy = f"Give '{second.name}' start={first.name}, and write b.time_at(t) in the pose rule"
     if second.parent_component().is_indexed():
         remedy = (
@@ -278,7 +277,7 @@ def _check_passage(
             f"{remedy}."
         )
     if not any(name in other.record.scene.bodies for other in before):
-        logger.warning("%s at %g, and '%s' moves with it. If that is not meant: %s.", fact, there, name, remedy)
+        yield f"{fact} at {there:g}, and '{name}' moves with it. If that is not meant: {remedy}."
 
 
 def warn_of_clocks_that_start_anew(blocks: Iterable[Any]) -> None:

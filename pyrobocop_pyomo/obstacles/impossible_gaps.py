@@ -23,7 +23,7 @@ from pyrobocop_pyomo.geometry import Polytope, distance_of_points
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import scipy
 
-from .clearances import ClearanceRule, FreeClearance, least_possible
+from .clearances import ClearanceRule, least_possible
 from .scene import ConvexPart
 from .snapshot import Snapshot, variables_of
 
@@ -250,9 +250,7 @@ def _walls(snapshot: Snapshot, name: str, radius: float) -> tuple[list[ConvexPar
         if not scene.is_static(other):
             continue
         least = 0.0
-        if isinstance(asked, FreeClearance):
-            least = asked.bounds[0]
-        elif not isinstance(asked, ClearanceRule):
+        if not isinstance(asked, ClearanceRule):
             least = least_possible(asked)
         for part in scene.parts_of(other):
             walls.append(part)

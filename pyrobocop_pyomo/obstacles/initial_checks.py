@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 from pyomo.core.base.constraint import Constraint
-from pyomo.core.base.objective import Objective
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.errors import GeometryError, ObstacleError
+from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose, check_pose, distance_of_points
 from pyrobocop_pyomo.geometry.poses import LARGEST_USUAL_ANGLE
 from pyrobocop_pyomo.modeling.row_violations import constraint_violation
@@ -20,6 +19,7 @@ from pyrobocop_pyomo.modeling.variable_values import values_restored
 from pyrobocop_pyomo.motion.motion import Motion
 from pyrobocop_pyomo.motion.moving_shapes import moving_shapes
 from pyrobocop_pyomo.motion.required_clearance import clearance_text, required_clearance
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
 from .avoidance_record import AvoidanceRecord
 from .clearances import ClearanceRule, clearance_values
@@ -27,7 +27,6 @@ from .snapshot import Snapshot, variables_of
 
 LOGGER = logging.getLogger(__name__)
 
-NEARLY = 1e-9
 # Smallest ratio of a clearance and the tolerance of rows that still tells clear from touching.
 TOLERANCES_PER_CLEARANCE = 100.0
 # Equations of motion add up about ten coordinates with weights of about ten.
@@ -56,7 +55,7 @@ def check_poses(snapshot: Snapshot, motion: Motion) -> None:
             check_pose(Pose(pose.rotation, pose.translation) if body in in_degrees else pose, body)
             if any(abs(value(angle)) > LARGEST_USUAL_ANGLE for angle in pose.angles):
                 in_degrees.add(body)
-        except GeometryError as error:
+        except ObstacleError as error:
             raise ObstacleError(f"{snapshot.what}: at {time}, {error}") from None
 
 
@@ -92,7 +91,7 @@ def check_fixed_poses(snapshot: Snapshot, clearance_at: Callable[[tuple[str, str
                     continue  # as boxes around most of them are
             near = distance_of_points(p, q, q_rays=rays[1], p_rays=rays[0])
             available = near.distance - first.shape.radius - second.shape.radius
-            if available < asked - NEARLY * max(1.0, float(np.abs(p).max())):
+            if available < asked - NEGLIGIBLE * max(1.0, float(np.abs(p).max())):
                 if available > 0:
                     distance_text, remedy = f"only {available:.6g} apart", f"Ask for less than {available:.6g}, or move"
                 else:
@@ -122,25 +121,9 @@ def check_clearances(block: Any, tolerance: float) -> None:
             raise ObstacleError(
                 f"obstacle avoidance '{block.name}': {clearance_text(pair)} is {least:g}, less than "
                 f"{TOLERANCES_PER_CLEARANCE:g} times the {tolerance:g} that constraints may be violated by. Choose a "
-                "unit of length in which the clearance is a larger number, or lower feasibility_tolerance."
+                "unit of length in which the clearance is a larger number, or a smaller one of "
+                "tolerances={'feasibility': ...}."
             )
-
-
-def warn_about_soft_clearance(block: Any) -> None:
-    """Warn where a clearance is preferred, but missing it costs nothing."""
-    if block.record.soft_clearance is None or not len(block.missed):
-        return
-    missed = {id(variable) for variable in block.missed.values()}
-    objectives = block.model().component_data_objects(Objective, active=True, descend_into=True)
-    if any(id(read) in missed for objective in objectives for read in variables_in(objective.expr)):
-        return
-    LOGGER.warning(
-        "obstacle avoidance '%s': soft_clearance prefers a clearance of %g, but missing it costs nothing. Add "
-        "%s.soft_clearance_cost to the objective.",
-        block.name,
-        value(block.preferred_clearance),
-        block.name,
-    )
 
 
 def check_digits(block: Any, tolerance: float) -> None:
@@ -206,9 +189,6 @@ def check_fixed_inside(region: Any, tolerance: float) -> None:
     """
     record = region.record
     fixed = {time for time, pose in record.poses.items() if all(variable.fixed for variable in variables_of(pose))}
-    if len(record.regions) > 1:
-        _check_fixed_in_union(region, fixed, tolerance)
-        return
     beyond = {
         (time, side): constraint_violation(row) for (time, _, side), row in region.inside.items() if time in fixed
     }
@@ -220,19 +200,6 @@ def check_fixed_inside(region: Any, tolerance: float) -> None:
             f"beyond side {side + 1} of the region, with the clearance of {value(region.clearance):g}. Move the fixed "
             "pose, or ask for a larger region."
         )
-
-
-def _check_fixed_in_union(region: Any, fixed: set[Hashable], tolerance: float) -> None:
-    record, asked = region.record, float(value(region.clearance))
-    for time in record.times:
-        rooms = region.rooms_at(time) if time in fixed else ()
-        if len(rooms) and max(rooms) < asked - tolerance:
-            nearest = int(np.argmax(rooms))
-            raise ObstacleError(
-                f"containment '{region.name}': at t = {time}, where the pose is fixed, the body is inside none of the "
-                f"{len(record.regions)} regions: region {nearest + 1} lacks {asked - max(rooms):.6g}, with the "
-                f"clearance of {asked:g}. Move the fixed pose, or add a region."
-            )
 
 
 def has_values(record: AvoidanceRecord) -> bool:
@@ -288,4 +255,4 @@ def _is_always_a_rotation(pose: Pose, variables: list[Any]) -> bool:
     with values_restored(variables) as values:
         values.write([1.1 * variable.value + 0.1 for variable in variables])
         rotation, _ = pose.numbers()
-    return bool(np.abs(rotation @ rotation.T - np.eye(len(rotation))).max() < NEARLY)
+    return bool(np.abs(rotation @ rotation.T - np.eye(len(rotation))).max() < NEGLIGIBLE)

@@ -19,9 +19,8 @@ from pyrobocop_pyomo.numerics import Array, BoolArray
 
 from .avoidance_record import AvoidanceRecord, MotionSegment
 from .broad_phase import swept_distances
-from .formulations import PlacedShape
+from .planes import PlacedShape, start_plane
 from .scene import BodyPair
-from .separation_rows import start_missed
 from .snapshot import Snapshot, gap_along
 
 LOGGER = logging.getLogger(__name__)
@@ -119,14 +118,7 @@ def _unit(normal: Array | None) -> Array | None:
 
 def _start(block: Any, record: AvoidanceRecord, segment: MotionSegment, pair: PlacedPair, normal: Array) -> None:
     index = segment.index
-    if record.soft_clearance is not None:
-        radii = pair[0].shape.radius + pair[1].shape.radius
-        start_missed(block, segment, float(gap_along(normal[None, :], *pair)[0]) + radii)
-    if record.soft:
-        block.slack[index].set_value(0.0)
-        proven = float(gap_along(normal[None, :], *pair)[0]) + pair[0].shape.radius + pair[1].shape.radius
-        block.slack[index].set_value(max(0.0, value(block.required[index]) - proven))
-    record.formulation.start(block, index, *pair, normal)
+    start_plane(block, index, *pair, normal)
 
 
 # --------------------------------------------------------------------------------------------------- choice of normals

@@ -16,7 +16,7 @@ from pyrobocop_pyomo.motion.sampled_paths import TURNS, SampledPath, read_path, 
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .clearances import ClearanceRule, FreeClearance, asked_clearances
+from .clearances import ClearanceRule, asked_clearances
 from .scene import BodyPair, make_scene
 
 _WHAT = "verify_motion"
@@ -78,8 +78,9 @@ def verify_motion(
     -------
     SafetyReport
         About this motion: between two poses the origin of a body's frame moves on a straight line, and the body turns
-        at a constant rate, in space about a constant axis. Along a trajectory: the polynomials of its states. Its
-        first line says which. What a robot does between the poses that follows them in another way is not known.
+        at a constant rate, in space about a constant axis. Along a trajectory: the polynomials of its states;
+        ``safe`` is None where they keep clear, since a trajectory has no equations to follow. The first line of the
+        report says which motion it is. What a robot does that follows the poses in another way is not known.
 
     Raises
     ------
@@ -232,6 +233,4 @@ def _refuse_bodies_without_motion(bodies: Mapping[str, Any]) -> None:
 
 
 def _plain(asked: Any) -> Any:
-    if isinstance(asked, FreeClearance):
-        raise ObstacleError(f"{_WHAT}: a FreeClearance is for a plan; give the clearance to be proven as a number.")
     return asked.rule if isinstance(asked, ClearanceRule) else asked

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 
-from pyrobocop_pyomo.errors import GeometryError, ObstacleError
+from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.motion.motion import Motion
@@ -48,7 +48,7 @@ def draw_avoidance(
 
     Raises
     ------
-    GeometryError
+    ObstacleError
         When a variable that a pose needs has no value.
     """
     time, bodies, obstacles = scene_of(avoid)
@@ -117,7 +117,7 @@ def _between_points(shape: MovingShape, dimension: int, interval: Indices, fract
     entries = shape.template.values(interval, fraction)
     count = dimension * dimension
     if not np.isfinite(entries).all():
-        raise GeometryError(f"'{shape.name}': its pose has no finite value everywhere, so that it cannot be drawn.")
+        raise ObstacleError(f"'{shape.name}': its pose has no finite value everywhere, so that it cannot be drawn.")
     return entries[:, :count].reshape(-1, dimension, dimension), entries[:, count:]
 
 

@@ -15,11 +15,11 @@ import numpy as np
 
 from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.geometry.grid_path_search import grid_path
+from pyrobocop_pyomo.geometry.poses import is_number
 from pyrobocop_pyomo.modeling.variable_values import within_bounds
 from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.numerics import Array
 
-from .formulations.rows import is_number
 from .scene import Scene
 
 logger = logging.getLogger(__name__)
@@ -30,6 +30,8 @@ NARROW = 3.0
 BLOCKED = 1e4
 # Share of a path over which its corners are rounded.
 ROUNDED = 0.1
+# Of the smallest body: an overlap that is more than a little.
+DEEP = 0.1
 
 
 def reroute(block: Any) -> list[str]:
@@ -96,6 +98,12 @@ def runs_into_several(block: Any) -> bool:
         return False
     bodies = {record.scene.parts[second].body for _, second in record.overlapping}
     return sum(record.scene.is_static(body) for body in bodies) >= 2
+
+
+def overlaps_deeply(block: Any) -> bool:
+    """Whether shapes overlap, where the separations of a block start now, by more than a tenth of the smallest body."""
+    reach = min(part.shape.reach for part in block.record.scene.parts.values() if part.shape.is_bounded)
+    return min(block.separation_gaps().values(), default=0.0) < -DEEP * reach
 
 
 def can_turn_at_both_ends(block: Any) -> bool:

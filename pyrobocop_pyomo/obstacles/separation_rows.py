@@ -1,4 +1,4 @@
-"""Separations as variables and rows: adding, removing, softening and hardening them."""
+"""Separations as variables and rows: adding and removing them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from typing import Any
 
 from pyomo.core.base.set import Set
-from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose
@@ -16,7 +15,7 @@ from pyrobocop_pyomo.motion.motion import Motion
 
 from .avoidance_record import AvoidanceRecord, MotionSegment
 from .clearances import ClearanceRule, asked_at, length_at
-from .formulations import PosedShape, SeparationIndex
+from .planes import PosedShape, SeparationIndex, add_plane, set_norm
 from .scene import ConvexPart
 
 
@@ -74,18 +73,14 @@ def add_separation(block: Any, record: AvoidanceRecord, segment: MotionSegment) 
     index = segment.index
     block.separations.add(index)
     record.segments[index] = segment
-    if record.soft:
-        block.slack.add(index).set_value(0.0)
-    if record.soft_clearance is not None:
-        _prefer(block, record, segment)
     block.required.add(index, _required_gap(block, record, segment))
     first, second = record.scene.parts[segment.first], record.scene.parts[segment.second]
     rises = _rises(block, record, segment)
     rising = second if record.scene.is_static(first.body) else first
     shapes = [_posed(record, part, segment, rises if part is rising else ()) for part in (first, second)]
-    record.formulation.add(block, index, *shapes)
+    add_plane(block, index, *shapes)
     if record.norm_now != "ball":
-        record.formulation.set_norm(block, index, record.norm_now)
+        set_norm(block, index, record.norm_now)
 
 
 def _posed(
@@ -94,41 +89,25 @@ def _posed(
     if record.scene.is_static(part.body):
         return PosedShape(part.shape, ((segment.times[0], record.poses[part.body, None]),))
     poses = tuple((time, record.poses[part.body, time]) for time in segment.times)
-    return PosedShape(part.shape, poses, rises, segment.local_times)
+    return PosedShape(part.shape, poses, rises)
 
 
 def _rises(block: Any, record: AvoidanceRecord, segment: MotionSegment) -> tuple[Any, ...]:
     """How much more is requested at each time of a segment than at its first; empty where it is always the same."""
     pair = _bodies(record, segment)
-    if record.soft_clearance is not None or not isinstance(record.asked[pair], ClearanceRule):
+    if not isinstance(record.asked[pair], ClearanceRule):
         return ()
     asked = [asked_at(block, pair, time) for time in segment.times]
-    return (0.0, *((later - asked[0]) * block.clearance_scale for later in asked[1:]))
-
-
-def _prefer(block: Any, record: AvoidanceRecord, segment: MotionSegment) -> None:
-    """Let a separation miss the preferred clearance, down to the one that is required."""
-    index, pair = segment.index, _bodies(record, segment)
-    missed = block.missed.add(index)
-    if missed.value is None:
-        missed.set_value(0.0)
-    rule = isinstance(record.asked[pair], ClearanceRule)
-    for time in segment.times if rule else segment.times[:1]:
-        kept = block.preferred_clearance - missed - asked_at(block, pair, time)
-        block.asked_is_kept.add((*index, time), (0.0, kept, None))
+    return (0.0, *(later - asked[0] for later in asked[1:]))
 
 
 def _required_gap(block: Any, record: AvoidanceRecord, segment: MotionSegment) -> Any:
-    """Clearance at the first time, radii and margin, less the slack."""
+    """Clearance at the first time, radii and margin."""
     first, second = record.scene.parts[segment.first], record.scene.parts[segment.second]
-    if record.soft_clearance is None:
-        length = asked_at(block, (first.body, second.body), segment.times[0])
-    else:
-        length = block.preferred_clearance - block.missed[segment.index]
-    asked = length * block.clearance_scale + block.margin[segment.index]
+    length = asked_at(block, (first.body, second.body), segment.times[0])
+    asked = length + block.margin[segment.index]
     radii = first.shape.radius + second.shape.radius
-    total = asked + radii if radii else asked
-    return total - block.slack[segment.index] if record.soft else total
+    return asked + radii if radii else asked
 
 
 def remove_separations(block: Any, record: AvoidanceRecord, segments: Iterable[MotionSegment]) -> None:
@@ -168,57 +147,3 @@ def members_taken_off(block: Any) -> Iterator[list[Any]]:
 def _belongs(key: Any, separations: Collection[SeparationIndex]) -> bool:
     """Indices of members start with the index of their separation; some have a word before it."""
     return isinstance(key, tuple) and (key[:3] in separations or key[1:4] in separations)
-
-
-def soften(block: Any, record: AvoidanceRecord) -> None:
-    """Give every separation a slack."""
-    record.soft = True
-    for index, segment in record.segments.items():
-        block.slack.add(index).set_value(0.0)
-        block.required[index].set_value(_required_gap(block, record, segment))
-    update_softness(block, record)
-
-
-def harden(block: Any, record: AvoidanceRecord) -> None:
-    """Remove the slack again."""
-    record.soft = False
-    for index, segment in record.segments.items():
-        block.required[index].set_value(_required_gap(block, record, segment))
-    update_softness(block, record)
-    block.slack.clear()
-
-
-def update_softness(block: Any, record: AvoidanceRecord) -> None:
-    """Update the cost of the slack after separations were added or removed."""
-    slacks = sum(block.slack[index] for index in record.segments) if record.soft else 0.0
-    block.softness.set_value(block.softness_weight * slacks if record.soft else 0.0)
-
-
-def update_soft_clearance_cost(block: Any, record: AvoidanceRecord) -> None:
-    """Update the cost of a preferred clearance after separations were added or removed."""
-    if record.soft_clearance is None:
-        return
-    points = len(record.points)
-    intervals = block.motion.intervals if record.per_interval else ()
-    whole = intervals[-1][-1] - intervals[0][0] if intervals else 0.0
-    shares = {}
-    for index, segment in record.segments.items():
-        if segment.interval is None:
-            shares[index] = 1.0 / points
-        else:
-            nodes = intervals[segment.interval]
-            shares[index] = (segment.fractions[-1] - segment.fractions[0]) * (nodes[-1] - nodes[0]) / whole
-    average = sum(share * block.missed[index] for index, share in shares.items())
-    block.soft_clearance_cost.set_value(record.soft_clearance.weight * average)
-
-
-def start_missed(block: Any, segment: MotionSegment, proven: float) -> None:
-    """Start with what a separation misses of the preferred clearance, where it proves a gap."""
-    if block.record.soft_clearance is None:
-        return
-    missed = block.missed[segment.index]
-    missed.set_value(0.0)
-    lacking = value(block.required[segment.index]) - proven
-    places = [(*segment.index, time) for time in segment.times]
-    most = min(value(block.asked_is_kept[place].body) for place in places if place in block.asked_is_kept)
-    missed.set_value(min(max(lacking, 0.0), max(most, 0.0)))

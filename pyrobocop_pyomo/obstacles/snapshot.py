@@ -9,15 +9,14 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.optional_imports import scipy
 
 from .avoidance_record import AvoidanceRecord, MotionSegment
-from .formulations import PlacedShape
+from .planes import PlacedShape
 from .scene import ConvexPart
 
 Numbers = tuple[np.ndarray, np.ndarray]
-
-SHORTEST_NORMAL = 1e-9
 
 
 class Snapshot:
@@ -91,9 +90,8 @@ class Snapshot:
     def _placed(self, part: ConvexPart, segment: MotionSegment) -> PlacedShape:
         key = (part.name, None if self.record.scene.is_static(part.body) else segment.times)
         if key not in self._shapes:
-            rotation, translation = self.pose(part.body, segment.times[0])
             vertices, rays = self.vertices(part, segment.times), self.rays(part, segment.times)
-            self._shapes[key] = PlacedShape(part.shape, vertices, rays, rotation, translation)
+            self._shapes[key] = PlacedShape(part.shape, vertices, rays)
         return self._shapes[key]
 
 
@@ -119,6 +117,6 @@ def proven_gap(first: PlacedShape, second: PlacedShape, normal: np.ndarray) -> f
         # The residual of the projection onto the cone of the rays makes no acute angle with any of them.
         normal = normal - rays.T @ scipy.optimize.nnls(rays.T, normal)[0]
     length = float(np.linalg.norm(normal))
-    if not length > SHORTEST_NORMAL:
+    if not length > NEGLIGIBLE:
         return -float("inf")
     return float(gap_along((normal / length)[None, :], first, second)[0])

@@ -23,7 +23,7 @@ from pyrobocop_pyomo.numerics import Array
 from .avoidance_record import MotionSegment
 from .broad_phase import places_of
 from .clearances import ClearanceRule
-from .formulations import SeparationIndex, TurningPlane
+from .planes import SeparationIndex
 
 logger = logging.getLogger(__name__)
 
@@ -82,7 +82,7 @@ def tighten(block: Any, report: SafetyReport, *, split: bool) -> list[str]:
         done["separations restored"] = len(restored)
     paths = _Paths(record, block.motion)
     concerned = [record.segments[index] for index in {**wanted, **beside}]
-    deviations = paths.deviations(concerned, [_plane(block, segment.index) for segment in concerned])
+    deviations = paths.deviations(concerned, [_normal(block, segment.index) for segment in concerned])
     for index, deviation in zip([segment.index for segment in concerned], deviations.tolist(), strict=True):
         before = value(block.margin[index])
         enough = DEVIATION_FACTOR * deviation + of_equations.get(index, 0.0)
@@ -171,19 +171,17 @@ class _Paths:
         self._rising = {
             pair: required_clearance(motion, asked, pair)
             for pair, asked in record.asked.items()
-            if isinstance(asked, ClearanceRule) and record.soft_clearance is None
+            if isinstance(asked, ClearanceRule)
         }
 
-    def deviations(self, segments: Sequence[MotionSegment], planes: Sequence[tuple[Array, Array]]) -> Array:
+    def deviations(self, segments: Sequence[MotionSegment], normals: Sequence[Array]) -> Array:
         """How much farther the shapes reach across a plane during each segment than at its poses, shape (k,)."""
         found = np.zeros(len(segments))
         if not segments:
             return found
         with np.errstate(all="ignore"):
-            lengths = np.array([np.linalg.norm(normals, axis=1).max() for normals, _ in planes])
-            directions = np.array([normals for normals, _ in planes]) / lengths[:, None, None]
-            offsets = np.array([ends for _, ends in planes]) / lengths[:, None]
-        usable = np.isfinite(directions).all(axis=(1, 2)) & np.isfinite(offsets).all(axis=1)
+            directions = np.array(normals) / np.linalg.norm(normals, axis=1)[:, None]
+        usable = np.isfinite(directions).all(axis=1)
         for side, sign in (("first", -1.0), ("second", 1.0)):
             of_shape: dict[str, list[int]] = {}
             for k in np.flatnonzero(usable).tolist():
@@ -193,8 +191,7 @@ class _Paths:
                 if shape.template is not None:
                     chosen = [segments[k] for k in members]
                     rising = [self._rising_with(segment, side) for segment in chosen]
-                    plane = sign * directions[members], sign * offsets[members]
-                    found[members] += _reach_beyond(shape, chosen, *plane, rising)
+                    found[members] += _reach_beyond(shape, chosen, sign * directions[members], rising)
         return found
 
     def _rising_with(self, segment: MotionSegment, side: str) -> RequiredClearance | None:
@@ -221,15 +218,9 @@ def _reach_beyond(
     shape: MovingShape,
     segments: Sequence[MotionSegment],
     directions: Array,
-    offsets: Array,
     rising: Sequence[RequiredClearance | None],
 ) -> Array:
-    """How much farther one shape, grown by what is required, reaches across planes than at the poses, shape (k,).
-
-    Directions (k, 2, d) and offsets (k, 2) are those at the start and the end of each segment, linear in between.
-    """
-    starts = np.array([segment.fractions[0] for segment in segments])
-    widths = np.array([segment.fractions[-1] - segment.fractions[0] for segment in segments])
+    """How much farther one shape, grown by what is required, reaches along directions than at the poses, shape (k,)."""
     dense = [np.linspace(segment.fractions[0], segment.fractions[-1], SAMPLES_PER_SEGMENT) for segment in segments]
     posed = [np.array(segment.fractions) for segment in segments]
     intervals = np.array([segment.interval for segment in segments])
@@ -238,10 +229,7 @@ def _reach_beyond(
         counts = np.array([len(fractions) for fractions in instants])
         owner, fractions = np.repeat(np.arange(len(segments)), counts), np.concatenate(instants)
         corners, _ = shape.corners(intervals[owner], fractions)
-        later = (fractions - starts[owner]) / widths[owner]
-        direction = (1.0 - later)[:, None] * directions[owner, 0] + later[:, None] * directions[owner, 1]
-        offset = (1.0 - later) * offsets[owner, 0] + later * offsets[owner, 1]
-        reach = np.einsum("mir,mr->mi", corners, direction).max(axis=1) - offset
+        reach = np.einsum("mir,mr->mi", corners, directions[owner]).max(axis=1)
         for k, asked in enumerate(rising):
             if asked is not None:
                 mine = owner == k
@@ -254,20 +242,16 @@ def _split(block: Any, index: SeparationIndex, paths: _Paths) -> bool:
     segment = block.record.segments[index]
     if segment.fractions[-1] - segment.fractions[0] <= SMALLEST_PART:
         return False
-    (whole,) = paths.deviations([segment], [_plane(block, index)])
+    (whole,) = paths.deviations([segment], [_normal(block, index)])
     # What was asked beyond the chord deviation: the motion of the equations may need it in both halves.
     beyond = max(value(block.margin[index]) - DEVIATION_FACTOR * float(whole), 0.0)
     for half in block.split(*index):
         # The chord deviation of a half is smaller than that of the whole segment.
-        (deviation,) = paths.deviations([block.record.segments[half]], [_plane(block, half)])
+        (deviation,) = paths.deviations([block.record.segments[half]], [_normal(block, half)])
         block.set_margin(*half, DEVIATION_FACTOR * float(deviation) + beyond)
     return True
 
 
-def _plane(block: Any, index: SeparationIndex) -> tuple[Array, Array]:
-    """Normals (2, d) and offsets (2,) of a plane at the start and the end of its segment."""
-    formulation = block.record.formulation
-    if isinstance(formulation, TurningPlane):
-        return formulation.ends(block, index)
-    normal = np.array([value(block.normal[(*index, axis)]) for axis in block.axes], dtype=float)
-    return np.array([normal, normal]), np.zeros(2)
+def _normal(block: Any, index: SeparationIndex) -> Array:
+    """The normal (d,) of a separation; NaN where it has no value."""
+    return np.array([value(block.normal[(*index, axis)]) for axis in block.axes], dtype=float)

@@ -2,7 +2,6 @@
 
 from .declarations import Algebraic, Control, Declaration, Duration, Parameter, Start, State
 from .laws import Law
-from .measurements import label_measurements
 from .mpc_interface import PhaseInterface
 from .phase_block import PhaseBlock
 from .phase_data import PhaseBlockData, note_outcome, phases_of
@@ -22,7 +21,6 @@ __all__ = [
     "Start",
     "State",
     "Verification",
-    "label_measurements",
     "note_outcome",
     "phases_of",
     "remesh_phases",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from pyrobocop_pyomo.errors import RemeshingError
+from pyrobocop_pyomo.errors import ModelError
 
 from .nodes import Nodes, StateNodes
 
@@ -33,7 +33,7 @@ def carried_marks(
 
     Raises
     ------
-    RemeshingError
+    ModelError
         When what was set on a single node would be lost.
     """
     marks = list(marks)
@@ -50,7 +50,7 @@ def carried_marks(
     for i in vanished:
         around = before.around(before.times[i])
         if i in set_by_user and any(marks[j] != marks[i] for j in around):
-            raise RemeshingError(
+            raise ModelError(
                 f"{label} at t = {before.times[i]:g} was set for this time alone, which the new mesh has not. "
                 "Set it for the whole element, or make the time an element boundary of the new mesh."
             )

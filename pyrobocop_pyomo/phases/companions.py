@@ -21,7 +21,7 @@ from pyomo.core.base.var import Var
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.blocks import BuiltBlockData
 from pyrobocop_pyomo.modeling.variable_values import values_restored
-from pyrobocop_pyomo.numerics import Grid, Mesh
+from pyrobocop_pyomo.numerics import Array, Grid, Mesh
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .declarations import Algebraic, Control, State
@@ -53,33 +53,21 @@ class Companion:
         names = [name for kind in (State, Algebraic, Control) for name in phase.record.names(kind)]
         self.scratch.instant = Var(names)
         self.lent = [(phase.component(name), variable) for name, variable in self.scratch.instant.items()]
-        self._instant: tuple[int, float] | None = None
 
-    def set_instant(self, element: int, local: float) -> None:
-        """Hold the values at a place of an element, from 0 at its start to 1 at its end; none, where there are none."""
-        if self._instant == (element, local):
-            return
+    def values_at(self, fractions: Array) -> dict[int, Array]:
+        """Values at places of all elements, shape ``(N, k)``, by the identity of what holds those of the instant."""
         if self.trajectory is None:
             try:
                 self.trajectory = PhaseValues(self.phase).trajectory(evaluate=False)
             except TrajectoryError:
-                return
-        mesh = self.trajectory.grid.mesh
-        start = mesh.boundaries[element]
-        # A trajectory answers at an element boundary for the element that ends there.
-        first = start if element == 0 else float(np.nextafter(start, mesh.boundaries[-1]))
-        time = min(max(start + local * mesh.widths[element], first), mesh.boundaries[element + 1])
-        for name, number in self.trajectory(time).items():
-            if name in self.scratch.instant:  # an Expression is none of its variables
-                self.scratch.instant[name].set_value(number, skip_validation=True)
-        self._instant = element, local
-
-    def is_read_in(self, variables: Iterable[Any]) -> bool:
-        """Whether one of these variables is of this phase, or holds a value of it."""
-        return any(
-            variable.parent_component() is self.scratch.instant or variable.parent_block() is self.phase
-            for variable in variables
-        )
+                return {}
+        trajectory, grid = self.trajectory, self.trajectory.grid
+        weights = grid.scheme.stage_polynomial_at(fractions).T
+        found = dict(trajectory.element_polynomials(fractions))
+        found |= {name: trajectory.element_signals(name) @ weights for name in trajectory.signals}
+        times = np.array(grid.mesh.boundaries[:-1])[:, None] + np.array(grid.mesh.widths)[:, None] * fractions
+        found |= {name: np.interp(times, *knots) for name, knots in trajectory.piecewise_linear.items()}
+        return {id(variable): found[name] for name, variable in self.scratch.instant.items()}
 
 
 def other_phases(block: Any) -> list[Any]:

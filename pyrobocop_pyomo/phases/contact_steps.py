@@ -1,4 +1,4 @@
-"""Steps with contact: each element a mixed complementarity problem in its rows and pairs, with impacts inside it."""
+"""Steps by rows: each element a mixed complementarity problem in its rows and pairs, with impacts inside it."""
 
 from __future__ import annotations
 
@@ -10,17 +10,16 @@ import numpy as np
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import InitialGuessError
-from pyrobocop_pyomo.modeling.lent_items import variables_read
+from pyrobocop_pyomo.modeling.rule_results import variables_read
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.mixed_complementarity import ComplementaritySolution, solve_mixed_complementarity
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.transcription import can_step
 
 from .declarations import State
 from .element_system import ElementSystem, PairStatement, element_systems
 from .record import PhaseRecord
-
-# A speed of approach below this, relative to one, is rounding and no impact.
-_AT_REST = 1e-9
+from .simulated_unknowns import Unknowns
 
 # Of a step: how far states are moved on to see how fast gaps change.
 _LITTLE = 1e-6
@@ -33,8 +32,7 @@ class ContactSteps:
     ----------
     block : PhaseBlock
     record : PhaseRecord
-    unknown : sequence of str
-        Algebraics and controls that are to be found.
+    unknowns : Unknowns
     widths : array, shape (N,)
         Of the elements in real time.
     restitution : mapping of name of a pair to number
@@ -50,15 +48,15 @@ class ContactSteps:
         self,
         block: Any,
         record: PhaseRecord,
-        unknown: Sequence[str],
+        unknowns: Unknowns,
         widths: Array,
         restitution: Mapping[str, float],
     ) -> None:
         self._record, self._widths = record, widths
-        self._systems = element_systems(block, record, unknown)
+        self._systems = element_systems(block, record, unknowns)
         self._restitution = self._checked(block, restitution)
         self._put_gaps_first(block)
-        components = [block.component(record.nodes(name).component) for name in unknown]
+        components = [block.component(record.nodes(name).component) for name in unknowns.algebraics]
         self._last = {
             id(component): next((float(v.value) for v in component.values() if v.value is not None), 0.0)
             for component in components
@@ -117,8 +115,8 @@ class ContactSteps:
                 statement.name
                 for statement in system.statements
                 if statement.name in self._restitution
-                and self._speeds[statement.name] < -_AT_REST
-                and value(statement.other) > _AT_REST
+                and self._speeds[statement.name] < -NEGLIGIBLE
+                and value(statement.other) > NEGLIGIBLE
             }
             if found <= closing:
                 break

@@ -14,10 +14,12 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Union
 
-from pyrobocop_pyomo.errors import DeclarationError, TrajectoryError
+from pyrobocop_pyomo.errors import ModelError, TrajectoryError
 from pyrobocop_pyomo.modeling.keywords import check_keywords
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
+from pyrobocop_pyomo.modeling.rule_slips import number_at
 from pyrobocop_pyomo.numerics import Grid
+from pyrobocop_pyomo.rules.rule_template import RuleTemplate
 from pyrobocop_pyomo.transcription import InitialGuess
 
 from .nodes import IntervalNodes, KnotNodes, Nodes, StageNodes, StateNodes, knots_on_mesh
@@ -72,6 +74,32 @@ def has_lost_bounds(declaration: Declaration) -> bool:
     return declaration.bounds is _lost_bounds
 
 
+class FunctionOfTime:
+    """Bounds or a history by a function of the time, which is called while the phase is built, as a rule is.
+
+    Parameters
+    ----------
+    function : callable
+        The user's.
+    """
+
+    def __init__(self, function: Callable[[float], Any]) -> None:
+        self._function = function
+        self._template = RuleTemplate(lambda block, t: function(t))
+
+    @property
+    def is_asked_by_point(self) -> bool:
+        """Whether the function has to know the time as a number."""
+        return not self._template.is_template(self)
+
+    def __call__(self, time: Any) -> Any:
+        """What the function says of a time."""
+        return self._template(self, time)
+
+    def __reduce__(self) -> Any:
+        return FunctionOfTime, (self._function,)
+
+
 _PACKAGE = str(Path(__file__).parents[1])
 
 
@@ -112,7 +140,7 @@ class Declaration:
         """Refuse what the class does not take, with the nearest keyword; `__init__` follows."""
         known = [name for name in cls.__dataclass_fields__ if name not in ("declared_at", "levels")]
         if arguments:
-            raise DeclarationError(
+            raise ModelError(
                 f"{cls.__name__} (declared at {call_site()}) takes keywords only: {cls.__name__}({known[0]}=...). Its "
                 f"keywords are {', '.join(known)}."
             )
@@ -121,7 +149,7 @@ class Declaration:
             what = f"{cls.__name__} (declared at {call_site()})"
             domain = _DOMAIN_OF_CONTROL if "integer" in known else _DOMAIN
             words = {**_OTHER_WORDS, "within": domain, "domain": domain}
-            check_keywords(what, unknown, known, DeclarationError, other_words=words)
+            check_keywords(what, unknown, known, ModelError, other_words=words)
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
@@ -143,22 +171,25 @@ class Declaration:
 
         Raises
         ------
-        DeclarationError
+        ModelError
             When they are no pair of numbers, or cross.
         """
-        bounds = self.bounds(time) if callable(self.bounds) else self.bounds
         where = f" (declared at {self.declared_at})"
-        return check_bounds(bounds, name.removesuffix(where) + where, "bounds")
+        name = name.removesuffix(where) + where
+        bounds = self.bounds
+        if callable(bounds):
+            bounds = number_at(bounds, time, f"{name}: bounds", ModelError)
+        return check_bounds(bounds, name, "bounds")
 
     def nodes(self, name: str, grid: Grid, label: str) -> Nodes:
         """Where the values of a variable over time live, that is declared so under a name.
 
         Raises
         ------
-        DeclarationError
+        ModelError
             When knots do not fit the mesh.
         """
-        raise DeclarationError(f"{label}: a {type(self).__name__} has no values over time.")
+        raise ModelError(f"{label}: a {type(self).__name__} has no values over time.")
 
     def __getstate__(self) -> dict[str, Any]:
         # The variables are built: only a verification asks for bounds again, and nothing for an initial guess.
@@ -265,18 +296,18 @@ class Control(Declaration):
         if self.integer is not None and self.integer is not False:
             self._restrict_to_levels()
         elif self.one_of or self.max_switches is not None or self.min_dwell is not None:
-            raise DeclarationError(
+            raise ModelError(
                 f"control declared at {self.declared_at}: one_of, max_switches and min_dwell belong to an integer "
                 "control. Say which values it takes: integer=(0, 1)."
             )
         if self.parametrization not in PARAMETRIZATIONS:
-            raise DeclarationError(
+            raise ModelError(
                 f"control declared at {self.declared_at}: parametrization {self.parametrization!r} is unknown; "
                 f"choose one of {', '.join(map(repr, PARAMETRIZATIONS))}."
             )
         if self.knots is not None:
             if self.parametrization == "collocated":
-                raise DeclarationError(
+                raise ModelError(
                     f"control declared at {self.declared_at}: knots belong to a piecewise control. Add "
                     "parametrization='piecewise_constant' or 'piecewise_linear'."
                 )
@@ -285,7 +316,7 @@ class Control(Declaration):
     def _restrict_to_levels(self) -> None:
         what = f"integer control declared at {self.declared_at}"
         if self.parametrization == "piecewise_linear":
-            raise DeclarationError(f"{what}: it is constant over intervals, not piecewise_linear.")
+            raise ModelError(f"{what}: it is constant over intervals, not piecewise_linear.")
         object.__setattr__(self, "parametrization", "piecewise_constant")
         if self.levels is None:
             object.__setattr__(self, "levels", integer_levels(self.integer, self.bounds, what))
@@ -293,11 +324,11 @@ class Control(Declaration):
         if self.bounds == UNBOUNDED:
             object.__setattr__(self, "bounds", (self.levels[0], self.levels[-1]))
         if self.one_of and self.levels != (0.0, 1.0):
-            raise DeclarationError(f"{what}: one_of is for components that are 0 or 1; say integer=(0, 1).")
+            raise ModelError(f"{what}: one_of is for components that are 0 or 1; say integer=(0, 1).")
         if self.max_switches is not None and (self.max_switches != int(self.max_switches) or self.max_switches < 0):
-            raise DeclarationError(f"{what}: max_switches = {self.max_switches!r}; expected 0, 1, 2, ...")
+            raise ModelError(f"{what}: max_switches = {self.max_switches!r}; expected 0, 1, 2, ...")
         if self.min_dwell is not None and not 0.0 <= float(self.min_dwell) < math.inf:
-            raise DeclarationError(f"{what}: min_dwell = {self.min_dwell!r}; expected a time, 0 or more.")
+            raise ModelError(f"{what}: min_dwell = {self.min_dwell!r}; expected a time, 0 or more.")
 
     def nodes(self, name: str, grid: Grid, label: str) -> Nodes:
         """Collocation points, the intervals between knots, or the knots."""
@@ -336,7 +367,7 @@ def integer_levels(integer: Any, bounds: Any, label: str) -> tuple[float, ...] |
 
     Raises
     ------
-    DeclarationError
+    ModelError
         When there is no range, or it holds no whole number.
     """
     if integer is not True:
@@ -345,20 +376,20 @@ def integer_levels(integer: Any, bounds: Any, label: str) -> tuple[float, ...] |
         except (TypeError, ValueError):
             levels = ()
         if not levels or not all(map(math.isfinite, levels)):
-            raise DeclarationError(f"{label}: integer = {integer!r}; expected the values it takes, such as (0, 1).")
+            raise ModelError(f"{label}: integer = {integer!r}; expected the values it takes, such as (0, 1).")
         return levels
     if isinstance(bounds, (list, dict)) or (
         isinstance(bounds, tuple) and any(isinstance(side, (list, tuple)) or hasattr(side, "shape") for side in bounds)
     ):
-        raise DeclarationError(f"{label}: components with bounds of their own; say integer=(...) with the values.")
+        raise ModelError(f"{label}: components with bounds of their own; say integer=(...) with the values.")
     lower, upper = (None, None) if callable(bounds) else check_bounds(bounds, label, "bounds")
     if lower is None or upper is None:
-        raise DeclarationError(
+        raise ModelError(
             f"{label}: it has no range. Say integer=(0, 1, 2), the values that it takes, or give it bounds=(0, 2)."
         )
     first, last = math.ceil(lower - 1e-9), math.floor(upper + 1e-9)
     if first > last or last - first >= _MOST_LEVELS:
-        raise DeclarationError(
+        raise ModelError(
             f"{label}: its bounds ({lower:g}, {upper:g}) hold {max(last - first + 1, 0)} whole numbers; expected 1 to "
             f"{_MOST_LEVELS}."
         )
@@ -370,7 +401,7 @@ def check_bounds(bounds: object, name: str, label: str) -> Bounds:
 
     Raises
     ------
-    DeclarationError
+    ModelError
         Naming the variable and the values.
     """
     if bounds is None:
@@ -378,18 +409,16 @@ def check_bounds(bounds: object, name: str, label: str) -> Bounds:
     try:
         lower, upper = (None if value is None else float(value) for value in bounds)  # type: ignore[attr-defined]
     except (TypeError, ValueError):
-        raise DeclarationError(
+        raise ModelError(
             f"{name}: {label} = {bounds!r}; expected a pair (lower, upper), each a number, or None for no bound."
         ) from None
     if any(value is not None and math.isnan(value) for value in (lower, upper)):
-        raise DeclarationError(
-            f"{name}: {label} = {bounds!r} hold a NaN. Give numbers, or None where there is no bound."
-        )
+        raise ModelError(f"{name}: {label} = {bounds!r} hold a NaN. Give numbers, or None where there is no bound.")
     if lower == math.inf or upper == -math.inf:
-        raise DeclarationError(f"{name}: {label} = {bounds!r} exclude every number. Give None where there is no bound.")
+        raise ModelError(f"{name}: {label} = {bounds!r} exclude every number. Give None where there is no bound.")
     lower, upper = (None if value is None or math.isinf(value) else value for value in (lower, upper))
     if lower is not None and upper is not None and lower > upper:
-        raise DeclarationError(f"{name}: the lower of its {label}, {lower:g}, exceeds the upper, {upper:g}. Swap them.")
+        raise ModelError(f"{name}: the lower of its {label}, {lower:g}, exceeds the upper, {upper:g}. Swap them.")
     return lower, upper
 
 

@@ -8,7 +8,7 @@ of a grid, where a rule gets numbers, the values come from a trajectory or from 
 from __future__ import annotations
 
 import math
-from bisect import bisect_left, bisect_right
+from bisect import bisect_left
 from collections.abc import Callable
 from typing import Any
 
@@ -18,22 +18,25 @@ from pyomo.core.base.set import Any as AnyIndex
 from pyomo.core.expr import LinearExpression
 from pyomo.core.expr.numvalue import native_numeric_types, value
 
-from pyrobocop_pyomo.errors import DeclarationError, TranscriptionError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_entry
+from pyrobocop_pyomo.modeling.rule_slips import number_at
 from pyrobocop_pyomo.modeling.time_index import point_of
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.rules.rule_template import Reading, TimeTemplate
+from pyrobocop_pyomo.rules.rule_template import Reading, TimeTemplate, is_asked_for_all_times
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .declarations import Duration
 from .horizon import real_time
-from .nodes import Nodes, StateNodes
+from .nodes import IntervalNodes, Nodes, StateNodes
 from .record import PhaseRecord
 
 VALUES_AT_TIMES = "values_at_times"
 
 # Relative to the horizon: times that are nearer to each other than rounding are the same.
 SAME_TIME = 1e-10
+# Values of a name at earlier times.
+Past = Callable[[str, Array], Array]
 # Of the weights of a polynomial, at times that are those of its nodes but for rounding.
 _ROUNDING = 1e-13
 
@@ -43,21 +46,21 @@ def delay_as_number(delay: Any, label: str) -> float:
 
     Raises
     ------
-    TranscriptionError
+    ModelError
         When it is none, or looks ahead.
     """
     delay = plain_entry(delay)
     if getattr(delay, "is_potentially_variable", bool)():
-        raise TranscriptionError(
+        raise ModelError(
             f"{label} is delayed by '{delay}', which is to be found: the element of t minus the delay is then not "
             "known when the rows are made. Give a number or a Param, and compare several of them."
         )
     try:
         number = float(value(delay))
     except (TypeError, ValueError):
-        raise TranscriptionError(f"{label} is delayed by {delay!r}; expected a number or a Param.") from None
+        raise ModelError(f"{label} is delayed by {delay!r}; expected a number or a Param.") from None
     if not math.isfinite(number) or number < 0.0:
-        raise TranscriptionError(f"{label} is delayed by {number:g}; a delay is a finite number, 0 or more.")
+        raise ModelError(f"{label} is delayed by {number:g}; a delay is a finite number, 0 or more.")
     return number
 
 
@@ -69,8 +72,6 @@ def delayed_value(block: Any, record: PhaseRecord, name: str, t: Any, delay: Any
     t, number = point_of(t), delay_as_number(delay, what)
     if number > 0.0:
         record.delayed_names.add(name)
-    if record.delay_reader is not None:
-        return record.delay_reader(name, t, number)
     if number == 0.0:
         return block.component(name)[t]
     grid = record.grid
@@ -91,7 +92,7 @@ def _time_per_index(record: PhaseRecord, label: str) -> float:
         return 1.0
     if isinstance(record.duration, Duration) or record.free_widths:
         found = "its duration is" if isinstance(record.duration, Duration) else "the boundaries of its elements are"
-        raise TranscriptionError(
+        raise ModelError(
             f"{label} is delayed, but {found} to be found, so that the element of t minus the delay is not known "
             "when the rows are made. Give the phase a duration in numbers (a sweep compares several), and elements "
             "that stay."
@@ -104,9 +105,8 @@ def history_value(record: PhaseRecord, name: str, time: Any, label: str, delay: 
 
     Raises
     ------
-    TranscriptionError
+    ModelError
         When there is no history.
-    DeclarationError
         When it is no number.
     """
     declaration = record.declarations[name]
@@ -114,14 +114,16 @@ def history_value(record: PhaseRecord, name: str, time: Any, label: str, delay: 
     kind = type(declaration).__name__
     if history is None:
         asked = f" at t = {t:g}" if isinstance(t, (int, float)) else ""
-        raise TranscriptionError(
+        raise ModelError(
             f"{label} is delayed by {delay:g}{asked}, which asks for it before the phase starts. Say what it was then: "
             f"{kind}(history=...), a number or a function of time (declared at {declaration.declared_at})."
         )
-    found = plain_entry(history(time) if callable(history) else history)
+    if callable(history):
+        history = number_at(history, time, f"{label}: its history", ModelError)
+    found = plain_entry(history)
     wrong = not _is_number(found)
     if wrong or (found.__class__ in native_numeric_types and not math.isfinite(found)):
-        raise DeclarationError(
+        raise ModelError(
             f"{label}: its history (declared at {declaration.declared_at}) is {found!r} at time {time}; expected a "
             "finite number or an expression."
         )
@@ -167,14 +169,22 @@ def value_at_time(block: Any, record: PhaseRecord, name: str, time: Any) -> Any:
     start, end = boundaries[0], boundaries[-1]
     number = float(value(point_of(time)))
     if not start - SAME_TIME * (end - start) <= number <= end + SAME_TIME * (end - start):
-        raise TranscriptionError(f"{what} is read at {number:g}; its time indices run from {start:g} to {end:g}.")
+        raise ModelError(f"{what} is read at {number:g}; its time indices run from {start:g} to {end:g}.")
+    known = tuple(sorted({*record.grid.times, *record.named_times}))
+    record.named_times.add(_snapped(known, number, SAME_TIME * (end - start)))
+    if is_asked_for_all_times():
+        return Reading(lambda place: _value_at_time(block, block.record, name, number))
     found = _value_at_time(block, record, name, number)
-    if record.asking or record.restating is not None or (number in (start, end) and found.is_variable_type()):
+    nodes = record.nodes(name)
+    # The first interval of a control is another one on another mesh, and so is the first point inside an element.
+    is_of_end = number == end if isinstance(nodes, IntervalNodes) else number in nodes.times
+    stays = number in (start, end) and is_of_end and found.is_variable_type()
+    if record.asking or record.restating is not None or stays:
         return found
     named = block.component(VALUES_AT_TIMES)
     if named is None:
         if hasattr(block, VALUES_AT_TIMES):
-            raise DeclarationError(f"phase '{block.name}': the name '{VALUES_AT_TIMES}' is needed, but it is taken.")
+            raise ModelError(f"phase '{block.name}': the name '{VALUES_AT_TIMES}' is needed, but it is taken.")
         named = Expression(AnyIndex, doc="values at fixed times")
         block.add_component(VALUES_AT_TIMES, named)
     record.values_at_times.append((name, number))
@@ -198,10 +208,6 @@ def _value_at_time(block: Any, record: PhaseRecord, name: str, number: float) ->
 # -------------------------------------------------------------------- the past, as numbers
 
 
-class AheadOfMotion(Exception):
-    """A delayed value is read at a time that an integration has not come to."""
-
-
 class MotionSoFar:
     """States at earlier times, as far as an integration has come; other names by a function.
 
@@ -210,14 +216,17 @@ class MotionSoFar:
     names : list of str
         The states, in their order.
     others : callable
-        ``others(name, time)``, for algebraics and controls.
+        ``others(name, times)``, for algebraics and controls.
+    start : float
+    state : array, shape (n,)
+        Where the motion starts.
     """
 
-    def __init__(self, names: list[str], others: Callable[[str, float], float]) -> None:
+    def __init__(self, names: list[str], others: Past, start: float, state: Array) -> None:
         self._position = {name: i for i, name in enumerate(names)}
         self._others = others
-        self._ends: list[float] = []
-        self._states: list[Callable[[float], Array]] = []
+        self._ends = [start]
+        self._states: list[Callable[[float], Array]] = [lambda time: state]
 
     def append(self, end: float, states: Callable[[float], Array]) -> None:
         """Go on to a time, with states at the times until then."""
@@ -228,60 +237,14 @@ class MotionSoFar:
         """All states at a time that the motion has come to."""
         return self._states[min(bisect_left(self._ends, time), len(self._ends) - 1)](time)
 
-    def __call__(self, name: str, time: float) -> float:
-        """One value at a time that the motion has come to; AheadOfMotion is raised at others."""
+    def __call__(self, name: str, times: Array) -> Array:
+        """Values at times that the motion has come to."""
         if name not in self._position:
-            return self._others(name, time)
-        slack = 1e-9 * abs(self._ends[-1] - time) + 1e-12 if self._ends else 0.0
-        if not self._ends or time > self._ends[-1] + slack:
-            raise AheadOfMotion
-        return float(self.state(time)[self._position[name]])
+            return self._others(name, times)
+        return np.array([self.state(time)[self._position[name]] for time in times.tolist()])
 
 
-def past_of(trajectory: Trajectory) -> Callable[[str, float], float]:
+def past_of(trajectory: Trajectory) -> Past:
     """Values of a trajectory at earlier times."""
     first, last = trajectory.grid.mesh.boundaries[0], trajectory.grid.mesh.boundaries[-1]
-
-    def past(name: str, time: float) -> float:
-        return float(trajectory(min(max(time, first), last))[name])
-
-    return past
-
-
-def past_on_model(block: Any, record: PhaseRecord, indices: Array, times: Array) -> Callable[[str, float], float]:
-    """Values of the variables on the model at earlier times.
-
-    Parameters
-    ----------
-    block : PhaseBlock
-    record : PhaseRecord
-    indices, times : array
-        Element boundaries in time indices and in real time.
-
-    Raises
-    ------
-    AheadOfMotion
-        When a variable has no value yet.
-    """
-
-    def past(name: str, time: float) -> float:
-        nodes = record.nodes(name)
-        index = min(max(float(np.interp(time, times, indices)), float(indices[0])), float(indices[-1]))
-        total = 0.0
-        for position, weight in nodes.weights_at(index):
-            number = nodes.variable(block, position).value
-            if number is None:
-                raise AheadOfMotion
-            total += weight * number
-        return total
-
-    return past
-
-
-def inside_of_its_element(boundaries: tuple[float, ...], time: float, element: int | None) -> float:
-    """A hair from a time to the middle of its element, so that what jumps at a boundary is read on the right side."""
-    last = len(boundaries) - 2
-    if element is None or element > last or not boundaries[element] <= time <= boundaries[element + 1]:
-        element = min(max(bisect_right(boundaries, time) - 1, 0), last)
-    middle = (boundaries[element] + boundaries[element + 1]) / 2
-    return SAME_TIME * (middle - time)
+    return lambda name, times: np.asarray(trajectory(np.clip(times, first, last))[name], dtype=float)

@@ -1,4 +1,4 @@
-"""The rows and the pairs of one element after the other, as a phase holds them: what a step with contact solves.
+"""The rows and the pairs of one element after the other, as a phase holds them: what a step by rows solves.
 
 A row belongs to the element that has the last of the phase's variables in it. So whatever a rule reads, the row that
 was made of it is solved where everything in it is known or to be found.
@@ -17,7 +17,7 @@ from pyomo.core.expr.numvalue import value
 from pyomo.core.expr.relational_expr import EqualityExpression
 from pyomo.repn import generate_standard_repn
 
-from pyrobocop_pyomo.complementarity import Complementarity, canonical_form
+from pyrobocop_pyomo.complementarity import CanonicalForm, Complementarity, canonical_form
 from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array
@@ -25,6 +25,7 @@ from pyrobocop_pyomo.numerics.mixed_complementarity import ComplementarityValues
 
 from .nodes import IntervalNodes
 from .record import PhaseRecord
+from .simulated_unknowns import Unknowns
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,15 +135,14 @@ class _Functions:
         return values, jacobian
 
 
-def element_systems(block: Any, record: PhaseRecord, unknown: Sequence[str]) -> list[ElementSystem]:
+def element_systems(block: Any, record: PhaseRecord, unknown: Unknowns) -> list[ElementSystem]:
     """The systems of all elements.
 
     Parameters
     ----------
     block : PhaseBlock
     record : PhaseRecord
-    unknown : sequence of str
-        Algebraics and controls that are to be found.
+    unknown : Unknowns
 
     Raises
     ------
@@ -151,7 +151,7 @@ def element_systems(block: Any, record: PhaseRecord, unknown: Sequence[str]) -> 
     """
     systems = [ElementSystem([], [], []) for _ in range(record.grid.mesh.elements)]
     element_of: dict[int, int] = {}
-    for i, variable in _variables(block, record, unknown):
+    for i, variable in _variables(block, record, unknown.algebraics):
         if id(variable) not in element_of:
             element_of[id(variable)] = i
             if i >= 0:
@@ -170,16 +170,16 @@ def element_systems(block: Any, record: PhaseRecord, unknown: Sequence[str]) -> 
                 if i >= 0:
                     systems[i].rows.append((row.name, row.body - row.upper))
     for component in block.component_objects(Complementarity, active=True, descend_into=False):
-        for index, data in component.items():
+        for index, data in component.items() if unknown.contact else ():
             if data.active:
                 labels = index[1:] if isinstance(index, tuple) else ()
                 label = f"{component.local_name}[{', '.join(map(str, labels))}]" if labels else component.local_name
-                rows, statements = _canonical(label, data)
+                rows, statements = statements_of(label, canonical_form(data))
                 i = element(*(side for each in statements for side in (each.body, each.other)), *rows)
                 if i >= 0:
                     systems[i].rows.extend((data.name, row) for row in rows)
                     systems[i].statements.extend(statements)
-    _check_counts(block, record, systems, unknown)
+    _check_counts(block, record, systems, unknown.algebraics)
     return systems
 
 
@@ -213,9 +213,8 @@ def _names_of_equations(block: Any, record: PhaseRecord) -> list[str]:
     ]
 
 
-def _canonical(label: str, data: Any) -> tuple[list[Any], list[PairStatement]]:
-    """Equations and statements of one declared pair."""
-    form = canonical_form(data)
+def statements_of(label: str, form: CanonicalForm) -> tuple[list[Any], list[PairStatement]]:
+    """Equations, as expressions that are zero, and statements of one declared pair."""
     rows = [row.args[0] - row.args[1] for row in form.rows if isinstance(row, EqualityExpression)]
     if not form.pairs:
         return rows, []
@@ -233,6 +232,7 @@ def _check_counts(block: Any, record: PhaseRecord, systems: list[ElementSystem],
             raise InitialGuessError(
                 f"phase '{block.name}': element {i} (t = {record.grid.mesh.boundaries[i]:g}) has {len(system.rows)} "
                 f"equations and {len(system.statements)} pairs for {len(system.unknowns)} unknowns, with "
-                f"{', '.join(unknown) or 'nothing'} to find beside the states. A simulation with contact needs as "
-                "many. Say what is to be found by unknown=[...], and give the rest in controls={...}."
+                f"{', '.join(unknown) or 'nothing'} to find beside the states. A simulation needs as many, "
+                "and none that reads later elements. Say what is to be found by unknown=[...], and give the rest in "
+                "controls={...}."
             )

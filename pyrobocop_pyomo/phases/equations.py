@@ -9,17 +9,18 @@ from itertools import count
 from typing import Any
 
 from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.expression import Expression
 from pyomo.core.base.PyomoModel import Model
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import native_numeric_types
 from pyomo.core.expr.relational_expr import EqualityExpression, InequalityExpression, RelationalExpression
 
 from pyrobocop_pyomo.complementarity import Complementarity
-from pyrobocop_pyomo.errors import DeclarationError, TranscriptionError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.bulk_parts import new_row
 from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions, plain_scalar
 from pyrobocop_pyomo.modeling.foreign_variables import ONE_MODEL, foreign_read, foreign_variable
-from pyrobocop_pyomo.modeling.lent_items import expressions_returned
+from pyrobocop_pyomo.modeling.rule_results import expressions_returned
 from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.transcription import can_step, collocation_rows, step_rows
@@ -59,7 +60,7 @@ def add_step(block: Any, record: PhaseRecord, statement: Statement) -> None:
     what = f"phase '{block.name}': step map '{name}'"
     grid = record.grid
     if not can_step(grid.scheme):
-        raise TranscriptionError(
+        raise ModelError(
             f"{what} leads from one element boundary to the next, but {grid.scheme.name} has {grid.scheme.stages} "
             "stages, or one inside the element. State it on a phase with scheme='implicit_euler' (or explicit Euler)."
         )
@@ -76,7 +77,7 @@ def add_step(block: Any, record: PhaseRecord, statement: Statement) -> None:
         declaration = record.declarations[state]
         assert isinstance(declaration, State)
         if declaration.derivative_bounds is not None or state in record.kept_derivatives:
-            raise TranscriptionError(
+            raise ModelError(
                 f"{what} gives the next value of '{state}' (declared at {declaration.declared_at}), whose derivative "
                 "is in use. What a step leads has none: remove derivative_bounds and phase.derivative(), or state an "
                 "ode."
@@ -104,12 +105,12 @@ def _given_for_states(
     for time in record.grid.points:
         with (
             other_times_explained(record, label, time),
-            slips_explained(statement.rule, label, block, arguments, TranscriptionError),
+            slips_explained(statement.rule, label, block, arguments, ModelError, time),
         ):
             result = ask(record.index_for_rule(block, time, label))
         if not isinstance(result, Mapping):
             returned = "nothing" if result is None else f"a {type(result).__name__}"
-            raise TranscriptionError(
+            raise ModelError(
                 f"{label} returned {returned} at t = {time:g}; expected a dict "
                 f"{{state: {expected}}}. Is the return statement missing?"
             )
@@ -118,7 +119,7 @@ def _given_for_states(
                 names[state] = block.state_name(state)
             expression = plain_scalar(expression, f"{label}: the {meaning} of '{names[state]}' at t = {time:g}")
             if expression.__class__ not in native_numeric_types and not _is_numeric(expression):
-                raise TranscriptionError(
+                raise ModelError(
                     f"{label} gives '{expression}' as the {meaning} of '{names[state]}' at t = {time:g}; expected a "
                     "number or an expression. Is an index [t] missing?"
                 )
@@ -128,16 +129,14 @@ def _given_for_states(
     for name, values in given.items():
         if len(values) != len(record.grid.points):
             missing = next(time for time in record.grid.points if time not in values)
-            raise TranscriptionError(
-                f"{label} gives no {meaning} of '{name}' at t = {missing:g}; it must at every point."
-            )
+            raise ModelError(f"{label} gives no {meaning} of '{name}' at t = {missing:g}; it must at every point.")
     return given
 
 
 def _refuse_second_equation(record: PhaseRecord, name: str, label: str) -> None:
     if name in record.equation_of:
         again = f" {RUN_AGAIN}" if f"'{record.equation_of[name]}'" in label else ""
-        raise TranscriptionError(
+        raise ModelError(
             f"{label} gives a second equation for state '{name}'; '{record.equation_of[name]}' has given one.{again}"
         )
 
@@ -192,22 +191,29 @@ def add_residual(block: Any, record: PhaseRecord, statement: Statement) -> None:
     for time, rows in results.items():
         for label, row in rows.items():
             if isinstance(row, RelationalExpression) and not isinstance(row, EqualityExpression):
-                raise TranscriptionError(
+                raise ModelError(
                     f"{what} states the inequality '{row}' at t = {time:g}. Write ==, or use 'constraint' for it."
                 )
             if not isinstance(row, RelationalExpression):
                 if not _is_expression(row):
-                    raise TranscriptionError(
-                        f"{what} returned {row!r} at t = {time:g}; expected an equality in variables."
-                    )
+                    raise ModelError(f"{what} returned {row!r} at t = {time:g}; expected an equality in variables.")
                 rows[label] = row == 0
         if len(rows) != len(next(iter(results.values()))):
             first, count = next((time_of_first, len(stated)) for time_of_first, stated in results.items())
-            raise TranscriptionError(
+            raise ModelError(
                 f"{what} states {count} equations at t = {first:g} and {len(rows)} at t = {time:g}; it must state as "
                 "many at every point. What holds at some points only is a 'constraint'."
             )
     record.residuals_per_point += _add_rows(block, record, name, results)
+
+
+def add_expression(block: Any, record: PhaseRecord, statement: Statement) -> None:
+    """A named expression of this package over the points, which rules read by its name."""
+    place(block, record, statement.name, Expression(block.points, rule=statement))
+    if record.restating is None:
+        record.expressions.append(statement)
+    else:
+        record.restating.keep_expressions(statement.name)
 
 
 def add_constraint(block: Any, record: PhaseRecord, statement: Statement) -> None:
@@ -225,7 +231,7 @@ def add_constraint_at_boundaries(block: Any, record: PhaseRecord, statement: Sta
     try:
         results = _collect(block, record, statement, what, "constraint", record.grid.mesh.boundaries)
     except KeyError as error:
-        raise TranscriptionError(
+        raise ModelError(
             f"{what} reads what has no value at an element boundary ({error.args[0]}). Only states have one at each; "
             "what needs controls or algebraics is a 'constraint'."
         ) from None
@@ -243,12 +249,12 @@ def _add_relations(
     for time, rows in results.items():
         for row in rows.values():
             if isinstance(row, InequalityExpression) and row.strict:
-                raise TranscriptionError(
+                raise ModelError(
                     f"{label} is strict ('<' or '>') at t = {time:g}, which no solver can keep. Write '<=' or '>=', "
                     "with a margin where the limit itself must not be reached."
                 )
             if not isinstance(row, (RelationalExpression, tuple)) and row is not Constraint.Skip:
-                raise TranscriptionError(
+                raise ModelError(
                     f"{label} returned {_shown(row)} at t = {time:g}; expected a relation such as 'expression <= 1'."
                 )
     _add_rows(block, record, name, results)
@@ -277,7 +283,7 @@ def other_times_explained(record: PhaseRecord, label: str, time: float) -> Itera
 
     Raises
     ------
-    TranscriptionError
+    ModelError
         Naming the rule and the time.
     """
     try:
@@ -287,7 +293,7 @@ def other_times_explained(record: PhaseRecord, label: str, time: float) -> Itera
         if record.restating is not None or not _may_be_a_time(index, record):
             raise
         local = name.rpartition(".")[2]
-        raise TranscriptionError(
+        raise ModelError(
             f"{label} reads '{name}' at {index} when it is evaluated at t = {time:g}; it has no value there. For the "
             f"value of a while ago write {local}.delayed(t, delay), for that at a fixed time {local}.at(time)."
         ) from error
@@ -314,13 +320,21 @@ def _collect(
     results: dict[float, dict[Hashable, Any]] = {}
     for time in times:
         explained = other_times_explained(record, label, time) if times == record.grid.points else nullcontext()
-        with explained, slips_explained(statement.rule, label, block, ("b", "t"), TranscriptionError):
+        with explained, slips_explained(statement.rule, label, block, ("b", "t"), ModelError, time):
             result = statement(block, record.index_for_rule(block, time, label))
         if result is None:
-            raise TranscriptionError(f"{label} returned None at t = {time:g}. Is the return statement missing?")
+            raise ModelError(f"{label} returned None at t = {time:g}. Is the return statement missing?")
         results[time] = labelled_rows(kind, plain_expressions(result))
         if time == times[0]:
             refuse_foreign_reads(block, label, results[time])
+    states_something = any(row is not Constraint.Skip for rows in results.values() for row in rows.values())
+    # What skips all times without a look at them is switched off, and meant so.
+    if not states_something and record.restating is None and not statement.is_template(block):
+        raise ModelError(
+            f"{label} states nothing: it skips all {len(times)} points, t = {times[0]:g} to {times[-1]:g}. A time that "
+            "it compares with is no point of the mesh: for one instant write a constraint of the model with "
+            "x.at(time), or give the phase a mesh= with a boundary there and use constraint_at_boundaries."
+        )
     return results
 
 
@@ -329,14 +343,14 @@ def refuse_foreign_reads(block: Any, label: str, result: Any) -> None:
 
     Raises
     ------
-    TranscriptionError
+    ModelError
         Naming the rule, the variable and its model.
     """
     if not isinstance(block.model(), Model):
         return  # what it stands on is assigned to a model later
     foreign = foreign_variable(block, variables_in_any(expressions_returned(result)).values())
     if foreign is not None:
-        raise TranscriptionError(f"{label} {foreign_read(foreign, block)} {ONE_MODEL}")
+        raise ModelError(f"{label} {foreign_read(foreign, block)} {ONE_MODEL}")
 
 
 def _add_rows(block: Any, record: PhaseRecord, name: str, results: dict[float, dict[Hashable, Any]]) -> int:
@@ -358,7 +372,7 @@ def _check_name(block: Any, record: PhaseRecord, name: str, label: str) -> None:
     if record.restating is not None:
         return  # it was checked when it was stated first
     if block.component(name) is not None or hasattr(type(block), name) or not name.isidentifier():
-        raise DeclarationError(
+        raise ModelError(
             f"{label}: its rows are named after the function, but the name '{name}' is taken or no identifier. "
             "Rename the function, or say name='...' beside it."
         )
@@ -372,12 +386,12 @@ def name_of_rows(block: Any, kind: str, rule: Rule, given: str | None) -> str:
 
     Raises
     ------
-    DeclarationError
+    ModelError
         When the name that was asked for is no identifier.
     """
     if given is not None:
         if not isinstance(given, str) or not given.isidentifier():
-            raise DeclarationError(f"phase '{block.name}': name = {given!r} of a {kind} is no identifier.")
+            raise ModelError(f"phase '{block.name}': name = {given!r} of a {kind} is no identifier.")
         return given
     name = rule_name(rule)
     if kind in ("ode", "step map"):

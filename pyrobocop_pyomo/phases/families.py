@@ -15,7 +15,7 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.indexed_component import IndexedComponent
 from pyomo.core.base.set import SetData
 
-from pyrobocop_pyomo.errors import DeclarationError, InitialGuessError, PyRobocopError, TranscriptionError
+from pyrobocop_pyomo.errors import InitialGuessError, ModelError, PyRobocopError
 from pyrobocop_pyomo.modeling.time_index import point_of
 from pyrobocop_pyomo.modeling.variable_families import FamilyNames, VariableFamily
 
@@ -35,7 +35,7 @@ class _Component:
             return found
         entries = self._names.split(found)
         if entries is None:
-            raise _wrong_length(DeclarationError, self._what, found, self._names)
+            raise _wrong_length(ModelError, self._what, found, self._names)
         return entries[self._position]
 
 
@@ -51,7 +51,7 @@ def family_names(name: str, declaration: Declaration, label: str) -> FamilyNames
 
     Raises
     ------
-    DeclarationError
+    ModelError
         When the index is none, empty, or has a label twice.
     """
     index = declaration.index
@@ -59,16 +59,16 @@ def family_names(name: str, declaration: Declaration, label: str) -> FamilyNames
     try:
         axes = _axes(index)
     except TypeError:
-        raise DeclarationError(
+        raise ModelError(
             f"{where}: index = {index!r}; expected a number of components, labels, a Set, or a list of several of "
             "these."
         ) from None
     for axis in axes:
         if not axis or len(set(axis)) != len(axis):
-            raise DeclarationError(f"{where}: the labels {list(axis)} of its index are none, or not all different.")
+            raise ModelError(f"{where}: the labels {list(axis)} of its index are none, or not all different.")
     names = FamilyNames(name, axes, in_time=not isinstance(declaration, Parameter))
     if len(set(names.members)) != len(names.members):
-        raise DeclarationError(
+        raise ModelError(
             f"{where}: two of its components would have the same name, as '_' joins labels. Choose other labels."
         )
     return names
@@ -108,7 +108,7 @@ def component_declarations(names: FamilyNames, declaration: Declaration, what: s
 
     Raises
     ------
-    DeclarationError, InitialGuessError
+    ModelError, InitialGuessError
         When what is given has another length than the index.
     """
     where = f"{what} (declared at {declaration.declared_at})"
@@ -141,7 +141,7 @@ def _every(names: FamilyNames, entry: Any) -> Any:
     return found
 
 
-def _split(names: FamilyNames, given: Any, label: str, error: type[PyRobocopError] = DeclarationError) -> Any:
+def _split(names: FamilyNames, given: Any, label: str, error: type[PyRobocopError] = ModelError) -> Any:
     """One for each: as given in an array, a list or a mapping; the same for all otherwise."""
     if isinstance(given, IndexedComponent) and given.is_indexed():
         given = dict(given.items())
@@ -166,7 +166,7 @@ def _is_listed(given: Any) -> bool:
 def _split_ends(names: FamilyNames, given: Any, label: str) -> Any:
     if isinstance(given, tuple) and len(given) == 2 and not any(isinstance(end, (tuple, list)) for end in given):
         if len(names.labels) == 2:
-            raise DeclarationError(
+            raise ModelError(
                 f"{label} is {given}: an interval for both components, or one number for each? Write a list for one "
                 "number each, or a list of two tuples for intervals."
             )
@@ -199,7 +199,7 @@ def _split_bounds(names: FamilyNames, given: Any, label: str) -> Any:
         return found
     found = names.split(_pairs(given, names)) if isinstance(given, (Mapping, list, tuple, np.ndarray)) else None
     if found is None or not all(entry is None or _is_pair(entry) for entry in found.ravel()):
-        raise _wrong_length(DeclarationError, label, given, names, "pairs (lower, upper)")
+        raise _wrong_length(ModelError, label, given, names, "pairs (lower, upper)")
     for position in np.ndindex(names.shape):
         found[position] = None if found[position] is None else tuple(found[position])
     return found
@@ -280,7 +280,7 @@ def equations_by_component(record: PhaseRecord, result: Mapping[Any, Any], what:
 
     Raises
     ------
-    TranscriptionError
+    ModelError
         When the array has another length.
     """
     found: dict[Any, Any] = {}
@@ -292,7 +292,7 @@ def equations_by_component(record: PhaseRecord, result: Mapping[Any, Any], what:
         entries = names.split(given) if _is_listed(given) else None
         if entries is None:
             listed = given if _is_listed(given) else 0.0
-            raise _wrong_length(TranscriptionError, f"{what} gives for '{names.name}' what", listed, names)
+            raise _wrong_length(ModelError, f"{what} gives for '{names.name}' what", listed, names)
         found.update((names.member(label), entry) for label, entry in zip(names.labels, entries.ravel(), strict=True))
     return found
 
@@ -323,7 +323,7 @@ def references_by_component(names: FamilyNames, reference: Any, label: str) -> l
 
     Raises
     ------
-    DeclarationError
+    ModelError
         When an array has another length.
     """
     label = f"{label}: the reference of '{names.name}'"

@@ -11,17 +11,19 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from pyomo.core.expr.relational_expr import EqualityExpression
 from pyomo.repn import generate_standard_repn
 
-from pyrobocop_pyomo.complementarity import CanonicalForm, Complementarity, SidePart, form_of
-from pyrobocop_pyomo.modeling.lent_items import variables_read
+from pyrobocop_pyomo.complementarity import CanonicalForm, SidePart
+from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.modeling.row_violations import bound_violation, number_or_nan, relation_violation
+from pyrobocop_pyomo.modeling.rule_results import variables_read
 from pyrobocop_pyomo.numerics import Grid
 
 from .declarations import Algebraic, Parameter
-from .point_model import PointModel
-from .record import PhaseRecord, Statement, labelled_rows
+from .record import PhaseRecord, Statement
+from .rule_formulas import RuleFormulas
 
 # Rows that say something of one instant; those at boundaries exist wherever they are meant.
 KINDS = ("residual", "constraint", "complementarity")
@@ -90,49 +92,40 @@ def end_violations(
     statements = [statement for statement in statements if statement.kind in KINDS]
     if not statements:
         return
-    point = PointModel(block, record, *grids)
-    point.set_values(values)
-    point.set_bounds(time)
-    for name in values:
-        point.at_instant[name].fix()
-    names = {id(variable): name for name, variable in point.at_instant.items()}
-    try:
-        rows = [*_rows(block, point, time, statements, remarks)]
-        for name in _determined(point, record.names(Algebraic), rows):
-            variable = point.at_instant[name]
-            amount = bound_violation(variable.value, variable.lb, variable.ub)
-            yield EndViolation("bounds", name, name, amount, {name: variable.value})
-        for statement, name, row in rows:
-            for relation, violation in relations_of(row):
-                variables = variables_read(relation)
-                if all(variable.fixed for variable in variables):
-                    known = {names.get(id(variable), variable.name): variable.value for variable in variables}
-                    yield EndViolation(statement.kind, statement.name, name, violation(relation), known)
-    finally:
-        point.leave_nodes()
+    formulas = RuleFormulas(block, record, *grids)
+    formulas.set_bounds(time)
+    for name, number in values.items():
+        formulas.at_instant[name].fix(number, skip_validation=True)
+    formulas.index.fix(time)
+    formulas.clock.fix(float(np.interp(time, grids[0].mesh.boundaries, grids[1].mesh.boundaries)))
+    times = {id(formulas.index), id(formulas.clock)}
+    names = {id(variable): name for name, variable in formulas.at_instant.items()}
+    rows = [*_rows(block, formulas, time, statements, remarks)]
+    for name in _determined(formulas.at_instant, record.names(Algebraic), rows):
+        variable = formulas.at_instant[name]
+        yield EndViolation(
+            "bounds", name, name, bound_violation(variable.value, *variable.bounds), {name: variable.value}
+        )
+    for statement, name, row in rows:
+        for relation, violation in relations_of(row):
+            variables = variables_read(relation)
+            if all(variable.fixed for variable in variables):
+                known = {names.get(id(of), of.name): of.value for of in variables if id(of) not in times}
+                yield EndViolation(statement.kind, statement.name, name, violation(relation), known)
 
 
 def _rows(
-    block: Any, point: PointModel, time: float, statements: Sequence[Statement], remarks: list[str]
+    block: Any, formulas: RuleFormulas, time: float, statements: Sequence[Statement], remarks: list[str]
 ) -> Iterator[tuple[Statement, str, Any]]:
     """What the rules state, pairs in canonical form; by name."""
     for statement in statements:
         try:
-            rows = labelled_rows(statement.kind, point.result_of(statement, time))
-            if statement.kind == "complementarity":
-                rows = {
-                    label: _form(statement, pair) for label, pair in rows.items() if pair is not Complementarity.Skip
-                }
-        except Exception as error:  # a rule was written for its points only: anything may come out elsewhere
+            rows = formulas.formulas_of(statement, statement.rows)
+        except PyRobocopError as error:
             remarks.append(f"'{statement.name}' of phase '{block.name}' at t = {time:g} ({error})")
             continue
         for label, row in rows.items():
             yield statement, statement.name if label is None else f"{statement.name}[{label}]", row
-
-
-def _form(statement: Statement, pair: Any) -> CanonicalForm:
-    first, second, *choices = pair
-    return form_of(statement, first, second, (choices[0], choices[1]) if choices else (None, None))
 
 
 def relations_of(row: Any) -> Iterator[tuple[Any, Callable[[Any], float]]]:
@@ -155,9 +148,11 @@ def _below_zero(side: Any) -> float:
     return max(0.0, -number_or_nan(side))
 
 
-def _determined(point: PointModel, names: Sequence[str], rows: Sequence[tuple[Statement, str, Any]]) -> Iterator[str]:
+def _determined(
+    at_instant: Mapping[str, Any], names: Sequence[str], rows: Sequence[tuple[Statement, str, Any]]
+) -> Iterator[str]:
     """Algebraics that linear equations give from what is known, one after the other; they are fixed from then on."""
-    algebraics = {id(point.at_instant[name]): name for name in names}
+    algebraics = {id(at_instant[name]): name for name in names}
     equations = [row for statement, _, row in rows if statement.kind == "residual"] if algebraics else []
     is_progress = True
     while is_progress:

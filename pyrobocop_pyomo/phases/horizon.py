@@ -18,7 +18,7 @@ from pyomo.core.base.set import RangeSet
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import NumericValue, native_numeric_types, value
 
-from pyrobocop_pyomo.errors import DeclarationError, InitialGuessError, MeshError
+from pyrobocop_pyomo.errors import InitialGuessError, ModelError
 from pyrobocop_pyomo.modeling.time_index import TimeIndex, point_of
 from pyrobocop_pyomo.numerics import Grid, Mesh
 from pyrobocop_pyomo.transcription import initial_number
@@ -32,7 +32,7 @@ def add_horizon(block: Any, record: PhaseRecord, start: Any, free_element_widths
 
     Raises
     ------
-    DeclarationError, InitialGuessError
+    ModelError, InitialGuessError
         When bounds or guesses do not fit.
     """
     what = f"phase '{block.name}'"
@@ -71,13 +71,13 @@ def add_boundaries(block: Any, record: PhaseRecord, factors: Bounds, label: str)
 
     Raises
     ------
-    DeclarationError
+    ModelError
         When the factors are no range around 1.
     """
     mesh = record.grid.mesh
     lower, upper = check_bounds(factors, label, "free_element_widths")
     if lower is None or upper is None or not 0 < lower <= 1 <= upper:
-        raise DeclarationError(
+        raise ModelError(
             f"{label}: free_element_widths = {factors!r}; expected (smallest, largest) factor of each element's "
             "width with 0 < smallest <= 1 <= largest, for example (0.2, 3)."
         )
@@ -153,7 +153,7 @@ def real_grid(block: Any, record: PhaseRecord) -> Grid:
 
     Raises
     ------
-    MeshError
+    ModelError
         When the duration has no positive value.
     """
     if not record.normalised:
@@ -168,12 +168,12 @@ def refuse_no_duration(block: Any) -> None:
 
     Raises
     ------
-    MeshError
+    ModelError
         Naming the phase and the value.
     """
     duration = value(block.duration, exception=False)
     if duration is None or not duration > 0:
-        raise MeshError(
+        raise ModelError(
             f"phase '{block.name}': its duration has the value {duration}; it must be positive. Give it one by "
             f"{block.name}.duration.set_value(1.0), or fix(1.0)."
         )
@@ -186,7 +186,7 @@ def horizon_fraction(phase: Any) -> Callable[[float], float]:
     ------
     InitialGuessError
         When it is no `PhaseBlock`.
-    MeshError
+    ModelError
         When its duration has no positive value.
     """
     if not hasattr(phase, "time_at") or not hasattr(phase, "time"):
@@ -203,7 +203,7 @@ def check_horizon(label: str, start: Any, duration: Any) -> None:
 
     Raises
     ------
-    DeclarationError
+    ModelError
         Naming the phase and the value.
     """
     if (
@@ -211,25 +211,25 @@ def check_horizon(label: str, start: Any, duration: Any) -> None:
         or (isinstance(start, Real) and not math.isfinite(start))
         or not (isinstance(start, (Real, Start)) or getattr(start, "is_numeric_type", bool)())
     ):
-        raise DeclarationError(
+        raise ModelError(
             f"{label}: start = {start!r}; expected a finite number, Start(...), an expression, or the phase before."
         )
     if isinstance(duration, Duration):
         lower, _ = check_bounds(duration.bounds, label, "duration bounds")
         if lower is None or lower <= 0:
-            raise DeclarationError(
+            raise ModelError(
                 f"{label}: the lower bound of the duration is {lower}; it must be positive. "
                 "Give Duration(bounds=(0.1, 10), initial_guess=1)."
             )
     elif getattr(duration, "is_numeric_type", bool)():
         number, lower = value(duration, exception=False), getattr(duration, "lb", 0.0)
         if duration.is_indexed() or (number is not None and not number > 0) or (lower is None or lower < 0):
-            raise DeclarationError(
+            raise ModelError(
                 f"{label}: the duration '{duration}' has the value {number} and the lower bound {lower}; it must be "
                 "one positive number. Give it bounds=(0.1, 10) and initialize=1."
             )
     elif isinstance(duration, bool) or not isinstance(duration, Real) or not 0 < float(duration) < math.inf:
-        raise DeclarationError(f"{label}: duration = {duration!r}; expected a positive number or Duration(bounds=...).")
+        raise ModelError(f"{label}: duration = {duration!r}; expected a positive number or Duration(bounds=...).")
 
 
 # Of a duration that follows a Param or an expression: these may have any positive value later.
@@ -255,23 +255,23 @@ def make_mesh(first: float, last: float, elements: int | None, mesh: Any) -> Mes
 
     Raises
     ------
-    MeshError, DeclarationError
+    ModelError
         When they are no mesh, or not one of this horizon.
     """
     if mesh is None:
         return Mesh.uniform(first, last, 10 if elements is None else elements)
     try:
         made = mesh if isinstance(mesh, Mesh) else Mesh.given(mesh)
-    except MeshError:
+    except ModelError:
         raise
     except (TypeError, ValueError) as error:
-        raise MeshError(f"mesh = {mesh!r} is no sequence of element boundaries ({error}).") from None
+        raise ModelError(f"mesh = {mesh!r} is no sequence of element boundaries ({error}).") from None
     if elements not in (None, made.elements):
-        raise DeclarationError(f"elements = {elements}, but the given mesh has {made.elements}. Leave 'elements' out.")
+        raise ModelError(f"elements = {elements}, but the given mesh has {made.elements}. Leave 'elements' out.")
     # Both ends may come out of sums: 0.1 + 0.2 is not 0.3. The mesh, as given, is what counts.
     close = 1e-12 * max(abs(first), abs(last))
     if abs(made.boundaries[0] - first) > close or abs(made.boundaries[-1] - last) > close:
-        raise DeclarationError(
+        raise ModelError(
             f"the mesh runs from {made.boundaries[0]:g} to {made.boundaries[-1]:g}, the phase from {first:g} to "
             f"{last:g}. A phase with a free start or duration, or with free element widths, takes a mesh from 0 to 1."
         )

@@ -10,7 +10,7 @@ from pyomo.core.base.set import Any as AnyIndex
 from pyomo.core.expr.numvalue import native_numeric_types
 from pyomo.core.expr.relational_expr import RelationalExpression
 
-from pyrobocop_pyomo.errors import TranscriptionError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_scalar
 from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.transcription import quadrature
@@ -50,12 +50,12 @@ def _one_number(found: Any, label: str, time: float) -> Any:
 
     Raises
     ------
-    TranscriptionError
+    ModelError
         When it is a list, a relation or nothing.
     """
     if found is None or isinstance(found, (str, Sequence, Mapping, RelationalExpression)):
         kind = "nothing" if found is None else f"a {type(found).__name__}"
-        raise TranscriptionError(
+        raise ModelError(
             f"{label} returned {kind} at t = {time:g}; expected one number or formula, such as b.u[t] ** 2. "
             + ("Is the return statement missing?" if found is None else "Return the sum of what it holds.")
         )
@@ -68,11 +68,11 @@ def _integral(block: Any, record: PhaseRecord, statement: Statement) -> Any:
     terms: list[Any] = []
 
     def integrand(time: float) -> Any:
-        terms.append(_one_number(statement(block, record.index_for_rule(block, time, what)), what, time))
+        with slips_explained(statement.rule, what, block, ("b", "t"), ModelError, time):
+            terms.append(_one_number(statement(block, record.index_for_rule(block, time, what)), what, time))
         return terms[-1]
 
-    with slips_explained(statement.rule, what, block, ("b", "t"), TranscriptionError):
-        total = quadrature(integrand, weights)
+    total = quadrature(integrand, weights)
     refuse_foreign_reads(block, what, terms[:1])
     plain = isinstance(scale, float) and scale == 1.0
     return total if plain else scale * total

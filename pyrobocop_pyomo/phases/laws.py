@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from inspect import signature
 from typing import Any
 
-from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.keywords import check_keywords
 
 from .declarations import call_site
@@ -32,7 +32,7 @@ class Law(ABC):
     def __new__(cls, *_: Any, **given: Any) -> Any:
         """Refuse a keyword that the law has not, with the one that may be meant."""
         known = [name for name in signature(cls.__init__).parameters if name not in ("self", "declared_at")]
-        check_keywords(cls.__name__, given.keys() - {"declared_at"}, known, DeclarationError, _OTHER_WORDS)
+        check_keywords(cls.__name__, given.keys() - {"declared_at"}, known, ModelError, _OTHER_WORDS)
         return super().__new__(cls)
 
     @abstractmethod

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.transcription import InitialGuess, initial_stage_values, initial_state_values, initial_values_at
 
@@ -317,7 +317,7 @@ def knots_on_mesh(knots: tuple[float, ...] | None, grid: Grid, label: str) -> tu
 
     Raises
     ------
-    DeclarationError
+    ModelError
         When a knot is no element boundary, or the ends are missing.
     """
     boundaries = grid.mesh.boundaries
@@ -328,13 +328,13 @@ def knots_on_mesh(knots: tuple[float, ...] | None, grid: Grid, label: str) -> tu
     for knot in knots:
         nearest = min(boundaries, key=lambda boundary: abs(boundary - knot))
         if abs(nearest - knot) > slack:
-            raise DeclarationError(
+            raise ModelError(
                 f"{label}: knot {knot:g} is no element boundary; the nearest is {nearest:g}. The mesh is too coarse "
                 "for it: give mesh= with this boundary, or move the knot."
             )
         found.append(nearest)
     if (found[:1], found[-1:]) != ([boundaries[0]], [boundaries[-1]]) or any(a >= b for a, b in pairwise(found)):
-        raise DeclarationError(
+        raise ModelError(
             f"{label}: knots {knots} must increase from {boundaries[0]:g} to {boundaries[-1]:g}, both included."
         )
     return tuple(found)

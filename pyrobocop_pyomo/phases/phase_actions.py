@@ -149,9 +149,9 @@ class PhaseActions:
 
         Raises
         ------
-        RemeshingError
+        ModelError
             Naming what on the model cannot follow; nothing has changed then.
-        MeshError, DeclarationError
+        ModelError
             When the mesh is none, or does not fit the phase.
         """
         remesh_phases({self: mesh})
@@ -189,9 +189,10 @@ class PhaseActions:
     ) -> Reintegration:
         """The motion that the equations make of a plan under its controls, inside the elements too.
 
-        Explicit equations are integrated in all elements at once, by halved steps until nothing changes, or one element
-        after the other by SciPy; with implicit or algebraic ones each element is stepped anew by a Radau scheme of two
-        stages more, which finds the algebraics again. Controls are taken as the trajectory's polynomials.
+        All elements are integrated at once, by halved steps until nothing changes; implicit derivatives, algebraics and
+        controls that equations determine are found at each instant. Where pairs decide something that the motion
+        depends on, contact is simulated, in steps of a Radau scheme that are halved where it opens or closes. All other
+        controls are taken as the trajectory's polynomials.
 
         Parameters
         ----------
@@ -203,7 +204,8 @@ class PhaseActions:
         Raises
         ------
         TrajectoryError
-            When there are no states, or a step map leads them, or the equations do not determine the algebraics.
+            When there are no states, or a step map leads them, or equations and pairs do not determine all that the
+            motion depends on.
         """
         checked = self.trajectory() if trajectory is None else trajectory
         return reintegrate(self, self.record, checked, initial=initial)
@@ -211,8 +213,7 @@ class PhaseActions:
     def element_errors(self: Any, trajectory: Trajectory | None = None) -> Array:
         """How far each element ends from where the equations lead from its own start, shape ``(N,)``.
 
-        Controls are taken as the trajectory's polynomials. Explicit equations are integrated by SciPy, as `verify`
-        does; with implicit or algebraic ones each element is stepped anew by a Radau scheme of two stages more.
+        As `verify` does, and `reintegrate`.
 
         Parameters
         ----------
@@ -246,7 +247,7 @@ class PhaseActions:
 
         Raises
         ------
-        DeclarationError
+        ModelError
             When the variable is not of this phase, or the reference or the weight does not cover it.
         """
         return tracking_cost(self, self.record, variable, reference, weight)

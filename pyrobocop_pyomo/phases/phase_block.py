@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from pyomo.core.base.component import ModelComponentFactory
 from pyomo.core.expr.numvalue import NumericValue
 
-from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.blocks import BuiltBlock, Rule
 from pyrobocop_pyomo.numerics import Scheme
 
@@ -63,7 +63,7 @@ class PhaseBlock(_Phases, data=PhaseBlockData):
 
     Raises
     ------
-    DeclarationError, MeshError, SchemeError
+    ModelError
         When the arguments make no grid; the block is then not added to the model.
 
     Notes
@@ -107,7 +107,7 @@ class PhaseBlock(_Phases, data=PhaseBlockData):
         **block_options: Any,
     ) -> None:
         if any(isinstance(index, Real) for index in indexes):
-            raise DeclarationError(
+            raise ModelError(
                 f"PhaseBlock was given {', '.join(map(repr, indexes))} by position, where only sets may stand. Write "
                 "PhaseBlock(duration=..., elements=...)."
             )
@@ -126,7 +126,7 @@ class PhaseBlock(_Phases, data=PhaseBlockData):
 
     def __setattr__(self, name: str, value: Any) -> None:
         if isinstance(value, (Declaration, Law)):  # a single phase has taken it by now
-            raise DeclarationError(
+            raise ModelError(
                 f"phases '{self.name}': '{name}' (declared at {value.declared_at}) is declared on one phase at a time. "
                 "Pass rule=..., or assign it to each of the phases."
             )

@@ -16,7 +16,7 @@ from pyomo.core.base.indexed_component import IndexedComponent
 from pyomo.core.base.set import Set
 from pyomo.core.expr.numvalue import NumericValue
 
-from pyrobocop_pyomo.errors import DeclarationError, ModelError, TrajectoryError, TranscriptionError
+from pyrobocop_pyomo.errors import ModelError, TrajectoryError
 from pyrobocop_pyomo.modeling.blocks import BuiltBlockData, Rule, blocks_of_kind
 from pyrobocop_pyomo.modeling.variable_families import VariableFamily
 from pyrobocop_pyomo.numerics import Grid, Scheme, find_scheme
@@ -43,7 +43,7 @@ from .phase_actions import PhaseActions
 from .phase_tables import phase_in_words, phase_tables
 from .phase_values import PhaseValues
 from .record import PhaseRecord, Statement
-from .stated_numbers import in_numbers
+from .stated_numbers import in_numbers, with_functions_of_time
 from .structure import check_phase
 from .variables import add_variables, control_rate
 from .verification import Verification, verify
@@ -78,7 +78,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
     """
 
     _kind = "phase"
-    _error = DeclarationError
+    _error = ModelError
     _other_words: ClassVar[Mapping[str, str]] = {
         **dict.fromkeys(("nfe", "n", "N", "intervals", "steps", "num_elements"), "elements"),
         **dict.fromkeys(("tf", "T", "t_final", "final_time", "horizon", "end"), "duration"),
@@ -93,9 +93,9 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         if isinstance(value, (Declaration, Law)):
             self.declare(name, value)
         elif isinstance(value, type) and issubclass(value, (Declaration, Law)):
-            raise DeclarationError(f"{self._what}: '{name}' was given the class; write {value.__name__}().")
+            raise ModelError(f"{self._what}: '{name}' was given the class; write {value.__name__}().")
         elif getattr(value, "__name__", "") == "<lambda>":
-            raise DeclarationError(
+            raise ModelError(
                 f"{self._what}: a function was assigned to '{name}', which states nothing. Say what it is: "
                 f"constraint(rule, name='{name}'), residual(...), ode(...), or an Expression with a rule."
             )
@@ -107,19 +107,19 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
 
         Raises
         ------
-        DeclarationError
+        ModelError
             When the name is taken or the declaration contradicts itself.
         InitialGuessError
             When the initial guess has the wrong length or is not finite.
         """
         if isinstance(declaration, Duration):
-            raise DeclarationError(f"{self._what}: a Duration is given to PhaseBlock(duration=...), not to '{name}'.")
+            raise ModelError(f"{self._what}: a Duration is given to PhaseBlock(duration=...), not to '{name}'.")
         if hasattr(self, name):
             held = self.component(name)
             by = "an attribute that every phase has" if held is None else f"a {held.ctype.__name__}"
             by = "a vector" if name in self.record.families else by
             again = f" {RUN_AGAIN}" if name in self.record.declarations or name in self.record.families else ""
-            raise DeclarationError(
+            raise ModelError(
                 f"{self._what}: the name '{name}' (declared at {declaration.declared_at}) is taken. Choose another: "
                 f"there is {by} by this name.{again}"
             )
@@ -131,11 +131,12 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
                 self._declare_family(name, declaration)
                 return
             if isinstance(declaration, Control) and declaration.one_of and not self.record.is_declaring_components:
-                raise DeclarationError(
+                raise ModelError(
                     f"{self._what}: '{name}' (declared at {declaration.declared_at}) is one_of, but no vector: say how "
                     "many components it has by index=3."
                 )
-            declaration = in_numbers(declaration, f"{self._what}: {type(declaration).__name__.lower()} '{name}'")
+            what = f"{self._what}: {type(declaration).__name__.lower()} '{name}'"
+            declaration = with_functions_of_time(self, in_numbers(declaration, what), what)
             add_variables(self, self.record, name, declaration)
             self.record.declarations[name] = declaration
 
@@ -195,7 +196,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
 
         Raises
         ------
-        TranscriptionError
+        ModelError
             When a key is no state, a state gets a second equation, or an array has another length than the state.
         """
         return self._state("ode", rule, name, add_ode)
@@ -215,7 +216,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
 
         Raises
         ------
-        TranscriptionError
+        ModelError
             When the scheme has more than one stage, or one inside the element; when a key is no state, a state gets a
             second equation, or its derivative is in use.
         """
@@ -229,7 +230,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
 
         Raises
         ------
-        TranscriptionError
+        ModelError
             When a result is no equality.
         """
         return self._state("residual", rule, name, add_residual)
@@ -244,7 +245,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
 
         Raises
         ------
-        TranscriptionError
+        ModelError
             When a result is no relation.
         """
         return self._state("constraint", rule, name, add_constraint)
@@ -257,7 +258,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
 
         Raises
         ------
-        TranscriptionError
+        ModelError
             When a result is no relation, or the rule reads what has no value at a boundary, such as a control.
         """
         return self._state("constraint at boundaries", rule, name, add_constraint_at_boundaries)
@@ -286,7 +287,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
 
         Raises
         ------
-        TranscriptionError
+        ModelError
             When it is no state of this phase, or one that a step map leads.
         """
         if (family := self._family(state)) is not None:
@@ -297,14 +298,14 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         if name in self.record.rates:
             return MappingProxyType(self.record.rates[name])
         if name in self.record.discrete_states:
-            raise TranscriptionError(
+            raise ModelError(
                 f"{self._what}: '{name}' has no derivative; the step map '{self.record.equation_of[name]}' leads it "
                 "from element to element."
             )
         if name in self.record.kept_derivatives:
             return self.component(f"{name}_derivative")
         if self.record.restating is not None:
-            raise TranscriptionError(f"{self._what}: the derivative of '{name}' is used before its equation.")
+            raise ModelError(f"{self._what}: the derivative of '{name}' is used before its equation.")
         with self._all_or_nothing():
             return add_derivative(self, self.record, name)
 
@@ -319,12 +320,14 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
 
         Raises
         ------
-        TranscriptionError
+        ModelError
             When it is given a variable, or the integrand has no value at some point.
         """
+        if is_asked_for_all_times():
+            raise ModelError(f"{self._what}: a rule that takes an integral is called at each point.")
         if isinstance(integrand, IndexedComponent):
             name = integrand.local_name
-            raise TranscriptionError(
+            raise ModelError(
                 f"{self._what}: integral was given the variable '{name}'; it takes a rule. Write "
                 f"integral(lambda b, t: b.{name}[t])."
             )
@@ -350,7 +353,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
 
         Raises
         ------
-        TranscriptionError
+        ModelError
             When it is no control of this phase.
         """
         if (family := self._family(control)) is not None:
@@ -358,7 +361,9 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         name = control if isinstance(control, str) else getattr(control, "local_name", None) or repr(control)
         if name not in self.record.names(Control):
             known = ", ".join(self.record.names(Control)) or "none"
-            raise TranscriptionError(f"{self._what}: '{name}' is no control; its controls are {known}.")
+            raise ModelError(f"{self._what}: '{name}' is no control; its controls are {known}.")
+        if is_asked_for_all_times():
+            return OverTime(lambda place: place.of(self).rate_of(name)[place.t])  # type: ignore[return-value]
         return MappingProxyType(control_rate(self, self.record, name))
 
     # ---------------------------------------------------------------- facts and results
@@ -366,7 +371,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
     @property
     def record(self) -> PhaseRecord:
         """Grid, declarations and rules behind this phase."""
-        return self._record_if_built(TranscriptionError)
+        return self._record_if_built(ModelError)
 
     @property
     def grid(self) -> Grid:
@@ -398,16 +403,14 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
 
         Raises
         ------
-        TranscriptionError
+        ModelError
             When it is no state of this phase.
         """
         name = state if isinstance(state, str) else getattr(state, "local_name", None) or repr(state)
         declared = self.record.names_of_states
         known = name in declared and (isinstance(state, str) or self.component(name) is state)
         if not known:
-            raise TranscriptionError(
-                f"{self._what}: '{name}' is no state; its states are {', '.join(declared) or 'none'}."
-            )
+            raise ModelError(f"{self._what}: '{name}' is no state; its states are {', '.join(declared) or 'none'}.")
         return name
 
     def _family(self, given: Any) -> VariableFamily | None:
@@ -421,10 +424,9 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
 
         Raises
         ------
-        TranscriptionError
+        ModelError
             Naming the state without equation, the counts that do not match, the variable that appears nowhere, or
             the equations that determine no derivative and no algebraic.
-        MeshError
             When the duration is fixed at no positive value.
         """
         check_phase(self, self.record)

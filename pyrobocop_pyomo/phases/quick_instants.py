@@ -7,6 +7,7 @@ where these change, and the parts are halved until every formula hardly bends on
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from typing import Any
@@ -27,22 +28,23 @@ from pyrobocop_pyomo.modeling.expression_nodes import (
     ExpressionEvaluator,
     kind_of_node,
 )
+from pyrobocop_pyomo.modeling.functions import function_called
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.numerics import Array, BoolArray, Grid, Indices
 from pyrobocop_pyomo.numerics.bernstein import bernstein_from_samples, derivative_coefficients, restrict
 from pyrobocop_pyomo.numerics.interval_arithmetic import Interval
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.numerics.taylor_forms import TaylorForm, taylor_form_of_polynomial
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .rate_arrays import FormulasWithDelays
+from .companions import indices_of
 from .record import PhaseRecord, Statement, labelled_rows
+from .rule_formulas import RuleFormulas
 
 # Parts of each element at whose ends motions are compared in any case.
 SAMPLES = 16
 # On a part a formula changes by such a part of its whole range, or its chord is a tenth of that away from it.
 _CHANGE, _CURVES = 0.1, 0.1
-# Changes of a formula that are rounding, relative to its size.
-_ROUNDING = 1e-9
 # Where a formula jumps parts are halved down to this length, relative to an element.
 _SMALLEST = 2.0**-40
 # Instants in an element, and parts of all elements together, at most.
@@ -79,20 +81,13 @@ def instants_to_look_at(
         Where the rules change more often than can be followed.
     """
     usual = np.linspace(0.0, 1.0, SAMPLES + 1)
-    formulas = FormulasWithDelays(block, record, indices, trajectory.grid)
-    index, clock = formulas.variables([])
-    stated = [expression for statement in statements for expression in _expressions(formulas, record, statement)]
-    held = variables_in_any(stated)
-    if id(index) not in held and id(clock) not in held:
-        return usual
-    nodes = list(_changing_nodes(stated, {id(index), id(clock)}))
+    formulas = RuleFormulas(block, record, indices, trajectory.grid)
+    times = {id(formulas.index), id(formulas.clock)}
+    stated = [expression for statement in statements for expression in stated_formulas(formulas, statement)]
+    nodes = list(changing_nodes(stated, times))
     if not nodes:
         return usual
-    read = variables_in_any(nodes)
-    boundaries = [np.array(grid.mesh.boundaries) for grid in (indices, trajectory.grid)]
-    ends = [np.stack([of[:-1], of[1:]], axis=1) for of in boundaries]
-    leaves = formulas.leaves(_polynomials(trajectory), ends[0], ends[1])
-    parts = _Parts(nodes, {key: leaf for key, leaf in leaves.items() if key in read}, trajectory.grid.mesh.elements)
+    parts = _parts(formulas, nodes, trajectory, indices)
     jumps = parts.halved(usual)
     if len(jumps):  # parts that were halved on the way to a jump are not needed beside it
         parts.halved(np.union1d(usual, jumps))
@@ -102,6 +97,72 @@ def instants_to_look_at(
     return found
 
 
+def unseen_on_the_way(block: Any, record: PhaseRecord, trajectory: Trajectory, statements: Iterable[Statement]) -> str:
+    """Which rule may do something along the way of a trajectory that ``SAMPLES`` instants of an element do not show.
+
+    Quick changes with the time are found by `instants_to_look_at`. This is about places: a jet that is passed between
+    two instants shows in the bounds of its formula only. A function in Python has no bounds; a table has its knots.
+
+    Parameters
+    ----------
+    block : PhaseBlock
+    record : PhaseRecord
+    trajectory : Trajectory
+    statements : iterable of Statement
+
+    Returns
+    -------
+    str
+        The first one, in words; empty where there is none.
+    """
+    indices = indices_of(record, trajectory.grid)
+    part = float(trajectory.grid.mesh.widths.max()) / SAMPLES
+    for statement in statements:
+        what = f"{statement.kind} '{statement.name}' of phase '{block.name}'"
+        if not statement.is_template(block):
+            return f"{what} has to know the time as a number, and may do anything between two instants."
+        formulas = RuleFormulas(block, record, indices, trajectory.grid)
+        stated = stated_formulas(formulas, statement)
+        moving = {id(variable) for variable in formulas.at_instant.values()}
+        nodes = list(changing_nodes(stated, moving))
+        known = list(changing_nodes(stated, moving | {id(formulas.index), id(formulas.clock)}))
+        for call in (node for node in known if kind_of_node(node.__class__) == CALL):
+            cells = getattr(function_called(call), "cells", None)
+            if cells is None:
+                return f"{what} has '{_readable(call)}', a function of which no bounds are known."
+            if _parts(formulas, list(call.args), trajectory, indices).change_by_more_than(cells):
+                return f"{what} passes several knots of the table '{_readable(call)}' between two instants."
+        least = [0.0] * len(nodes)
+        states = [state for state, name in record.equation_of.items() if name == statement.name]
+        for rate, state in zip(stated, states, strict=False):
+            # What changes slowly may add up to something narrow. It counts where it moves a state, at rest as well.
+            # Sums and products of signals are polynomials of a low degree, which instants show.
+            if any(True for _ in changing_nodes([rate], moving)):
+                nodes.append(rate)
+                least.append(_CHANGE**2 / part * (1e-3 + float(np.abs(trajectory.states[state]).max())))
+        parts = _parts(formulas, nodes, trajectory, indices, at_one_time=True)
+        hidden = parts.hidden(np.array(least)) if nodes else None
+        if hidden is not None:
+            return f"{what} has '{_readable(hidden)}', which the motion may pass between two instants."
+    return ""
+
+
+def _readable(expression: Any) -> str:
+    """A formula in the names of the phase."""
+    return re.sub(r"declared\[(\w+)\]", r"\1", str(expression))
+
+
+def _parts(
+    formulas: RuleFormulas, nodes: list[Any], trajectory: Trajectory, indices: Grid, *, at_one_time: bool = False
+) -> _Parts:
+    """Parts of the elements of a trajectory, for what these nodes read along it; or with the time of each start."""
+    read = variables_in_any(nodes)
+    boundaries = [np.array(grid.mesh.boundaries) for grid in (indices, trajectory.grid)]
+    ends = [np.stack([of[:-1], of[:-1] if at_one_time else of[1:]], axis=1) for of in boundaries]
+    leaves = formulas.leaves(_polynomials(trajectory), ends[0], ends[1])
+    return _Parts(nodes, {key: leaf for key, leaf in leaves.items() if key in read}, trajectory.grid.mesh.elements)
+
+
 def _too_quick(why: str) -> str:
     return (
         f"its rules change so quickly with the time that the motion between the points is not known: {why}. Take "
@@ -109,21 +170,19 @@ def _too_quick(why: str) -> str:
     )
 
 
-def _expressions(formulas: FormulasWithDelays, record: PhaseRecord, statement: Statement) -> list[Any]:
-    """What a rule gives at any time; nothing where it gives no formulas."""
+def stated_formulas(formulas: RuleFormulas, statement: Statement) -> list[Any]:
+    """What a rule gives at any time, side by side of its rows; nothing where it gives no formulas."""
     try:
-        return list(formulas.formulas_of(statement, partial(_sides, statement)).values())
+        return formulas.formulas_of(statement, partial(_sides, statement))
     except TrajectoryError:
         return []
 
 
-def _sides(statement: Statement, result: Any) -> dict[str, Any]:
-    """What a rule returned, side by side of its rows."""
-    if statement.kind == "integral":
-        return {"": plain_expressions(result)}
-    rows = labelled_rows(statement.kind, plain_expressions(result)).values()
-    found = [side for row in rows for side in _formulas_in(row)]
-    return {str(number): side for number, side in enumerate(found)}
+def _sides(statement: Statement, result: Any) -> list[Any]:
+    rows = (
+        [result] if statement.kind == "integral" else labelled_rows(statement.kind, plain_expressions(result)).values()
+    )
+    return [side for row in rows for side in _formulas_in(row)]
 
 
 def _formulas_in(row: Any) -> Iterator[Any]:
@@ -131,13 +190,15 @@ def _formulas_in(row: Any) -> Iterator[Any]:
     if isinstance(row, (list, tuple, np.ndarray)):
         for part in row:
             yield from _formulas_in(part)
+    elif row is None or isinstance(row, str):
+        return  # of a pair: which bound of a side is meant
     elif kind_of_node(row.__class__) == RELATION:
         yield from row.args
     else:
         yield plain_expressions(row)
 
 
-def _changing_nodes(expressions: Iterable[Any], times: set[int]) -> Iterator[Any]:
+def changing_nodes(expressions: Iterable[Any], times: set[int]) -> Iterator[Any]:
     """Nodes that hold one of the times and are no sums or products: what these add up is judged by itself."""
     holds: dict[int, bool] = {}
     seen: list[Any] = []  # nodes that Pyomo makes for the moment have to live on to keep their ids
@@ -188,6 +249,39 @@ class _Parts:
         """Where parts of any element start or end."""
         return np.union1d(self._start, self._end)
 
+    def _on_samples(self) -> tuple[Array, ...]:
+        """Lowest and highest value of each node on each of ``SAMPLES`` parts of all elements, and those at its ends."""
+        quarters = 4  # bounds of short parts are close
+        edges = np.linspace(0.0, 1.0, quarters * SAMPLES + 1)
+        element = np.repeat(np.arange(self._elements), quarters * SAMPLES)
+        start, end = (np.tile(of, self._elements) for of in (edges[:-1], edges[1:]))
+        low, high, _ = self._bounds(element, start, end)
+        low, high = (of.reshape(len(self._nodes), -1, quarters) for of in (low, high))
+        at = [start[::quarters], end[quarters - 1 :: quarters]]
+        first, last = (self._bounds(element[::quarters], instants, instants)[0] for instants in at)
+        return low.min(axis=2), high.max(axis=2), first, last
+
+    def change_by_more_than(self, lengths: Array) -> bool:
+        """Whether one of the nodes changes by more than its length between two instants."""
+        low, high, _, _ = self._on_samples()
+        return not ((high - low).max(axis=1, initial=0.0) <= lengths).all()
+
+    def hidden(self, least: Array) -> Any:
+        """A node that goes beyond its values at two instants by more than is to be seen; None without any.
+
+        Between the two is a third one: what is narrow, and happens to be met there, is narrow all the same.
+        """
+        low, high, first, last = self._on_samples()
+        low, high = np.fmin(low[:, :-1], low[:, 1:]), np.fmax(high[:, :-1], high[:, 1:])
+        first, last = first[:, :-1], last[:, 1:]
+        with np.errstate(invalid="ignore"):
+            width = (high.max(axis=1) - low.min(axis=1))[:, None]
+            size = np.abs(first).max(axis=1)[:, None]
+            seen = np.where(np.isfinite(width), np.maximum(_CHANGE * width + NEGLIGIBLE * size, least[:, None]), 0.0)
+            beyond = np.fmax(high - np.fmax(first, last), np.fmin(first, last) - low)
+            found = np.flatnonzero((~(beyond <= seen)).any(axis=1))
+        return self._nodes[found[0]] if len(found) else None
+
     def halved(self, fractions: Array) -> Array:
         """Halve parts of all elements until no formula bends on them; the ends of those where one jumps."""
         count = len(fractions) - 1
@@ -237,7 +331,7 @@ class _Parts:
         highest = np.where(known, high, -np.inf).max(axis=1, keepdims=True)
         with np.errstate(all="ignore"):
             size = np.fmax(np.abs(lowest), np.abs(highest))
-            least = np.nan_to_num(_CHANGE * (highest - lowest) + _ROUNDING * size, nan=0.0, posinf=0.0, neginf=0.0)
+            least = np.nan_to_num(_CHANGE * (highest - lowest) + NEGLIGIBLE * size, nan=0.0, posinf=0.0, neginf=0.0)
             return ~(changes <= least + np.finfo(float).tiny).all(axis=0)
 
 
@@ -350,3 +444,47 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "<<": lambda a, b, c: _LESS(a, b) * _LESS(b, c),
     "choose": _choice,
 }
+
+
+def lowest_value(
+    formula: Any, allowed: float, formulas: RuleFormulas, trajectory: Trajectory, indices: Grid
+) -> tuple[float, float]:
+    """A value of a formula along polynomials that is nearly the lowest, where that is below one that is allowed.
+
+    Parameters
+    ----------
+    formula : expression
+        Of `formulas`.
+    allowed : float
+        Parts of elements are halved while the formula may be below it, and lower than what was found.
+    formulas : RuleFormulas
+    trajectory : Trajectory
+    indices : Grid
+        Its grid in the time indices of the phase.
+
+    Returns
+    -------
+    float, float
+        The value and its time; the one that is allowed where nothing lower was found, or something is not known.
+    """
+    lowest, time = allowed, 0.0
+    boundaries = [np.array(grid.mesh.boundaries) for grid in (indices, trajectory.grid)]
+    ends = [np.stack([of[:-1], of[1:]], axis=1) for of in boundaries]
+    leaves, read = formulas.leaves(_polynomials(trajectory), ends[0], ends[1]), variables_in_any([formula])
+    if not read.keys() <= leaves.keys():
+        return lowest, time
+    elements = trajectory.grid.mesh.elements
+    parts = _Parts([formula], {key: leaves[key] for key in read}, elements)
+    element, start = np.divmod(np.arange(elements * SAMPLES), SAMPLES)
+    start, width = start / SAMPLES, 1.0 / SAMPLES
+    while len(start) and len(start) <= _MOST_PARTS and width > _SMALLEST and np.isfinite(lowest):
+        (least,), _, _ = parts._bounds(element, start, start + width)
+        width /= 2
+        (value,), _, _ = parts._bounds(element, start + width, start + width)
+        best = int(np.argmin(np.nan_to_num(value, nan=np.inf, posinf=np.inf)))
+        if value[best] < lowest:
+            lowest, there = float(value[best]), element[best]
+            time = float(boundaries[1][there] + (start[best] + width) * np.diff(boundaries[1])[there])
+        again = ~(least >= lowest - _CHANGE * max(0.0, allowed - lowest))
+        element, start = np.tile(element[again], 2), np.concatenate([start[again], start[again] + width])
+    return lowest, time

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from pyomo.core.expr.relational_expr import RelationalExpression
 
-from pyrobocop_pyomo.errors import TrajectoryError, TranscriptionError
+from pyrobocop_pyomo.complementarity import Complementarity, form_of
+from pyrobocop_pyomo.errors import ModelError, TrajectoryError
 from pyrobocop_pyomo.modeling.blocks import snapshot_of
-from pyrobocop_pyomo.modeling.copied_rules import copied_rule
-from pyrobocop_pyomo.modeling.expression_arrays import array
+from pyrobocop_pyomo.modeling.expression_arrays import array, plain_expressions
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 from pyrobocop_pyomo.modeling.time_index import TimeIndex
 from pyrobocop_pyomo.modeling.variable_families import FamilyNames
@@ -51,9 +52,25 @@ class Statement:
         """Whether the rule gives formulas for all times, given what it would get at one."""
         return self.rule is not None and self._template.is_template(block, *more)
 
+    def readings(self, block: Any, *more: Any) -> list[Any]:
+        """Variables and parameters at given points that a template reads at all times."""
+        return [] if self.rule is None else self._template.readings(block, *more)
+
+    def rows(self, result: Any) -> dict[Hashable, Any]:
+        """The rows of what the rule returned by label; of pairs their canonical forms, but for those left out."""
+        found = labelled_rows(self.kind.removesuffix(" at boundaries"), plain_expressions(result))
+        if self.kind != "complementarity":
+            return found
+        stated = {label: pair for label, pair in found.items() if pair is not Complementarity.Skip}
+        return {label: form_of(self, a, b, (*choices, None, None)[:2]) for label, (a, b, *choices) in stated.items()}
+
     def __deepcopy__(self, memo: dict[int, Any]) -> Statement:
-        rule = copied_rule(self.rule, memo)
-        return Statement(self.kind, self.name, rule)
+        if self.rule is None:
+            return self
+        template = copy.deepcopy(self._template, memo)
+        twin = Statement(self.kind, self.name, template.rule)
+        object.__setattr__(twin, "_template", template)  # what the rule has said is not asked again
+        return twin
 
     def __reduce__(self) -> Any:
         return Statement, (self.kind, self.name, picklable_or_none(self.rule))
@@ -96,14 +113,16 @@ class PhaseRecord:
         Units of time; rows and integrals carry them where they are given.
     width_factors : (smallest, largest) or None
         Between which the width of each element may change, where the boundaries are variables.
+    expressions : list of Statement
+        Named expressions over the points that laws of this package have stated.
     integrals : list of Statement
         Integrands of the integrals that were handed out, in the order of the members that stand for them.
     values_at_times : list of (name, time index)
         Values at fixed times that were handed out, in the order of the members that stand for them.
+    named_times : set of float
+        Time indices at which statements read a value, wherever the points of the mesh are.
     delayed_names : set of str
         What rules read at earlier times than their own.
-    delay_reader : callable or None
-        While a rule is evaluated with numbers: ``delay_reader(name, t, delay)`` gives the value of a while ago.
     is_declaring_components : bool
         True while the components of a vector or a matrix are declared, one after the other.
     asking : bool
@@ -131,10 +150,11 @@ class PhaseRecord:
     allow_higher_index: bool = False
     time_units: Any = None
     width_factors: Bounds | None = None
+    expressions: list[Statement] = field(default_factory=list)
     integrals: list[Statement] = field(default_factory=list)
     values_at_times: list[tuple[str, float]] = field(default_factory=list)
+    named_times: set[float] = field(default_factory=set)
     delayed_names: set[str] = field(default_factory=set)
-    delay_reader: Callable[[str, Any, float], Any] | None = None
     is_declaring_components: bool = False
     asking: bool = False
     restating: Any = None
@@ -167,6 +187,11 @@ class PhaseRecord:
     def index_for_rule(self, block: Any, time: float, label: str) -> float | TimeIndex:
         """The ``t`` that a rule is given at a point: an expression in formulas where indices are no times."""
         return TimeIndex(time, label, block) if self.normalised else time
+
+    @property
+    def rules(self) -> list[Statement]:
+        """Every rule over the points, in the order in which another mesh takes them."""
+        return [*self.expressions, *self.statements, *self.integrals]
 
     def snapshot(self) -> PhaseRecord:
         """A copy that later additions to this record do not reach."""
@@ -214,7 +239,7 @@ class PreviousStates:
             members = self._families[name].members
             return array([getattr(self, member) for member in members]).reshape(self._families[name].shape)
         if name not in self._values:
-            raise TranscriptionError(
+            raise ModelError(
                 f"{self._what} reads previous.{name}; only states have a value where an element starts; those of the "
                 f"phase are {', '.join(self._values) or 'none'}."
             )

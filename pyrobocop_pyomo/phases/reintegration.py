@@ -7,36 +7,37 @@ integration that knows nothing of the scheme.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import EvaluationError, TrajectoryError
 from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.numerics.flows import Flows, integrate_elements, integrate_flows
 from pyrobocop_pyomo.numerics.tables import tables_continued
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .between_points import check_rules_between_points, refuse_data_at_points
-from .companions import companions_of, indices_of, put_on_model
-from .delays import past_of
-from .element_integration import integrate_inside, signals_at
+from .asked_by_point import refuse_asked_by_point
+from .companions import Companion, companions_of, indices_of, put_on_model
+from .element_integration import each_from_its_start, whole_by_steps
 from .families import guesses_by_component
-from .point_model import PointModel
-from .quick_instants import SAMPLES, instants_to_look_at
-from .rate_arrays import RateArrays
+from .instant_equations import refuse_equations_beside
+from .instants_inside import InstantsInside
+from .quick_instants import SAMPLES, instants_to_look_at, stated_formulas
+from .rate_arrays import PointRates, RateArrays
 from .record import PhaseRecord, Statement
-from .stepped_elements import determined_unknowns, stepped_flows
-from .undefined_instants import refuse_undefined
+from .rule_formulas import RuleFormulas
+from .stepped_elements import stepped_flows
 
 # Of the integration, relative to the size of each state. Differences are of interest from there on.
 TOLERANCE = 1e-10
 # Where rules change quickly with the time many instants have to be followed.
 TOLERANCE_IF_QUICK = 1e-6
+# Of element ends alone, which every result asks for.
+TOLERANCE_OF_ENDS = 1e-8
 # A state that stays at zero has a size too.
 SMALLEST_SCALE = 1e-3
 
@@ -56,8 +57,7 @@ class Reintegration:
     open_loop : dict of state name to array, shape (N, k), or None
         Integrated from the start of the plan on, in one go; None where that left the finite numbers.
     contact : bool
-        Whether pairs decide what happens. Contacts open and close at the steps of the plan: an open loop that misses
-        one by a hair is another motion, and `local` is what counts.
+        Whether pairs decide what happens. An open loop that misses a contact by a hair is another motion.
     integrals : dict of name to (array, array)
         Per element, shape ``(N,)``, what an integral gains there: by the quadrature of the mesh, and along the motion
         `local`.
@@ -83,14 +83,14 @@ class Reintegration:
 
     @property
     def states(self) -> Mapping[str, Array] | None:
-        """The motion of the equations: open loop, or from element to element where there are contacts."""
-        return self.local if self.contact else self.open_loop
+        """The motion of the equations: the open loop."""
+        return self.open_loop
 
     @property
     def how(self) -> str:
         """How the motion of the equations was found, in words."""
         if self.contact:
-            return "each element integrated from where the plan starts it"
+            return "simulated with contact from the start of the plan"
         return "integrated from the start of the plan on"
 
     @property
@@ -128,10 +128,11 @@ def reintegrate(
     block: Any,
     record: PhaseRecord,
     trajectory: Trajectory,
-    point: PointModel | None = None,
+    companions: Sequence[Companion] | None = None,
     initial: Mapping[str, float] | None = None,
     *,
     states_only: bool = False,
+    ends_only: bool = False,
 ) -> Reintegration:
     """See `PhaseActions.reintegrate`.
 
@@ -140,12 +141,14 @@ def reintegrate(
     block : PhaseBlock
     record : PhaseRecord
     trajectory : Trajectory
-    point : PointModel, optional
-        Asks the rules, by values of the trajectory that stand on the model already.
+    companions : sequence of Companion, optional
+        Other phases, beside values of the trajectory that stand on the model already.
     initial : dict of state name to number, optional
         Where the open loop starts; as the plan does by default.
     states_only : bool
         Leave out the integrals, which take longer than the states where there are delays.
+    ends_only : bool
+        Leave out the open loop, and what is inside the elements, where these take their time.
     """
     names = record.names_of_states
     if not names:
@@ -159,15 +162,19 @@ def reintegrate(
     initial = guesses_by_component(record, initial or {}, f"phase '{block.name}'")
     planned_first = {name: float(trajectory.states[name][0]) for name in names}
     first = np.array([{**planned_first, **(initial or {})}[name] for name in names]) if initial else None
-    contact = any(True for _ in block.component_data_objects(Complementarity, active=True, descend_into=True))
-    with nullcontext() if point is not None else put_on_model([(block, trajectory)]), tables_continued():
+    indices = indices_of(record, trajectory.grid)
+    on_model = put_on_model([(block, trajectory)]) if companions is None else nullcontext()
+    companions = companions_of(block, indices.mesh.boundaries) if companions is None else companions
+    with on_model, tables_continued():
         try:
-            flows = _flows(block, record, trajectory, point, first)
+            flows, contact = _flows(block, record, trajectory, indices, companions, first, ends_only)
         except EvaluationError as error:
             raise TrajectoryError(f"phase '{block.name}': {error}") from error
         integrals, remarks = ({}, ()) if states_only else _integrals(block, record, trajectory)
         if not np.isfinite(flows.local).all():
-            _refuse_undefined(block, record, trajectory, point)
+            _refuse_undefined(
+                block, record, trajectory, RuleFormulas(block, record, indices, trajectory.grid, companions)
+            )
     planned = trajectory.element_polynomials(flows.fractions)
     return Reintegration(
         fractions=flows.fractions,
@@ -181,16 +188,12 @@ def reintegrate(
     )
 
 
-def _refuse_undefined(block: Any, record: PhaseRecord, trajectory: Trajectory, point: PointModel | None) -> None:
+def _refuse_undefined(block: Any, record: PhaseRecord, trajectory: Trajectory, formulas: RuleFormulas) -> None:
     """Where the equations have no value on the plan itself, no motion can be known."""
-    if point is None:
-        indices = indices_of(record, trajectory.grid)
-        point = PointModel(block, record, indices, trajectory.grid, companions_of(block, indices.mesh.boundaries))
-    past, point.past = point.past, past_of(trajectory)
-    try:
-        refuse_undefined(f"phase '{block.name}'", record, trajectory, point)
-    finally:
-        point.past = past
+    at = InstantsInside(record, trajectory, indices_of(record, trajectory.grid), trajectory.grid.scheme.c, formulas)
+    for statement in record.statements_of("ode") + record.statements_of("residual"):
+        for side in stated_formulas(formulas, statement):
+            at.value_of(side, statement, f"phase '{block.name}'")
 
 
 def element_end_errors(block: Any, record: PhaseRecord, trajectory: Trajectory) -> Array:
@@ -206,70 +209,42 @@ def element_end_errors(block: Any, record: PhaseRecord, trajectory: Trajectory) 
 
 
 def _flows(
-    block: Any, record: PhaseRecord, trajectory: Trajectory, point: PointModel | None, first: Array | None
-) -> Flows:
-    names = record.names_of_states
-    unknowns = determined_unknowns(block, record)
-    if unknowns is not None and (unknowns.implicit or _rates_read(unknowns.algebraics, block, record, trajectory)):
-        return stepped_flows(block, record, trajectory, unknowns, first)
-    if set(record.equation_of) != set(names):
-        implicit = sorted(set(names) - set(record.equation_of))
-        raise TrajectoryError(
-            f"re-integration needs explicit equations; implicit are those of {', '.join(implicit)}, and the residual "
-            "equations determine neither all algebraics nor the derivatives alone. Declare an Algebraic for each of "
-            f"these derivatives, and state it in an ode: {{b.{implicit[0]}: b.rate[t]}}, with b.rate = rcp.Algebraic()."
-        )
-    indices = indices_of(record, trajectory.grid)
-    fractions = instants_to_look_at(block, record, trajectory, indices, record.statements_of("ode"))
-    if point is None:
-        point = PointModel(block, record, indices, trajectory.grid, companions_of(block, indices.mesh.boundaries))
-    point.set_values(trajectory.parameters)
-    past = point.past
-    try:
-        check_rules_between_points(block, record, point, record.statements_of("ode"))
-        point.set_values(trajectory.parameters)
-        point.asks_phase, point.past = False, past_of(trajectory)
-        # With delays the whole motion reads itself, which elements side by side cannot.
-        delays = bool(record.delayed_names)
-        flows = None if delays else _side_by_side(block, record, trajectory, indices, fractions, first)
-        if flows is None:
-            rates = _single_rates(record, trajectory, point)
-            refuse_data_at_points(block, record, trajectory, _by_element(rates, trajectory))
-            flows = integrate_inside(trajectory, rates, fractions, first, point if delays else None)
-    finally:
-        point.past = past
-        point.leave_nodes()
-    return flows
-
-
-def _rates_read(algebraics: Iterable[str], block: Any, record: PhaseRecord, trajectory: Trajectory) -> bool:
-    """Whether the motion depends on algebraics that residual equations determine; so it is where nobody knows."""
-    try:
-        rates = RateArrays(block, record, trajectory, indices_of(record, trajectory.grid))
-    except TrajectoryError:
-        return True
-    return rates.reads_any(algebraics)
-
-
-def _side_by_side(
     block: Any,
     record: PhaseRecord,
     trajectory: Trajectory,
     indices: Grid,
-    fractions: Array,
+    companions: Sequence[Companion],
     first: Array | None,
-) -> Flows | None:
-    """All elements at once; None where the equations are no formulas, or too stiff for this."""
-    names = record.names_of_states
-    starts = np.array([trajectory.element_states(name)[:, 0] for name in names]).T
-    scales = SMALLEST_SCALE + np.abs(np.array([trajectory.states[name] for name in names])).max(axis=1)
-    try:
-        rates = RateArrays(block, record, trajectory, indices)
-        refuse_data_at_points(block, record, trajectory, rates.at_instants)
-    except TrajectoryError:
-        return None
-    tolerance = TOLERANCE if len(fractions) == SAMPLES + 1 else TOLERANCE_IF_QUICK
-    return integrate_flows(rates, starts, scales, fractions, tolerance, first)
+    ends: bool,
+) -> tuple[Flows, bool]:
+    """The flows, and whether contact decides them."""
+    starts = np.array([trajectory.element_states(name)[:, 0] for name in record.names_of_states]).T
+    scales = SMALLEST_SCALE + np.abs(np.array([trajectory.states[name] for name in record.names_of_states])).max(axis=1)
+    refuse_asked_by_point(block, record.statements_of("ode"))
+    rates = RateArrays(block, record, trajectory, indices, (), companions, in_steps=True)
+    refuse_equations_beside(block, record, rates.equations.read)
+    fractions = instants_to_look_at(block, record, trajectory, indices, rates.equations.statements)
+    # With delays the whole motion reads itself, which elements side by side cannot.
+    if not record.delayed_names:
+        if ends and len(fractions) == SAMPLES + 1 and not rates.equations.needs_steps:
+            found = integrate_elements(rates, starts, scales, fractions[:: SAMPLES // 2], TOLERANCE_OF_ENDS)
+            if found is not None:
+                return found, False
+        if not rates.equations.needs_steps:
+            tolerance = TOLERANCE if len(fractions) == SAMPLES + 1 else TOLERANCE_IF_QUICK
+            flows = integrate_flows(rates, starts, scales, fractions, tolerance, first)
+            if flows is not None:
+                return flows, False
+        return stepped_flows(rates, trajectory, fractions, scales, first), bool(rates.equations.pairs)
+    parts = fractions if len(fractions) > SAMPLES + 1 else np.array([0.0, 1.0])
+    signals = {name: trajectory.element_signals(name) for name in trajectory.signals}
+    single = PointRates(
+        block, record, indices, trajectory.grid, signals, trajectory.piecewise_linear, trajectory.parameters, companions
+    )
+    single.refresh()
+    local = each_from_its_start(trajectory, single, parts, fractions, starts)
+    state = starts[0] if first is None else first
+    return Flows(fractions, local, whole_by_steps(trajectory, single, parts, fractions, state)), False
 
 
 def _integrals(
@@ -291,8 +266,6 @@ def _integral(block: Any, record: PhaseRecord, trajectory: Trajectory, statement
     what = f"phase '{block.name}': integral '{statement.name}'"
     if statement.rule is None:
         raise TrajectoryError(f"{what} has lost its rule by pickling.")
-    if set(record.equation_of) != set(record.names_of_states):
-        raise TrajectoryError(f"{what}: the motion has implicit equations; make the integral a state.")
     grid, indices = trajectory.grid, indices_of(record, trajectory.grid)
     rates = RateArrays(block, record, trajectory, indices, [statement])
     names, width = record.names_of_states, grid.mesh.widths
@@ -310,33 +283,4 @@ def _integral(block: Any, record: PhaseRecord, trajectory: Trajectory, statement
     found = integrate_elements(rates, starts, SMALLEST_SCALE + np.array(sizes), fractions, TOLERANCE)
     if found is None:
         raise TrajectoryError(f"{what}: the equations are too stiff for an integration of all elements at once.")
-    return planned, found[0][:, -1]
-
-
-def _by_element(rates: Any, trajectory: Trajectory) -> Any:
-    """Rates at one instant of one element as those of all elements at a local fraction."""
-    mesh = trajectory.grid.mesh
-
-    def all_rates(fraction: float, states: Array) -> Array:
-        times = [start + fraction * width for start, width in zip(mesh.boundaries[:-1], mesh.widths, strict=True)]
-        return np.array([rates(i, time, states[:, i]) for i, time in enumerate(times)]).T
-
-    return all_rates
-
-
-def _single_rates(record: PhaseRecord, trajectory: Trajectory, point: PointModel) -> Any:
-    """Rates at one instant of one element, as the rules say them."""
-    names, scheme, mesh = record.names_of_states, trajectory.grid.scheme, trajectory.grid.mesh
-    signals = {name: trajectory.element_signals(name) for name in trajectory.signals}
-
-    def rates(element: int, time: float, state: Array) -> Array:
-        local = (time - mesh.boundaries[element]) / mesh.widths[element]
-        per_stage = {name: per_element[element] for name, per_element in signals.items()}
-        values = signals_at(scheme, local, time, per_stage, trajectory.piecewise_linear)
-        point.set_values({**values, **dict(zip(names, state, strict=True))})
-        point.forget_derivatives()
-        point.element = element
-        result = point.rates(record.statements_of("ode"), point.index_at(time))
-        return np.array([result[name] for name in names])
-
-    return rates
+    return planned, found.local[:, -1, -1]

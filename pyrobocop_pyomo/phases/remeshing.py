@@ -1,13 +1,12 @@
 """Another mesh for phases that stand on a model, in place; everything that was stated over their times follows.
 
-What the phases themselves state is made anew from the rules that they keep (`Restatement`). Components of the user's
-own over their times follow where they have a rule, blocks that stand on them where they know how (`Followers`). What
-still reads a variable that is gone then is a reason to take everything back.
+What the phases themselves state is made anew from the templates of their rules (`Restatement`), and blocks of this
+package that stand on their times follow (`Followers`). No function of the user's is called again: a rule that was asked
+at each point, or a component of the user's own over the times, keeps the mesh.
 """
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager
 from typing import Any
@@ -16,18 +15,17 @@ from pyomo.common.gc_manager import PauseGC
 from pyomo.core.base.constraint import IndexedConstraint
 
 from pyrobocop_pyomo.complementarity.record import records_below
-from pyrobocop_pyomo.errors import ModelError, PyRobocopError, RemeshingError
+from pyrobocop_pyomo.errors import ModelError, PyRobocopError
 from pyrobocop_pyomo.modeling.bulk_parts import parts_taken_off
 from pyrobocop_pyomo.modeling.in_place_changes import InPlaceChanges
 from pyrobocop_pyomo.numerics import Grid
+from pyrobocop_pyomo.rules.rule_template import same_results
 
-from .captured_widths import captured_width
+from .asked_by_point import asked_by_point
 from .declarations import Bounds, Control, has_lost_bounds
-from .followers import Followers
+from .followers import Followers, inner_variables
 from .horizon import make_mesh
 from .restatement import Restatement
-
-logger = logging.getLogger(__name__)
 
 
 def remesh_phases(meshes: Mapping[Any, Any]) -> None:
@@ -35,8 +33,8 @@ def remesh_phases(meshes: Mapping[Any, Any]) -> None:
 
     Components stay the objects that they are, and so do the variables at times that stay: what reads
     ``b.x[b.final_time]`` goes on working. New variables have the values of the trajectory that stands on the model,
-    new rows come from the rules that were stated. Phases whose rules read each other's variables have to be given at
-    once.
+    new rows come from what the rules said for all times when they were stated: none is called again. Phases whose rules
+    read each other's variables have to be given at once.
 
     Parameters
     ----------
@@ -45,10 +43,11 @@ def remesh_phases(meshes: Mapping[Any, Any]) -> None:
 
     Raises
     ------
-    RemeshingError
-        Naming what cannot follow: a constraint without a rule that reads a variable which would go, rules that a pickle
-        has lost, a relaxation that is applied. The model is as it was.
-    MeshError, DeclarationError
+    ModelError
+        Naming what keeps the mesh: a rule that was asked at each point, a component of the user's own over the times or
+        that reads them, rows that were changed, rules that a pickle has lost, a relaxation that is applied. The model
+        is as it was.
+    ModelError
         When a mesh is none, or does not fit the phase.
 
     Examples
@@ -64,22 +63,35 @@ def remesh_phases(meshes: Mapping[Any, Any]) -> None:
     >>> m.move.grid.mesh.boundaries
     (0.0, 0.1, 0.25, 0.5, 1.0)
     """
-    wanted = [(phase, _grid(phase, mesh)) for phase, mesh in meshes.items()]
-    asked = [(phase, grid) for phase, grid in wanted if grid.mesh != phase.grid.mesh]
+    asked = _other_grids(meshes)
     if not asked:
         return
     model = asked[0][0].model()
     for phase, grid in asked:
         if phase.model() is not model:
-            raise RemeshingError(f"phase '{phase.name}' is of another model than '{asked[0][0].name}'.")
-        if (reason := _own_reason(phase)) is not None:
-            raise RemeshingError(reason)
+            raise ModelError(f"phase '{phase.name}' is of another model than '{asked[0][0].name}'.")
         for name in phase.record.names(Control):  # knots have to be element boundaries
             phase.record.declarations[name].nodes(name, grid, f"phase '{phase.name}': control '{name}'")
-    warned = [(phase, reason) for phase, _ in asked if (reason := captured_width(phase.record)) is not None]
+    if (reason := _reason(model, [phase for phase, _ in asked])) is not None:
+        raise ModelError(reason)
     _restate(model, asked)
-    for phase, reason in warned:
-        logger.warning("phase '%s': %s", phase.name, reason)
+
+
+def put_on_meshes(meshes: Mapping[Any, Any]) -> None:
+    """As `remesh_phases`, where it is known that nothing keeps the meshes.
+
+    Parameters
+    ----------
+    meshes : mapping of PhaseBlock to mesh
+    """
+    if asked := _other_grids(meshes):
+        _restate(asked[0][0].model(), asked)
+
+
+def _other_grids(meshes: Mapping[Any, Any]) -> list[tuple[Any, Grid]]:
+    """The phases that get another grid than they have, with these."""
+    wanted = [(phase, _grid(phase, mesh)) for phase, mesh in meshes.items()]
+    return [(phase, grid) for phase, grid in wanted if grid.mesh != phase.grid.mesh]
 
 
 def rows_taken_off(phase: Any) -> AbstractContextManager[list[Any]]:
@@ -111,22 +123,23 @@ def free_element_widths(phases: Iterable[Any], factors: Bounds) -> None:
 
     Raises
     ------
-    RemeshingError
+    ModelError
         Naming what cannot follow. Phases may be left half way then: this is for copies.
     """
     asked = [(phase, phase.grid) for phase in phases if not phase.record.free_widths]
+    if not asked:
+        return
+    reason = _reason(asked[0][0].model(), [phase for phase, _ in asked])
     for phase, _ in asked:
-        reason = _own_reason(phase) or captured_width(phase.record)
         moving = [name for name, of in phase.record.declarations.items() if callable(getattr(of, "bounds", None))]
         if moving:
             reason = f"phase '{phase.name}': the bounds of '{moving[0]}' are given by the times of its points."
-        if reason is not None:
-            raise RemeshingError(reason)
+    if reason is not None:
+        raise ModelError(reason)
     for phase, _ in asked:
         phase.record.normalised = phase.record.free_widths = True
         phase.record.width_factors = factors
-    if asked:
-        _restate(asked[0][0].model(), asked)
+    _restate(asked[0][0].model(), asked)
 
 
 def _restate(model: Any, asked: list[tuple[Any, Grid]]) -> None:
@@ -135,24 +148,30 @@ def _restate(model: Any, asked: list[tuple[Any, Grid]]) -> None:
         restated = [Restatement(phase, grid, changes) for phase, grid in asked]
         followers = Followers(model, restated, changes)
         try:
-            for restatement in restated:
-                restatement.begin()
+            _make_anew(restated)
             followers.follow()
-            for restatement in restated:
-                restatement.finish()
-            followers.check()
         except PyRobocopError as error:
-            if isinstance(error, RemeshingError):
+            if isinstance(error, ModelError):
                 raise
-            raise RemeshingError(
+            raise ModelError(
                 f"{_names(asked)} keeps its mesh, since not everything can be stated on the new one: {error}"
             ) from error
         except (LookupError, ValueError, TypeError, ArithmeticError, AttributeError) as error:
-            raise RemeshingError(
-                f"{_names(asked)} keeps its mesh: a rule of the model failed on the new one, by "
+            raise ModelError(
+                f"{_names(asked)} keeps its mesh: what its rules say failed on the new one, by "
                 f"{type(error).__name__}: {error}."
             ) from error
         changes.finish(model)
+
+
+def _make_anew(restated: list[Restatement]) -> None:
+    """State phases on the grids that they get, each after all have their times."""
+    for restatement in restated:
+        restatement.begin()
+    for restatement in restated:
+        restatement.state()
+    for restatement in restated:
+        restatement.finish()
 
 
 def why_not_remeshed(phase: Any) -> str | None:
@@ -162,12 +181,45 @@ def why_not_remeshed(phase: Any) -> str | None:
     ----------
     phase : PhaseBlock
     """
-    if (reason := _own_reason(phase)) is not None:
-        return reason
-    if (captured := captured_width(phase.record)) is not None:
-        return f"phase '{phase.name}': {captured}"
+    return _reason(phase.model(), [phase])
+
+
+def _reason(model: Any, phases: list[Any]) -> str | None:
+    """What keeps the meshes of phases: the first reason of all."""
+    inner = inner_variables(phases)
+    for phase in phases:
+        if (reason := _own_reason(phase) or asked_by_point(phase) or _reads_inner_times(phase, inner)) is not None:
+            return reason
     changes = InPlaceChanges()
-    return Followers(phase.model(), [Restatement(phase, phase.grid, changes)], changes).reason()
+    restated = [Restatement(phase, phase.grid, changes) for phase in phases]
+    return Followers(model, restated, changes).reason() or _changed_rows(restated, changes)
+
+
+def _reads_inner_times(phase: Any, inner: dict[int, Any]) -> str | None:
+    for statement in phase.record.rules:
+        for leaf in statement.readings(phase):
+            if id(leaf) in inner:
+                return (
+                    f"phase '{phase.name}': its {statement.kind} '{statement.name}' reads '{leaf.name}' at all times, "
+                    "which another mesh may not have. Write x.at(time), which follows the mesh."
+                )
+    return None
+
+
+def _changed_rows(restated: list[Restatement], changes: InPlaceChanges) -> str | None:
+    """A rule whose rows are not what it has said: phases are stated on the meshes that they have, and put back."""
+    with PauseGC(), changes:
+        try:
+            _make_anew(restated)
+            for component, index, before, now in changes.rewritten():
+                if not same_results(before, now):
+                    return (
+                        f"'{component.name}[{index}]' is not what the rule of '{component.name}' said when it was "
+                        "stated: rows that were changed since cannot be made for another mesh. State the rule anew."
+                    )
+        finally:
+            changes.take_back()
+    return None
 
 
 def why_its_mesh_is_stated(phase: Any) -> str | None:
@@ -185,7 +237,7 @@ def why_its_mesh_is_stated(phase: Any) -> str | None:
 def _own_reason(phase: Any) -> str | None:
     what = f"phase '{phase.name}'"
     record = phase.record
-    for statement in (*record.statements, *record.integrals):
+    for statement in record.rules:
         if statement.rule is None:
             return (
                 f"{what}: the rule of its {statement.kind} '{statement.name}' did not survive pickling, and cannot be "
@@ -207,12 +259,12 @@ def _own_reason(phase: Any) -> str | None:
 def _grid(phase: Any, mesh: Any) -> Grid:
     record = getattr(phase, "record", None)
     if record is None or not hasattr(phase, "points"):
-        raise RemeshingError(f"'{getattr(phase, 'name', phase)}' is no PhaseBlock: only a phase has a mesh.")
+        raise ModelError(f"'{getattr(phase, 'name', phase)}' is no PhaseBlock: only a phase has a mesh.")
     grid = phase.grid
     first, last = grid.mesh.boundaries[0], grid.mesh.boundaries[-1]
     elements, boundaries = (mesh, None) if isinstance(mesh, int) and not isinstance(mesh, bool) else (None, mesh)
     if boundaries is None and elements is None:
-        raise RemeshingError(f"phase '{phase.name}': its new mesh is {mesh!r}; give elements or boundaries.")
+        raise ModelError(f"phase '{phase.name}': its new mesh is {mesh!r}; give elements or boundaries.")
     try:
         made = make_mesh(first, last, elements, boundaries)
     except ModelError as error:

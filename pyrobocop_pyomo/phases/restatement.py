@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from pyomo.core.expr.numvalue import native_numeric_types
 
-from pyrobocop_pyomo.errors import RemeshingError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.in_place_changes import InPlaceChanges
 from pyrobocop_pyomo.numerics import Array, Grid
 
@@ -25,6 +25,7 @@ from .equations import (
     add_constraint,
     add_constraint_at_boundaries,
     add_derivative,
+    add_expression,
     add_ode,
     add_residual,
     add_step,
@@ -32,7 +33,7 @@ from .equations import (
 from .horizon import add_boundaries
 from .integrals import INTEGRALS, restate_integrals
 from .nodes import IntervalNodes, Nodes
-from .record import PhaseRecord
+from .record import PhaseRecord, Statement
 from .variables import add_variables
 
 ADD: dict[str, Callable[..., None]] = {
@@ -42,6 +43,7 @@ ADD: dict[str, Callable[..., None]] = {
     "constraint": add_constraint,
     "constraint at boundaries": add_constraint_at_boundaries,
     "complementarity": add_complementarity,
+    "expression": add_expression,
 }
 
 
@@ -77,7 +79,6 @@ class Restatement:
         self._boundaries = [] if standing is None else list(standing.values())
         self._weights: dict[Any, Array] = {}
         self._placed: set[str] = set()
-        self._pending = list(record.statements)
 
     def _remember(self, name: str) -> None:
         self._nodes[name] = self.before.nodes(name)
@@ -108,15 +109,16 @@ class Restatement:
             if name in record.kept_derivatives:
                 add_derivative(block, record, name)
 
-    def state_until(self, component: str) -> None:
-        """State the rules in their order, up to the one that makes a component."""
-        while self._pending and component not in self._placed:
-            self._state_next()
+    def state(self) -> None:
+        """State the rules in their order, by their templates.
 
-    def state_all(self) -> None:
-        """State what is left of the rules."""
-        while self._pending:
-            self._state_next()
+        Raises
+        ------
+        ModelError
+            When one reads what the new mesh has not.
+        """
+        for statement in (*self.record.expressions, *self.record.statements):
+            self._state(statement)
 
     def finish(self) -> None:
         """Give the integrals their sums, and rows that were deactivated no part again."""
@@ -137,17 +139,15 @@ class Restatement:
             return True
         if name in {nodes.component for nodes in self._nodes.values()}:
             return True
-        return any(statement.name == name for statement in record.statements)
+        return any(statement.name == name for statement in (*record.expressions, *record.statements))
 
-    def _state_next(self) -> None:
-        statement = self._pending.pop(0)
+    def _state(self, statement: Statement) -> None:
         record = self.record
-        assert statement.rule is not None  # asked before anything is changed
         record.asking = True
         try:
             ADD[statement.kind](self.block, record, statement)
         except KeyError as error:
-            raise RemeshingError(
+            raise ModelError(
                 f"phase '{self.block.name}': its {statement.kind} '{statement.name}' reads what the new mesh has not "
                 f"({error}). If it is of another phase, give both their meshes at once: remesh_phases({{...}})."
             ) from error
@@ -263,7 +263,7 @@ class Restatement:
             return
         for index in inactive:
             if index not in component:
-                raise RemeshingError(
+                raise ModelError(
                     f"'{component.name}' is deactivated at {index!r}, which the new mesh has not, and active "
                     "elsewhere. Activate it, or deactivate all of it."
                 )

@@ -6,16 +6,14 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import PyRobocopError
-from pyrobocop_pyomo.modeling.variable_values import values_restored
 from pyrobocop_pyomo.numerics import Array
 
 from .declarations import Parameter
 from .horizon import real_grid
-from .rate_arrays import PointRates, compiled_rates
+from .rate_arrays import PointRates
 from .record import PhaseRecord
 from .simulation import initial_states
 
@@ -59,30 +57,21 @@ def _motion(block: Any, record: PhaseRecord) -> Array | None:
     """States at the times of the grid, shape ``(times, states)``; None where they have no moderate values."""
     grid, indices = real_grid(block, record), record.grid
     parameters = {name: float(block.component(name).value) for name in record.names(Parameter)}
-    with values_restored(block.component_data_objects(Var)):
-        rates = compiled_rates(block, record, grid, parameters)
-    if rates is None:
-        return None
-    rates.refresh()
     signals = {}
     for name in record.names_of_signals:
         nodes = record.nodes(name)
         values = np.array([float(value(variable)) for variable in nodes.variables(block)])
         signals[name] = nodes.at_points(values)[indices.stage_positions]
+    rates = PointRates(block, record, indices, grid, signals, {}, parameters)
+    rates.refresh()
     state = initial_states(block, record, {})
     motion = np.full((len(indices.times), state.size), np.nan)
     motion[0] = state
     position = {time: place for place, time in enumerate(indices.times)}
-    local = np.union1d(indices.scheme.state_nodes, [0.0, 1.0])
-    halves = np.sort(np.concatenate([local, 0.5 * (local[1:] + local[:-1])]))
-    weights = indices.scheme.stage_polynomial_at(halves.tolist()).T
-    for i, width in enumerate(grid.mesh.widths):
+    for i, width in enumerate(grid.mesh.widths.tolist()):
         first, last = indices.mesh.boundaries[i : i + 2]
-        at = {name: (per_stage[i] @ weights).tolist() for name, per_stage in signals.items()}
-        times = (first + halves * (last - first)).tolist()
-        for k, (begin, end) in enumerate(pairwise(local.tolist())):
-            places = [(times[2 * k + j], {name: values[2 * k + j] for name, values in at.items()}) for j in range(3)]
-            state = _step(rates, record.names_of_states, state, (end - begin) * width, places)
+        for begin, end in pairwise(np.union1d(indices.scheme.state_nodes, [0.0, 1.0]).tolist()):
+            state = _step(rates, i, begin, end, width, state)
             if not np.abs(state).max() < LARGEST:
                 return None
             time = last if end == 1.0 else float(first + (last - first) * end)
@@ -91,17 +80,10 @@ def _motion(block: Any, record: PhaseRecord) -> Array | None:
     return motion if np.isfinite(motion).all() else None
 
 
-def _step(rates: PointRates, names: list[str], state: Array, step: float, places: Any) -> Array:
-    """The fourth-order step, with what is given at its start, middle and end."""
-
-    def slope(place: Any, at: Array) -> Array:
-        index, given = place
-        found = rates(index, {**given, **dict(zip(names, at.tolist(), strict=True))})
-        return np.array([found[name] for name in names])
-
-    start, middle, end = places
-    first = slope(start, state)
-    second = slope(middle, state + 0.5 * step * first)
-    third = slope(middle, state + 0.5 * step * second)
-    last = slope(end, state + step * third)
-    return np.asarray(state + step / 6.0 * (first + 2.0 * second + 2.0 * third + last))
+def _step(rates: PointRates, i: int, begin: float, end: float, width: float, state: Array) -> Array:
+    """The fourth-order step between two places of an element."""
+    step, middle = (end - begin) * width, 0.5 * (begin + end)
+    first = rates(i, begin, state)
+    second = rates(i, middle, state + 0.5 * step * first)
+    third = rates(i, middle, state + 0.5 * step * second)
+    return np.asarray(state + step / 6.0 * (first + 2.0 * second + 2.0 * third + rates(i, end, state + step * third)))

@@ -11,12 +11,11 @@ from pyomo.core.base.var import IndexedVar
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.modeling.time_index import point_of
-from pyrobocop_pyomo.presentation import as_html, one_line, sparkline
+from pyrobocop_pyomo.numerics.rounding import ROUNDING
+from pyrobocop_pyomo.presentation import as_html, one_line
 from pyrobocop_pyomo.rules.rule_template import Reading, TimeTemplate
 
 from .delays import delayed_value, value_at_time
-
-_ROUNDING = 1e-12
 
 
 class NoSuchTime(KeyError):
@@ -47,7 +46,7 @@ class _OverTime:
             index = point_of(idx)
             for time in self if isinstance(index, (int, float)) else ():
                 # Eight elements of a tenth may end beside 0.8.
-                if isinstance(time, float) and math.isclose(time, index, rel_tol=_ROUNDING):
+                if isinstance(time, float) and math.isclose(time, index, rel_tol=ROUNDING):
                     return time
             raise NoSuchTime(self, index) from None
 
@@ -70,11 +69,7 @@ class _OverTime:
         return one_line(type(self).__name__, self._summary())
 
     def _repr_html_(self: Any) -> str:
-        known = self._known()
-        in_time = known and all(isinstance(time, (int, float)) for time in known)
-        return as_html(
-            type(self).__name__, self._summary(), [sparkline([*known], [*known.values()])] if in_time else []
-        )
+        return as_html(type(self).__name__, self._summary(), [])
 
     def _known(self: Any) -> dict[Any, float]:
         """Values by their index, where there are any."""
@@ -112,7 +107,7 @@ class _OverTime:
 
         Raises
         ------
-        TranscriptionError
+        ModelError
             When it reaches before the start and there is no history; when the duration or the element boundaries are to
             be found, so that the element of ``t - delay`` is not known.
 
@@ -136,7 +131,7 @@ class _OverTime:
 
         Raises
         ------
-        TranscriptionError
+        ModelError
             When the phase does not reach so far.
         """
         block = self.parent_block()

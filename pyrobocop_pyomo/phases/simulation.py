@@ -1,13 +1,13 @@
 """Forward simulation: what a phase does from its initial values under given controls.
 
-Explicit differential equations are integrated by SciPy, element by element; implicit and algebraic equations and step
-maps are stepped with the rows of the scheme itself (`element_integration`). Where pairs determine algebraics or forces,
-each element is one mixed complementarity problem (`contact_steps`). Bounds and path constraints are ignored.
+Explicit differential equations are integrated by SciPy, element by element. With implicit and algebraic equations, step
+maps, or pairs that determine algebraics or forces, each element is one mixed complementarity problem in the rows of the
+scheme itself (`contact_steps`). Bounds and path constraints are ignored.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -24,34 +24,23 @@ from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import InitialGuess, initial_number
 
-from .between_points import check_rules_between_points
+from .companions import companions_of
 from .contact_steps import ContactSteps
-from .delays import AheadOfMotion, MotionSoFar, past_on_model
-from .element_integration import (
-    Unknowns,
-    find_unknowns,
-    integrate_by_steps,
-    signals_at,
-    step_element,
-    step_start,
-)
+from .declarations import Parameter
+from .delays import MotionSoFar, past_of
+from .element_integration import integrate_by_steps
 from .families import guesses_by_component, names_by_component
 from .horizon import real_grid
-from .nodes import KnotNodes
 from .phase_values import make_trajectory, pairs_of_phase, read_values
-from .point_model import PointEquations
-from .rate_arrays import PointRates, compiled_rates
+from .rate_arrays import PointRates
 from .record import PhaseRecord
+from .simulated_unknowns import Unknowns, find_unknowns
 from .stated_numbers import moving_end
 
 # What a rule raises at values where it has none: a logarithm of a negative number, a division by zero.
 _NO_VALUE = (ArithmeticError, ValueError)
 
 _WHAT_IS_MISSING = "has no value to simulate with. Give it in the call, or an initial guess."
-
-
-# Relative difference of compiled equations and rules that is rounding.
-_AGREEMENT = 1e-9
 
 METHODS = ("RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA", "scheme")
 
@@ -103,32 +92,22 @@ def simulate(
     if options.unknown is not None:
         options = replace(options, unknown=names_by_component(record, options.unknown))
     run = _Run(block, record, controls, initial, options)
-    by_rows = options.method == "scheme" or bool(
-        run.unknowns.algebraics or run.unknowns.implicit or record.discrete_states
-    )
-    with run.on_model(by_rows):
+    with run.on_model():
         for i in range(record.grid.mesh.elements):
             start = run.grid.mesh.boundaries[i]
             try:
                 with np.errstate(all="ignore"):
-                    failure = run.element(i, by_rows, options)
+                    failure = run.element(i, options)
             except TrajectoryError:
                 raise  # a rule that cannot be asked says nothing about the motion
-            except AheadOfMotion:
-                failure = (
-                    start,
-                    (
-                        "what is delayed lies in the element itself, which the rows of the scheme do not know yet; use "
-                        "method='DOP853', or elements shorter than the delay"
-                    ),
-                )
             except _NO_VALUE as error:
                 why = run.undefined(i) or _first_line(error)
                 failure = run.reached or start, f"the equations have no value ({why})"
             if failure is not None:
                 raise _failed(block, run, i, *failure)
             run.put_element(i)
-        return run.trajectory(record.grid.mesh.elements, pairs_of_phase(block, record.grid) if run.steps else None)
+        pairs = pairs_of_phase(block, record.grid) if run.unknowns.contact else None
+        return run.trajectory(record.grid.mesh.elements, pairs)
 
 
 def _first_line(error: Exception) -> str:
@@ -166,16 +145,9 @@ class _Run:
             name: record.nodes(name).at_points(values)[record.grid.stage_positions]
             for name, values in self.given.items()
         }
-        nodes = {name: record.nodes(name) for name in self.given}
-        self.knots = {
-            name: np.array([of.times, self.given[name]]) for name, of in nodes.items() if isinstance(of, KnotNodes)
-        }
-        first = record.grid.stage_times[0][0]
-        self.guesses = {name: _number_or_zero(block.component(name)[first]) for name in self.unknowns.algebraics}
-        self.equations = PointEquations(block, record, record.grid, self.grid)
+        self.parameters = {name: float(block.component(name).value) for name in record.names(Parameter)}
         self.compiled: PointRates | None = None
         self.evaluations = 0
-        self.asked: Mapping[str, float] = {}  # where rates were asked last, and when
         self.reached: float | None = None
         shape = (record.grid.mesh.elements, record.grid.scheme.stages)
         names = record.names_of_states
@@ -185,26 +157,25 @@ class _Run:
         for name in self.unknowns.algebraics:
             self.signals[name] = np.full(shape, np.nan)
         self.ends = np.full((shape[0], len(names)), np.nan)
-        self.steps = self._contact_steps(options)
-
-    def _contact_steps(self, options: SimulationOptions) -> ContactSteps | None:
-        if self.unknowns.contact:
-            widths, restitution = self.grid.mesh.widths, options.restitution
-            return ContactSteps(self.block, self.record, self.unknowns.algebraics, widths, restitution)
-        if options.restitution:
+        if options.restitution and not self.unknowns.contact:
             raise InitialGuessError(
-                f"phase '{self.block.name}': restitution is given, but no pair determines anything in this simulation. "
+                f"phase '{block.name}': restitution is given, but no pair determines anything in this simulation. "
                 "Leave out of controls={...} what pairs are to find, or name it in unknown=[...]."
             )
-        return None
+        by_rows = options.method == "scheme" or bool(
+            self.unknowns.algebraics or self.unknowns.implicit or record.discrete_states
+        )
+        widths, restitution = self.grid.mesh.widths, options.restitution
+        self.steps = ContactSteps(block, record, self.unknowns, widths, restitution) if by_rows else None
 
-    def element(self, i: int, by_rows: bool, options: SimulationOptions) -> tuple[float, str] | None:
+    def element(self, i: int, options: SimulationOptions) -> tuple[float, str] | None:
         """Find one element; returns time and reason of a failure."""
-        if self.steps is not None:
-            return self.by_contact(i, self.steps)
-        return self.by_rows(i) if by_rows else self.by_integration(i, options)
+        if self.compiled is not None:
+            return self.by_integration(i, self.compiled, options)
+        assert self.steps is not None
+        return self.by_rows(i, self.steps)
 
-    def by_contact(self, i: int, steps: ContactSteps) -> tuple[float, str] | None:
+    def by_rows(self, i: int, steps: ContactSteps) -> tuple[float, str] | None:
         """Solve rows and pairs of one element; returns time and reason of a failure."""
         block, record, grid = self.block, self.record, self.record.grid
         if i == 0:
@@ -214,7 +185,7 @@ class _Run:
             residual, where = failure
             return (
                 self.grid.mesh.boundaries[i],
-                f"the contact problem of element {i} was not solved (residual {residual:.1e} in {where})",
+                f"the rows of element {i} were not solved (residual {residual:.1e} in {where})",
             )
         names = record.names_of_states
         nodes = {name: np.array([block.component(name)[time].value for time in grid.node_times[i]]) for name in names}
@@ -229,17 +200,30 @@ class _Run:
         return None
 
     @contextmanager
-    def on_model(self, by_rows: bool) -> Iterator[None]:
+    def on_model(self) -> Iterator[None]:
         """Context in which the phase has what the simulation knows: what is given, the start, and then each element.
 
         Rules may read other times than their own. What has not been simulated yet has no value meanwhile.
         """
-        block, record, point = self.block, self.record, self.equations.point
+        block, record = self.block, self.record
         with values_restored(block.component_data_objects(Var)):
-            if not by_rows:
-                check_rules_between_points(block, record, point, record.statements_of("ode"))
-                point.set_values(self.equations.parameters)
-                self.compiled = compiled_rates(block, record, self.grid, self.equations.parameters)
+            if self.steps is None:
+                given = make_trajectory(
+                    block,
+                    self.grid,
+                    states={},
+                    signals=self._signals_at(self.grid),
+                    parameters={},
+                    pairs={},
+                    knot_values=self.given,
+                )
+                self.compiled = PointRates(
+                    block, record, record.grid, self.grid, self.signals, given.piecewise_linear, self.parameters,
+                    companions_of(block, record.grid.mesh.boundaries),
+                )  # fmt: skip
+                self.compiled.past = self.so_far = MotionSoFar(
+                    record.names_of_states, past_of(given), self.grid.mesh.boundaries[0], self.start
+                )
             unknown = [*record.names_of_states, *self.unknowns.algebraics]
             components = [block.component(record.nodes(name).component) for name in unknown]
             components += [block.component(f"{name}_derivative") for name in sorted(record.kept_derivatives)]
@@ -249,23 +233,13 @@ class _Run:
                 self._put(record.nodes(name).variables(block), values)
             for name, number in zip(record.names_of_states, self.start.tolist(), strict=True):
                 block.component(name)[record.grid.times[0]].set_value(number, skip_validation=True)
-            point.asks_phase = by_rows
-            on_model = past_on_model(
-                block, record, np.array(record.grid.mesh.boundaries), np.array(self.grid.mesh.boundaries)
-            )
-            self.so_far = MotionSoFar(record.names_of_states, on_model)
-            point.past = on_model if by_rows else self.so_far
-            try:
-                with unfixed(self.steps.unknowns if self.steps is not None else ()):
-                    yield
-            finally:
-                point.leave_nodes()
+            with unfixed(self.steps.unknowns if self.steps is not None else ()):
+                yield
 
     def put_element(self, i: int) -> None:
         """Let the phase have the values of an element."""
         if self.steps is not None:
             return  # it has them
-        self.equations.point.leave_nodes()
         grid = self.record.grid
         for j, name in enumerate(self.record.names_of_states):
             variable = self.block.component(name)
@@ -282,59 +256,45 @@ class _Run:
         for variable, number in zip(variables, np.asarray(values).tolist(), strict=True):
             variable.set_value(number, skip_validation=True)
 
-    def by_integration(self, i: int, options: SimulationOptions) -> tuple[float, str] | None:
+    def by_integration(self, i: int, rates: PointRates, options: SimulationOptions) -> tuple[float, str] | None:
         """Integrate one element with SciPy; returns time and reason of a failure."""
         scheme, names = self.record.grid.scheme, self.record.names_of_states
-        self.equations.enter(i)
-        first, last = self.record.grid.mesh.boundaries[i : i + 2]
         width, begin = self.grid.mesh.widths[i], self.grid.mesh.boundaries[i]
-        given = {name: per_stage[i] for name, per_stage in self.signals.items()}
 
         def slope(local: float, state: Array) -> Array:
-            index = first + local * (last - first)
-            values = signals_at(scheme, local, index, given, self.knots)
-            self.asked, self.reached = values | dict(zip(names, state.tolist(), strict=True)), begin + width * local
+            self.reached = begin + width * local
             self.evaluations += 1
             if options.most_evaluations is not None and self.evaluations > options.most_evaluations:
                 raise _TooManyEvaluations
-            result = rates(index, self.asked)
-            return width * np.array([result[name] for name in names])
+            return width * rates(i, local, state)
 
+        rates.refresh()
         if names:
-            rates = self._rates_in_element(first, {**signals_at(scheme, 0.0, first, given, self.knots)})
             asked = np.union1d(scheme.state_nodes, [0.0, 1.0])
-            settings = {"method": options.method, "t_eval": asked, "rtol": options.rtol, "atol": options.atol}
+            settings: dict[str, Any] = {"method": options.method, "rtol": options.rtol, "atol": options.atol}
             try:
                 if self.record.delayed_names:
-                    return self._by_steps(i, slope, asked, options)
-                result = scipy.integrate.solve_ivp(slope, (0.0, 1.0), self.start, **settings)
+                    result = integrate_by_steps(
+                        slope, 0.0, 1.0, self.start, self.so_far, rates.smallest_delay,
+                        to_real_time=lambda local: begin + width * local, **settings,
+                    )  # fmt: skip
+                else:
+                    result = scipy.integrate.solve_ivp(slope, (0.0, 1.0), self.start, t_eval=asked, **settings)
             except _TooManyEvaluations:
                 return self.reached or begin, f"it took more than {options.most_evaluations} evaluations"
             if not result.success or not np.isfinite(result.y).all():
                 reached = float(result.t[-1]) if len(result.t) else 0.0
                 return begin + width * reached, f"SciPy's {options.method} gave up ({result.message})"
-            self._take_samples(i, asked, result.y)
-        self._fill_rates(i)
-        return None
-
-    def _take_samples(self, i: int, asked: Array, values: Array) -> None:
-        nodes = values[:, np.searchsorted(asked, self.record.grid.scheme.state_nodes)]
-        nodes[:, 0] = self.start  # LSODA returns it with rounding
-        self._take(i, dict(zip(self.record.names_of_states, nodes, strict=True)), values[:, -1])
-
-    def _by_steps(self, i: int, slope: Any, asked: Array, options: SimulationOptions) -> tuple[float, str] | None:
-        """One element by the method of steps."""
-        width, begin = self.grid.mesh.widths[i], self.grid.mesh.boundaries[i]
-        result = integrate_by_steps(
-            slope, 0.0, 1.0, self.start, self.so_far, lambda: self.equations.point.smallest_delay,
-            to_real_time=lambda local: begin + width * local,
-            method=options.method, rtol=options.rtol, atol=options.atol,
-        )  # fmt: skip
-        if not result.success or not np.isfinite(result.y).all():
-            reached = float(result.t[-1]) if len(result.t) else 0.0
-            return begin + width * reached, f"SciPy's {options.method} gave up ({result.message})"
-        self._take_samples(i, asked, np.array([self.so_far.state(begin + width * local) for local in asked]).T)
-        self._fill_rates(i)
+            if self.record.delayed_names:
+                result.y = np.array([self.so_far.state(begin + width * local) for local in asked]).T
+            nodes = result.y[:, np.searchsorted(asked, scheme.state_nodes)]
+            nodes[:, 0] = self.start  # LSODA returns it with rounding
+            self._take(i, dict(zip(names, nodes, strict=True)), result.y[:, -1])
+        first = 0 if scheme.starts_on_a_stage else 1
+        for k, local in enumerate(scheme.c.tolist()):
+            at = rates(i, local, np.array([self.states[name][i, first + k] for name in names]))
+            for name, rate in zip(names, at.tolist(), strict=True):
+                self.rates[name][i, k] = rate
         return None
 
     def undefined(self, i: int) -> str:
@@ -342,7 +302,7 @@ class _Run:
         block, record = self.block, self.record
         times = record.grid.stage_times[i]
         found: list[tuple[Any, float]] = []
-        for name, number in self.asked.items():
+        for name, number in ({} if self.compiled is None else self.compiled.given).items():
             if name not in record.declarations:
                 continue
             nodes = record.nodes(name)
@@ -358,69 +318,10 @@ class _Run:
                         return f"{part.what}, in the right-hand side of '{state}', element {i}"
         return ""
 
-    def _rates_in_element(self, index: float, values: Mapping[str, float]) -> Callable[..., dict[str, float]]:
-        """Derivatives by one compiled function, if it says at the start of an element what the rules say."""
-        values = {**values, **dict(zip(self.record.names_of_states, self.start.tolist(), strict=True))}
-        stated = self.equations.rates(index, values)
-        compiled = self.compiled
-        if compiled is not None:
-            try:
-                compiled.refresh()
-                found = compiled(index, values)
-            except (*_NO_VALUE, TypeError, KeyError):
-                found = {}
-            if not all(
-                abs(found.get(name, np.nan) - rate) <= _AGREEMENT * (1.0 + abs(rate)) for name, rate in stated.items()
-            ):
-                self.compiled = compiled = None
-        return self.equations.rates if compiled is None else compiled
-
-    def by_rows(self, i: int) -> tuple[float, str] | None:
-        """Solve the rows of one element; returns time and reason of a failure."""
-        names, scheme = self.record.names_of_states, self.record.grid.scheme
-        start = dict(zip(names, self.start.tolist(), strict=True))
-        self.equations.enter(i)
-        shared = self.record.grid.elements_share_points and i > 0
-        if shared:
-            for per_stage in (
-                *(self.rates[name] for name in names),
-                *(self.signals[n] for n in self.unknowns.algebraics),
-            ):
-                per_stage[i, 0] = per_stage[i - 1, -1]
-        arguments = self.record.grid.stage_times[i], self.signals, self.rates, i, self.unknowns
-        if scheme.starts_on_a_stage and not shared:
-            residual = step_start(self.equations, *arguments, start, self._near(i))
-            if residual is not None:
-                return self.grid.mesh.boundaries[i], f"no consistent values at the start (residual {residual:.1e})"
-        result = step_element(self.equations, scheme, self.grid.mesh.widths[i], *arguments, start, self._near(i))
-        if isinstance(result, float):
-            return self.grid.mesh.boundaries[i], f"the rows of element {i} were not solved (residual {result:.1e})"
-        ends = np.array([float(scheme.end_weights @ result[name]) for name in names])
-        self._take(i, result, ends)
-        return None
-
-    def _near(self, i: int) -> dict[str, float]:
-        """Where Newton's method starts for the unknowns at a stage: the stage before, or what the phase holds."""
-        near = {}
-        for name in self.unknowns.algebraics:
-            near[name] = float(self.signals[name][i - 1, -1]) if i else self.guesses[name]
-        for name in self.unknowns.implicit:
-            near[f"d {name}"] = float(self.rates[name][i - 1, -1]) if i else 0.0
-        return near
-
     def _take(self, i: int, nodes: Mapping[str, Array], ends: Array) -> None:
         for name, numbers in nodes.items():
             self.states[name][i] = numbers
         self.start = self.ends[i] = np.asarray(ends)
-
-    def _fill_rates(self, i: int) -> None:
-        scheme, names = self.record.grid.scheme, self.record.names_of_states
-        first = 0 if scheme.starts_on_a_stage else 1
-        for k, time in enumerate(self.record.grid.stage_times[i]):
-            values = {name: float(self.states[name][i, first + k]) for name in names}
-            values |= {name: float(per_stage[i, k]) for name, per_stage in self.signals.items()}
-            for name, rate in self.equations.rates(time, values).items():
-                self.rates[name][i, k] = rate
 
     def trajectory(self, elements: int, pairs: Mapping[str, Array] | None = None) -> Trajectory:
         """The first elements as a trajectory."""
@@ -437,8 +338,8 @@ class _Run:
             self.block,
             grid,
             states=states,
-            signals={name: self._at_points(grid, self.signals[name]) for name in self.unknowns.order},
-            parameters=self.equations.parameters,
+            signals=self._signals_at(grid),
+            parameters=self.parameters,
             pairs=pairs or {},
             rates={
                 name: self._at_points(grid, per_stage)
@@ -448,16 +349,15 @@ class _Run:
             knot_values=self.given,
         )
 
+    def _signals_at(self, grid: Grid) -> dict[str, Array]:
+        return {name: self._at_points(grid, self.signals[name]) for name in self.unknowns.order}
+
     @staticmethod
     def _at_points(grid: Grid, per_stage: Array) -> Array:
         at: dict[float, float] = {}
         for times, values in zip(grid.stage_times, per_stage, strict=False):
             at |= dict(zip(times, values.tolist(), strict=True))
         return np.array([at[t] for t in grid.points])
-
-
-def _number_or_zero(variable: Any) -> float:
-    return float(value(variable, exception=False) or 0.0)
 
 
 def given_values(

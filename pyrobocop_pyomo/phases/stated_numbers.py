@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from numbers import Real
 from typing import Any
 
+from pyomo.common.errors import PyomoException
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.param import ParamData
 from pyomo.core.base.units_container import InconsistentUnitsError, UnitsError
@@ -12,11 +14,12 @@ from pyomo.core.base.units_container import units as pyomo_units
 from pyomo.core.expr.numvalue import NumericValue, value
 from pyomo.core.expr.visitor import identify_mutable_parameters
 
-from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.errors import ModelError, PyRobocopError
 from pyrobocop_pyomo.modeling.expressions import is_indexed_component
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
+from pyrobocop_pyomo.modeling.time_index import TimeIndex
 
-from .declarations import Declaration, State
+from .declarations import Declaration, FunctionOfTime, State
 
 
 def in_numbers(declaration: Declaration, label: str) -> Declaration:
@@ -24,7 +27,7 @@ def in_numbers(declaration: Declaration, label: str) -> Declaration:
 
     Raises
     ------
-    DeclarationError
+    ModelError
         When units do not fit, or a bound may change.
     """
     changed: dict[str, Any] = {}
@@ -32,16 +35,45 @@ def in_numbers(declaration: Declaration, label: str) -> Declaration:
         given = getattr(declaration, name, None)
         where = f"{label} (declared at {declaration.declared_at}): its {name.replace('_', ' ')}"
         if is_indexed_component(given):
-            raise DeclarationError(f"{where} is the indexed '{given}'; expected one number. Read it at an index.")
+            raise ModelError(f"{where} is the indexed '{given}'; expected one number. Read it at an index.")
         if isinstance(given, NumericValue):
             found = _in_units(given, declaration.units, where)
             keeps = name in ("initial", "final") and _may_change(found)
             changed[name] = found if keeps else value(found, exception=False)
             if changed[name] is None:
-                raise DeclarationError(f"{where} is '{given}', which has no value. Give it one first.")
+                raise ModelError(f"{where} is '{given}', which has no value. Give it one first.")
         elif isinstance(given, tuple) and any(isinstance(side, NumericValue) for side in given):
             changed[name] = tuple(_unchanging(side, declaration.units, where) for side in given)
     return replace(declaration, **changed) if changed else declaration
+
+
+def with_functions_of_time(block: Any, declaration: Declaration, label: str) -> Declaration:
+    """The declaration with functions for bounds and a history that are called while the phase is built.
+
+    Raises
+    ------
+    ModelError
+        When the bounds depend on the time, which is to be found.
+    """
+    given: dict[str, Any] = {name: getattr(declaration, name, None) for name in ("bounds", "history")}
+    functions: dict[str, Any] = {
+        name: FunctionOfTime(function) for name, function in given.items() if callable(function)
+    }
+    if "bounds" in functions and block.record.normalised:
+        where = f"{label} (declared at {declaration.declared_at}): its bounds"
+        try:
+            sides = given["bounds"](TimeIndex(block.record.grid.times[-1], where, block))
+        except (PyRobocopError, PyomoException, TypeError, ValueError) as error:  # what asks a template for a number
+            raise ModelError(f"{where} have to know the time. {_NO_TIME}") from error
+        if not all(side is None or isinstance(side, Real) for side in sides):
+            raise ModelError(f"{where} depend on the time. {_NO_TIME}")
+    return replace(declaration, **functions) if functions else declaration
+
+
+_NO_TIME = (
+    "Start, duration or elements of the phase are to be found, and with them the time: state a relation that follows "
+    "it, such as b.constraint(lambda b, t: b.x[t] <= 2 * t), in which t is the time."
+)
 
 
 def _unchanging(side: Any, units: Any, where: str) -> Any:
@@ -49,7 +81,7 @@ def _unchanging(side: Any, units: Any, where: str) -> Any:
         return side
     found = _in_units(side, units, where)
     if _may_change(found):
-        raise DeclarationError(
+        raise ModelError(
             f"{where} has the side '{side}', which may change. A bound is a number: write pyo.value({side}), or state "
             "a relation that follows it, such as b.constraint(lambda b, t: b.x[t] <= ...)."
         )
@@ -64,8 +96,8 @@ def _in_units(given: Any, units: Any, where: str) -> Any:
         if units is not None:
             return pyomo_units.convert(given, to_units=units)
     except (InconsistentUnitsError, UnitsError) as error:
-        raise DeclarationError(f"{where} is '{given}', which does not fit its units '{units}' ({error}).") from None
-    raise DeclarationError(f"{where} is '{given}', in {own}, but it has no units. Declare it with units={own}.")
+        raise ModelError(f"{where} is '{given}', which does not fit its units '{units}' ({error}).") from None
+    raise ModelError(f"{where} is '{given}', in {own}, but it has no units. Declare it with units={own}.")
 
 
 def _may_change(expression: Any) -> bool:

@@ -19,7 +19,7 @@ from pyomo.core.base.objective import Objective
 from pyomo.mpec import Complementarity as PyomoComplementarity
 
 from pyrobocop_pyomo.complementarity import Complementarity
-from pyrobocop_pyomo.errors import TranscriptionError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Matching, maximum_matching
 
@@ -50,7 +50,7 @@ def _check_each_state_has_an_equation(block: Any, record: PhaseRecord) -> None:
     ]
     if lost:
         which, have = ("state", "has") if len(lost) == 1 else ("states", "have")
-        raise TranscriptionError(
+        raise ModelError(
             f"phase '{block.name}': {which} {', '.join(lost)} {have} no equation. State its derivative in "
             "an ode, or use phase.derivative(...) in a residual, or state its next value in a step; what has no "
             "derivative is Algebraic or Control."
@@ -77,12 +77,12 @@ def _check_counts(block: Any, record: PhaseRecord) -> None:
         f"{residuals} in residuals and {counted(pairs, 'complementarity pair')}"
     )
     if odes + residuals > needed:
-        raise TranscriptionError(
+        raise ModelError(
             f"phase '{block.name}': too many equations. {counts}. Remove an equation, declare what it determines as "
             "Algebraic, or state it as a 'constraint' that restricts the controls."
         )
     if odes + residuals + pairs + own < needed:
-        raise TranscriptionError(
+        raise ModelError(
             f"phase '{block.name}': too few equations. {counts}. Add an equation, or declare what is free to choose "
             "as Control."
         )
@@ -122,7 +122,7 @@ def _check_each_variable_appears(block: Any, record: PhaseRecord) -> None:
     for name in missing:
         declaration = record.declarations[name]
         kind = type(declaration).__name__.lower()
-        raise TranscriptionError(
+        raise ModelError(
             f"phase '{block.name}': {kind} '{name}' (declared at {declaration.declared_at}) appears in no equation, "
             "constraint or objective. Use it or remove it."
         )
@@ -145,10 +145,8 @@ def _expressions(block: Any) -> Any:
     for component in own:
         for row in component.values():
             yield row.body
-    for row in block.model().component_data_objects(Constraint, active=True):
-        yield row.body
-    for objective in block.model().component_data_objects(Objective, active=True):
-        yield objective.expr
+    for data in block.model().component_data_objects((Constraint, Objective), active=True):
+        yield from sides_of(data)
 
 
 class PointStructure:
@@ -246,14 +244,14 @@ def check_structure(block: Any, record: PhaseRecord) -> None:
 
     Raises
     ------
-    TranscriptionError
+    ModelError
         Naming the equations that are left over and the unknowns that nothing determines.
     """
     if record.allow_higher_index:
         return
     structure = PointStructure(block, record, middle_point(record))
     if structure.has_higher_index:
-        raise TranscriptionError(f"phase '{block.name}': {describe_higher_index(structure)} {HIGHER_INDEX_REMEDY}")
+        raise ModelError(f"phase '{block.name}': {describe_higher_index(structure)} {HIGHER_INDEX_REMEDY}")
 
 
 HIGHER_INDEX_REMEDY = (
@@ -309,9 +307,11 @@ def _at(component: Any, time: float) -> dict[str, Any]:
     return {f"{name}[{','.join(map(str, labels))}]": data for labels, data in found}
 
 
-def sides_of(pair: Any) -> tuple[Any, ...]:
-    """Both sides of a pair of this package or of `pyomo.mpec`, as stated."""
-    return tuple(pair.args if pair.ctype is Complementarity else (pair._args or ()))
+def sides_of(data: Any) -> tuple[Any, ...]:
+    """Both sides of a pair of this package or of `pyomo.mpec`, as stated; of a row or an objective what it holds."""
+    if data.ctype in (Constraint, Objective):
+        return (data.expr,)
+    return tuple(data.args if data.ctype is Complementarity else (data._args or ()))
 
 
 def _variables_in(expressions: Iterable[Any]) -> Iterator[Any]:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from numbers import Real
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from pyomo.core.expr.numvalue import NumericValue
 
-from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expressions import is_indexed_component
+from pyrobocop_pyomo.modeling.functions import Function
 from pyrobocop_pyomo.modeling.rule_slips import takes_arguments
 from pyrobocop_pyomo.trajectories import Trajectory
 
@@ -27,7 +28,7 @@ def tracking_cost(block: Any, record: PhaseRecord, variable: Any, reference: Any
     what = f"phase '{block.name}': tracking '{name}'"
     component = block.component(name) if name in record.declarations else None
     if component is None or not component.is_indexed() or not (isinstance(variable, str) or component is variable):
-        raise DeclarationError(f"{what}: it is no state, algebraic or control of this phase.")
+        raise ModelError(f"{what}: it is no state, algebraic or control of this phase.")
     wanted = _rule(block, record, name, reference, f"{what}: the reference")
     weigh = _rule(block, record, name, weight, f"{what}: the weight")
     # Read through the phase that the rule is given, so that it holds between the points of the mesh as well.
@@ -41,17 +42,16 @@ def _rule(block: Any, record: PhaseRecord, name: str, given: Any, label: str) ->
     if is_indexed_component(given):
         missing = [t for t in block.points if t not in given]
         if missing:
-            raise DeclarationError(
+            raise ModelError(
                 f"{label} '{given.name}' has no value at t = {missing[0]:g}. Index it by the time or the points of the "
                 "phase."
             )
         return lambda b, t: given[t]
-    asked: Callable[[Any], Any]
     if isinstance(given, Trajectory):
         if name not in given.names:
-            raise DeclarationError(f"{label}: trajectory '{given.name}' has no '{name}'.")
+            raise ModelError(f"{label}: trajectory '{given.name}' has no '{name}'.")
         first, last = (float(time) for time in given.time[[0, -1]])
-        asked = lambda t: given(t)[name]  # noqa: E731
+        asked = Function(lambda at: given(at[:, 0])[name], _no_derivatives, check_derivatives=False, name=name)
     elif callable(given):
         if not takes_arguments(given, 1) and takes_arguments(given, 2):
             return given
@@ -59,33 +59,39 @@ def _rule(block: Any, record: PhaseRecord, name: str, given: Any, label: str) ->
     else:
         times, values = _samples(given, label)
         first, last = float(times[0]), float(times[-1])
-        asked = lambda t: float(np.interp(t, times, values))  # noqa: E731
+        asked = Function(
+            lambda at: np.interp(at[:, 0], times, values), _no_derivatives, check_derivatives=False, name=name
+        )
     if block.has_normalised_time:
-        raise DeclarationError(
+        raise ModelError(
             f"{label}: data need times that are numbers, but something of the horizon is to be found. Give a function "
             "of time made of Pyomo's functions."
         )
     slack = 1e-9 * (last - first)
     start, end = record.grid.times[0], record.grid.times[-1]
     if first > start + slack or last < end - slack:
-        raise DeclarationError(
+        raise ModelError(
             f"{label} runs from {first:g} to {last:g}, the phase from {start:g} to {end:g}. Give it for all of it."
         )
     return lambda b, t: asked(b.time_at(t))
+
+
+def _no_derivatives(points: Any) -> NoReturn:
+    raise NotImplementedError  # times are numbers
 
 
 def _samples(reference: Any, label: str) -> tuple[Any, Any]:
     try:
         times, values = (np.asarray(numbers, dtype=float) for numbers in reference)
     except (TypeError, ValueError) as error:
-        raise DeclarationError(
+        raise ModelError(
             f"{label} is no number, expression, function, trajectory or pair (times, values) of numbers ({error})."
         ) from None
     if times.ndim != 1 or times.shape != values.shape or len(times) < 2:
-        raise DeclarationError(
+        raise ModelError(
             f"{label}: times of shape {times.shape} and values of shape {values.shape}; expected two lists as long as "
             "each other."
         )
     if not (np.isfinite(times).all() and np.isfinite(values).all() and (np.diff(times) > 0).all()):
-        raise DeclarationError(f"{label}: times and values must be finite, and times increase.")
+        raise ModelError(f"{label}: times and values must be finite, and times increase.")
     return times, values

@@ -18,7 +18,7 @@ from pyomo.core.base.var import Var
 from pyomo.core.expr import LinearExpression
 from pyomo.core.expr.numvalue import NumericValue, native_numeric_types
 
-from pyrobocop_pyomo.errors import DeclarationError, TranscriptionError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.transcription import continuity_rows, initial_number, initial_stage_values, initial_state_values
 
 from .declarations import Algebraic, Bounds, Control, Declaration, Parameter, State, check_bounds, within
@@ -34,7 +34,7 @@ def add_variables(block: Any, record: PhaseRecord, name: str, declaration: Decla
 
     Raises
     ------
-    DeclarationError, InitialGuessError
+    ModelError, InitialGuessError
         When bounds, boundary values or the initial guess do not fit.
     """
     what = f"phase '{block.name}': {type(declaration).__name__.lower()} '{name}'"
@@ -59,7 +59,7 @@ def add_variables(block: Any, record: PhaseRecord, name: str, declaration: Decla
         guess = initial_number(declaration.initial_guess, what)
         block.add_component(name, Var(bounds=bounds, initialize=within(guess, bounds), units=declaration.units))
     else:
-        raise DeclarationError(f"{what}: a {type(declaration).__name__} cannot be declared on a phase.")
+        raise ModelError(f"{what}: a {type(declaration).__name__} cannot be declared on a phase.")
 
 
 def _add_state(block: Any, record: PhaseRecord, name: str, state: State, label: str) -> None:
@@ -99,7 +99,7 @@ def _impose_boundary_value(variable: Any, given: float | Bounds | None, label: s
         tightest_lower = max((b for b in (lower, variable.lb) if b is not None), default=None)
         tightest_upper = min((b for b in (upper, variable.ub) if b is not None), default=None)
         if tightest_lower is not None and tightest_upper is not None and tightest_lower > tightest_upper:
-            raise DeclarationError(
+            raise ModelError(
                 f"{label}: its {where} bounds {given} leave nothing of its bounds ({variable.lb}, {variable.ub})."
             )
         variable.setlb(tightest_lower)
@@ -107,14 +107,14 @@ def _impose_boundary_value(variable: Any, given: float | Bounds | None, label: s
         variable.set_value(within(variable.value, (tightest_lower, tightest_upper)))
         return
     if not isinstance(given, Real) or not math.isfinite(given):
-        raise DeclarationError(
+        raise ModelError(
             f"{label}: its {where} value is {given!r}; expected a finite number, a Param or an expression, a tuple "
             "(lower, upper), or None."
         )
     value = float(given)
     outside = (variable.lb is not None and value < variable.lb) or (variable.ub is not None and value > variable.ub)
     if outside:
-        raise DeclarationError(
+        raise ModelError(
             f"{label}: its {where} value {value:g} lies outside its bounds ({variable.lb}, {variable.ub}). "
             "Widen the bounds or change the value."
         )
@@ -126,11 +126,11 @@ def add_generated(block: Any, record: PhaseRecord, name: str, component: Any) ->
 
     Raises
     ------
-    DeclarationError
+    ModelError
         When the name is taken.
     """
     if record.restating is None and hasattr(block, name):
-        raise DeclarationError(
+        raise ModelError(
             f"phase '{block.name}': the name '{name}' is needed for what is generated, but it is taken. "
             "Choose another name for yours."
         )
@@ -167,7 +167,7 @@ def add_control(block: Any, record: PhaseRecord, name: str, control: Control, la
 
     Raises
     ------
-    DeclarationError, InitialGuessError
+    ModelError, InitialGuessError
         When knots, bounds or the initial guess do not fit.
     """
     label = f"{label} (declared at {control.declared_at})"
@@ -191,7 +191,7 @@ def refuse_weightless_controls(block: Any, record: PhaseRecord) -> None:
 
     Raises
     ------
-    TranscriptionError
+    ModelError
         Naming the control and the stage.
     """
     scheme = record.grid.scheme
@@ -201,7 +201,7 @@ def refuse_weightless_controls(block: Any, record: PhaseRecord) -> None:
         control = record.declarations[name]
         assert isinstance(control, Control)
         if control.parametrization == "collocated" and not all(data.fixed for data in block.component(name).values()):
-            raise TranscriptionError(
+            raise ModelError(
                 f"phase '{block.name}': control '{name}' (declared at {control.declared_at}): with the scheme "
                 f"{scheme.name} the stage at c = {scheme.c[abs(scheme.b).argmin()]:g} has weight 0 in every integral, "
                 "so a control of its own there would cost nothing. Choose 'piecewise_constant'."
@@ -213,7 +213,7 @@ def _add_piecewise_constant(
 ) -> None:
     grid = record.grid
     if grid.elements_share_points:
-        raise DeclarationError(
+        raise ModelError(
             f"{label}: with the scheme {grid.scheme.name} neighbouring elements share a collocation point, where a "
             "piecewise constant control would have two values. Choose 'piecewise_linear' or 'collocated', or a radau "
             "or gauss scheme."
@@ -243,7 +243,7 @@ def _add_piecewise_linear(
 
 def _refuse_knots_of_its_own(record: PhaseRecord, nodes: IntervalNodes | KnotNodes, label: str) -> None:
     if record.free_widths and nodes.knots != record.grid.mesh.boundaries:
-        raise DeclarationError(f"{label}: knots of its own do not go with free element widths. Leave 'knots' out.")
+        raise ModelError(f"{label}: knots of its own do not go with free element widths. Leave 'knots' out.")
 
 
 def _add_values(

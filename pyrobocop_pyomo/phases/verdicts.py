@@ -50,7 +50,7 @@ def verdict_in_words(
             f", but the mesh is coarse: between two element ends the equations lead up to {100 * relative_error:.2g} % "
             "of a state's size elsewhere. "
             + ("Where an impact is spread over one element, that is its height. " if contact else "")
-            + "Take more elements, or rcp.studies.solve_refined."
+            + "Take more elements."
         )
     else:
         said[0] += f", and each element follows its equations to {element_error:.0e}."

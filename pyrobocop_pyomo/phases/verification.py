@@ -2,28 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any
 
 import numpy as np
 from pyomo.core.base.constraint import Constraint
-from pyomo.core.expr.numvalue import NumericValue
+from pyomo.core.expr.numvalue import NumericValue, value
 
-from pyrobocop_pyomo.complementarity import Complementarity, form_of, side_values
+from pyrobocop_pyomo.complementarity import CanonicalForm, Complementarity, canonical_form, side_values
+from pyrobocop_pyomo.complementarity.residuals import part_of_side
 from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.modeling.lent_items import variables_read
+from pyrobocop_pyomo.modeling.failures import failures_as
+from pyrobocop_pyomo.modeling.foreign_variables import foreign_read, foreign_variable
 from pyrobocop_pyomo.modeling.row_violations import bound_violation, relation_violation
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.presentation import Presented, facts_table, paragraph
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import can_step
 
-from .between_points import check_rules_between_points
-from .bounds_between_points import BoundPassed, bounds_passed, sentence_on_bounds
+from .bounds_between_points import BoundPassed, bounds_passed, rows_passed, sentence_on_bounds, sides_of_row
 from .companions import (
-    Companion,
     companions_of,
     indices_of,
     is_of_grid,
@@ -32,13 +33,12 @@ from .companions import (
     put_on_model,
 )
 from .declarations import UNBOUNDED, Algebraic, Control, Duration, Parameter, State
-from .delays import past_of
 from .given_ends import KINDS, end_violations, values_given
-from .point_model import PointModel
-from .record import PhaseRecord, PreviousStates, Statement, labelled_rows
+from .instants_inside import InstantsInside
+from .record import PhaseRecord, Statement
 from .reintegration import Reintegration, reintegrate
+from .rule_formulas import RuleFormulas
 from .stated_numbers import moving_end, rows_of_ends
-from .undefined_instants import named_where_undefined
 from .verdicts import verdict_in_words
 
 
@@ -63,14 +63,13 @@ class Verification(Presented):
     product : float
         Largest ``|a b|`` over all complementarity pairs.
     element_error : float or None
-        Re-integration of each element from its own start by SciPy: largest difference at its end. This is the
+        Re-integration of each element from its own start: largest difference at its end. This is the
         local discretisation error. None where it cannot be computed; then see `remarks`.
     horizon_error : float or None
         Re-integration of the whole horizon in one go: largest difference at any element end.
     motion_error : float or None
         Largest difference, inside elements too, of a state's polynomial from the solution of the equations under the
-        plan's controls: integrated from the start of the plan on, or, where pairs decide what happens, from the start
-        of each element.
+        plan's controls, from the start of the plan on; where pairs decide what happens, with contact simulated.
     integral_error : float or None
         Of all integrals of the phase, those in the objective and in constraints, the largest sum over all elements of
         the difference between the quadrature of the mesh and the integral along the motion that the equations make of
@@ -87,7 +86,8 @@ class Verification(Presented):
         Whether pairs decide what happens.
     bounds_passed : dict of name to a tuple (excess, time, bound, size, is_control)
         States and controls whose polynomials pass a declared bound between the points of the mesh: by how much, when,
-        which bound, and how large the signal is. Bounds that are functions of time are not examined.
+        which bound, and how large the signal is; the same of declared rates, named ``"rate of u"``, and of path
+        constraints.
     """
 
     defect: float
@@ -187,10 +187,10 @@ def verify(block: Any, record: PhaseRecord, trajectory: Trajectory, beside: Sequ
                 f"{sorted(needed)}. Verify it by the phase that it belongs to."
             )
     check = _TrajectoryCheck(block, record, trajectory, beside)
-    with put_on_model(check.values_of_phases), check.rules_asked():
+    with put_on_model(check.values_of_phases):
         check.remark_what_is_not_stated(block)
         defect, equations, natural, product = check.at_collocation_points()
-        motion = check.reintegrate()
+        motion, passed = check.reintegrate(), check.passed_between_points()
         ends = None if motion is None else motion.end_errors(motion.local, trajectory)
         integrals = {} if motion is None else dict(motion.integral_errors)
         horizon = None if motion is None else float(motion.end_errors(motion.open_loop, trajectory).max())
@@ -210,7 +210,7 @@ def verify(block: Any, record: PhaseRecord, trajectory: Trajectory, beside: Sequ
             integral_errors=integrals,
             relative_error=None if motion is None else check.relative_error(motion),
             contact=bool(record.statements_of("complementarity")),
-            bounds_passed=bounds_passed(record, trajectory),
+            bounds_passed=passed,
         )
 
 
@@ -218,56 +218,34 @@ class _TrajectoryCheck:
     def __init__(
         self, block: Any, record: PhaseRecord, trajectory: Trajectory, beside: Sequence[Trajectory] = ()
     ) -> None:
-        self.block, self.record = block, record
-        self.trajectory = trajectory
-        self.grid = trajectory.grid
+        self.block, self.record, self.trajectory, self.grid = block, record, trajectory, trajectory.grid
         # Rules are evaluated at time indices, which are normalised where something of the horizon was to be found.
         self.on_grid = is_of_grid(record, trajectory.grid)
         self.indices = record.grid if self.on_grid else indices_of(record, trajectory.grid)
-        companions = companions_of(block, self.indices.mesh.boundaries, beside)
-        self.point = PointModel(block, record, self.indices, trajectory.grid, companions)
-        self.point.set_values(trajectory.parameters)
+        self.companions = companions_of(block, self.indices.mesh.boundaries, beside)
+        self.formulas = RuleFormulas(block, record, self.indices, trajectory.grid, self.companions)
+        self.formulas.set_bounds(self.indices.times[0])
         self.states = {name: trajectory.element_states(name) for name in trajectory.states}
         self.signals = {name: trajectory.element_signals(name) for name in trajectory.signals}
         self.slopes = {name: self._slopes(name) for name in self.states}
         self.remarks: list[str] = []
         others = other_phases(block)
-        on_model = not others or is_on_model(block, trajectory)
-        known = [(other.phase, other.trajectory) for other in companions if other.trajectory is not None]
+        known = [(other.phase, other.trajectory) for other in self.companions if other.trajectory is not None]
         self.values_of_phases = [(block, trajectory), *known]
         self.statements = list(record.statements)
-        if not on_model:
+        if others and not is_on_model(block, trajectory):
             given = [phase for phase, _ in known]
-            self._leave_out([phase for phase in others if not any(phase is one for one in given)], companions)
+            self._leave_out([phase for phase in others if not any(phase is one for one in given)])
         if record.discrete_states and not can_step(self.grid.scheme):
             raise TrajectoryError(
                 f"trajectory '{trajectory.name}' is one of {self.grid.scheme.name}; the phase has step maps "
                 f"({', '.join(sorted(record.discrete_states))}), which lead from one element boundary to the next."
             )
 
-    @contextmanager
-    def rules_asked(self) -> Iterator[None]:
-        """Context for asking rules, with the values on the model: of the phase itself, where its grid is that."""
-        self.point.asks_phase = self.on_grid
-        self.point.past = None if self.on_grid else past_of(self.trajectory)
-        try:
-            if not self.on_grid:
-                self.check_between_points(self.statements)
-            yield
-        finally:
-            self.point.leave_nodes()
-
-    def check_between_points(self, statements: Sequence[Statement]) -> None:
-        """Refuse what has no answer between the points of the phase's own grid."""
-        check_rules_between_points(self.block, self.record, self.point, statements)
-        self.point.set_values(self.trajectory.parameters)
-
-    def _leave_out(self, unknown: Sequence[Any], companions: Sequence[Companion]) -> None:
+    def _leave_out(self, unknown: Sequence[Any]) -> None:
         """Leave out the rules that read other phases whose values at the times of the trajectory nobody knows."""
         for statement in self.record.statements:
-            variables = self._variables_of(statement)
-            read = {id(variable.parent_block()) for variable in variables}
-            read |= {id(other.phase) for other in companions if other.is_read_in(variables)}
+            read = {id(variable.parent_block()) for variable in self._variables_of(statement)}
             names = [phase.name for phase in unknown if id(phase) in read]
             if names:
                 self.statements.remove(statement)
@@ -277,19 +255,13 @@ class _TrajectoryCheck:
                     f"{', '.join(names)}])."
                 )
 
-    def _variables_of(self, statement: Statement) -> list[Any]:
-        """What a rule reads at its first instant; nothing, where it cannot be asked there."""
-        at_boundaries = statement.kind == "constraint at boundaries"
-        time = self.indices.times[0] if at_boundaries else self.indices.stage_times[0][0]
-        states = dict.fromkeys(self.states, 0.0)
-        try:
-            previous = PreviousStates("", states, self.record.families)
-            more = [previous] if statement.kind == "step map" else []
-            return variables_read(self.point.result_of(statement, time, *more))
-        except Exception:  # said where the rule is checked
-            return []
-        finally:
-            self.point.leave_nodes()
+    def _variables_of(self, statement: Statement) -> Iterable[Any]:
+        """What stands in the rows that a rule has made."""
+        of_states = [name for name, of in self.record.equation_of.items() if of == statement.name]
+        names = [statement.name, *(f"{name}_{of}" for name in of_states for of in ("collocation", "equation", "step"))]
+        rows = (data for name in names for data in (self.block.component(name) or {}).values())
+        sides = (data.args if data.ctype is Complementarity else [data.body] for data in rows)
+        return variables_in_any(chain.from_iterable(sides)).values()
 
     def _stated(self, kind: str) -> list[Statement]:
         return [statement for statement in self.statements if statement.kind == kind]
@@ -313,62 +285,106 @@ class _TrajectoryCheck:
         if own:
             self.remarks.append(f"not checked, since they were not stated through the phase: {', '.join(own)}.")
 
+    # ---------------------------------------------------------------- at the points
+
     def at_collocation_points(self) -> tuple[float, float, float, float]:
-        equations = natural = product = of_steps = 0.0
-        stated = {name: np.full_like(slopes, np.nan) for name, slopes in self.slopes.items()}
-        stage_states = {name: self._at_stages(at_nodes) for name, at_nodes in self.states.items()}
-        kinds = ("ode", "step map", "residual", "constraint", "complementarity")
-        asked = [statement for kind in kinds for statement in self._stated(kind)]
-        for i, times in enumerate(self.indices.stage_times):
-            self.point.element = i
-            for k, time in enumerate(times):
-                values = {name: per_stage[i, k] for name, per_stage in (stage_states | self.signals).items()}
-                slope = {name: float(per_stage[i, k]) for name, per_stage in self.slopes.items()}
-                self.point.set_values(values, slope)
-                self.point.set_bounds(time)
-                real = self.grid.stage_times[i][k]
-                with named_where_undefined(f"phase '{self.block.name}'", self.point, asked, time, real, i):
-                    found = self._at_instant(i, k, time, stated)
-                equations, natural, product, of_steps = map(max, (equations, natural, product, of_steps), found)
-        self.point.element = None
+        """Violations of rates and step maps, of equations, and of pairs by smaller side and by product."""
+        at = self._instants(self.grid.scheme.c)
+        # Not the polynomials, but the values at the stages themselves.
+        at.values |= {name: self._at_stages(of).T for name, of in self.states.items()}
+        at.values |= {name: of.T for name, of in self.signals.items()}
+        at.slopes = {name: of.T for name, of in self.slopes.items()}
+        rates = {name: slopes.T for name, slopes in self.slopes.items()}
+        of_steps = equations = natural = product = 0.0
+        for statement in self._stated("ode"):
+            rates |= self._values_by_state(statement, at)
+        for statement in self._stated("step map"):
+            for name, following in self._values_by_state(statement, at).items():
+                of_steps = max(of_steps, float(np.abs(self.states[name][:, -1] - following).max()))
+        for kind in ("residual", "constraint", "complementarity"):
+            for statement in self._stated(kind):
+                found = self._violations(statement, at)
+                equations, natural, product = map(max, (equations, natural, product), found)
+        at_boundaries = self._stated("constraint at boundaries")
+        ends = self._instants(np.array([0.0, 1.0]))
+        equations = max([equations, *(self._violations(statement, ends)[0] for statement in at_boundaries)])
         at_ends, of_pairs = self._at_given_ends()
-        equations = max(equations, self._at_boundaries(), at_ends)
-        return max(of_steps, self._defect(stated)), equations, max(natural, of_pairs), product
+        return max(of_steps, self._defect(rates)), max(equations, at_ends), max(natural, of_pairs), product
 
-    def _at_instant(
-        self, i: int, k: int, time: float, stated: Mapping[str, Array]
-    ) -> tuple[float, float, float, float]:
-        """Violations of equations, of pairs by smaller side and by product, and of step maps; fills `stated`."""
-        equations = natural = product = of_steps = 0.0
-        for name, rate in self.point.rates(self._stated("ode"), time).items():
-            stated[name][i, k] = rate
-        previous = {name: float(at_nodes[i, 0]) for name, at_nodes in self.states.items()}
-        for name, following in self.point.next_states(self._stated("step map"), time, previous).items():
-            of_steps = max(of_steps, abs(float(self.states[name][i, -1]) - following))
-        for statement in self._stated("residual") + self._stated("constraint"):
-            for row in labelled_rows(statement.kind, self.point.result_of(statement, time)).values():
-                equations = max(equations, relation_violation(row))
-        for statement in self._stated("complementarity"):
-            for pair in labelled_rows(statement.kind, self.point.result_of(statement, time)).values():
-                if pair is Complementarity.Skip:
-                    continue
-                pair_values, beside = _sides_and_rows(pair, statement)
-                equations = max(equations, beside)
-                for a, b in pair_values:
-                    natural, product = max(natural, abs(min(a, b))), max(product, abs(a * b))
-        return equations, natural, product, of_steps
+    def _instants(self, fractions: Array) -> InstantsInside:
+        scheme = self.grid.scheme
+        rates = {name: self.slopes[name].T for name in self.states if scheme.starts_on_a_stage}
+        return InstantsInside(self.record, self.trajectory, self.indices, fractions, self.formulas, rates)
 
-    def _at_boundaries(self) -> float:
-        """Violation of the constraints that are stated for element boundaries."""
-        worst = 0.0
-        statements = self._stated("constraint at boundaries")
-        position = {time: i for i, time in enumerate(self.indices.times)}
-        for time in self.indices.mesh.boundaries if statements else ():
-            self.point.set_values({name: samples[position[time]] for name, samples in self.trajectory.states.items()})
-            for statement in statements:
-                for row in labelled_rows("constraint", self.point.result_of(statement, time)).values():
-                    worst = max(worst, relation_violation(row))
-        return worst
+    def _values_by_state(self, statement: Statement, at: InstantsInside) -> dict[str, Array]:
+        """What an ode or a step map gives at the points, by the names of the states."""
+        if not self._asks_rows(statement):
+            stated = self.formulas.by_state(statement)
+            return {name: at.value_of(of, statement, self._what) for name, of in stated.items()}
+        found = {}
+        for name in (name for name, of in self.record.equation_of.items() if of == statement.name):
+            given = self.record.rates.get(name)
+            if given is None:
+                # Rows of a step, or of a derivative that is kept: what they are about less what is stated.
+                steps = name in self.record.discrete_states
+                left = self.block.component(name if steps else f"{name}_derivative")
+                rows = self.block.component(f"{name}_step" if steps else f"{name}_equation")
+                given = {t: left[t] - row.body for t, row in rows.items()}
+            with failures_as(TrajectoryError, f"{self._what}: ode '{statement.name}' has no value on the trajectory"):
+                found[name] = np.array(
+                    [[float(value(given[t])) for t in times] for times in self.indices.stage_times]
+                ).T
+        return found
+
+    def _violations(self, statement: Statement, at: InstantsInside) -> tuple[float, float, float]:
+        """Largest violations of what a statement makes: of rows, and of pairs by smaller side and by product."""
+        if self._asks_rows(statement):
+            return self._violations_of_rows(statement)
+        rows: list[Any] = []
+        pairs: list[Any] = []
+        for row in self.formulas.formulas_of(statement, statement.rows).values():
+            if isinstance(row, CanonicalForm):
+                rows += map(sides_of_row, row.rows)
+                pairs += row.pairs
+            else:
+                rows.append(sides_of_row(row))
+        of_rows, natural, product = [0.0], [0.0], [0.0]
+        for sides in rows:
+            body, lower, upper = (at.value_of(side, statement, self._what) for side in sides)
+            of_rows.append(float(np.maximum(lower - body, body - upper).max()))
+        for pair in pairs:
+            a, b = (at.value_of(side, statement, self._what) for side in (pair.a, pair.b))
+            a, b = part_of_side(a, pair.a_part), part_of_side(b, pair.b_part)
+            natural.append(float(np.abs(np.minimum(a, b)).max()))
+            product.append(float(np.abs(a * b).max()))
+        return max(of_rows), max(natural), max(product)
+
+    def _violations_of_rows(self, statement: Statement) -> tuple[float, float, float]:
+        """The same of the rows on the model, which has the values of the trajectory meanwhile."""
+        where = f"{self._what}: {statement.kind} '{statement.name}' has no value on the trajectory"
+        of_rows, sides = [0.0], [(0.0, 0.0)]
+        with failures_as(TrajectoryError, where):
+            for data in self.block.component(statement.name).values():
+                form = canonical_form(data) if statement.kind == "complementarity" else None
+                of_rows += map(relation_violation, [data.expr] if form is None else form.rows)
+                sides += [] if form is None else map(side_values, form.pairs)
+        return max(of_rows), max(abs(min(a, b)) for a, b in sides), max(abs(a * b) for a, b in sides)
+
+    def _asks_rows(self, statement: Statement) -> bool:
+        """Whether a rule, or a bound that a pair means, is known at the points of this grid alone."""
+        of_bounds = statement.kind == "complementarity" and any(
+            callable(of.bounds) for of in self.record.declarations.values()
+        )
+        asks = self.on_grid and (of_bounds or not self.formulas.gives_formulas(statement))
+        foreign = foreign_variable(self.block, self._variables_of(statement)) if asks else None
+        if foreign is not None:
+            words = foreign_read(foreign, self.block.model())
+            raise TrajectoryError(f"{self._what}: the rule '{statement.name}' {words}")
+        return asks
+
+    @property
+    def _what(self) -> str:
+        return f"phase '{self.block.name}'"
 
     def _at_given_ends(self) -> tuple[float, float]:
         """Violation of equations and of sides of pairs by the values that are given at ends without a stage."""
@@ -397,7 +413,7 @@ class _TrajectoryCheck:
         scheme, widths = self.grid.scheme, self.grid.mesh.widths
         worst = 0.0
         for name, slopes in self.slopes.items():
-            rates = np.where(np.isnan(stated[name]), slopes, stated[name])
+            rates = stated[name].T
             rows = self.states[name] @ scheme.D.T / widths[:, None] - rates @ scheme.F.T
             worst = max(worst, float(np.abs(rows).max()), float(np.abs(rates - slopes).max()))
         return worst
@@ -433,7 +449,34 @@ class _TrajectoryCheck:
                 worst = max([worst, *(min(abs(sample - level) for level in levels) for _, sample in samples)])
             for time, sample in samples:
                 worst = max(worst, bound_violation(sample, *declaration.bounds_at(time, name)))
+        return max(worst, self._switching())
+
+    def _switching(self) -> float:
+        """By how much integer controls switch too often, or too soon after another switch."""
+        worst = 0.0
+        for name in self.record.names(Control):
+            control: Any = self.record.declarations[name]
+            if control.levels is None:
+                continue
+            family = next((of for of in self.record.families.values() if control.one_of and name in of.members), None)
+            values = [self.signals[member][:, 0] for member in ((name,) if family is None else family.members)]
+            levels = np.abs(np.array(values)[:, :, None] - np.array(control.levels)).argmin(axis=2)
+            switches = np.flatnonzero(np.diff(levels, axis=1).any(axis=0))
+            if control.max_switches is not None:
+                worst = max(worst, float(len(switches) - control.max_switches))
+            kept = np.diff(np.array(self.grid.mesh.boundaries)[switches + 1])
+            worst = max(worst, (control.min_dwell or 0.0) - float(kept.min(initial=np.inf)))
         return worst
+
+    def passed_between_points(self) -> dict[str, BoundPassed]:
+        """What passes declared bounds, rates and path constraints between the points; remarks on what is not known."""
+        found = bounds_passed(self.record, self.trajectory)
+        for statement in self._stated("constraint"):
+            try:
+                found |= rows_passed(self.block, self.record, self.trajectory, statement)
+            except TrajectoryError as error:
+                self.remarks.append(f"not looked at between the points: '{statement.name}'. {error}")
+        return found
 
     def relative_error(self, motion: Reintegration) -> float:
         """The largest error of an element in sizes of the states: their largest values."""
@@ -445,7 +488,7 @@ class _TrajectoryCheck:
         if self._stated("ode") != self.record.statements_of("ode"):
             return None  # as remarked
         try:
-            found = reintegrate(self.block, self.record, self.trajectory, self.point)
+            found = reintegrate(self.block, self.record, self.trajectory, self.companions)
         except TrajectoryError as error:
             self.remarks.append(f"re-integration, which asks between the points of the grid, failed: {error}")
             return None
@@ -456,10 +499,3 @@ class _TrajectoryCheck:
                 "from the plan."
             )
         return found
-
-
-def _sides_and_rows(pair: Any, statement: Statement) -> tuple[list[tuple[float, float]], float]:
-    """Values of both sides of the pairs that a statement makes, and how far the rows beside them are from holding."""
-    first, second, *choices = pair
-    form = form_of(statement, first, second, (choices[0], choices[1]) if choices else (None, None))
-    return [side_values(made) for made in form.pairs], max(map(relation_violation, form.rows), default=0.0)

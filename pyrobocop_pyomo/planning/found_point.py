@@ -21,35 +21,6 @@ from pyrobocop_pyomo.modeling.variable_values import VariableValues
 _ALWAYS_IMPORTED = ("dual", "rc")
 
 
-class PointOnModel:
-    """What a solve leaves on a model: values of free variables, and suffixes that are declared for import.
-
-    Parameters
-    ----------
-    model : Block
-    """
-
-    def __init__(self, model: BlockData) -> None:
-        self._values = VariableValues.of_free(model)
-        self.suffixes = [(suffix, ComponentMap(suffix.items())) for suffix in imported_suffixes(model)]
-
-    @property
-    def values(self) -> ComponentMap:
-        """By variable."""
-        return self._values.by_variable
-
-    def put_back(self) -> None:
-        """Make the model as it was."""
-        self._values.restore()
-        for suffix, entries in self.suffixes:
-            suffix.clear()
-            suffix.update(entries)
-
-    def suffix(self, name: str) -> ComponentMap | None:
-        """Entries of the suffix that is nearest to the root; None where there is none."""
-        return next((entries for suffix, entries in self.suffixes if suffix.local_name == name), None)
-
-
 class FoundPoint(SolutionLoader):
     """A point with its multipliers, loaded into the model when it is requested.
 
@@ -61,7 +32,10 @@ class FoundPoint(SolutionLoader):
 
     def __init__(self, model: BlockData) -> None:
         self._pyomo_model = model
-        self._found = PointOnModel(model)
+        self._values = VariableValues.of_free(model).by_variable
+        # Of several with one name, that nearest to the root.
+        found = reversed(imported_suffixes(model))
+        self._suffixes = {suffix.local_name: ComponentMap(suffix.items()) for suffix in found}
 
     def get_number_of_solutions(self) -> int:
         """Always one: the best point exists whatever stopped the procedure."""
@@ -69,7 +43,7 @@ class FoundPoint(SolutionLoader):
 
     def get_vars(self, vars_to_load: Sequence[VarData] | None = None) -> Mapping[VarData, float]:
         """Values of variables."""
-        return _selected(self._found.values, vars_to_load)
+        return _selected(self._values, vars_to_load)
 
     def get_duals(self, cons_to_load: Sequence[ConstraintData] | None = None) -> Mapping[ConstraintData, float]:
         """Multipliers of the user's constraints, in the sign of Pyomo's ``dual``.
@@ -94,10 +68,10 @@ class FoundPoint(SolutionLoader):
     def load_import_suffixes(self) -> None:
         """Fill the suffixes that the model declares for import."""
         for name, suffix in self._collect_and_clear_import_suffixes().items():
-            suffix.update(self._found.suffix(name) or {})
+            suffix.update(self._suffixes.get(name, {}))
 
     def _multipliers(self, name: str, wanted: Sequence[Any] | None) -> Mapping[Any, float]:
-        entries = self._found.suffix(name)
+        entries = self._suffixes.get(name)
         if entries is None:
             raise NoSolutionError(
                 f"'{self._pyomo_model.name}': multipliers were not kept, since '{name}' is taken. Make it a "

@@ -16,40 +16,26 @@ from pyomo.contrib.solver.common.util import NoOptimalSolutionError
 from pyomo.core.base.block import BlockData
 
 from pyrobocop_pyomo._version import __version__
+from pyrobocop_pyomo.errors import KeywordError
 from pyrobocop_pyomo.ipopt.backends import available_backends
-from pyrobocop_pyomo.planning.solve import solve
+from pyrobocop_pyomo.modeling.keywords import check_keywords
+from pyrobocop_pyomo.planning.solve import OTHER_WORDS, solve
 from pyrobocop_pyomo.solving.iterates import Quality, StopReason
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 
-from .found_point import FoundPoint, PointOnModel, multipliers_imported
+from .found_point import FoundPoint, multipliers_imported
+from .planning_point import PlanningPoint
 
 # Every Pyomo solver has these, some under another name.
 _OF_EVERY_SOLVER = ("model", "options", "tee", "time_limit")
 
 
-def _choices() -> dict[str, tuple[Any, str]]:
-    """Default and meaning of what `solve` can be told, from its signature and the section "Parameters" of its text."""
-    parameters = inspect.signature(solve).parameters
-    text = inspect.cleandoc(solve.__doc__ or "").partition("Parameters\n")[2].partition("Returns\n")[0]
-    meanings: dict[str, list[str]] = {}
-    names: list[str] = []
-    for line in text.splitlines():
-        if line.startswith(" "):
-            for name in names:
-                meanings[name].append(line.strip())
-        elif " : " in line:
-            names = line.partition(" : ")[0].split(", ")
-            meanings.update((name, []) for name in names)
-    found = {
-        name: (parameter.default, " ".join(meanings.get(name, ())))
-        for name, parameter in parameters.items()
-        if name not in _OF_EVERY_SOLVER
-    }
-    # A solver that is called by other code has nobody to show progress to.
-    return {**found, "progress": (False, found["progress"][1])}
-
-
-CHOICES = _choices()
+# What `solve` can be told, with its default. A solver that is called by other code has nobody to show progress to.
+CHOICES = {
+    name: False if name == "progress" else parameter.default
+    for name, parameter in inspect.signature(solve).parameters.items()
+    if name not in _OF_EVERY_SOLVER
+}
 
 _CONDITIONS = {
     StopReason.FINISHED: TerminationCondition.unknown,  # it ran to its end, and shows too little
@@ -71,8 +57,13 @@ class MpccConfig(SolverConfig):
 
     def __init__(self, *arguments: Any, **keywords: Any) -> None:
         super().__init__(*arguments, **keywords)
-        for name, (default, meaning) in CHOICES.items():
-            self.declare(name, ConfigValue(default=default, description=meaning))
+        for name, default in CHOICES.items():
+            self.declare(name, ConfigValue(default=default, description=f"See {name}= of pyrobocop_pyomo.solve."))
+
+    def set_value(self, value: Any, skip_implicit: bool = False) -> Any:
+        """Take options by name; those of earlier versions are refused with what to write."""
+        check_keywords("pyrobocop.mpcc", {*(value or ())} & OTHER_WORDS.keys(), self, KeywordError, OTHER_WORDS)
+        return super().set_value(value, skip_implicit)
 
 
 class Mpcc(SolverBase):
@@ -122,7 +113,7 @@ class Mpcc(SolverBase):
         results = Results()
         results.timing_info.start_timestamp = datetime.datetime.now(datetime.timezone.utc)
         results.solver_name, results.solver_version, results.solver_config = self.name, self.version(), config
-        before = PointOnModel(model)
+        before = PlanningPoint(model)
         timer.start("solve")
         try:
             with multipliers_imported(model):
@@ -140,7 +131,7 @@ class Mpcc(SolverBase):
         results.timing_info.timer = timer
         results.timing_info.wall_time = answer.seconds
         if config.raise_exception_on_nonoptimal_result and not answer.solved:
-            before.put_back()
+            before.restore()
             message = f"{NoOptimalSolutionError.default_message} {results.extra_info.solver_message}"
             error = NoOptimalSolutionError(message)
             error.results = results
@@ -148,7 +139,7 @@ class Mpcc(SolverBase):
         if config.load_solutions:
             results.solution_loader.load_import_suffixes()
         else:
-            before.put_back()
+            before.restore()
         return results
 
 
@@ -161,4 +152,6 @@ def _report(results: Results, answer: SolveResult) -> None:
         results.incumbent_objective = answer.objective
     results.extra_info.add("result", ConfigValue(answer))
     results.extra_info.iteration_count = answer.iterations
-    results.extra_info.solver_message = f"{answer.stop_reason.value} {answer.quality.value}"
+    motion = None if answer.safety is None else f"The motion: {answer.safety.word}"
+    said = (answer.stop_reason.value, answer.quality.value, motion, answer.errors_of_answer.in_short())
+    results.extra_info.solver_message = " ".join(filter(None, said))

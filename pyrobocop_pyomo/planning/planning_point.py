@@ -7,7 +7,7 @@ from typing import Any
 
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.phases import phases_of
-from pyrobocop_pyomo.phases.remeshing import remesh_phases
+from pyrobocop_pyomo.phases.remeshing import put_on_meshes
 
 from .found_point import imported_suffixes
 
@@ -30,13 +30,13 @@ class PlanningPoint:
     def restore(self) -> bool:
         """Put values and meshes back; returns whether a mesh was another one, so that separations are new."""
         moved = {phase: mesh for phase, mesh in self._meshes.values() if phase.grid.mesh != mesh}
-        if not moved:
+        if moved:
+            put_on_meshes(moved)  # they had them, and nothing has been stated since
+            for component, index, number in self._named:
+                if component.parent_block() is not None and index in component and not component[index].fixed:
+                    component[index].set_value(number, skip_validation=True)
+        else:
             self._values.restore()
-            return False
-        remesh_phases(moved)
-        for component, index, number in self._named:
-            if component.parent_block() is not None and index in component and not component[index].fixed:
-                component[index].set_value(number, skip_validation=True)
         for suffix, entries in self._suffixes:
             suffix.clear()
             suffix.update(
@@ -44,7 +44,7 @@ class PlanningPoint:
                 for component, index, entry in entries
                 if component.parent_block() is not None and index in component
             )
-        return True
+        return bool(moved)
 
 
 def _named(entries: Mapping[Any, Any]) -> list[tuple[Any, Any, Any]]:

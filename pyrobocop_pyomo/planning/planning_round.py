@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
@@ -41,8 +42,8 @@ class PlanningRound:
         there is room left.
     worst : str
         The two bodies for which that is so.
-    safe : bool
-        Whether the clearance is proven for the whole motion; False as well where nobody looked.
+    safe : bool or None
+        As `SafetyReport.safe`; False as well where nobody looked.
     seconds : float
         Of the solve.
     result : SolveResult
@@ -57,7 +58,7 @@ class PlanningRound:
     iterations: int
     shortfall: float
     worst: str
-    safe: bool
+    safe: bool | None
     seconds: float
     result: Any = field(default=None, repr=False)
     restore: Callable[[], None] = field(default=_cannot_restore, repr=False)
@@ -80,8 +81,10 @@ class PlanningRound:
         """The round that has just been solved, and verified unless there is no report."""
         safe, worst = (False, None) if report is None else (report.safe, report.worst)
         shortfall = worst.shortfall if worst is not None else 0.0
-        # A motion that is not proven stands behind every one that is, also where no instant of it is too close.
-        lacking = 0.0 if worst is None or safe else max(shortfall, worst.tolerance)
+        # A motion that is not proven stands behind every one that is, also where no instant of it is too close, and one
+        # that is clear but not replayed behind those that are.
+        unproven = max(shortfall, worst.tolerance) if worst is not None and safe is False else 0.0
+        lacking = math.ulp(0.0) if safe is None else unproven
         standing = replace(result.standing, shortfall=lacking)
         return cls(
             purpose=purpose,
@@ -105,7 +108,7 @@ class PlanningRound:
     def is_settled(self) -> bool:
         """Whether it is a plan to go by, as far as can be known."""
         safety = self.result.safety
-        return safety is not None and safety.is_settled and self.quality is not Quality.INFEASIBLE
+        return safety is not None and safety.safe is not False and self.quality is not Quality.INFEASIBLE
 
     @property
     def is_nearly_safe(self) -> bool:
@@ -124,9 +127,10 @@ class PlanningRound:
 
     def __str__(self) -> str:
         # What was done takes as much room as it needs, at the end.
+        safe = "clear" if self.safe is None else "yes" if self.safe else "no"
         return (
             f"{self.quality.name:<10} {self.objective:>13.6g} {self.iterations:>6} {self.shortfall:>10.2e} "
-            f"{'yes' if self.safe else 'no':>5} {self.seconds:>8.2f}  {self.worst:<28} {self.purpose}"
+            f"{safe:>5} {self.seconds:>8.2f}  {self.worst:<28} {self.purpose}"
         )
 
 
@@ -146,7 +150,6 @@ def way_back(
     margins = [{index: value(block.margin[index]) for index in block.separations} for block in blocks]
     norms = [block.record.norm_now for block in blocks]
     room = [{time: value(region.margin[time]) for time in region.times} for region in regions]
-    choices = [list(region.record.choice) for region in regions]
 
     def restore() -> None:
         moved = point.restore()
@@ -158,8 +161,7 @@ def way_back(
                     block.set_norm(norm)
             else:
                 _start_at_point(block)
-        for region, own_room, choice in zip(regions, room, choices, strict=True):
+        for region, own_room in zip(regions, room, strict=True):
             region.margin.store_values(own_room)
-            region.choose(choice)
 
     return restore

@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import logging
 import math
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 from pyrobocop_pyomo.errors import ModelError, ObstacleError, PyRobocopError
 from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
+from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.motion.safety_report import joined_report
@@ -30,19 +32,20 @@ from pyrobocop_pyomo.solving.procedure import solve_model
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult
+from pyrobocop_pyomo.solving.solved_copies import elements_of
+from pyrobocop_pyomo.solving.starts import EXPLORED_ELEMENTS, coarser_copy, take_values_of_copy
 
-from .coarse_start import LEAST_SEPARATIONS, plan_on_fewer_elements
-from .colliding_guess import colliding_guess
 from .planning_round import PlanningRound, way_back
 from .recovery import MOST_ITERATIONS, Recovery, clear_margins
 from .safety_meshes import SafetyMeshes
 
 logger = logging.getLogger(__name__)
 
+# From so many separations on, or so many pairs of shapes in all intervals together, near and far, plans start on fewer
+# elements: the guess is near few of them, and its plan wanders among all.
+LEAST_SEPARATIONS, LEAST_PAIRS = 500, 5000
 # From one start. A motion that is not safe by then passes through an obstacle between the nodes, and stays there.
 MOST_ROUNDS = 7
-# How often intervals are moved to other regions of a union after a safe plan was found.
-MOST_REVISIONS = 6
 # Rounds without a feasible point, one after the other, until another start is tried.
 MOST_IN_VAIN = 3
 # From this round on, planes of which margins alone did not make a safe plan are split.
@@ -92,10 +95,11 @@ class SafePlanning:
         self.rounds: list[PlanningRound] = []
         self._reports: list[SafetyReport]  # of each block, then of each region
         self._best: PlanningRound | None = None
+        self._seconds_per_element = 0.0  # of the longest verification so far
         self._interrupted = False
         self._meshes = SafetyMeshes([*blocks, *regions])
         self._is_start = self._is_any_start = False
-        self._began = self._guess = VariableValues.of_free(model)
+        self._began = VariableValues.of_free(model)
         self._recovery = Recovery(model, blocks, regions, self)
 
     def is_for_a_start(self, *, any_point: bool) -> None:
@@ -132,7 +136,7 @@ class SafePlanning:
     def _plan(self) -> None:
         recovery = self._recovery
         # Separations on a fine mesh take long to initialise: where a plan on a coarse one comes first, once is enough.
-        if not self._is_start and self._from_fewer_elements(recovery) and self._is_good_enough:
+        if not self._is_start and self._from_fewer_elements() and self._is_good_enough:
             return
         if not self._is_start:  # separations of a copy were made for its mesh, where it starts
             recovery.start()
@@ -142,50 +146,47 @@ class SafePlanning:
                 result = self._made_safe(result)
             if self._is_good_enough or not self.may_go_on(result):
                 break
-        if self._is_good_enough and any(len(region.record.regions) > 1 for region in self._regions):
-            self._revise_regions()
 
-    def _from_fewer_elements(self, recovery: Recovery) -> bool:
-        """Start from a plan on a copy with fewer elements, where that pays; returns whether there was one."""
-        coarse = plan_on_fewer_elements(self._model, [*self._blocks, *self._regions], self._settings, self._planned)
-        if coarse is None:
+    def _from_fewer_elements(self) -> bool:
+        """Start from a plan on a copy with fewer elements, where there are many pairs; whether there was one.
+
+        How to get around obstacles hardly depends on the mesh, and costs many iterations; on a fine mesh each of them
+        is dear. The copy keeps the user's variables out of it.
+        """
+        separations = sum(len(block.separations) for block in self._blocks)
+        pairs = separations + sum(len(block.record.pruned) for block in self._blocks)
+        many = separations >= LEAST_SEPARATIONS
+        copy = coarser_copy(self._model, EXPLORED_ELEMENTS) if many or pairs >= LEAST_PAIRS else None
+        if copy is None:
             return False
-        self.rounds += [replace(made, purpose=f"fewer elements: {made.purpose}") for made in coarse.rounds]
-        recovery.initialize_separations()
-        result = self.solve(f"from a plan on {coarse.elements} elements", again=True, most_iterations=MOST_ITERATIONS)
+        left = self._settings.deadline.left
+        shorter = replace(self._settings, deadline=Deadline.after(None if left is None else 0.5 * left))
+        # The equations of so coarse a mesh lead elsewhere than those of the user's.
+        planning = SafePlanning(copy, avoidance_blocks(copy), containments(copy), shorter, equations=False)
+        # Among few separations margins are cheaper on the user's mesh, among many on the coarse one.
+        planning.is_for_a_start(any_point=not many)
+        try:
+            plan = planning.plan()
+        except PyRobocopError as error:
+            logger.info("'%s': no start on fewer elements: %s", self._model.name, error)
+            return False
+        found = plan.quality is not Quality.INFEASIBLE
+        if found:
+            take_values_of_copy(self._model, copy)
+        if plan.stop_reason is StopReason.INTERRUPTED:
+            raise KeyboardInterrupt
+        if not found:
+            return False
+        self.rounds += [replace(made, purpose=f"fewer elements: {made.purpose}") for made in planning.rounds]
+        self._recovery.initialize_separations()
+        result = self.solve(f"from a plan on {elements_of(copy)} elements", again=True, most_iterations=MOST_ITERATIONS)
         if result.quality is not Quality.INFEASIBLE:
             self._made_safe(result)
         return True
 
-    def _planned(self, copy: Any, settings: Settings) -> tuple[SolveResult, list[PlanningRound]]:
-        """A plan on a copy whose mesh is coarse on purpose, with its rounds."""
-        # The equations of so coarse a mesh lead elsewhere than those of the user's.
-        planning = SafePlanning(copy, avoidance_blocks(copy), containments(copy), settings, equations=False)
-        # Among few separations margins are cheaper on the user's mesh, among many on the coarse one.
-        few = sum(len(block.separations) for block in self._blocks) < LEAST_SEPARATIONS
-        planning.is_for_a_start(any_point=few)
-        return planning.plan(), planning.rounds
-
-    def _revise_regions(self) -> None:
-        """Move intervals to neighbouring regions where the motion presses against a side, as long as that pays."""
-        for _ in range(MOST_REVISIONS):
-            before = self._best
-            assert before is not None
-            before.restore()
-            count = sum(region.revise() for region in self._regions)
-            if not count or not self.may_go_on(before.result):
-                break
-            result = self.solve(f"{count} interval{'s' if count > 1 else ''} in another region", again=True)
-            if result.quality is not Quality.INFEASIBLE:
-                self._made_safe(result)
-            if self._best is before:
-                break
-
     # ---------------------------------------------------------------- one round
 
-    def solve(
-        self, purpose: str, *, again: bool = False, relaxed: bool = False, most_iterations: int | None = None
-    ) -> SolveResult:
+    def solve(self, purpose: str, *, again: bool = False, most_iterations: int | None = None) -> SolveResult:
         """Solve the model as it stands, verify what comes out, and remember both.
 
         Parameters
@@ -194,8 +195,6 @@ class SafePlanning:
             For the log.
         again : bool
             Whether the point on the model is nearly a solution already.
-        relaxed : bool
-            Whether less is required than the user did: such a round leads on, and is no answer itself.
         most_iterations : int, optional
             Of Ipopt, where the user has not set ``max_iter``.
         """
@@ -206,14 +205,16 @@ class SafePlanning:
         if most_iterations is not None:
             settings = replace(settings, options=settings.options.with_default({"max_iter": most_iterations}))
         self._began = VariableValues.of_free(self._model)
-        result = solve_model(self._model, settings)
+        result = solve_model(self._model, replace(settings, deadline=self._deadline))
         # A plan that is not feasible is not integrated: its equations do not hold.
         equations = self._equations and result.quality is not Quality.INFEASIBLE
         # What is only a start, at any feasible point, is not verified.
-        unseen = self._is_any_start
+        unseen, started = self._is_any_start, time.perf_counter()
         self._reports = (
             [] if unseen else [block.verify(equations=equations) for block in (*self._blocks, *self._regions)]
         )
+        spent = time.perf_counter() - started
+        self._seconds_per_element = max(self._seconds_per_element, spent / max(elements_of(self._model), 1))
         report = None if unseen else joined_report(self._reports)
         made = PlanningRound.now(purpose, self._model, self._blocks, self._regions, result, report)
         self.rounds.append(made)
@@ -221,7 +222,7 @@ class SafePlanning:
             settings.progress.line(made.HEADER)
         settings.progress.line(str(made))
         logger.info("'%s': %s", self._model.name, made)
-        if not relaxed and (self._best is None or made.standing.is_better_than(self._best.standing)):
+        if self._best is None or made.standing.is_better_than(self._best.standing):
             self._best = made
         return result
 
@@ -233,7 +234,7 @@ class SafePlanning:
         bool
             Whether it was found.
         """
-        # What is preferred beside a clearance, or chosen by the optimiser, has no meaning without obstacles.
+        # A clearance that the optimiser chooses has no meaning without obstacles.
         if any(block.record.depends_on_what_is_far for block in self._blocks):
             return False
         guess, found = VariableValues.of_free(self._model), False
@@ -256,11 +257,16 @@ class SafePlanning:
 
     def may_go_on(self, result: SolveResult) -> bool:
         """Whether there is time, and nobody interrupted."""
-        return not result.stop_reason.is_final and not self._settings.deadline.has_passed
+        return not result.stop_reason.is_final and not self._deadline.has_passed
+
+    @property
+    def _deadline(self) -> Deadline:
+        """Until when solving may take, so that a verification on the mesh as it is ends by the time limit."""
+        return self._settings.deadline.earlier_by(self._seconds_per_element * elements_of(self._model))
 
     def seconds_left(self) -> float:
-        """Until the time limit; infinite without one."""
-        left = self._settings.deadline.left
+        """Until then; infinite without a limit."""
+        left = self._deadline.left
         return math.inf if left is None else left
 
     # ---------------------------------------------------------------- from feasible to safe
@@ -281,6 +287,8 @@ class SafePlanning:
                 if self.rounds[-1].is_nearly_safe:
                     start, can_go_back = point, True
                 continue
+            if not self.may_go_on(result):
+                break  # finer meshes took what was left
             pairs = zip(self._blocks, reports[: len(self._blocks)], strict=True)
             goes_back = can_go_back and any(ran_through_what_was_left_out(*pair) for pair in pairs)
             purpose = self._tightened(reports, split=number >= FIRST_SPLIT or result.quality is Quality.INFEASIBLE)
@@ -307,12 +315,15 @@ class SafePlanning:
         return result
 
     def _on_a_finer_mesh(self, result: SolveResult, reports: Sequence[SafetyReport]) -> SolveResult | None:
-        """Solve again on a finer mesh where the plan is clear and its equations are not; None where nothing changed."""
+        """Solve again on a finer mesh where the plan is clear and its equations are not; or None."""
         if result.quality is Quality.INFEASIBLE or any(pair.violated for pair in joined_report(reports).body_pairs):
             return None
         back = way_back(self._model, self._blocks, self._regions)
         refined = self._meshes.refine(reports)
         if not refined:
+            return None
+        if not self.may_go_on(result):
+            back()
             return None
         result = self.solve(refined, again=True)
         if result.quality is Quality.INFEASIBLE:
@@ -334,7 +345,7 @@ class SafePlanning:
     def _is_clear_enough(self, report: SafetyReport) -> bool:
         """As safe as is known; or nearly clear, where another plan starts from this one."""
         worst = report.worst
-        return report.is_settled or (self._is_start and worst is not None and worst.shortfall <= worst.clearance)
+        return report.safe is not False or (self._is_start and worst is not None and worst.shortfall <= worst.clearance)
 
     def _tightened(self, reports: Sequence[SafetyReport], *, split: bool) -> str:
         """Ask for more where the motion was not safe; returns what was done, or nothing if nothing can be."""
@@ -351,25 +362,17 @@ class SafePlanning:
         self._best.restore()
         before = sum(len(made.result.steps) for made in self.rounds[: self.rounds.index(self._best)])
         best = self._best.result
-        said = self._said_of_the_guess()
         why_no_path = "" if self._best.is_settled else self._recovery.why_no_path
         return replace(
             best,
             stop_reason=self._stop_reason(),
-            remarks=(*filter(None, [why_no_path]), *best.remarks, *filter(None, [said])),
+            remarks=(*filter(None, [why_no_path]), *best.remarks, *filter(None, [self._meshes.remark])),
             best=replace(best.best, number=best.best.number + before),
             steps=[step for made in self.rounds for step in made.result.steps],
             checking_seconds=sum(made.result.checking_seconds for made in self.rounds),
             rounds=tuple(made.record() for made in self.rounds),
             scenes=self._scenes(),
         )
-
-    def _said_of_the_guess(self) -> str:
-        """Whether the initial guess collides, where no safe motion was found and there is time to look."""
-        assert self._best is not None
-        if self._best.is_settled or self._is_start or self._interrupted or self._settings.deadline.has_passed:
-            return ""
-        return colliding_guess(self._model, self._guess, self._blocks)
 
     def _scenes(self) -> tuple[Any, ...]:
         """What pictures show of the point on the model; without it where a pose has no value."""
@@ -388,4 +391,4 @@ class SafePlanning:
             return self._best.result.stop_reason
         if last.is_final:
             return last
-        return StopReason.TIME_LIMIT if self._settings.deadline.has_passed else self._best.result.stop_reason
+        return StopReason.TIME_LIMIT if self._deadline.has_passed else self._best.result.stop_reason

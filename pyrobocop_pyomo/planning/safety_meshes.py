@@ -7,27 +7,24 @@ phases it is the mesh of the one that errs, which may be an earlier one than tha
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import PyRobocopError, RemeshingError
+from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.motion import SafetyReport
-from pyrobocop_pyomo.motion.equations_motion import needed_reductions, phases_of_motion
+from pyrobocop_pyomo.motion.equations_motion import needed_reductions
 from pyrobocop_pyomo.numerics import Array, Mesh
 from pyrobocop_pyomo.numerics.remeshing import remesh
 from pyrobocop_pyomo.phases.reintegration import Reintegration, reintegrate
-from pyrobocop_pyomo.phases.remeshing import remesh_phases, why_not_remeshed
-
-logger = logging.getLogger(__name__)
+from pyrobocop_pyomo.phases.remeshing import remesh_phases
+from pyrobocop_pyomo.solving.result_text import KEPT_MESH
 
 # As shares of the clearance: larger deviations call for a finer mesh, which aims at the second one.
 LARGEST_SHARE, WANTED_SHARE = 0.25, 0.05
-# Times as many elements as the user's mesh has, and as many in all.
-MOST_TIMES, MOST_ELEMENTS = 8, 800
-MOST_PARTS = 4
+# How many elements a phase gets at most, and each of them at once.
+MOST_ELEMENTS, MOST_PARTS = 800, 4
 
 
 class SafetyMeshes:
@@ -36,12 +33,17 @@ class SafetyMeshes:
     Parameters
     ----------
     blocks : iterable of ObstacleAvoidanceBlockData and ContainmentData
+
+    Attributes
+    ----------
+    remark : str
+        What keeps a mesh that is too coarse for its obstacles; empty where nothing does.
     """
 
     def __init__(self, blocks: Iterable[Any]) -> None:
         self._blocks = list(blocks)
-        self._first: dict[int, int] = {}
         self._stays = False
+        self.remark = ""
 
     def stay(self) -> None:
         """Refine no more: finer meshes have led nowhere."""
@@ -62,13 +64,10 @@ class SafetyMeshes:
         try:
             for block, report in zip(self._blocks, reports, strict=True):
                 reduction = _reduction(report)
-                for read in phases_of_motion(block.motion) if reduction < 1.0 else ():
-                    for phase, needed in needed_reductions(read, reduction):
-                        wanted[id(phase)] = (phase, min(needed, wanted.get(id(phase), (phase, 1.0))[1]))
+                read = block.motion.phase if reduction < 1.0 else None
+                for phase, needed in () if read is None else needed_reductions(read, reduction):
+                    wanted[id(phase)] = (phase, min(needed, wanted.get(id(phase), (phase, 1.0))[1]))
             for phase, reduction in wanted.values():
-                reason = why_not_remeshed(phase)
-                if reason is not None:
-                    raise RemeshingError(reason)
                 mesh = self._finer(phase, reduction)
                 if mesh is not None:
                     meshes[phase] = mesh
@@ -78,7 +77,7 @@ class SafetyMeshes:
             remesh_phases(meshes)
         except PyRobocopError as error:
             self.stay()
-            logger.info("the mesh is too coarse for its obstacles and stays so: %s", error)
+            self.remark = f"{KEPT_MESH}: {error}"
             return ""
         said = [f"'{phase.name}' from {count} to {phase.grid.mesh.elements}" for phase, count in before.items()]
         return f"elements of {', '.join(said)}"
@@ -86,14 +85,13 @@ class SafetyMeshes:
     def _finer(self, phase: Any, reduction: float) -> Mesh | None:
         """A mesh on which the equations lead that much less far away; None where it would be too fine."""
         mesh, scheme = phase.grid.mesh, phase.grid.scheme
-        first = self._first.setdefault(id(phase), mesh.elements)
         errors = _errors_inside(reintegrate(phase, phase.record, phase.trajectory(), states_only=True))
         # A polynomial of degree s deviates by O(h^(s + 1)) inside an element, whatever the order at its end is.
         order = min(scheme.order, scheme.stages)
         tolerance = float(np.mean(errors)) * reduction ** ((order + 1) / order)
         for parts in range(MOST_PARTS, 1, -1):
             finer = remesh(mesh, errors, tolerance, order, most_parts=parts)
-            if mesh.elements < finer.elements <= min(MOST_TIMES * first, MOST_ELEMENTS):
+            if mesh.elements < finer.elements <= MOST_ELEMENTS:
                 return finer
         return None
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from numbers import Real
 from typing import Any, TextIO
 
-from pyrobocop_pyomo.complementarity import Schedule
 from pyrobocop_pyomo.diagnosis.before_solve import doubts_before_solve
 from pyrobocop_pyomo.diagnosis.findings import Finding, Severity, Subject
 from pyrobocop_pyomo.diagnosis.statements import refuse_inconsistent_units, refuse_misplaced
-from pyrobocop_pyomo.discretisation.first_meshes import FirstMeshes, mesh_from_statement
+from pyrobocop_pyomo.discretisation.first_meshes import mesh_from_statement
+from pyrobocop_pyomo.discretisation.stepped_over import stepped_over
 from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import Backend, available_backends, best_backend
 from pyrobocop_pyomo.ipopt.c_output import standard_output
@@ -27,30 +27,41 @@ from pyrobocop_pyomo.obstacles.initial_checks import (
     check_digits,
     check_fixed_inside,
     check_motion,
-    warn_about_soft_clearance,
 )
 from pyrobocop_pyomo.phases import note_outcome, phases_of
 from pyrobocop_pyomo.solving.ipopt_options import IpoptOptions
-from pyrobocop_pyomo.solving.iterates import Quality, Tolerances
+from pyrobocop_pyomo.solving.iterates import Quality, checked_tolerances
 from pyrobocop_pyomo.solving.least_violation import least_violation
 from pyrobocop_pyomo.solving.procedure import solve_model
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 from pyrobocop_pyomo.solving.starts import are_renamed
-from pyrobocop_pyomo.solving.strategies import Strategy, as_strategies
+from pyrobocop_pyomo.solving.strategies import Choices, settings_of
 
-from .finer_meshes import FinerMeshes
+from .finer_meshes import solve_on_finer_meshes
 from .integer_controls import open_choices, solve_with_integer_controls
 from .safe_planning import SafePlanning, avoidance_blocks, containments
 from .switches_at_boundaries import SwitchesAtBoundaries
 
+# What earlier versions call it.
+RETIRED_WORDS = {
+    **{
+        name: f"strategies=rcp.Strategy({name}=...)"
+        for name in ("relaxation", "grouping", "schedule", "polish", "exploration")
+    },
+    "feasibility_tolerance": "tolerances={'feasibility': ...}",
+    "complementarity_tolerance": "tolerances={'complementarity': ...}",
+    "scaling": "options={'nlp_scaling_method': 'gradient-based'} for scaling=False",
+    "equations": "equations=False of the ObstacleAvoidanceBlock or Containment",
+}
 # What other packages, and Ipopt, call it.
-_OTHER_WORDS = {
+OTHER_WORDS = {
+    **RETIRED_WORDS,
     "max_iter": "options={'max_iter': ...}",
     "maxiter": "options={'max_iter': ...}",
-    "tol": "options={'tol': ...}, or feasibility_tolerance=...",
-    "tolerance": "feasibility_tolerance",
+    "tol": "options={'tol': ...}, or tolerances={'feasibility': ...}",
+    "tolerance": "tolerances={'feasibility': ...}",
     "solver": "backend",
     "linear_solver": "options={'linear_solver': ...}",
     "timelimit": "time_limit",
@@ -63,26 +74,18 @@ _OTHER_WORDS = {
 }
 
 
-@keywords_checked(_OTHER_WORDS)
+@keywords_checked(OTHER_WORDS)
 @rare_collections()
 def solve(
     model: Any,
     *,
-    relaxation: Any = "scholtes",
-    grouping: Any = "pair",
-    schedule: Schedule | None = None,
-    strategies: str | Strategy | Iterable[str | Strategy] | None = None,
-    polish: bool = True,
-    exploration: float | None = None,
+    strategies: Choices = None,
     backend: Backend | str | None = None,
     options: Mapping[str, Any] | None = None,
     tee: bool | Sequence[TextIO] = False,
     time_limit: float | None = None,
-    feasibility_tolerance: float = 1e-6,
-    complementarity_tolerance: float = 1e-7,
+    tolerances: Mapping[str, float] | None = None,
     progress: bool | Progress | None = None,
-    equations: bool = True,
-    scaling: bool | None = None,
     mesh_tolerance: float | None = 1e-3,
 ) -> SolveResult:
     """Solve a model with complementarity pairs: relax, continue, polish, certify, and report.
@@ -98,7 +101,7 @@ def solve(
 
     * "absolute values as pairs": where the model holds absolute values, a copy with their two parts is solved; in a
       model with pairs this comes last;
-    * "tighter": from a point that is solved by Ipopt's scaled tolerances only, with smaller ones;
+    * "tighter": from a point that is solved by Ipopt's scaled tolerances only, with smaller ones, before all others;
     * "own units": with Ipopt's scaling instead of that by typical sizes;
     * "simulated": from the motion of the phases under the controls of the initial guess;
     * "elastic rows": all rows may be violated at a price first, then on from there; what has more equations than
@@ -109,7 +112,7 @@ def solve(
     * "random controls 1", "random start 1": short runs from beside a guess that may be symmetric; first of all after
       500 iterations, and then, where nothing helps, "solve to the end" has the rest of Ipopt's limit.
 
-    A solution of a model with phases is a local one, so that a few other starts follow (see `exploration`), unless its
+    A solution of a model with phases is a local one, so that a few other starts follow (see `Strategy`), unless its
     rows are linear and its objective is quadratic and convex: the motion under mirrored controls of the answer
     ("mirrored"), under random controls ("random motion 1", ...), random controls with states on lines ("random
     controls 1", ...), random values ("random start 1", ...). The best certified point wins. From 80 elements in a phase
@@ -135,57 +138,35 @@ def solve(
     names from farther away are explored as well (steps "explore"). Where no branch can be solved, delta goes down to
     1e-12 instead. A polish that fails costs nothing: the point before it stays a candidate.
 
-    From 1000 pairs on, phases with implicit Euler are solved on a coarse mesh of 400 elements first, by "barrier" and
-    by "continuation"; the better answer is where "barrier" starts on the user's mesh. Where that gives no certified
-    point, the strategies follow as without a coarse mesh.
-
     Parameters
     ----------
     model : ConcreteModel or Block
         Any Pyomo model, with phases or without.
-    relaxation, grouping : str or object
-        As for ``pyrobocop.relax_complementarity``.
-    schedule : Schedule, optional
-        How delta shrinks, in a single strategy of its own instead of the default sequence.
     strategies : str, Strategy or several of them, optional
         Which strategies to run, in this order; by default all. Those for models of the other kind, with pairs or
-        without, are left out.
-    polish : bool
-        Polish the point of each strategy; without it, a point is as complementary as its relaxation.
-    exploration : float, optional
-        How long to look for better optima beyond a certified point, as a multiple of the time that the rest of the
-        solve took so far: in branches farther away, by other ways down, and from up to 32 random starts;
-        ``float("inf")`` for no limit but `time_limit`. It ends after eight ways and starts in a row without a better
-        point. By default 1 up to 100 pairs, and at least a second; then less, and 0 from 200 pairs; not more
-        iterations than those so far, or 300; and, after a solve of at most 300 iterations, three ways and starts.
-        Without pairs, in models with phases, by default 80 iterations and 0.4 times those so far, less from 500
-        variables on, down to a quarter. A number asks for more starts, as long as eight in a row lead to nothing
-        better, in any model without pairs. 0 ends the solve with its first solution.
+        without, are left out. A `Strategy` says also how pairs are relaxed and grouped, whether points are polished
+        and how long better optima are looked for: ``rcp.Strategy(polish=False)`` is the default sequence without
+        polish.
     backend : Backend or str, optional
-        Which Ipopt: ``"in process"`` (the best derivatives present), ``"asl"``, ``"casadi"``, ``"vectorised"`` or
-        ``"executable"``. By default ``"vectorised"`` for models with obstacles and for those whose nonlinear
-        terms repeat few shapes, as all models on a mesh do; else the best that is present.
+        Which Ipopt: ``"vectorised"`` (in this process, derivatives by CasADi; also called ``"casadi"``), ``"asl"`` (in
+        this process, derivatives by ASL), ``"in process"`` (the first of these that is present) or ``"executable"``.
+        By default the first that is present and takes the model.
     options : mapping, optional
-        Ipopt's options; they win over all that are set here, in every run.
+        Ipopt's options; they win over all that are set here, in every run. Models without pairs, obstacles and regions
+        are scaled: Ipopt sees variables, rows and objective divided by their typical sizes; values, residuals and
+        multipliers come back in the model's units. A suffix ``scaling_factor`` of the model wins for what it names;
+        with the option ``nlp_scaling_method`` only that option scales.
     tee : bool or sequence of text streams
         Show Ipopt's log, on standard output or on these streams.
     time_limit : float, optional
         Seconds, for everything together; the run of Ipopt that goes on then ends with its iteration.
-    feasibility_tolerance : float
-        Largest violation of a constraint or bound in an acceptable point; relative to the largest term that the
-        constraint adds up there, or to the variable, where that is above 1.
-    complementarity_tolerance : float
-        Largest product ``a b`` in an acceptable point.
+    tolerances : mapping of str to float, optional
+        Of an acceptable point: ``"feasibility"`` is the largest violation of a constraint or bound, relative to the
+        largest term that the constraint adds up there, or to the variable, where that is above 1 (1e-6);
+        ``"complementarity"`` the largest product ``a b`` (1e-7); ``"natural"`` the largest ``|min(a, b)|`` of a pair
+        that is met exactly (1e-6); ``"stationarity"`` what may be left of first-order conditions (1e-5).
     progress : bool, optional
         Show a line per step; by default only on a terminal.
-    equations : bool
-        Among obstacles: whether the motion that the equations make of the plan's controls keeps clear as well, on a
-        finer mesh where it has to. False for robots whose controller tracks the polynomials of the plan.
-    scaling : bool, optional
-        Let Ipopt see variables, rows and objective divided by their typical sizes, where the model has no pairs. By
-        default so, except with obstacles and regions, whose rows are of size one where lengths are.
-        Values, residuals and multipliers come back in the model's units. A suffix ``scaling_factor`` of the model
-        wins for what it names; with Ipopt's option ``nlp_scaling_method`` only that option scales.
     mesh_tolerance : float, optional
         Where the estimated error of the objective is above this part of its size, or that of the motion above ten times
         as much of a state's size, the meshes of all phases get finer, in place, and the model is solved again from
@@ -217,26 +198,22 @@ def solve(
     """
     started = time.perf_counter()
     refuse_misplaced(model)
-    _check_limits(time_limit, feasibility_tolerance, complementarity_tolerance)
+    limits = checked_tolerances(tolerances)
+    if time_limit is not None and (not isinstance(time_limit, Real) or time_limit != time_limit):
+        raise ValueError(f"time_limit = {time_limit!r}; expected seconds, or None for no limit.")
     blocks, regions = avoidance_blocks(model), containments(model)
-    chosen, fallbacks = _backends(backend, vectorised=bool(blocks))
+    chosen, fallbacks = _backends(backend)
     settings = Settings(
-        relaxation=relaxation,
-        grouping=grouping,
+        **settings_of(strategies),
         backend=chosen,
         fallbacks=fallbacks,
-        strategies=_strategies(schedule, strategies),
         options=IpoptOptions(user=dict(options or {})),
-        tolerances=Tolerances(feasibility=feasibility_tolerance, product=complementarity_tolerance),
-        polish=polish,
-        exploration=exploration,
+        tolerances=limits,
         deadline=Deadline.after(time_limit),
         output=tuple(tee) if isinstance(tee, Sequence) else ((standard_output(),) if tee else ()),
         progress=Progress.of(progress),
-        scaling=False if scaling is None and (blocks or regions) else scaling,
+        scaling=not (blocks or regions),  # their rows are of size one where lengths are
     )
-    if exploration is not None and not exploration >= 0.0:
-        raise ValueError(f"exploration = {exploration!r}; expected a multiple of the solve's time, 0 or more.")
     if mesh_tolerance is not None and not (isinstance(mesh_tolerance, Real) and float(mesh_tolerance) > 0.0):
         raise ValueError(f"mesh_tolerance = {mesh_tolerance!r}; expected a number above 0, such as 1e-3, or None.")
     for phase in phases_of(model):
@@ -244,13 +221,12 @@ def solve(
     refuse_inconsistent_units(model)
     doubts = doubts_before_solve(model)
     for block in blocks:
-        check_clearances(block, feasibility_tolerance)
-        warn_about_soft_clearance(block)
+        check_clearances(block, limits.feasibility)
         check_motion(block)
-        check_digits(block, feasibility_tolerance)
+        check_digits(block, limits.feasibility)
     check_clocks(model, blocks)
     for region in regions:
-        check_fixed_inside(region, feasibility_tolerance)
+        check_fixed_inside(region, limits.feasibility)
         check_contained_motion(region)
 
     choices = open_choices(model)
@@ -259,14 +235,14 @@ def solve(
         if blocks or regions:
             # Where no plan is found, the recovery has other starts.
             without = replace(settings, second_tries=False)
-            return SafePlanning(model, blocks, regions, without, equations=equations).plan()
+            return SafePlanning(model, blocks, regions, without).plan()
         if mesh_tolerance is None or choices or are_renamed(phases_of(model)):
             return solve_model(model, settings)
         first = mesh_from_statement(phases_of(model))
-        result = FinerMeshes(model, mesh_tolerance, settings).solve()
+        result = solve_on_finer_meshes(model, mesh_tolerance, settings)
         if result.residuals:
             result = SwitchesAtBoundaries(model, settings).improved(result)
-        return replace(result, remarks=(*first.remarks, *result.remarks), doubts=(*_unseen(first), *result.doubts))
+        return replace(result, remarks=(*first, *result.remarks))
 
     if choices:
         result = solve_with_integer_controls(
@@ -277,6 +253,8 @@ def solve(
     # Controls that were rounded are free again: without their values the rows would be those of the relaxed problem.
     if result.quality is Quality.INFEASIBLE and not result.stop_reason.is_final and result.rounding is None:
         result = replace(result, least_violation=least_violation(model, settings.deadline))
+    if result.quality is not Quality.INFEASIBLE and not are_renamed(phases_of(model)):
+        result = replace(result, doubts=(*result.doubts, *_missed_between_points(phases_of(model))))
     fingerprint = None if result.safety is None else checksum_of_model(model)
     result = replace(
         result,
@@ -288,52 +266,31 @@ def solve(
     return result
 
 
-def _unseen(first: FirstMeshes) -> list[Finding]:
-    remedy = "Declare more elements, or a mesh= with boundaries where it changes."
-    return [Finding(Severity.WARNING, Subject.DATA, unseen, (), remedy) for unseen in first.unseen()]
+def _missed_between_points(phases: Iterable[Any]) -> Iterator[Finding]:
+    for phase in phases:
+        missed = sorted(stepped_over(phase), key=lambda found: -found[1])
+        for name, amount, moment in missed[:1]:
+            more = f", and {len(missed) - 1} more" if len(missed) > 1 else ""
+            yield Finding(
+                Severity.WARNING,
+                Subject.OUTCOME,
+                f"phase '{phase.name}': constraint '{name}' holds at the points of the mesh, and is missed between "
+                f"them, at t = {moment:.6g} by {amount:.2g}{more}.",
+                tuple(f"{phase.name}.{name}" for name, _, _ in missed),
+                "Take more elements, a margin, or for an obstacle an ObstacleAvoidanceBlock, which is kept in between.",
+            )
 
 
-def _check_limits(time_limit: Any, feasibility_tolerance: Any, complementarity_tolerance: Any) -> None:
-    tolerances = {
-        "feasibility_tolerance": feasibility_tolerance,
-        "complementarity_tolerance": complementarity_tolerance,
-    }
-    for name, tolerance in tolerances.items():
-        if not isinstance(tolerance, Real) or not float(tolerance) > 0.0:
-            raise ValueError(f"{name} = {tolerance!r}; expected a number above 0, such as 1e-6.")
-    if time_limit is not None and (not isinstance(time_limit, Real) or time_limit != time_limit):
-        raise ValueError(f"time_limit = {time_limit!r}; expected seconds, or None for no limit.")
-
-
-def _strategies(
-    schedule: Schedule | None, strategies: str | Strategy | Iterable[str | Strategy] | None
-) -> tuple[Strategy, ...] | None:
-    if schedule is not None and strategies is not None:
-        raise ValueError("schedule= is a strategy of its own; give it or strategies=, not both.")
-    if schedule is not None:
-        return (Strategy("schedule", schedule),)
-    return None if strategies is None else as_strategies(strategies)
-
-
-def _backends(choice: Backend | str | None, *, vectorised: bool) -> tuple[Backend, tuple[Backend, ...]]:
+def _backends(choice: Backend | str | None) -> tuple[Backend, tuple[Backend, ...]]:
     """The backend to take, and those to take where it cannot take or evaluate the model: none, where one is requested.
 
-    Parameters
-    ----------
-    choice : Backend, str or None
-    vectorised : bool
-        Whether the vectorised backend comes first. In models with obstacles each turned normal is part of the rows of
-        many corners. ASL differentiates such shared parts anew for each row, which takes several times as long.
+    CasADi's comes first: what rows share is differentiated once, and it needs nothing but a package from PyPI.
     """
     present = available_backends()
     if choice is None:
         best = best_backend()
         # The executable has the derivatives of ASL as well, and nothing that the others lack.
-        others: list[Backend] = [backend for backend in present if backend not in (best, Backend.EXECUTABLE)]
-        if vectorised and Backend.IN_PROCESS_VECTORISED in others:
-            others.remove(Backend.IN_PROCESS_VECTORISED)
-            best, others = Backend.IN_PROCESS_VECTORISED, [best, *others]
-        return best, tuple(others)
+        return best, tuple(backend for backend in present if backend not in (best, Backend.EXECUTABLE))
     words = {
         "asl": Backend.IN_PROCESS_ASL,
         "casadi": Backend.IN_PROCESS_CASADI,
@@ -341,7 +298,7 @@ def _backends(choice: Backend | str | None, *, vectorised: bool) -> tuple[Backen
         "executable": Backend.EXECUTABLE,
     }
     if choice == "in process":
-        wanted = Backend.IN_PROCESS_ASL if Backend.IN_PROCESS_ASL in present else Backend.IN_PROCESS_CASADI
+        wanted = next((b for b in present if b is not Backend.EXECUTABLE), Backend.IN_PROCESS_VECTORISED)
     elif isinstance(choice, Backend):
         wanted = choice
     elif choice in words:

@@ -20,10 +20,11 @@ from pyrobocop_pyomo.discretisation.estimates import ZERO_OBJECTIVE
 from pyrobocop_pyomo.discretisation.jump_times import jump_fractions
 from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.modeling.activity import is_inside
+from pyrobocop_pyomo.modeling.failures import undone_on_failure
 from pyrobocop_pyomo.numerics import Array, Mesh
 from pyrobocop_pyomo.numerics.remeshing import halves_of
 from pyrobocop_pyomo.phases import Control, phases_of
-from pyrobocop_pyomo.phases.remeshing import free_element_widths, remesh_phases
+from pyrobocop_pyomo.phases.remeshing import free_element_widths, put_on_meshes, remesh_phases
 from pyrobocop_pyomo.solving.ipopt_options import NEARLY_THERE
 from pyrobocop_pyomo.solving.iterates import Quality
 from pyrobocop_pyomo.solving.procedure import solve_model
@@ -115,15 +116,13 @@ class SwitchesAtBoundaries:
         if self._may_try():
             point = PlanningPoint(self._model)
             try:
-                moved, remark = self._on_moved_boundaries(first)
+                with undone_on_failure(point.restore):
+                    moved, remark = self._on_moved_boundaries(first)
                 if moved is not None:
                     return moved
             except PyRobocopError as error:
                 logger.info("'%s': no answer on moved element boundaries: %s", self._model.name, error)
                 remark = f"Element boundaries cannot be moved to the switches here: {error}"
-            except BaseException:
-                point.restore()
-                raise
             point.restore()
         remarks = (*first.remarks, remark) if remark and switches else first.remarks
         return replace(first, doubts=(*first.doubts, *doubts), remarks=remarks)
@@ -214,7 +213,7 @@ class SwitchesAtBoundaries:
                 copy.del_component(EQUAL_WIDTHS)
             phases = [copy.find_component(phase) for phase in self._phases]
             if solved is not None:
-                remesh_phases({twin: halves_of(twin.grid.mesh) for twin in phases})
+                put_on_meshes({twin: halves_of(twin.grid.mesh) for twin in phases})
             _keep_equal_widths(copy, phases, _Switched(copy, phases))
             found = self._solved(copy, warm)
             results.append(found)

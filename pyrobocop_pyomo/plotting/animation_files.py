@@ -8,11 +8,10 @@ import sys
 import tempfile
 import weakref
 from base64 import b64encode
-from html import escape
 from pathlib import Path, PosixPath, WindowsPath
 from typing import Any
 
-from pyrobocop_pyomo.errors import GeometryError
+from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.optional_imports import animation, matplotlib
 
 if sys.platform == "win32":
@@ -22,7 +21,7 @@ else:
 
 
 class AnimationFile(_OwnPath):
-    """Path of a GIF, MP4 or HTML file; at the end of a notebook cell, its animation plays.
+    """Path of a GIF or MP4 file; at the end of a notebook cell, its animation plays.
 
     The notebook holds a copy of the animation, and needs the file no longer. A temporary file is there as long as this
     object, and is removed with it, at the latest when Python ends; `save` keeps it.
@@ -35,12 +34,12 @@ class AnimationFile(_OwnPath):
         ----------
         path : str or Path
             A name that ends in ``.mp4`` makes a film (by the program ffmpeg), any other a GIF, whose suffix is made
-            ``.gif``. Only a page can be saved as ``.html``, and only so.
+            ``.gif``.
 
         Raises
         ------
-        GeometryError
-            Where ffmpeg is needed and not found, or fails, or a page would have to be made of pictures or the reverse.
+        ObstacleError
+            Where ffmpeg is needed and not found, or fails.
         FileNotFoundError
             When the file of this animation is gone.
         """
@@ -49,11 +48,6 @@ class AnimationFile(_OwnPath):
             if not (target.exists() and target.samefile(self)):
                 shutil.copyfile(self, target)
             return target
-        if is_page(self) or is_page(target):
-            raise GeometryError(
-                f"'{self}' cannot become '{target}': a page holds bodies, other animations hold pictures. Write the "
-                "animation again, with this name."
-            )
         program = _ffmpeg(path)
         self.stat()
         # Players want an even number of pixels, and colours at half the resolution.
@@ -61,15 +55,12 @@ class AnimationFile(_OwnPath):
         command = [program, "-y", "-v", "error", "-i", str(self), *filters, str(target)]
         made = subprocess.run(command, capture_output=True, text=True, check=False)
         if made.returncode:
-            raise GeometryError(f"ffmpeg did not turn '{self}' into '{target}': {made.stderr.strip()}")
+            raise ObstacleError(f"ffmpeg did not turn '{self}' into '{target}': {made.stderr.strip()}")
         return target
 
     def _repr_html_(self) -> str | None:
         if not self.is_file():
             return None
-        if is_page(self):
-            page = escape(self.read_text(encoding="utf-8"))
-            return f'<iframe srcdoc="{page}" style="width: 100%; height: 480px; border: none"></iframe>'
         data = b64encode(self.read_bytes()).decode("ascii")
         if _is_film(self):
             return f'<video controls autoplay loop muted src="data:video/mp4;base64,{data}"></video>'
@@ -77,20 +68,20 @@ class AnimationFile(_OwnPath):
 
 
 def animation_file(path: str | Path | None) -> AnimationFile:
-    """Where an animation goes: ``.mp4`` and ``.html`` as named, any other as ``.gif``; None: a temporary file.
+    """Where an animation goes: ``.mp4`` as named, any other as ``.gif``; None: a temporary file.
 
     Raises
     ------
-    GeometryError
-        For MP4 without the program that writes it.
+    ObstacleError
+        For MP4 without the program that writes it, and for HTML.
     """
     if path is None:
         folder = tempfile.mkdtemp(prefix="pyrobocop_")
         made = AnimationFile(Path(folder) / "animation.gif")
         weakref.finalize(made, shutil.rmtree, folder, ignore_errors=True)
         return made
-    if is_page(Path(path)):
-        return AnimationFile(path)
+    if Path(path).suffix.lower() == ".html":
+        raise ObstacleError(f"'{path}': pages are not written any more. Name a .gif or an .mp4 file.")
     if not _is_film(Path(path)):
         return AnimationFile(Path(path).with_suffix(".gif"))
     _ffmpeg(path)
@@ -103,11 +94,6 @@ def frame_writer(path: AnimationFile, frames_per_second: float) -> Any:
     return kind(fps=frames_per_second)
 
 
-def is_page(path: Path) -> bool:
-    """Whether an animation is a web page, and not a series of pictures."""
-    return path.suffix.lower() == ".html"
-
-
 def _is_film(path: Path) -> bool:
     return path.suffix.lower() == ".mp4"
 
@@ -115,7 +101,7 @@ def _is_film(path: Path) -> bool:
 def _ffmpeg(path: str | Path) -> str:
     """The program that writes films; an error where it is not found."""
     if not animation.FFMpegWriter.isAvailable():
-        raise GeometryError(
+        raise ObstacleError(
             f"'{path}': MP4 files are written by the program ffmpeg, and Matplotlib does not find it. Install it (apt "
             "install ffmpeg, brew install ffmpeg, conda install ffmpeg), set matplotlib.rcParams['animation."
             "ffmpeg_path'], or write a file that ends in .gif, which needs nothing."

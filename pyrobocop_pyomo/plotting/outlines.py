@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from pyrobocop_pyomo.geometry.polyhedra import affine_basis, affine_rank, convex_hull
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.optional_imports import scipy
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
 _CORNERS_OF_A_CIRCLE = 48
 
@@ -64,62 +65,33 @@ def faces(shape: Any, view: Array | None = None) -> list[Array]:
     polygons = [_clipped(face, *frame) for face in whole]
     if len(whole) > 1:
         # The corners of the frame that lie in the shape close the cut faces.
-        sides = scipy.spatial.ConvexHull(points).equations
+        hull = convex_hull(points)
         corners = np.array(list(product(*frame.T)))
-        polygons.append(corners[(corners @ sides[:, :-1].T + sides[:, -1]).max(axis=1) <= 0])
+        polygons.append(corners[(corners @ hull.normals.T - hull.offsets).max(axis=1) <= 0])
     remaining = np.concatenate(polygons)
     return convex_faces(remaining) if len(remaining) else []
 
 
 def convex_outline(points: Array) -> Array:
-    """Corners of the convex hull of points in the plane, counter-clockwise; shape (k, 2). Flat sets are allowed.
+    """Corners of the convex hull of points that lie in one plane, in order; counter-clockwise where that is all space.
 
-    References
-    ----------
-    Andrew, Another efficient algorithm for convex hulls in two dimensions, Information Processing Letters 9 (1979),
-    doi:10.1016/0020-0190(79)90072-3
+    Of points on a line the two ends, of one point itself.
     """
-    ordered = np.unique(points, axis=0)
-    if len(ordered) < 3:
-        return ordered
-    # Corners within rounding of an edge are left out, else a segment would become a thin triangle.
-    negligible = 1e-12 * float(np.ptp(ordered, axis=0).max()) ** 2
-    chains = []
-    for chain in (ordered, ordered[::-1]):
-        kept: list[Array] = []
-        for point in chain:
-            while len(kept) > 1 and _turn(kept[-2], kept[-1], point) <= negligible:
-                kept.pop()
-            kept.append(point)
-        chains += kept[:-1]
-    return np.array(chains)
+    basis = affine_basis(points, np.zeros((0, points.shape[1])))
+    if not len(basis):
+        return points[:1]
+    flat = len(basis) < points.shape[1]  # as it is elsewhere, for the basis may mirror the order
+    return np.asarray(points[convex_hull(points @ basis.T if flat else points).corners])
 
 
 def convex_faces(points: Array) -> list[Array]:
     """Faces of the convex hull of points in space, each as its corners in order; flat sets are one face."""
-    centre = points.mean(axis=0)
-    _, sizes, axes = np.linalg.svd(points - centre, full_matrices=False)
-    rank = int((sizes > 1e-9 * max(float(sizes[0]), 1e-300)).sum())
-    if rank < 3:
-        plane = axes[:2]
-        return [convex_outline((points - centre) @ plane.T) @ plane + centre]
-    hull = scipy.spatial.ConvexHull(points)
-    # The hull is made of triangles; those in one plane belong to one face.
-    planes: dict[tuple[float, ...], set[int]] = {}
-    for equation, simplex in zip(np.round(hull.equations, 9) + 0.0, hull.simplices, strict=True):
-        planes.setdefault(tuple(equation.tolist()), set()).update(simplex.tolist())
-    found = []
-    for equation, corners in planes.items():
-        _, _, within = np.linalg.svd(np.array(equation[:3])[None, :])
-        own, plane = points[sorted(corners)], within[1:]
-        middle = own.mean(axis=0)
-        found.append(convex_outline((own - middle) @ plane.T) @ plane + middle)
-    return found
-
-
-def _turn(a: Array, b: Array, c: Array) -> float:
-    """Twice the signed area of a triangle: positive for a turn to the left."""
-    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+    if affine_rank(points, np.zeros((0, 3))) < 3:
+        return [convex_outline(points)]
+    hull = convex_hull(points)
+    near = NEGLIGIBLE * float(np.ptp(points, axis=0).max())
+    depths = hull.offsets - points @ hull.normals.T
+    return [convex_outline(points[depth <= near]) for depth in depths.T]
 
 
 def padded(points: Array, radius: float) -> Array:

@@ -9,16 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import GeometryError
+from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import art3d, matplotlib
 
-from .animation_files import AnimationFile, animation_file, frame_writer, is_page
+from .animation_files import AnimationFile, animation_file, frame_writer
 from .figures import figure_or_new
 from .outlines import faces, outline
 from .time_colours import evenly_moved, time_colours
-from .viewer_pages import write_page
 
 
 def draw_scene(
@@ -61,7 +60,7 @@ def draw_scene(
 
     Raises
     ------
-    GeometryError
+    ObstacleError
         When there is no body, bodies or obstacles differ in dimension, or the number of poses is not that of times.
     """
     time = np.asarray(time, dtype=float)
@@ -86,17 +85,17 @@ def draw_scene(
 def check_scene(time: Array, bodies: Sequence[BodyPath], obstacles: Sequence[Any]) -> int:
     """The dimension of a scene, after checking that its parts fit together."""
     if not bodies:
-        raise GeometryError("a scene without a body: nothing would move. Give at least one BodyPath.")
+        raise ObstacleError("a scene without a body: nothing would move. Give at least one BodyPath.")
     dimension = bodies[0].dimension
     for item in (*bodies, *obstacles):
         if item.dimension != dimension:
-            raise GeometryError(
+            raise ObstacleError(
                 f"'{item.name}' has dimension {item.dimension} and '{bodies[0].name}' has {dimension}: a scene is "
                 "either planar or spatial."
             )
     for body in bodies:
         if len(body.translation) != len(time):
-            raise GeometryError(f"body '{body.name}' has {len(body.translation)} poses at {len(time)} times.")
+            raise ObstacleError(f"body '{body.name}' has {len(body.translation)} poses at {len(time)} times.")
     return dimension
 
 
@@ -215,17 +214,15 @@ def animate_scene(
     bodies, obstacles, view, title, unit
         As in `draw_scene`.
     path : str or Path, optional
-        Where to write: a name that ends in ``.html`` makes a web page with meshcat's viewer, to be turned and zoomed in
-        a browser (extra ``view``); ``.mp4`` makes a film (by the program ffmpeg), any other a GIF, whose suffix is made
-        ``.gif``. A temporary GIF by default.
+        Where to write: a name that ends in ``.mp4`` makes a film (by the program ffmpeg), any other a GIF, whose suffix
+        is made ``.gif``. A temporary GIF by default.
     frames : int
-        Pictures, at equal distances in time; each shows the poses of the given time nearest to its own. A page has the
-        poses of all times, and moves bodies straight between them.
+        Pictures, at equal distances in time; each shows the poses of the given time nearest to its own.
     seconds : float, optional
         How long the animation runs; as long as the motion, but between 2 and 10 s, by default. The last picture stays
         for another second.
     size : (width, height)
-        Of the picture, inches; 100 pixels each. A page fills the window of the browser.
+        Of the picture, inches; 100 pixels each.
 
     Returns
     -------
@@ -234,21 +231,17 @@ def animate_scene(
 
     Raises
     ------
-    GeometryError
+    ObstacleError
         As in `draw_scene`, or when there are fewer than two frames, no time for them, or no ffmpeg for a film.
     """
     time = np.asarray(time, dtype=float)
     check_scene(time, bodies, obstacles)
     lasts = float(np.clip(time[-1] - time[0], 2.0, 10.0)) if seconds is None else float(seconds)
     if frames < 2 or not lasts > 0:
-        raise GeometryError(f"an animation of {frames} frames in {lasts:g} s; give at least 2, and a positive time.")
+        raise ObstacleError(f"an animation of {frames} frames in {lasts:g} s; give at least 2, and a positive time.")
     target = animation_file(path)
     window = _window(bodies, obstacles) if view is None else np.asarray(view, dtype=float)
     forces = _arrows(bodies, 0.25 * float((window[1] - window[0]).max()))
-    if is_page(target):
-        speed = float(time[-1] - time[0]) / lasts
-        write_page(target, time, bodies, obstacles, forces, window=window, speed=speed, title=title)
-        return target
     figure = matplotlib.figure.Figure(figsize=size, dpi=100, layout="constrained")
     axis = scene_axis(figure, bodies, obstacles, view=view, title=title, unit=unit)
     for body in bodies:
@@ -324,14 +317,14 @@ class BodyPath:
         rotation, translation = np.asarray(self.rotation, float), np.asarray(self.translation, float)
         d = translation.shape[-1] if translation.ndim == 2 else 0
         if rotation.shape != (len(translation), d, d) or any(part.dimension != d for part in parts):
-            raise GeometryError(
+            raise ObstacleError(
                 f"body '{self.name}': parts of dimension {[part.dimension for part in parts]}, rotations of shape "
                 f"{rotation.shape}, translations of shape {translation.shape}; expected are (T, d, d) and (T, d)."
             )
         for name in ("force", "contact"):
             value = getattr(self, name)
             if value is not None and np.shape(value) != translation.shape:
-                raise GeometryError(
+                raise ObstacleError(
                     f"body '{self.name}': {name} of shape {np.shape(value)}; expected is that of the translations, "
                     f"{translation.shape}."
                 )

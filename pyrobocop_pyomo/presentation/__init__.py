@@ -3,7 +3,6 @@
 from .html import Html, disclosed_text, facts_table, page, paragraph, table
 from .presented import Presented, as_html, one_line
 from .shares import percent
-from .thumbnails import outline_picture, path_picture, sparkline
 
 __all__ = [
     "Html",
@@ -12,11 +11,8 @@ __all__ = [
     "disclosed_text",
     "facts_table",
     "one_line",
-    "outline_picture",
     "page",
     "paragraph",
-    "path_picture",
     "percent",
-    "sparkline",
     "table",
 ]

@@ -16,13 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import BuildFailed
-from pyrobocop_pyomo.native.shared_library import (
-    SWITCH_VARIABLE,
-    build_shared_library,
-    native_allowed,
-    shared_library,
-)
+from pyrobocop_pyomo.native.shared_library import SWITCH_VARIABLE, library_file, native_allowed, shared_library
 from pyrobocop_pyomo.optional_imports import casadi
 
 from .nonlinear_program import FloatArray
@@ -31,7 +25,6 @@ logger = logging.getLogger(__name__)
 
 TERM_EVALUATION = "term_evaluation"
 SOURCE = Path(__file__).with_name("term_evaluation.c")
-VERSION = 1
 
 # In the order of the source: each number there is a place here. Those from ADD on are CasADi's names.
 OPERATIONS = (
@@ -72,22 +65,16 @@ class SumsStructure(ctypes.Structure):
 
 @functools.cache
 def _library() -> ctypes.CDLL | None:
-    path = shared_library(TERM_EVALUATION, [SOURCE])
+    path = shared_library(TERM_EVALUATION)
     if path is None:
         return None
-    try:
-        library = ctypes.CDLL(str(path))
-        if library.term_evaluation_version() != VERSION:
-            return None
-        _declare(library)
-    except (OSError, AttributeError) as error:
-        logger.info("without compiled evaluation: '%s' cannot be loaded: %s", path, error)
-        return None
+    library = ctypes.CDLL(str(path))
+    _declare(library)
     return library
 
 
 def evaluation_library() -> ctypes.CDLL | None:
-    """The compiled evaluation; None where it is switched off or cannot be compiled, and NumPy evaluates."""
+    """The compiled evaluation; None where it is switched off or was not compiled, and NumPy evaluates."""
     return _library() if native_allowed() else None
 
 
@@ -95,12 +82,10 @@ def how_terms_are_evaluated() -> str:
     """One line for people: the compiled evaluation and its file, or NumPy and why."""
     if not native_allowed():
         return f"evaluated by NumPy: {SWITCH_VARIABLE} is '{os.environ[SWITCH_VARIABLE]}'"
-    try:
-        path = build_shared_library("term_evaluation", [SOURCE])
-    except BuildFailed as error:
-        return f"evaluated by NumPy: {error}"
+    path = library_file(TERM_EVALUATION)
     if evaluation_library() is None:
-        return f"evaluated by NumPy: '{path}' cannot be loaded"
+        why = "cannot be loaded" if path.is_file() else "is not there. Run: python -m pyrobocop_pyomo build-native"
+        return f"evaluated by NumPy: '{path}' {why}"
     return f"evaluated by compiled code: {path}"
 
 

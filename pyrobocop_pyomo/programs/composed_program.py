@@ -15,37 +15,18 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.modeling.functions import Function
 
-from .nonlinear_program import FloatArray, IndexArray, NonlinearProgram
+from .nonlinear_program import FloatArray
 from .sparse_entries import merged_places, ranges, summed
+from .vectorised_program import ArgumentRows, VectorisedProgram
 
 logger = logging.getLogger(__name__)
-
-
-class Rows(Protocol):
-    """Rows with derivatives; a `NonlinearProgram` is one."""
-
-    m: int
-    jacobian_structure: tuple[IndexArray, IndexArray]
-    hessian_structure: tuple[IndexArray, IndexArray]
-
-    def constraints(self, x: FloatArray) -> FloatArray:
-        """Values, shape (m,)."""
-        ...
-
-    def jacobian(self, x: FloatArray) -> FloatArray:
-        """Values of the Jacobian in the order of `jacobian_structure`."""
-        ...
-
-    def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
-        """Values of the Hessian of multipliers @ rows in the order of `hessian_structure`."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,16 +37,13 @@ class Points:
     ----------
     function : Function
     rows : int array, shape (points, inputs)
-        Rows of the level that are the arguments; -1 for one that is a number.
-    numbers : float array, shape (points, inputs)
-        What is added to those rows, or is the argument by itself.
+        Rows of the level that are the arguments; each row is one argument.
     outputs : int array, shape (points, outputs)
         Places among all y, -1 for an output that nothing uses.
     """
 
     function: Function
     rows: np.ndarray
-    numbers: FloatArray
     outputs: np.ndarray
 
 
@@ -75,15 +53,11 @@ class Level:
 
     Attributes
     ----------
-    arguments : Rows or None
-        None where all arguments are numbers.
-    columns : int array
-        The places of its variables in the vector of x and y.
+    arguments : ArgumentRows
     points : list of Points
     """
 
-    arguments: Rows | None
-    columns: np.ndarray
+    arguments: ArgumentRows
     points: list[Points]
 
 
@@ -144,18 +118,13 @@ class _Congruence:
 class _PointDerivatives:
     """Derivatives of all calls of one function on a level, as dense blocks by the x that each call depends on."""
 
-    def __init__(self, points: Points, product: _Product | None, dependence: _Dependence, n: int) -> None:
+    def __init__(self, level: Level, points: Points, product: _Product, dependence: _Dependence, n: int) -> None:
         self.points = points
         count, inputs = points.rows.shape
-        rows, columns = (product.rows, product.columns) if product is not None else (np.empty(0, dtype=np.intp),) * 2
-        # One row may be the argument of several calls.
-        arguments = np.flatnonzero(points.rows.ravel() >= 0)
-        arguments = arguments[np.argsort(points.rows.ravel()[arguments], kind="stable")]
-        size = 1 + max(rows.max(initial=-1), points.rows.max(initial=-1))
-        owners = np.bincount(points.rows.ravel()[arguments], minlength=size)
-        self._entries = np.repeat(np.arange(rows.size), owners[rows])
-        argument = arguments[ranges((np.cumsum(owners) - owners)[rows], owners[rows])]
-        columns = columns[self._entries]
+        argument_of = np.full(level.arguments.m, -1, dtype=np.intp)
+        argument_of[points.rows.ravel()] = np.arange(points.rows.size)
+        self._entries = np.flatnonzero(argument_of[product.rows] >= 0)
+        argument, columns = argument_of[product.rows[self._entries]], product.columns[self._entries]
         keys, place = np.unique((argument // inputs) * n + columns, return_inverse=True)
         sizes = np.bincount(keys // n, minlength=count)
         width = int(sizes.max(initial=0))
@@ -199,28 +168,22 @@ class _PointDerivatives:
 class _LevelDerivatives:
     """A level with what its derivatives are put together from."""
 
-    def __init__(self, level: Level, dependence: _Dependence, n: int) -> None:
+    def __init__(self, level: Level, columns: np.ndarray, dependence: _Dependence, n: int) -> None:
         self.level = level
-        self.jacobian = np.empty(0)
-        self.product: _Product | None = None
-        self.congruence: _Congruence | None = None
-        if level.arguments is not None:
-            rows, columns = level.arguments.jacobian_structure
-            self.product = _Product(dependence, rows, level.columns[columns])
-            first, second = level.arguments.hessian_structure
-            self.congruence = _Congruence(dependence, level.columns[first], level.columns[second])
-            # Derivatives by y, for the adjoints of lower levels.
-            self.by_y = np.flatnonzero(level.columns[columns] >= n)
-            self.y_of = level.columns[columns][self.by_y] - n
-            self.row_of = rows[self.by_y]
-        self.points = [_PointDerivatives(points, self.product, dependence, n) for points in level.points]
+        rows, by = level.arguments.jacobian_structure
+        by = columns[by]
+        self.jacobian = np.zeros(rows.size)
+        self.product = _Product(dependence, rows, by)
+        self.congruence = _Congruence(dependence, *(columns[index] for index in level.arguments.hessian_structure))
+        # Derivatives by y, for the adjoints of lower levels.
+        self.by_y = np.flatnonzero(by >= n)
+        self.y_of, self.row_of = by[self.by_y] - n, rows[self.by_y]
+        self.points = [_PointDerivatives(level, points, self.product, dependence, n) for points in level.points]
 
-    def inputs(self, z: FloatArray) -> list[FloatArray]:
+    def inputs(self, x: FloatArray) -> list[FloatArray]:
         """Arguments of the calls, one array for each function."""
-        arguments = self.level.arguments
-        rows = np.empty(0) if arguments is None else arguments.constraints(z[self.level.columns])
-        rows = np.append(rows, 0.0)  # what is a number has the row -1
-        return [rows[points.rows] + points.numbers for points in self.level.points]
+        rows = self.level.arguments.constraints(x)
+        return [rows[points.rows] for points in self.level.points]
 
 
 class ComposedProgram:
@@ -228,7 +191,7 @@ class ComposedProgram:
 
     Parameters
     ----------
-    main : NonlinearProgram
+    main : VectorisedProgram
         The objective and the rows, with variables that stand for the outputs of calls.
     columns : int array
         The places of its variables in the vector of x and y.
@@ -238,26 +201,21 @@ class ComposedProgram:
         From the lowest on.
     outputs : int
         Count of y.
-    sources : sequence of (program, int array)
-        Where bounds and first values of x are read: programs with the places of their variables in the vector of x
-        and y.
     """
 
     def __init__(
         self,
-        main: NonlinearProgram,
+        main: VectorisedProgram,
         columns: np.ndarray,
         n: int,
         levels: Sequence[Level],
         outputs: int,
-        sources: Sequence[tuple[Any, np.ndarray]],
     ) -> None:
         self._main, self._columns, self.n, self._y = main, columns, n, outputs
-        self._sources = sources
         self.m = main.m
         self.g_multipliers_start: FloatArray | None = None
         dependence = _Dependence(n, outputs)
-        self._levels = [_LevelDerivatives(level, dependence, n) for level in levels]
+        self._levels = [_LevelDerivatives(level, columns, dependence, n) for level in levels]
         self._dependence = np.ones(dependence.columns.size)
         rows, by = main.jacobian_structure
         by = columns[by]
@@ -269,7 +227,7 @@ class ComposedProgram:
         self._congruence = _Congruence(dependence, *(columns[index] for index in main.hessian_structure))
         parts: list[Any] = [self._congruence]
         for level in self._levels:
-            parts += [part for part in (level.congruence, *level.points) if part is not None]
+            parts += [level.congruence, *level.points]
         self.hessian_structure, self._hessian_places = merged_places([(part.rows, part.columns) for part in parts], n)
         self._z_at: FloatArray | None = None
         self._differentiated_at: FloatArray | None = None
@@ -278,17 +236,14 @@ class ComposedProgram:
         self._check_derivatives()
 
     def refresh(self) -> None:
-        """Read the numbers of the model again, where the programs around the functions can."""
-        self._main.refresh()  # type: ignore[attr-defined]
+        """Read the numbers of the model again; see `VectorisedProgram.refresh`."""
+        self._main.refresh()
         self._read()
 
     def _read(self) -> None:
-        size = self.n + self._y
-        x_lower, x_upper, x_start = np.full(size, -np.inf), np.full(size, np.inf), np.zeros(size)
-        for source, columns in self._sources:
-            x_lower[columns], x_upper[columns] = source.x_lower, source.x_upper
-            x_start[columns] = source.x_start
-        self.x_lower, self.x_upper, self.x_start = x_lower[: self.n], x_upper[: self.n], x_start[: self.n]
+        of_x = np.argsort(self._columns)[: self.n]
+        main = self._main
+        self.x_lower, self.x_upper, self.x_start = main.x_lower[of_x], main.x_upper[of_x], main.x_start[of_x]
         self.g_lower, self.g_upper = self._main.g_lower, self._main.g_upper
         self._z_at = self._differentiated_at = None
 
@@ -300,7 +255,7 @@ class ComposedProgram:
             logger.warning("a Python function has no value at the first point of the model: %s", error)
             return
         for level in self._levels:
-            for points, inputs in zip(level.level.points, level.inputs(self._z), strict=True):
+            for points, inputs in zip(level.level.points, level.inputs(self._z[self._columns]), strict=True):
                 points.function.check_derivatives_once(inputs)
 
     # ---------------------------------------------------------------- evaluation
@@ -313,7 +268,7 @@ class ComposedProgram:
             z[: self.n] = x
             self._inputs = []
             for level in self._levels:
-                inputs = level.inputs(z)
+                inputs = level.inputs(z[self._columns])
                 self._inputs.append(inputs)
                 for points, X in zip(level.level.points, inputs, strict=True):
                     used = points.outputs >= 0
@@ -327,10 +282,8 @@ class ComposedProgram:
         if self._differentiated_at is None or not np.array_equal(self._differentiated_at, x):
             self._differentiated_at = None
             for level, inputs in zip(self._levels, self._inputs, strict=True):
-                summands = np.empty(0)
-                if level.product is not None and level.level.arguments is not None:
-                    level.jacobian = level.level.arguments.jacobian(self._z[level.level.columns])
-                    summands = level.product.values(level.jacobian, self._dependence)
+                level.jacobian = level.level.arguments.jacobian(z)
+                summands = level.product.values(level.jacobian, self._dependence)
                 for points, X in zip(level.points, inputs, strict=True):
                     points.differentiate(X, summands, self._dependence)
             self._differentiated_at = np.array(x)
@@ -367,19 +320,15 @@ class ComposedProgram:
         upper: list[list[FloatArray]] = []
         for level in reversed(self._levels):
             arguments = level.level.arguments
-            of_rows = np.zeros(0 if arguments is None else arguments.m)
+            of_rows = np.zeros(arguments.m)
             of_points = []
             for points in level.points:
                 of_outputs = np.zeros(points.used.shape)
                 of_outputs[points.used] = adjoint[points.points.outputs[points.used]]
-                of_inputs = np.einsum("po,poi->pi", of_outputs, points.jacobian)
-                known = points.points.rows >= 0
-                of_rows += summed(points.points.rows[known], [of_inputs[known]], of_rows.size)
+                of_rows[points.points.rows] = np.einsum("po,poi->pi", of_outputs, points.jacobian)
                 of_points.append(points.second(of_outputs))
-            if arguments is not None and level.congruence is not None:
-                adjoint += summed(level.y_of, [of_rows[level.row_of] * level.jacobian[level.by_y]], self._y)
-                hessian = arguments.hessian(self._z[level.level.columns], 0.0, of_rows)
-                of_points.insert(0, level.congruence.values(hessian, self._dependence))
+            adjoint += summed(level.y_of, [of_rows[level.row_of] * level.jacobian[level.by_y]], self._y)
+            of_points.insert(0, level.congruence.values(arguments.hessian(z, 0.0, of_rows), self._dependence))
             upper.insert(0, of_points)
         for of_points in upper:
             blocks += of_points

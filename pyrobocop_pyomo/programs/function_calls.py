@@ -136,11 +136,6 @@ class FunctionCalls:
                 self.calls.append(new)
 
 
-def calls_in(expression: Any) -> list[Any]:
-    """Nodes of an expression that call Python functions, without those in their arguments."""
-    return list(topmost_nodes((expression,), is_function_call))
-
-
 def _held(arguments: Any) -> tuple[list[Any], bool, list[Any]]:
     """Calls in arguments, whether a variable is free there, and what is fixed or a parameter."""
     inner, free, given = [], False, []

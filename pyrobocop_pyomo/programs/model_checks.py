@@ -241,10 +241,5 @@ def _undefined(owner: str, reason: str) -> EvaluationError:
     )
 
 
-def active_expressions(model: BlockData) -> Iterator[Any]:
-    """Expressions of the active rows and objectives."""
-    return (row.expr for row in _active_rows(model))
-
-
 def _active_rows(model: BlockData) -> Iterator[Any]:
     return model.component_data_objects((Constraint, Objective), active=True, descend_into=True)

@@ -14,7 +14,7 @@ from pyomo.core.base.objective import Objective
 from pyomo.core.base.set import Reals
 from pyomo.core.base.var import VarData
 
-from pyrobocop_pyomo.errors import ModelError, StructureChanged
+from pyrobocop_pyomo.errors import ModelError
 
 from .model_checks import number_in
 from .model_terms import ModelTerms
@@ -73,7 +73,7 @@ class ModelNumbers:
 
         Raises
         ------
-        StructureChanged
+        ModelError
             When variables were fixed or unfixed, rows or named expressions got other expressions, rows were added,
             deleted, replaced, activated or deactivated, or the objective got another sense.
         InfeasibleConstraintException
@@ -168,7 +168,7 @@ class ModelNumbers:
         elif any(map(is_not, map(_DOMAIN, self._variables), self._domains)):
             change = "variables got other domains"
         if change is not None:
-            raise StructureChanged(f"'{terms.model.name}': {change} since it was prepared. Prepare it again.")
+            raise ModelError(f"'{terms.model.name}': {change} since it was prepared. Prepare it again.")
 
     def _are_other_rows(self, rows: list[Any]) -> bool:
         same = len(rows) == len(self._rows) and not any(map(is_not, rows, self._rows))

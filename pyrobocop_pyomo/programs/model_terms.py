@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain, groupby, repeat
-from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +18,6 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_nodes import CONSTANT, DIVISION, LEAF, NAMED, NEGATION, PRODUCT, SUMMATION
 from pyrobocop_pyomo.modeling.functions import is_function_call
 
-from .alike_rows import FEWEST_ALIKE, split_alike
 from .expression_codes import FACTORS, REMEDY, SCALED_SUM, NodeKinds
 from .function_calls import FunctionCall, FunctionCalls
 from .model_checks import check_variables, external_function_refused, single_objective
@@ -94,50 +90,10 @@ class Terms:
             self._terms += _nonlinear_terms(row, parts)
         return variable
 
-    def add_alike(self, first: int, bodies: Sequence[Any]) -> bool:
-        """Add rows with the numbers from `first` on, all at once.
-
-        Returns
-        -------
-        bool
-            False when nothing was added: they are not written alike, or one of them may have no free variables.
-        """
-        if len(bodies) < FEWEST_ALIKE:
-            return False
-        try:
-            split = split_alike(bodies, self._kinds, self._content, self._is_long_sum)
-        except ModelError:
-            return False  # the walk over one row after the other finds it again, and knows where it is
-        if split is None:
-            return False
-        # Row by row, which is the order in which variables are numbered.
-        columns = self.columns.of(list(chain.from_iterable(zip(*(nodes for nodes, _ in split.leaves), strict=True))))
-        width = len(split.leaves)
-        if (np.array(columns).reshape(-1, width) < 0).all(axis=1).any():
-            return False
-        rows = range(first, first + len(bodies))
-        self.linear_rows += chain.from_iterable(zip(*repeat(rows, width), strict=True))
-        self.linear_columns += columns
-        self.linear_coefficients += chain.from_iterable(zip(*(scales for _, scales in split.leaves), strict=True))
-        if split.constants:
-            sums = zip(rows, map(sum, zip(*split.constants, strict=True)), strict=True)
-            self.constants.update((row, constant) for row, constant in sums if constant)
-        if len(split.parts) == 1:
-            ((own, factors),) = split.parts
-            self._terms += [
-                NonlinearTerm(row, factor, (node,), None, ())
-                for row, node, factor in zip(rows, own, factors, strict=True)
-            ]
-        elif split.parts:
-            nodes = zip(*(nodes for nodes, _ in split.parts), strict=True)
-            scales = zip(*(scales for _, scales in split.parts), strict=True)
-            for row, own, factors in zip(rows, nodes, scales, strict=True):
-                self._terms += _nonlinear_terms(row, [_Summand(*pair, ()) for pair in zip(own, factors, strict=True)])
-        return True
-
     def group(self) -> None:
         """Put the terms of all rows that were added into groups of one shape."""
-        self.groups.put(self._terms)
+        for term in self._terms:
+            self.groups.put(term)
         self._terms.clear()
 
     def linear_parts(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
@@ -153,7 +109,7 @@ class Terms:
             node = pending.pop()
             kind = self._kinds[node.__class__]
             if kind == LEAF:
-                if self.columns.of([node])[0] >= 0:
+                if self.columns.of(node) >= 0:
                     return True
             elif kind != CONSTANT and id(node) not in entered:
                 entered.add(id(node))
@@ -328,38 +284,33 @@ def collect_terms(model: BlockData) -> ModelTerms:
         sign=1.0 if objective is None or objective.is_minimizing() else -1.0,
     )
     with PauseGC():
-        every = model.component_data_objects(Constraint, active=True, descend_into=True)
-        for _, constraints in groupby(every, attrgetter("_component")):
-            _add_rows(found, list(constraints))
+        for constraint in model.component_data_objects(Constraint, active=True, descend_into=True):
+            _add_row(found, constraint)
         if objective is not None:
             found.cost.add(0, objective.expr, found.sign, keep_constant=True)
             found.cost.named_expressions[id(objective)] = (objective, objective._args_[0])
         found.rows.group()
         found.cost.group()
-        columns.of(calls.given)  # also what only arguments hold may change, and is read again
+        for leaf in calls.given:
+            columns.of(leaf)  # also what only arguments hold may change, and is read again
         found.arguments += [_arguments_of(level, columns, calls) for level in calls.levels]
     check_variables(model, found.variables)
     return found
 
 
-def _add_rows(found: ModelTerms, constraints: list[ConstraintData]) -> None:
-    """Add the rows of one component."""
-    rows = [(constraint, *constraint.to_bounded_expression()) for constraint in constraints]
-    rows = [row for row in rows if not (row[1] is None and row[3] is None)]
-    if found.rows.add_alike(len(found.constraints), [body for _, _, body, _ in rows]):
-        found.constraints += [constraint for constraint, *_ in rows]
-        found.bounds += [(lower, upper) for _, lower, _, upper in rows]
+def _add_row(found: ModelTerms, constraint: ConstraintData) -> None:
+    lower, body, upper = constraint.to_bounded_expression()
+    if lower is None and upper is None:
         return
-    for constraint, lower, body, upper in rows:
-        try:
-            added = found.rows.add(len(found.constraints), body)
-        except ModelError as error:
-            raise ModelError(f"'{constraint.name}': {error}") from None
-        if added:
-            found.constraints.append(constraint)
-            found.bounds.append((lower, upper))
-        else:
-            found.constant_constraints.append(constraint)
+    try:
+        added = found.rows.add(len(found.constraints), body)
+    except ModelError as error:
+        raise ModelError(f"'{constraint.name}': {error}") from None
+    if added:
+        found.constraints.append(constraint)
+        found.bounds.append((lower, upper))
+    else:
+        found.constant_constraints.append(constraint)
 
 
 def _arguments_of(level: list[FunctionCall], columns: Columns, calls: FunctionCalls) -> tuple[Terms, int]:

@@ -8,12 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from operator import attrgetter
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pyomo.common.gc_manager import PauseGC
 from pyomo.core.expr.numeric_expr import NegationExpression, SumExpression
 from pyomo.core.expr.numvalue import native_types
@@ -22,27 +19,13 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan
 from pyrobocop_pyomo.modeling.shared_nodes import NodeValues, topmost_nodes
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.phases.rate_arrays import ARRAY_FUNCTIONS
+from pyrobocop_pyomo.phases.rule_formulas import ARRAY_FUNCTIONS
 
-from .expression_codes import Code, NodeKinds, decoded
-from .term_groups import SMALLEST_BATCH, Batch, BatchedWalk
+from .expression_codes import NodeKinds, decoded
+from .term_groups import Columns, NonlinearTerm, TermGroup, TermGroups
 
-Places = NDArray[np.intp]
-
-_VALUE = attrgetter("value")
 # From so many terms on, a sum is evaluated as arrays.
 MANY_TERMS = 100
-
-
-@dataclass(eq=False)
-class _Shape:
-    """Expressions of one shape: variables, parameters and numbers stand in arrays, one column for each expression."""
-
-    rows: Places
-    code: Code
-    leaves: Places  # places of variables among all leaves, shape (variables, expressions)
-    numbers: list[Any]  # arrays, or None where parameters stand
-    parameters: dict[int, Places]  # their places among all leaves
 
 
 class RowValues:
@@ -55,12 +38,18 @@ class RowValues:
 
     def __init__(self, expressions: Sequence[Any]) -> None:
         self._expressions = expressions
-        self._leaves: list[Any] = []
-        self._place_of: dict[int, int] = {}
         self._names: list[tuple[Any, Any]] = []
-        self._shapes: list[_Shape] = []
+        self._columns = Columns()
+        self._groups = TermGroups(self._columns, NodeKinds(), self._content)
+        self._single: Sequence[int] = ()
         with PauseGC():
-            self._single = self._walk()
+            try:
+                for i, expression in enumerate(expressions):
+                    self._groups.put(NonlinearTerm(i, 1.0, (expression,), None, ()))
+            except ModelError:  # something that arrays do not know: an external function
+                self._groups.clear()
+                self._single = range(len(expressions))
+        self._shapes = list(map(_Shape, self._groups.values()))
 
     @property
     def is_current(self) -> bool:
@@ -69,49 +58,23 @@ class RowValues:
 
     def values(self) -> Array:
         """Values now; NaN where an expression has none, or is no real number."""
-        numbers = list(map(_VALUE, self._leaves))
-        if None in numbers:
+        variables, parameters = (
+            [leaf.value for leaf in leaves] for leaves in (self._columns.variables, self._columns.parameters)
+        )
+        if None in variables or None in parameters:
             return np.array(list(map(number_or_nan, self._expressions)), dtype=float)
-        found = np.empty(len(self._expressions))
-        for i in self._single:
-            found[i] = number_or_nan(self._expressions[i])
-        leaves = np.array(numbers, dtype=float)
+        found, left = np.empty(len(self._expressions)), [*self._single]
+        leaves = np.array(variables, dtype=float), np.array(parameters, dtype=float)
         for shape in self._shapes:
-            given = [leaves[shape.parameters[i]] if known is None else known for i, known in enumerate(shape.numbers)]
             try:
                 # An operation without a value is an error in Python, and must not disappear in a finite result.
                 with np.errstate(divide="raise", over="raise", invalid="raise"):
-                    found[shape.rows] = decoded(shape.code, list(leaves[shape.leaves]), given, ARRAY_FUNCTIONS)
+                    found[shape.rows] = shape.values(*leaves)
             except FloatingPointError:
-                for i in shape.rows.tolist():
-                    found[i] = number_or_nan(self._expressions[i])
+                left += shape.rows
+        for i in left:
+            found[i] = number_or_nan(self._expressions[i])
         return found
-
-    def _walk(self) -> list[int]:
-        """Put expressions into shapes; returns those that are left."""
-        left = dict.fromkeys(range(len(self._expressions)))
-        first = Batch(items=range(len(self._expressions)), pending=[list(self._expressions)], code=[])
-        if len(self._expressions) >= SMALLEST_BATCH:
-            try:
-                for batch in BatchedWalk(NodeKinds(), self._places, self._content).finished(first):
-                    self._shapes.append(_shape(batch))
-                    for i in batch.items:
-                        del left[i]
-            except ModelError:  # something that arrays do not know: an external function
-                self._shapes.clear()
-                return list(range(len(self._expressions)))
-        return list(left)
-
-    def _places(self, leaves: Sequence[Any]) -> list[int]:
-        """Places of variables among all leaves; those of parameters are counted down from -1."""
-        place_of, every = self._place_of, self._leaves
-        places = list(map(place_of.get, map(id, leaves)))
-        if None in places:
-            for key, leaf in {id(leaf): leaf for leaf in leaves if id(leaf) not in place_of}.items():
-                place_of[key] = len(every) if leaf.is_variable_type() else -1 - len(every)
-                every.append(leaf)
-            places = list(map(place_of.get, map(id, leaves)))
-        return cast("list[int]", places)
 
     def _content(self, named: Any) -> Any:
         content = named._args_[0]
@@ -119,6 +82,22 @@ class RowValues:
             raise ModelError(f"'{named}' is a call.")
         self._names.append((named, content))
         return content
+
+
+class _Shape:
+    """Expressions of one shape: variables and numbers stand in arrays, one column for each expression."""
+
+    def __init__(self, group: TermGroup) -> None:
+        count = len(group.rows)
+        self.rows, self._code = group.rows, group.code
+        self._variables = np.array(group.columns, dtype=np.intp).reshape(count, group.size).T
+        self._numbers = np.array(group.numbers, dtype=float).reshape(count, group.numbers_per_term)
+        self._places, self._parameters = np.array(group.parameters, dtype=np.intp).reshape(-1, 2).T
+
+    def values(self, variables: Array, parameters: Array) -> Array:
+        numbers = self._numbers.copy()
+        numbers.ravel()[self._places] = parameters[self._parameters]
+        return np.asarray(decoded(self._code, list(variables[self._variables]), list(numbers.T), ARRAY_FUNCTIONS))
 
 
 class RowTerms:
@@ -191,14 +170,3 @@ class SumValue:
         if node.is_expression_type() and node.is_named_expression_type():
             self._names.append((node, node._args_[0]))
         return isinstance(node, SumExpression) and node.nargs() >= MANY_TERMS
-
-
-def _shape(batch: Batch) -> _Shape:
-    parameters = {place: np.array(several, dtype=np.intp) for place, several in batch.parameters}
-    return _Shape(
-        rows=np.array(batch.items, dtype=np.intp),
-        code=tuple(batch.code),
-        leaves=np.array(batch.columns, dtype=np.intp).reshape(len(batch.columns), len(batch.items)),
-        numbers=[None if i in parameters else np.array(row, dtype=float) for i, row in enumerate(batch.numbers)],
-        parameters=parameters,
-    )

@@ -29,9 +29,6 @@
 
 enum { BLOCK = 64 };
 
-/* Changes with every change of the structures below. */
-EXPORTED int32_t term_evaluation_version(void) { return 1; }
-
 enum Operation {
     READ_VARIABLE, READ_NUMBER, READ_WEIGHT, CONSTANT, ADD_OUTPUT,
     ADD, SUB, MUL, DIV, NEG, INV, SQ, TWICE, SQRT, POW, EXP, LOG, LOG1P, EXPM1, SIN, COS, TAN, ASIN, ACOS, ATAN, ATAN2,

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import importlib.util
+
 import numpy as np
 
-from .casadi_program import require_casadi
+from pyrobocop_pyomo.errors import SolverNotFoundError
+
+from .asl_program import ASL_REMEDY
 from .compiled_run import CompiledRun
 from .compiled_terms import evaluation_library
 from .model_numbers import ModelNumbers
@@ -12,6 +16,11 @@ from .model_terms import ModelTerms
 from .nonlinear_program import FloatArray, finite
 from .scales import Scales
 from .summed_terms import SummedTerms, place_hessians
+
+
+def casadi_available() -> bool:
+    """Whether CasADi is installed; it is looked up and not imported, which would cost half a second."""
+    return importlib.util.find_spec("casadi") is not None
 
 
 class VectorisedProgram:
@@ -40,7 +49,11 @@ class VectorisedProgram:
     derivatives = "CasADi on vectorised expressions"
 
     def __init__(self, terms: ModelTerms) -> None:
-        require_casadi()
+        if not casadi_available():
+            raise SolverNotFoundError(
+                "there is nothing here to take derivatives with: CasADi is not installed. Run: pip install "
+                f"'pyrobocop_pyomo[ipopt]'; or take derivatives='asl'. {ASL_REMEDY}."
+            )
         self.numbers = ModelNumbers(terms)
         self.x_lower, self.x_upper = self.numbers.x_lower, self.numbers.x_upper
         self.g_lower, self.g_upper = self.numbers.g_lower, self.numbers.g_upper
@@ -59,7 +72,7 @@ class VectorisedProgram:
 
         Raises
         ------
-        StructureChanged
+        ModelError
             When other variables are free or other rows active than before.
         InfeasibleConstraintException
             When a row without free variables contradicts itself.

@@ -6,14 +6,19 @@ at a point of the grid, with proxies of the model or in placeholders is that fun
 
 A rule that has to know the time, because it compares it, looks it up or computes with its value, is no template. It is
 called at every point.
+
+What a rule has said for all times is kept: on another mesh, and in a copy of the model, it is not called again, since
+what surrounds it (the variable of a loop, a number of the module) may have changed.
 """
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import fields, is_dataclass, replace
+from functools import cached_property
 from itertools import chain
 from types import CodeType, FunctionType
 from typing import Any
@@ -21,12 +26,13 @@ from weakref import ref
 
 import numpy as np
 from pyomo.common.errors import TemplateExpressionError
+from pyomo.core.base.indexed_component import IndexedComponent
 from pyomo.core.base.var import ScalarVar
 from pyomo.core.expr import Expr_if, inequality, numvalue
 from pyomo.core.expr import numeric_expr as functions_of_pyomo
 from pyomo.core.expr.template_expr import GetItemExpression
 
-from pyrobocop_pyomo.modeling.copied_rules import cell_content
+from pyrobocop_pyomo.modeling.copied_rules import cell_content, copied_rule
 from pyrobocop_pyomo.modeling.expression_arrays import ArrayEntry, array, plain_entry
 from pyrobocop_pyomo.modeling.expression_nodes import (
     LEAF,
@@ -89,6 +95,9 @@ class TimeTemplate(_Unknown):
 
     __hash__ = None  # type: ignore[assignment]
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> TimeTemplate:
+        return self
+
     def __str__(self) -> str:
         if is_asked_for_all_times():
             raise TemplateExpressionError(self, "the rule has to know the time as a number")
@@ -96,6 +105,10 @@ class TimeTemplate(_Unknown):
 
     def __format__(self, how: str) -> str:
         return str(self)
+
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
+        """NumPy's functions of the time are formulas, as Pyomo's are."""
+        return getattr(ufunc, method)(*(ArrayEntry(each) if each is self else each for each in inputs), **options)
 
 
 class Reading(_Unknown):
@@ -110,6 +123,9 @@ class Reading(_Unknown):
     def __init__(self, read: Callable[[Place], Any]) -> None:
         super().__init__()
         self.read = read
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Reading:
+        return Reading(copied_rule(self.read, memo))
 
 
 class OverTime:
@@ -189,6 +205,14 @@ class RuleTemplate:
     def __reduce__(self) -> Any:
         return RuleTemplate, (self.rule,)
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> RuleTemplate:
+        rule, home = copied_rule(self.rule, memo), memo.get(id(self._home()))
+        if home is None:
+            return self if rule is self.rule else RuleTemplate(rule)
+        twin = RuleTemplate(rule)
+        twin._home, twin._formulas = ref(home), copy.deepcopy(self._formulas, memo)
+        return twin
+
     def __call__(self, block: Any, t: Any, *more: Any) -> Any:
         """What the rule says at a time, on the model or on a proxy of it."""
         formulas = self._asked(block, more)
@@ -197,16 +221,17 @@ class RuleTemplate:
             t = TimeIndex(t, f"the rule '{getattr(self.rule, '__name__', type(self.rule).__name__)}'", block)
         if formulas is None or (on_model and getattr(self.rule, "skips_points", False)):
             return self.rule(block, t, *more)
+        is_stating = on_model and _grid_of(block) is self._grid
         try:
             result = formulas.at(Place(block, t, more))
         except Exception:
-            if not on_model:
+            if not is_stating:
                 raise
             return self.rule(block, t, *more)  # which says by itself what is wrong
-        self._calls_on_model += on_model
-        if on_model and self._calls_on_model == _COMPARED:
+        self._calls_on_model += is_stating
+        if is_stating and self._calls_on_model == _COMPARED:
             stated = self.rule(block, t, *more)
-            if not _same(result, stated):
+            if not same_results(result, stated):
                 self._formulas = None
                 return stated
         return result
@@ -215,14 +240,26 @@ class RuleTemplate:
         """Whether the rule gives formulas for all times, given what it would get at one."""
         return self._asked(block, more) is not None
 
+    def is_known_at_other_times(self, block: Any) -> bool:
+        """Whether nothing of the user's would be called there: the rule is a template, or data of this package."""
+        return getattr(self.rule, "needs_the_time", False) or self.is_template(block)
+
+    def readings(self, block: Any, *more: Any) -> list[Any]:
+        """Variables and parameters at given points that a template reads at all times."""
+        formulas = self._asked(block, more)
+        return [] if formulas is None else formulas.readings
+
     def _asked(self, block: Any, more: tuple[Any, ...]) -> _Formulas | None:
         home = block_behind(block)
-        grid = getattr(getattr(home, "record", None), "grid", None)
-        if self._home() is not home or self._grid is not grid:
-            # What a rule says may hold variables of its model, and points of its mesh.
-            self._home, self._grid, self._calls_on_model = ref(home), grid, 0
+        if self._home() is not home:  # what a rule says may hold variables of its model
+            self._home, self._grid, self._calls_on_model = ref(home), _grid_of(home), 0
             self._formulas = _formulas_of(self.rule, home, more)
         return self._formulas
+
+
+def _grid_of(block: Any) -> Any:
+    """The grid of a phase; None of another block."""
+    return getattr(getattr(block, "record", None), "grid", None)
 
 
 _QUESTIONS_OF_TYPES = frozenset({"isinstance", "type", "issubclass"})
@@ -253,7 +290,9 @@ def _formulas_of(rule: Callable[..., Any], home: Any, more: tuple[Any, ...]) -> 
     time = TimeTemplate()
     try:
         with asked_for_all_times():
-            return _Formulas(rule(home, time, *(given.template(i) for i, given in enumerate(more))), time)
+            found = _Formulas(rule(home, time, *(given.template(i) for i, given in enumerate(more))), time)
+            found.readings  # noqa: B018  # compiled while nothing has changed
+            return found
     except Exception:  # a rule that is no template may raise anything
         return None
 
@@ -281,13 +320,26 @@ class _Formulas:
     """What a rule returned for the template of the time."""
 
     def __init__(self, result: Any, time: TimeTemplate) -> None:
+        self._result, self._time = result, time
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> _Formulas:
+        return _Formulas(copy.deepcopy(self._result, memo), self._time)
+
+    @cached_property
+    def _parts(self) -> tuple[Callable[[Any], Any], _Program]:
         outputs: list[Any] = []
-        self._form = _form_of(result, outputs)
-        self._program = _Program(outputs, time)
+        form = _form_of(self._result, outputs)
+        return form, _Program(outputs, self._time)
 
     def at(self, place: Place) -> Any:
         """The result of the rule at a place."""
-        return self._form(iter(self._program.at(place)))
+        form, program = self._parts
+        return form(iter(program.at(place)))
+
+    @property
+    def readings(self) -> list[Any]:
+        """What is read other than at the time."""
+        return [leaf for leaf in self._parts[1].others if not isinstance(leaf, (_Unknown, GetItemExpression))]
 
 
 class _Program(StraightLine):
@@ -351,7 +403,7 @@ def _form_of(result: Any, outputs: list[Any]) -> Callable[[Any], Any]:
     if hasattr(result, "is_expression_type"):
         outputs.append(result)
         return next
-    if result is not None and result.__class__ not in numvalue.native_types:
+    if result is not None and result is not IndexedComponent.Skip and result.__class__ not in numvalue.native_types:
         raise TypeError(f"a {type(result).__name__} is returned")
     return lambda values: result
 
@@ -362,25 +414,25 @@ def _object_array(entries: list[Any], shape: tuple[int, ...]) -> Any:
     return held.reshape(shape)
 
 
-def _same(first: Any, second: Any) -> bool:
+def same_results(first: Any, second: Any) -> bool:
     """Whether two results have the same form and expressions."""
     if isinstance(first, ArrayEntry) or isinstance(second, ArrayEntry):
-        return _same(plain_entry(first), plain_entry(second))
+        return same_results(plain_entry(first), plain_entry(second))
     if isinstance(first, np.ndarray):
         return (
             isinstance(second, np.ndarray)
             and first.shape == second.shape
-            and _same(first.ravel().tolist(), second.ravel().tolist())
+            and same_results(first.ravel().tolist(), second.ravel().tolist())
         )
     if isinstance(first, Mapping):
         if not isinstance(second, Mapping) or len(first) != len(second):
             return False
-        return all(_same(one, other) for one, other in zip(first.values(), second.values(), strict=True))
+        return all(same_results(one, other) for one, other in zip(first.values(), second.values(), strict=True))
     if isinstance(first, (list, tuple)):
-        return type(first) is type(second) and len(first) == len(second) and all(map(_same, first, second))
+        return type(first) is type(second) and len(first) == len(second) and all(map(same_results, first, second))
     if is_dataclass(first) and not isinstance(first, type):
         return type(first) is type(second) and all(
-            _same(getattr(first, item.name), getattr(second, item.name)) for item in fields(first) if item.init
+            same_results(getattr(first, item.name), getattr(second, item.name)) for item in fields(first) if item.init
         )
     if first is second:
         return True
@@ -392,8 +444,10 @@ def _same(first: Any, second: Any) -> bool:
         return True
     kinds = [kind_of_node(given.__class__) for given in (first, second)]
     if RELATION in kinds:
-        alike = kinds[0] == kinds[1] and comparison_name(first) == comparison_name(second)
-        return alike and all(map(_same, first.args, second.args))
+        if kinds[0] != kinds[1] or comparison_name(first) != comparison_name(second):
+            return False
+        sides = [second.args, second.args[::-1]] if comparison_name(first) == "==" else [second.args]
+        return any(all(map(same_results, first.args, each)) for each in sides)  # Python may turn an equality around
     return _same_values(first, second)
 
 

@@ -184,7 +184,7 @@ def variable_sizes(compiled: CompiledModel) -> FloatArray:
     return np.where(np.isnan(scales), widths, scales)[variables.numbers]
 
 
-def objective_slope(compiled: CompiledModel) -> float:
+def objective_slope(compiled: CompiledModel, below: float = _SMALL_SLOPE) -> float:
     """What the objective of a model with pairs is divided by: its largest derivative, where that is far below 1.
 
     Larger ones Ipopt divides by itself. Smaller ones are zero to its tolerances, and to those of linear programs.
@@ -192,12 +192,15 @@ def objective_slope(compiled: CompiledModel) -> float:
     Parameters
     ----------
     compiled : CompiledModel
+    below : float
+        Larger ones are left as they are. Where a branch is solved, which has one optimum nearby, 1 is right: beside an
+        objective of 1e-5 the last barrier parameter leaves a thousandth of it.
     """
     nlp, x = compiled.nlp, compiled.current_point()
     gradients = np.array([_gradient(nlp, x), _gradient(nlp, beside(nlp, x, variable_sizes(compiled)))])
     slope = float(np.abs(gradients[np.isfinite(gradients)]).max(initial=0.0))
     slope = max(slope, _CONSTANT * _size_of_objective(nlp, x))
-    return slope if 0.0 < slope < _SMALL_SLOPE else 1.0
+    return slope if 0.0 < slope < below else 1.0
 
 
 def _without_rounding(
@@ -214,11 +217,30 @@ def _without_rounding(
     doubtful = _doubtful(known, small) & doubted
     if not doubtful.any():
         return scales
-    told = _completed(nlp, x, variables, constraints, np.where(doubtful, np.nan, known))
+    told = _completed_without(doubtful, nlp, x, variables, constraints, known)
+    # What is told of by nothing is doubted beside its like only, as the flows of a trace of something.
+    while (untold := doubtful & np.isnan(told)).any():
+        doubtful = (doubtful & ~untold) | _doubtful(np.where(untold, known, np.nan), small)
+        told = _completed_without(doubtful, nlp, x, variables, constraints, known)
     rounding = doubtful & (known < small.rounding * told)
     if not rounding.any():
         return scales
-    return _completed(nlp, x, variables, constraints, np.where(rounding, np.nan, known))
+    return _completed_without(rounding, nlp, x, variables, constraints, known)
+
+
+def _completed_without(
+    left_out: BoolArray,
+    nlp: NonlinearProgram,
+    x: FloatArray,
+    variables: ComponentGroups,
+    constraints: ComponentGroups,
+    known: FloatArray,
+) -> FloatArray:
+    """As `_completed`, where some values are taken for zero: a derivative that is made of them tells nothing."""
+    without = np.where(left_out[variables.numbers], 0.0, x)
+    # A logarithm or a quotient has no derivative there.
+    x = without if np.isfinite(_jacobian(nlp, without)).all() else x
+    return _completed(nlp, x, variables, constraints, np.where(left_out, np.nan, known))
 
 
 def _completed(

@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Any
 
 from pyrobocop_pyomo.complementarity import BarrierSchedule, Schedule
-from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 
 from .ipopt_options import WARM_ITERATIONS, IpoptOptions, inexact, warm_continuation
@@ -39,8 +38,6 @@ class Continuation:
     sign : float
         1 where the objective is minimised, -1 where it is maximised.
     options : IpoptOptions
-    deadline : Deadline
-        That of the whole solve, or the end of this strategy's share of it.
     exact : bool
         Whether runs before the last have to be solved to the end: where multipliers decide how the relaxation goes on.
 
@@ -62,13 +59,11 @@ class Continuation:
         settings: Settings,
         sign: float,
         options: IpoptOptions,
-        deadline: Deadline,
         *,
         exact: bool,
     ) -> None:
         self._session, self._log, self._values = session, log, values
         self._settings, self._sign, self._options, self._exact = settings, sign, options, exact
-        self._deadline = deadline
         self._on_the_way: dict[int, Iterate] = {}  # alive, so that no other object gets the same identity
 
     def run(
@@ -99,7 +94,7 @@ class Continuation:
             Whether a polish of the last solution leads to the end; called once, where the step after it failed.
         """
         if schedule is None:
-            self._take(replace(self._session.run(None, self._options.resolve(), self._deadline), label=label))
+            self._take(replace(self._session.run(None, self._options.resolve(), self._settings.deadline), label=label))
         elif isinstance(schedule, BarrierSchedule):
             self._follow(schedule)
         else:
@@ -109,12 +104,12 @@ class Continuation:
 
     def _check_best(self) -> None:
         """Check the best point by the user's expressions, where that was put off."""
-        if id(self.best) in self._on_the_way and not self._session.approximate:
+        if id(self.best) in self._on_the_way:
             self._values.write(self.best.values)
             self.best = self._log.checked(self.best)
 
     def _follow(self, schedule: BarrierSchedule) -> None:
-        for iterate in self._session.follow(schedule, self._options, self._deadline):
+        for iterate in self._session.follow(schedule, self._options, self._settings.deadline):
             self._take(iterate)
         # The rows may have moved in the very last iterations; products above their final bound say so.
         final = list(schedule.steps())[-1]
@@ -169,21 +164,19 @@ class Continuation:
     ) -> Iterate:
         warm = {} if start is None else warm_continuation(delta)
         return self._take(
-            self._session.run(delta, self._options.resolve(warm, purpose), self._deadline, start),
+            self._session.run(delta, self._options.resolve(warm, purpose), self._settings.deadline, start),
             start=start,
             on_the_way=on_the_way,
         )
 
     def _take(self, iterate: Iterate, *, start: Iterate | None = None, on_the_way: bool = False) -> Iterate:
         if iterate.stop_reason is StopReason.TIME_LIMIT and not self._settings.deadline.has_passed:
-            iterate = replace(iterate, stop_reason=StopReason.ITERATION_LIMIT)  # its share has ended, not the solve
+            iterate = replace(iterate, stop_reason=StopReason.ITERATION_LIMIT)  # the user's of one run, not the solve's
         if iterate.stop_reason in (StopReason.ITERATION_LIMIT, StopReason.FAILED) and growing_variables(self._values):
             # More iterations would only take it further: Ipopt itself calls that diverging much later.
             iterate = replace(iterate, stop_reason=StopReason.DIVERGED)
         # What did not converge may be the last point that there is, and is checked in full.
-        on_the_way = self._session.approximate or (
-            on_the_way and iterate.converged and math.isfinite(iterate.constraint_violation)
-        )
+        on_the_way = on_the_way and iterate.converged and math.isfinite(iterate.constraint_violation)
         if start is not None and iterate.iterations == 0 and iterate.converged:
             # It was a solution before: the same point, which was checked already.
             self._values.write(start.values)

@@ -1,12 +1,17 @@
-"""Whether a stationary point is no minimum: curvature of the Lagrangian along what the active rows leave free."""
+"""What second derivatives say: whether a stationary point is no minimum, and whether a program is convex.
+
+A point is no minimum where the curvature of the Lagrangian is negative along what the active rows leave free. Where
+rows are linear and the objective is a convex quadratic, no other start leads to a better optimum.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import SingularMatrix
+from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.ipopt.linear_solvers import suits
 from pyrobocop_pyomo.linear_solver import SymmetricFactorisation
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
 
 # Bounds that are as near, or nearer than their multiplier is large, count as active: a direction then leaves none of
@@ -61,7 +66,7 @@ def direction_of_descent(nlp: NonlinearProgram, point: PrimalDualPoint) -> Float
     least = LEAST_DECREASE * max(1.0, abs(nlp.objective(x)))
     try:
         direction = system.most_negative(2.0 * least / free.sum())
-    except SingularMatrix:
+    except EvaluationError:
         return None
     if direction is None or -0.5 * system.curvature(direction) < least:
         return None
@@ -124,3 +129,42 @@ class _System:
         """Whether no curvature is below minus the shift; the factors are kept."""
         diagonal = np.concatenate([np.full(self.n, shift / self._size), np.full(self.m, _ROWS)])
         return self._factors.factor(np.concatenate([self._off_diagonal, diagonal])).negative == self.m
+
+
+def is_convex(nlp: NonlinearProgram, x: FloatArray) -> bool:
+    """Whether second derivatives say so at a point and at a random one beside it.
+
+    Derivatives that are constant agree at any two points; others differ at almost all.
+
+    Parameters
+    ----------
+    nlp : NonlinearProgram
+    x : float array, shape (n,)
+        A point at which all functions have values.
+    """
+    random = np.random.default_rng(0)
+    beside = np.clip(x + np.maximum(1.0, np.abs(x)) * random.uniform(-0.5, 0.5, x.size), nlp.x_lower, nlp.x_upper)
+    try:
+        if any(nlp.hessian(at, 0.0, random.uniform(0.5, 1.0, nlp.m)).any() for at in (x, beside)):
+            return False
+        here, there = (nlp.hessian(at, 1.0, np.zeros(nlp.m)) for at in (x, beside))
+    except EvaluationError:
+        return False
+    size = float(np.abs(here).max(initial=0.0))
+    if not np.allclose(here, there, rtol=0.0, atol=NEGLIGIBLE * size):
+        return False
+    if size == 0.0:
+        return True
+    return suits(nlp) and _is_semidefinite(nlp, here / size)
+
+
+def _is_semidefinite(nlp: NonlinearProgram, entries: FloatArray) -> bool:
+    """Whether no curvature of a matrix of size one is negative beyond rounding."""
+    diagonal = np.arange(nlp.n)
+    rows, columns = nlp.hessian_structure
+    factors = SymmetricFactorisation(nlp.n, np.concatenate([rows, diagonal]), np.concatenate([columns, diagonal]))
+    try:
+        shifted = np.concatenate([entries, np.full(nlp.n, NEGLIGIBLE)])
+        return factors.factor(shifted).negative == 0
+    except EvaluationError:
+        return False

@@ -104,8 +104,6 @@ class ExecutableSession:
 
     derivatives = "ASL"
 
-    approximate = False
-
     def __init__(self, relaxed: RelaxedModel, output: Sequence[TextIO] = (), *, scaling: bool = False) -> None:
         path = find_ipopt_executable()
         if path is None:
@@ -155,7 +153,7 @@ class ExecutableSession:
     ) -> Iterate:
         """See `Session.run`."""
         if delta is not None:
-            self._relaxed.go_on_to(delta, None if start is None else start.multipliers["dual"])
+            self._relaxed.delta.set_value(delta)
         self._hand_over({} if start is None else start.multipliers)
         return self._solve("fixed delta" if delta is not None else "solve", delta, options, deadline)
 
@@ -172,7 +170,7 @@ class ExecutableSession:
             warm = {} if start is None else warm_start(mu)
             # The first parameter may be the user's; it is the path itself that goes on from there.
             resolved = {**options.resolve(warm, loose), "mu_init": mu, **({} if last else {"mu_target": mu})}
-            self._relaxed.go_on_to(schedule.delta_for(mu), None if start is None else start.multipliers["dual"])
+            self._relaxed.delta.set_value(schedule.delta_for(mu))
             self._hand_over({} if start is None else start.multipliers)
             start = self._solve("delta = mu, from outside", schedule.delta_for(mu), resolved, deadline)
             yield start
@@ -281,10 +279,6 @@ class ExecutableSession:
     def missing_rank(self) -> int:
         """See `Session.missing_rank`; there are no derivatives here."""
         return 0
-
-    def coarsened(self, elements: int) -> None:
-        """See `Session.coarsened`; a file has the whole model."""
-        return
 
     def with_elastic_rows(self, price: float) -> None:
         """See `Session.with_elastic_rows`; a file has the rows as they are."""

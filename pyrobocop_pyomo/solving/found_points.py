@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
+
 from .iterates import Iterate, StopReason
 from .settings import Settings
 from .strategies import BARRIER_TO_THE_END, CONTINUATION, TIGHT, Strategy
@@ -15,8 +17,6 @@ logger = logging.getLogger(__name__)
 CROSS_CHECKED_PAIRS = 100
 # Objectives that differ by less, relative to their size, are those of one solution.
 SAME_OBJECTIVE = 1e-4
-# What is left of rows, relative to the largest variable, where variables are on their way to infinity.
-ROUNDING = 1e-9
 
 
 class FoundPoints:
@@ -35,8 +35,6 @@ class FoundPoints:
         A point that shows that there is no optimum: variables grow without end, and the objective falls.
     cut : StopReason or None
         What ended the solve from outside: the clock, or Ctrl-C.
-    led_by_coarse_mesh : bool
-        Whether a certified point was reached from a coarse mesh.
     """
 
     def __init__(self, settings: Settings, sign: float) -> None:
@@ -45,7 +43,6 @@ class FoundPoints:
         self._diverged: list[Iterate] = []
         self.best: Iterate | None = None
         self.cut: StopReason | None = None
-        self.led_by_coarse_mesh = False
 
     @property
     def first(self) -> Iterate | None:
@@ -84,7 +81,7 @@ class FoundPoints:
         """Whether rows and pairs hold as well as rounding lets them, beside values of this size."""
         size = max((abs(number) for number in diverged.values if number is not None), default=0.0)
         violation = max(diverged.constraint_violation, diverged.largest_natural_residual)
-        return violation <= max(self._settings.tolerances.feasibility, ROUNDING * size)
+        return violation <= max(self._settings.tolerances.feasibility, NEGLIGIBLE * size)
 
     def is_better(self, first: Iterate, second: Iterate) -> bool:
         """Whether the first of two points is the better one."""
@@ -145,8 +142,6 @@ class FoundPoints:
         # A certified point is a local solution. In large problems, which tend to have many, and where two solves have
         # disagreed or the second one failed, the slow way down from delta = 1 is worth its time: it finds the better
         # solution more often than not.
-        if self.led_by_coarse_mesh:
-            return False  # both ways were gone there
         return strategy is CONTINUATION and (not small or self._disagree()) and settings.polish
 
     def _was_cut_short(self) -> bool:

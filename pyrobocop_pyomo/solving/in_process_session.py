@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import Any, TextIO
 
 import numpy as np
-from pyomo.common.collections import ComponentMap
 
 from pyrobocop_pyomo.complementarity import BarrierSchedule
 from pyrobocop_pyomo.errors import EvaluationError
@@ -22,8 +21,8 @@ from pyrobocop_pyomo.ipopt.standstill import Standstill
 from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader, scaling_factors, starting_point
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.mpcc.problem import violation
-from pyrobocop_pyomo.programs.aggregated_program import AggregatedProgram
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel, KeptProgram
+from pyrobocop_pyomo.programs.composed_program import ComposedProgram
 from pyrobocop_pyomo.programs.elastic_rows import ElasticRows
 from pyrobocop_pyomo.programs.missing_rank import missing_rank
 from pyrobocop_pyomo.programs.nonlinear_program import (
@@ -35,12 +34,10 @@ from pyrobocop_pyomo.programs.scales import Scales
 from pyrobocop_pyomo.programs.stationarity import stationarity
 
 from .automatic_scaling import AutomaticScaling, automatic_scaling, objective_slope, variable_sizes
-from .coarse_mesh import coarsen
-from .following_barrier import DeltaFollowsBarrier
 from .ipopt_options import IPOPT_MU_INIT, SCALED, IpoptOptions
 from .iterates import Iterate
 from .relaxed_model import RelaxedModel
-from .session import OnIteration
+from .session import DeltaFollowsBarrier, OnIteration
 
 
 class InProcessSession:
@@ -49,7 +46,7 @@ class InProcessSession:
     Parameters
     ----------
     relaxed : RelaxedModel
-    derivatives : {"asl", "casadi", "vectorised"} or None
+    derivatives : {"vectorised", "asl"} or None
     output : sequence of text streams
         Where Ipopt's log goes.
     on_iteration : callable, optional
@@ -73,11 +70,11 @@ class InProcessSession:
         self._relaxed, self._derivatives = relaxed, derivatives
         self._output, self._on_iteration = output, on_iteration
         self._compiled = (CompiledModel if program is None else program.of)(relaxed.model, derivatives)
-        self._seen_as: AggregatedProgram | ElasticRows | None = None
-        self.approximate = False
+        self._seen_as: ElasticRows | None = None
         self._nlp = self._shifted(self._compiled.nlp)
         self.solver = str(load_ipopt_library())
         self.derivatives = self._compiled.nlp.derivatives
+        self.calls_python = isinstance(self._compiled.nlp, ComposedProgram)
         self._is_scaled = scaling
         self.scaling: AutomaticScaling | None = None
         self._scales: Scales | None = None
@@ -88,19 +85,7 @@ class InProcessSession:
         row_of = self._compiled.row_of
         # A row without free variables is not in the program.
         positions: Any = np.array([row_of[row] for row in self._relaxed.shifted_rows if row in row_of], dtype=np.intp)
-        if isinstance(nlp, AggregatedProgram):
-            positions = nlp.numbers_of_rows(positions)
         return ShiftedRows(nlp, positions, base=self._relaxed.delta.value)
-
-    def coarsened(self, elements: int) -> InProcessSession | None:
-        """See `Session.coarsened`."""
-        aggregated = coarsen(self._compiled, self._relaxed.block, elements) if self._relaxed.shifted_rows else None
-        if aggregated is None:
-            return None
-        coarse = copy.copy(self)
-        coarse._seen_as, coarse._nlp = aggregated, self._shifted(aggregated)
-        coarse.approximate = True
-        return coarse
 
     def with_elastic_rows(self, price: float) -> InProcessSession:
         """See `Session.with_elastic_rows`."""
@@ -140,7 +125,8 @@ class InProcessSession:
         if delta is not None:
             if isinstance(self._nlp, ShiftedRows):
                 self._nlp.delta = delta
-            elif self._relaxed.go_on_to(delta, None if start is None else self._row_multipliers(start)):
+            else:
+                self._relaxed.delta.set_value(delta)
                 self._compiled.update()
                 self._nlp = self._compiled.nlp
         standstill = Standstill(self._on_iteration)
@@ -148,9 +134,6 @@ class InProcessSession:
         if standstill.reached and outcome.status is IpoptStatus.STOPPED:
             outcome = replace(outcome, status=IpoptStatus.TINY_STEP)
         return self._iterate("fixed delta" if delta is not None else "solve", delta, options, outcome)
-
-    def _row_multipliers(self, start: Iterate) -> ComponentMap:
-        return ComponentMap(zip(self._compiled.constraints, start.multipliers.g_multipliers.tolist(), strict=True))
 
     def follow(self, schedule: BarrierSchedule, options: IpoptOptions, deadline: Deadline) -> Iterator[Iterate]:
         """See `Session.follow`."""
@@ -187,11 +170,8 @@ class InProcessSession:
 
     def _iterate(self, label: str, delta: float | None, options: Mapping[str, Any], outcome: IpoptOutcome) -> Iterate:
         nlp, point, undefined_at = self._nlp, outcome.point, outcome.undefined_at
-        if self._seen_as is not None and undefined_at is not None:
-            undefined_at = self._seen_as.at(undefined_at)
-        if isinstance(self._seen_as, AggregatedProgram):
-            label = "coarse mesh"
-        elif isinstance(self._seen_as, ElasticRows):
+        if self._seen_as is not None:
+            undefined_at = None if undefined_at is None else self._seen_as.at(undefined_at)
             nlp = self._seen_as.nlp
             rows, lower, upper = self._seen_as.multipliers(point)
             outcome = replace(
@@ -228,8 +208,7 @@ class InProcessSession:
         )
 
     def _stationarity(self, nlp: NonlinearProgram, point: PrimalDualPoint) -> float:
-        sizes, seen_as = variable_sizes(self._compiled), self._seen_as
-        return stationarity(nlp, point, seen_as.restrict(sizes) if isinstance(seen_as, AggregatedProgram) else sizes)
+        return stationarity(nlp, point, variable_sizes(self._compiled))
 
     def compiled(self, *, anew: bool = False) -> CompiledModel | None:
         """See `Session.compiled`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from typing import Any
 
 from pyrobocop_pyomo.diagnosis.undefined_rows import named_undefined_rows, undefined_rows
@@ -45,6 +46,8 @@ class InitialGuess:
         self._model, self.variables = model, values
         self.values: Values = values.read()
         self.start = self.values
+        if any(number is not None and math.isinf(number) for number in self.values):  # as good as none
+            self.start = [None if number is None or math.isinf(number) else number for number in self.values]
         self.remarks: list[str] = []
         self._undefined_on_the_way = ""
 

@@ -75,11 +75,12 @@ NEARLY_THERE = {"mu_init": 1e-3, "bound_push": 1e-4, "bound_frac": 1e-4}
 # The answer on a coarser mesh, interpolated. Multipliers of bounds are those that belong to the barrier parameter,
 # and those of rows follow from them; with all of them 1, a start forgets which bounds hold.
 FINER_MESH = {**FROM_COARSE_MESH, "bound_mult_init_method": "mu-based"}
-# What is solved by Ipopt's scaled tolerances, to be solved by those of the residuals as they are.
-TIGHTER_TOLERANCES = {"tol": 1e-10, "constr_viol_tol": 1e-8, "s_max": 1e8, "bound_relax_factor": 1e-10}
+# What is solved by Ipopt's scaled tolerances, to be solved by those of the residuals as they are: its bounds too.
+TIGHTER_TOLERANCES = {"tol": 1e-10, "constr_viol_tol": 1e-8, "s_max": 1e8, "bound_relax_factor": 0.0}
 # A scaled program: typical sizes may be far above those of the solution, and tolerances relative to them be loose.
-# What cannot be solved so well counts as solved where it is solved to Ipopt's usual tolerance.
-SCALED = {"tol": 1e-10, "compl_inf_tol": 1e-12, "acceptable_tol": IPOPT_TOLERANCE, "bound_relax_factor": 1e-10}
+# What cannot be solved so well counts as solved where it is solved to Ipopt's usual tolerance. Bounds are loosened by
+# next to nothing: where an altitude of 1e5 lies at zero, the rows of a climb are as small as what they would give way.
+SCALED = {"tol": 1e-10, "compl_inf_tol": 1e-12, "acceptable_tol": IPOPT_TOLERANCE, "bound_relax_factor": 1e-13}
 # Margins and finer meshes move a plan by little. A larger barrier would outweigh a flat objective, and lead away.
 NEARLY_SAFE = FROM_COARSE_MESH
 # Ipopt refuses more equations than variables that it may move, even where they agree.

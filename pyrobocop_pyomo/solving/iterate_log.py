@@ -25,6 +25,7 @@ from pyrobocop_pyomo.complementarity import (
 )
 from pyrobocop_pyomo.modeling.row_violations import relation_violation
 from pyrobocop_pyomo.modeling.variable_bounds import VariableBounds
+from pyrobocop_pyomo.numerics.rounding import ROUNDING
 from pyrobocop_pyomo.programs.row_values import RowTerms, RowValues, SumValue
 
 from .iterates import Iterate, Tolerances
@@ -34,8 +35,6 @@ from .violations import Violation, violations_of_pairs, worst_row_of_each_compon
 
 logger = logging.getLogger(__name__)
 
-# Less is none in the eyes of any tolerance that can be met in sums of numbers of size 1.
-NO_VIOLATION = 1e-12
 # From so many pairs on, their sides are evaluated as arrays.
 MANY_PAIRS = 20
 
@@ -127,7 +126,7 @@ class ModelCheck:
 
     def _largest_relative(self, violations: NDArray[np.float64]) -> NDArray[np.float64]:
         """The violations that can be the largest ones by the sizes of their rows, divided by these."""
-        if not violations.max(initial=0.0) > NO_VIOLATION:
+        if not violations.max(initial=0.0) > ROUNDING:
             return violations  # whatever the sizes
         # Sizes are at least 1: what is less than the relative violation of one row cannot be larger than it.
         one = self._relative(violations, np.array([violations.argmax()]))

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from numbers import Real
 from typing import Any
 
 from pyrobocop_pyomo.discretisation import RowMultipliers
+from pyrobocop_pyomo.errors import KeywordError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
+from pyrobocop_pyomo.modeling.keywords import check_keywords
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers
 from pyrobocop_pyomo.presentation import Presented
@@ -22,10 +25,6 @@ class Quality(enum.Enum):
     OPTIMAL = f"Feasible and stationary{_OF_PAIRS}, within the tolerances."
     FEASIBLE = f"Feasible{_OF_PAIRS}, but the point is not shown to be optimal."
     INFEASIBLE = "Constraints or complementarity are violated beyond the tolerances."
-
-    def sentence(self, *, pairs: bool) -> str:
-        """The value, or what is left of it for a model without pairs."""
-        return self.value if pairs else self.value.replace(" or complementarity", "").replace(_OF_PAIRS, "")
 
     @property
     def rank(self) -> int:
@@ -46,14 +45,19 @@ class StopReason(enum.Enum):
     )
     INTERRUPTED = "Ctrl-C or the stop button interrupted the procedure."
     INFEASIBLE = (
-        "Ipopt converged to a point of local infeasibility: no point near it violates less. Relax bounds, fixed "
-        "values or constraints, or try another initial guess."
+        "Ipopt converged to a point of local infeasibility. Relax bounds, fixed values or constraints, or try another "
+        "initial guess."
     )
     DIVERGED = (
         "Variables grow without end: the objective may have no optimum. Bound what grows, or give it a cost; check the "
         "sign of the objective."
     )
     FAILED = "Ipopt failed. Try another initial guess, or tee=True to see its log."
+
+    @property
+    def what(self) -> str:
+        """What happened: the first sentence of the value."""
+        return f"{self.value.rstrip('.').partition('. ')[0]}."
 
     @property
     def remedy(self) -> str:
@@ -85,7 +89,7 @@ class Tolerances:
     feasibility : float
         Largest violation of a constraint, a bound or a side; relative to the largest term that it adds up at the point,
         where that is above 1.
-    product : float
+    complementarity : float
         Largest product ``a b`` of a pair; of sides whose sizes are below 1, relative to these.
     natural : float
         Largest ``|min(a, b)|`` of a pair that counts as exactly complementary; each side relative to its size likewise.
@@ -94,9 +98,28 @@ class Tolerances:
     """
 
     feasibility: float = 1e-6
-    product: float = 1e-7
+    complementarity: float = 1e-7
     natural: float = 1e-6
     stationarity: float = 1e-5
+
+
+def checked_tolerances(stated: Mapping[str, float] | None) -> Tolerances:
+    """The tolerances that a caller stated by name.
+
+    Raises
+    ------
+    ValueError
+        When one of them is no number above 0.
+    KeywordError
+        When there is none of this name.
+    """
+    stated = dict(stated or {})
+    known = [each.name for each in fields(Tolerances)]
+    check_keywords("tolerances=", stated, known, KeywordError, {"product": "complementarity"})
+    for name, tolerance in stated.items():
+        if not isinstance(tolerance, Real) or not float(tolerance) > 0.0:
+            raise ValueError(f"tolerances: '{name}' is {tolerance!r}; expected a number above 0, such as 1e-6.")
+    return Tolerances(**stated)
 
 
 @dataclass(frozen=True)
@@ -268,7 +291,7 @@ class Iterate(Presented):
         relative = self.constraint_violation if self.relative_violation is None else self.relative_violation
         violation = relative if relative <= tolerances.feasibility else self.constraint_violation
         product = self.largest_product if self.relative_product is None else self.relative_product
-        found = max(violation / tolerances.feasibility, product / tolerances.product, 1.0)
+        found = max(violation / tolerances.feasibility, product / tolerances.complementarity, 1.0)
         return found if found == found else float("inf")
 
     def is_exact(self, tolerances: Tolerances) -> bool:

@@ -62,7 +62,8 @@ class LeastViolation:
     obstructions : tuple of Obstruction
         Bounds, fixed values and rows whose relaxation would lessen it, those that matter most first; fixed values last.
     relief : Relief or None
-        Of the first of them that is enough alone, or of the first one where none is; None where it is not known.
+        Of the first of them that is enough alone, by slopes where rows are nonlinear; of the first one where none is,
+        if all rows are linear. None where it is not known.
     """
 
     kind: Least
@@ -75,6 +76,13 @@ class LeastViolation:
     def is_proof(self) -> bool:
         """Whether no values at all meet the rows, whatever the sides of pairs."""
         return self.kind is Least.PROVEN and not self.has_pairs
+
+    @property
+    def in_short(self) -> str:
+        """What is known of points nearby, as the end of a verdict."""
+        kind = Least.LOCAL if self.kind is Least.PROVEN else self.kind
+        said = kind.value.partition(":")[0]
+        return said[0].lower() + said[1:]
 
     def __str__(self) -> str:
         first, *others = self.lines(indent="")
@@ -110,7 +118,7 @@ def least_violation(model: Any, deadline: Deadline = NO_DEADLINE) -> LeastViolat
     -------
     LeastViolation or None
         None for models that are large, have rows without values or derivatives, or take longer than the deadline; with
-        pairs also where linear programs lead further, since another side of a pair may be the cause.
+        pairs also where nothing holds the rows with these sides at zero, since another side may be the cause.
 
     References
     ----------
@@ -127,8 +135,9 @@ def least_violation(model: Any, deadline: Deadline = NO_DEADLINE) -> LeastViolat
     free = {id(v): v for row in rows for v in variables_in(row.body, include_fixed=False)}.values()
     with values_restored(free):
         put_values([*free], [within_bounds(number_or_nan(variable), variable) for variable in free])
-        if only_pairs:
-            return _impossible_pair(constraints, pairs, deadline)
+        impossible = _impossible_pair(constraints, pairs, deadline) if only_pairs else None
+        if impossible is not None:
+            return impossible
         at = ViolatedRows(rows)
         with values_restored(free):
             contradiction = _contradiction(rows, deadline) if at.is_finite else None
@@ -184,7 +193,9 @@ def _descended(
             return None
         if at.total - step.total <= STATIONARY * min(radius, 1.0) * at.total:
             groups = grouped(at.obstructing(step))
-            relief = _first_relief(at, groups, deadline) if is_linear else None
+            relief = _first_relief(at, groups, deadline)
+            if not is_linear and relief is not None and math.isinf(relief.amount):
+                relief = None  # further away than slopes are good for, it may be enough
             kind = Least.PROVEN if is_linear else Least.LOCAL
             return LeastViolation(kind, has_pairs, step.total, tuple(one for one, _ in groups), relief)
         at.put(step)
@@ -200,7 +211,7 @@ def _descended(
 def _first_relief(
     at: ViolatedRows, groups: Sequence[tuple[Obstruction, list[ObstructingData]]], deadline: Deadline
 ) -> Relief | None:
-    """The first obstruction that is enough alone, where all rows are linear; fixed values and pairs are not tried."""
+    """The first obstruction that is enough alone, by the slopes here; fixed values and pairs are not tried."""
     tried: list[Relief] = []
     for obstruction, data in groups[:SHOWN]:
         component = data[0].data.parent_component()

@@ -85,7 +85,7 @@ class Relief:
 
 
 def grouped(data: Iterable[ObstructingData]) -> list[tuple[Obstruction, list[ObstructingData]]]:
-    """Obstructions by component and side, the most influential first; then those of pairs, then fixed values.
+    """Obstructions by component and side: bounds, rows, pairs, fixed values, the most influential of each first.
 
     Equations of phases carry what is required at one time to the next: they are left out wherever there is anything
     else.
@@ -94,7 +94,7 @@ def grouped(data: Iterable[ObstructingData]) -> list[tuple[Obstruction, list[Obs
     for one in data:
         groups.setdefault(_label(one), []).append(one)
     stated = [some for some in groups.values() if some[0].sign or not is_equation_of_a_phase(some[0].data)]
-    # Ends are fixed, and contact is stated, in almost every problem: what else stands there comes first.
+    # A bound is a number that can be widened. Ends are fixed, and contact is stated, in almost every problem.
     ranked = [(_rank(some[0]), _obstruction(some), some) for some in stated or groups.values()]
     return [(one, some) for _, one, some in sorted(ranked, key=lambda each: (each[0], -each[1].influence))]
 
@@ -106,7 +106,9 @@ def _label(one: ObstructingData) -> Hashable:
 
 
 def _rank(one: ObstructingData) -> int:
-    return 2 if one.sign == "=" else int(one.data.parent_component().ctype in PAIR_TYPES)
+    if one.sign:
+        return 3 if one.sign == "=" else 0
+    return 2 if one.data.parent_component().ctype in PAIR_TYPES else 1
 
 
 def _obstruction(some: list[ObstructingData]) -> Obstruction:

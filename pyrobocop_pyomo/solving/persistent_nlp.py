@@ -23,9 +23,8 @@ from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint, ShiftedRows
 from pyrobocop_pyomo.programs.quadratic_cost import AddedQuadraticCost, QuadraticCost
 
-from .following_barrier import DeltaFollowsBarrier
 from .ipopt_options import IPOPT_MU_INIT, IpoptOptions, warm_start
-from .session import OnIteration
+from .session import DeltaFollowsBarrier, OnIteration
 
 
 class PersistentNLP:

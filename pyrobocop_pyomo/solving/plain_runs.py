@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -15,14 +14,11 @@ from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.programs.scaled_program import ScaledProgram
 
 from .curvature import direction_of_descent
-from .found_points import FoundPoints
 from .ipopt_options import NEARLY_THERE, TIGHTER_TOLERANCES
-from .iterate_log import IterateLog
 from .iterates import Iterate, StopReason
-from .polish import Exploration
 from .polished_runs import PolishedRuns
 from .second_tries import ITERATIONS_OF_ONE
-from .settings import Settings
+from .solve_state import SolveState
 from .solved_copies import SolvedCopies
 from .starts import put_motion, put_start
 from .strategies import BEYOND_SADDLE, SIMULATED, SOLVE, StartingPoint, Strategy
@@ -49,27 +45,14 @@ class PlainRuns:
 
     Parameters
     ----------
-    model : Block
-    settings : Settings
-    log : IterateLog
-    found : FoundPoints
+    state : SolveState
     runs : PolishedRuns
     copies : SolvedCopies
-    exploration : Exploration
     """
 
-    def __init__(
-        self,
-        model: Any,
-        settings: Settings,
-        log: IterateLog,
-        found: FoundPoints,
-        runs: PolishedRuns,
-        copies: SolvedCopies,
-        exploration: Exploration,
-    ) -> None:
-        self._model, self._settings, self._log, self._found = model, settings, log, found
-        self._runs, self._copies, self._exploration = runs, copies, exploration
+    def __init__(self, state: SolveState, runs: PolishedRuns, copies: SolvedCopies) -> None:
+        self._model, self._settings, self._log, self._found = state.model, state.settings, state.log, state.found
+        self._runs, self._copies, self._exploration = runs, copies, state.exploration
 
     def run(self, place: Workplace, strategy: Strategy, keep: Callable[[Iterate], None]) -> Iterate | None:
         """Run a strategy, and go on from where it ends at a saddle; None where it has no start, or no program.

@@ -20,9 +20,9 @@ from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, BranchPoint, Certificate, ExploredBranches, Limits
 from pyrobocop_pyomo.mpcc.branch import nearest_branch, restricted
+from pyrobocop_pyomo.mpcc.linear_programs import prepare
 from pyrobocop_pyomo.mpcc.linearisation import Linearisation
-from pyrobocop_pyomo.mpcc.mixed_integer import prepare
-from pyrobocop_pyomo.mpcc.multipliers import MultiplierProblem, classify, strong_multipliers
+from pyrobocop_pyomo.mpcc.multipliers import STATIONARY, MultiplierProblem, classify, strong_multipliers
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
@@ -51,7 +51,6 @@ EXPLORED_SECONDS = 1.0
 # By default it may take as many iterations of Ipopt as the rest of the solve took, linear programs counted as parts of
 # one, but so many in any case: unlike seconds, these are the same on every machine.
 EXPLORED_WORK = 300
-EXPLORED_WORK_SHARE = 1.0
 # Without pairs: so many iterations and a share of those so far, on the user's mesh. From so many variables on, where
 # iterations take most of the time, fewer, but not less than a part.
 PLAIN_WORK, PLAIN_WORK_SHARE = 80, 0.4
@@ -118,7 +117,7 @@ class Exploration:
         elsewhere = iterations - self.explored_iterations
         if not pairs:
             return (np.inf if self.most_work is None else self.most_work) - self.work
-        return self._share(pairs) * max(EXPLORED_WORK, EXPLORED_WORK_SHARE * elsewhere) - self.work
+        return self._share(pairs) * max(EXPLORED_WORK, elsewhere) - self.work
 
     def may_go_on(self, pairs: int, iterations: int) -> bool:
         """Whether anything is left of the budget, in seconds and in work."""
@@ -203,7 +202,7 @@ class Polish:
         self._values, self._exploration = values, exploration
         self._crossed = relaxed.crossed
         # What is absolute in linear programs, and where a branch ends, then means the same for every objective.
-        self._slope = objective_slope(compiled)
+        self._slope = objective_slope(compiled, below=1.0)
         self._program, self._kept_rows = numeric_pairs(
             compiled, relaxed.lifted, relaxed.relaxing_rows, relaxed.crossed, objective=self._slope
         )
@@ -307,10 +306,16 @@ class Polish:
             return iterate
         # What Ipopt said does not count where multipliers are at hand that show the point to be stationary, and a
         # direction of descent that led nowhere does not count where they show that there is none.
-        multipliers = iterate.classify()
+        try:
+            multipliers = iterate.classify()
+        except KeyboardInterrupt:
+            self._search.interrupted = True
+            return iterate
         if multipliers is None or multipliers.kind is Stationarity.NONE:
             return iterate
-        if multipliers.kind is Stationarity.S:
+        # What they leave in all variables together is the steepest descent that there may be.
+        left = multipliers.residual * self._program.nlp.n
+        if multipliers.kind is Stationarity.S and (left <= STATIONARY or certificate is not Certificate.DESCENT):
             iterate = replace(iterate, certificate=Certificate.PROVEN)
         return replace(iterate, stop_reason=StopReason.FINISHED, stationarity=multipliers.residual)
 

@@ -10,19 +10,16 @@ from typing import Any
 from pyrobocop_pyomo.complementarity import Geometric
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library
-from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 
 from .continuation import POLISHED_EARLY, Continuation
-from .found_points import CROSS_CHECKED_PAIRS, FoundPoints
+from .found_points import CROSS_CHECKED_PAIRS
 from .ipopt_options import TIGHTENED, IpoptOptions
-from .iterate_log import IterateLog
 from .iterates import Iterate, StopReason
-from .polish import Exploration, Polish
+from .polish import Polish
 from .session import Session
-from .settings import Settings
-from .strategies import FIRST_SHARE_OF_TIME, Strategy
+from .solve_state import SolveState
+from .strategies import Strategy
 from .workplaces import Workplace
 
 logger = logging.getLogger(__name__)
@@ -36,27 +33,12 @@ class PolishedRuns:
 
     Parameters
     ----------
-    settings : Settings
-    log : IterateLog
-    values : VariableValues
-        The user's variables.
-    found : FoundPoints
-    sign : float
-        1 where the objective is minimised, -1 where it is maximised.
-    exploration : Exploration
+    state : SolveState
     """
 
-    def __init__(
-        self,
-        settings: Settings,
-        log: IterateLog,
-        values: VariableValues,
-        found: FoundPoints,
-        sign: float,
-        exploration: Exploration,
-    ) -> None:
-        self._settings, self._log, self._values, self._found = settings, log, values, found
-        self._sign, self._exploration = sign, exploration
+    def __init__(self, state: SolveState) -> None:
+        self._settings, self._log, self._values, self._found = state.settings, state.log, state.values, state.found
+        self._sign, self._exploration = state.check.sign, state.exploration
 
     def run(self, place: Workplace, strategy: Strategy, label: str = "solve") -> Iterate:
         """Run the strategy's schedule and polish the best point of it."""
@@ -92,7 +74,6 @@ class PolishedRuns:
             self._settings,
             self._sign,
             self._options(place, strategy),
-            self._deadline(strategy),
             exact=not place.relaxed.shifted_rows,
         )
 
@@ -166,14 +147,6 @@ class PolishedRuns:
             self._found.note_diverged(diverged)
         if polish.interrupted:
             self._found.cut = StopReason.INTERRUPTED
-
-    def _deadline(self, strategy: Strategy) -> Deadline:
-        """That of the solve; a strategy that others follow if it is cut short gets a share of the time that is left."""
-        deadline = self._settings.deadline
-        shared = self._settings.strategies is None and strategy.large_problem_iterations is not None
-        if deadline.left is None or not shared:
-            return deadline
-        return deadline.within(FIRST_SHARE_OF_TIME * deadline.left)
 
     def _options(self, place: Workplace, strategy: Strategy) -> IpoptOptions:
         options: Mapping[str, Any] = strategy.options

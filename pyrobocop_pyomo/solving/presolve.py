@@ -7,12 +7,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from pyomo.contrib.fbbt.expression_bounds_walker import ExpressionBoundsVisitor
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.complementarity import LiftedPair, SidePart, SideVariable
 from pyrobocop_pyomo.diagnosis.values import SIDES_HOLD
 from pyrobocop_pyomo.errors import ComplementarityError
+from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ def presolve(pairs: Sequence[LiftedPair], tolerance: float = 1e-7) -> list[Decis
         Where a side has a fixed value and both are positive, or one of them cannot reach zero from below: the pair
         cannot be met.
     """
-    intervals = ExpressionBoundsVisitor()
+    intervals = ExpressionBounds()
     found = []
     for pair in pairs:
         least_a, most_a = _range(pair.a, pair.pair.a, pair.pair.a_part, intervals)
@@ -105,9 +105,7 @@ def _is_fixed(side: SideVariable) -> bool:
     return bool(side.variable.fixed)
 
 
-def _range(
-    side: SideVariable, expression: Any, part: SidePart, intervals: ExpressionBoundsVisitor
-) -> tuple[float, float]:
+def _range(side: SideVariable, expression: Any, part: SidePart, intervals: ExpressionBounds) -> tuple[float, float]:
     """Interval that a side lies in, by its variable and, where it was lifted, by its expression."""
     variable, offset = side.variable, value(side.offset)
     if variable.fixed:

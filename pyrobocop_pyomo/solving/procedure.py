@@ -10,9 +10,7 @@ from typing import Any
 
 from pyomo.common.errors import InfeasibleConstraintException
 
-from pyrobocop_pyomo.complementarity import active_sources, pairs_of
 from pyrobocop_pyomo.diagnosis.difficult_forms import form_findings
-from pyrobocop_pyomo.diagnosis.statements import objective_findings
 from pyrobocop_pyomo.diagnosis.values import boundary_findings, decided_findings
 from pyrobocop_pyomo.discretisation import DiscretisationProbe
 from pyrobocop_pyomo.errors import ComplementarityError, ContradictionError, EvaluationError, PyRobocopError
@@ -21,20 +19,16 @@ from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
 from pyrobocop_pyomo.phases import phases_of
 
-from .convexity import is_convex
-from .found_points import FoundPoints
-from .initial_guess import InitialGuess
+from .curvature import is_convex
 from .ipopt_options import WARM_ITERATIONS
-from .iterate_log import IterateLog, ModelCheck
 from .iterates import Iterate, Quality, StopReason
-from .polish import Exploration, plain_work
+from .polish import plain_work
 from .relaxed_model import forget_removed
-from .result_findings import ModelReference
 from .run_remarks import doubts_on_pairs, doubts_on_point, remarks_on_runs
 from .second_tries import SecondTries, first_run, with_pairs, without_pairs
 from .settings import Settings
-from .short_text import FIRST_RUN
-from .solve_result import SolveResult
+from .solve_result import ModelReference, SolveResult
+from .solve_state import SolveState
 from .solved_copies import SolvedCopies
 from .strategies import (
     DEFAULT_SEQUENCE,
@@ -52,11 +46,9 @@ from .violations import (
     GROWING,
     Violation,
     growing_variables,
-    motion_without_choice,
-    stages_that_miss_impacts,
+    remarks_on_phases_with_pairs,
     worst_of_each_component,
 )
-from .workplaces import Workplaces
 
 logger = logging.getLogger(__name__)
 
@@ -67,8 +59,6 @@ PATIENCE, REQUESTED_PATIENCE = 3, 8
 # Without pairs and by default: a third of what all starts may take, within these; with less than the least, few come to
 # an end.
 FEW_ITERATIONS, MANY_ITERATIONS, LEAST_ITERATIONS = 50, 100, 25
-# So many components that are not met are named where the first run gave up.
-SHOWN_AT_FIRST = 3
 
 
 def solve_model(model: Any, settings: Settings) -> SolveResult:
@@ -86,30 +76,14 @@ class _Procedure:
     """The state of one solve."""
 
     def __init__(self, model: Any, settings: Settings) -> None:
-        self._model, self._settings = model, settings
-        self._started = time.perf_counter()
-        self._check = ModelCheck(model)
-        self._has_pairs = bool(active_sources(model) or pairs_of(model))
-        self._log = IterateLog(self._check, settings.progress)
-        self._values = VariableValues.of_free(model)
-        self._guess = InitialGuess(model, self._values)
-        self._found = FoundPoints(settings, self._check.sign)
-        self._places = Workplaces(model, settings, self._guess)
-        self._exploration = Exploration(settings.exploration, self._started, settings.explored_work)
+        self._state = state = SolveState(model, settings)
+        self._model, self._settings, self._log, self._values = model, settings, state.log, state.values
+        self._guess, self._found, self._places, self._exploration = (
+            state.guess, state.found, state.places, state.exploration,
+        )  # fmt: skip
         self._tried: set[str] = set()
-        self._copies = SolvedCopies(model, self._values, settings, self._log, self._found, solve_model)
-        self._runs = StrategyRuns(
-            model,
-            settings,
-            self._check,
-            self._log,
-            self._found,
-            self._guess,
-            self._places,
-            self._exploration,
-            self._copies,
-            has_pairs=self._has_pairs,
-        )
+        self._copies = SolvedCopies(state, solve_model)
+        self._runs = StrategyRuns(state, self._copies)
 
     def solve(self) -> SolveResult:
         """Go through the strategies until one gives a point that is certified; the best of all points wins."""
@@ -127,7 +101,7 @@ class _Procedure:
             raise ComplementarityError(
                 f"'{self._model.name}': delta cannot follow the barrier parameter with the relaxation "
                 f"{self._settings.relaxation!r}, which bounds no row by it, and the projection starts from a point "
-                "that another strategy left. Use schedule=Geometric(...) or Fixed(...), or other strategies."
+                "that another strategy left. Use Strategy(schedule=Geometric(...)) or Fixed(...), or other strategies."
             )
         if best.stop_reason is StopReason.ITERATION_LIMIT and any(
             step.stop_reason is StopReason.DIVERGED for step in self._log.steps
@@ -150,7 +124,7 @@ class _Procedure:
 
     def _go_through(self) -> None:
         with self._places:
-            if self._has_pairs:
+            if self._state.has_pairs:
                 self._go_through_those_for_pairs()
             else:
                 self._go_through_those_without_pairs()
@@ -159,7 +133,7 @@ class _Procedure:
             if self._found.best is not None and self._found.cut is not StopReason.INTERRUPTED:
                 self._classify(self._found.best)
         # A copy is made when the relaxation is taken back.
-        if self._has_pairs and self._settings.strategies is None and not self._found.are_enough():
+        if self._state.has_pairs and self._settings.strategies is None and not self._found.are_enough():
             self._guess.write_start()
             split = self._copies.with_absolute_values_split()
             if split is not None:
@@ -214,7 +188,7 @@ class _Procedure:
             relaxed = ", relaxed where they led to nothing better" if pairs else ""
             self._guess.remarks.append(
                 f"Objectives of other ways and starts, beside {before.objective:.6g} of '{before.strategy}'{relaxed}: "
-                f"{', '.join(ends)}. exploration= asks for more of them."
+                f"{', '.join(ends)}. Strategy(exploration=...) asks for more of them."
             )
 
     def _other_starts(self, *, requested: bool) -> Iterator[Strategy]:
@@ -332,7 +306,7 @@ class _Procedure:
             if residuals
             else doubts_on_point(best),
             steps=self._log.steps,
-            standing=best.standing(self._settings.tolerances, self._check.sign),
+            standing=best.standing(self._settings.tolerances, self._state.check.sign),
             decided_pairs=places.decided_pairs,
             solver=places.solver,
             derivatives=places.derivatives,
@@ -340,7 +314,7 @@ class _Procedure:
             checking_seconds=self._log.seconds,
             model=ModelReference(self._model),
             probe=DiscretisationProbe(self._model, best.row_multipliers, best.objective),
-            seconds=time.perf_counter() - self._started,
+            seconds=time.perf_counter() - self._state.started,
         )
 
     def _why_it_ended(self, best: Iterate, quality: Quality) -> StopReason:
@@ -356,38 +330,17 @@ class _Procedure:
         if best.diverged and self._found.unbounded is None and (growing := growing_variables(self._values, GROWING)):
             said.append(f"What grows: {growing}.")
         infeasible = best.quality(self._settings.tolerances) is Quality.INFEASIBLE
-        if infeasible and not best.stop_reason.is_final and (elsewhere := self._where_the_first_gave_up(best)):
-            said.append(elsewhere)
-        if infeasible and (missed := stages_that_miss_impacts(self._model)):
-            said.append(missed)
-        if infeasible and (motion := motion_without_choice(self._model)):
-            said.append(motion)
+        said += remarks_on_phases_with_pairs(self._model) if infeasible else []
         optimal = best.quality(self._settings.tolerances) is Quality.OPTIMAL
         # A run that reached its limit of iterations is a sign of them, even where another one found a solution.
         stalled = any(step.stop_reason is StopReason.ITERATION_LIMIT for step in self._log.steps)
         if (stalled or not optimal) and not best.stop_reason.is_final:
             said += [f"{finding.message} {finding.remedy}" for finding in form_findings(self._model)]
-        said += [f"{finding.message} {finding.remedy}" for finding in objective_findings(self._model)]
         return said
-
-    def _where_the_first_gave_up(self, best: Iterate) -> str:
-        """What is not met at the end of the first run, where that is another point than the best; or nothing."""
-        first = self._found.first
-        if first is None or first.values is None or best.values is None or first.iterations == 0:
-            return ""
-        if first.number == best.number or first.values == best.values:
-            return ""
-        self._values.write(first.values)
-        try:
-            found = worst_of_each_component(self._check.violated(self._settings.tolerances))
-        finally:
-            self._values.write(best.values)
-        named = "; ".join(str(violation) for violation in found[:SHOWN_AT_FIRST])
-        return f"{FIRST_RUN}, '{first.label}', gave up: {named}." if found else ""
 
     def _violations(self) -> tuple[Violation, ...]:
         tolerances = self._settings.tolerances
-        return worst_of_each_component([*self._check.violated(tolerances), *self._log.unmet(tolerances)])
+        return worst_of_each_component([*self._state.check.violated(tolerances), *self._log.unmet(tolerances)])
 
 
 def _what_grows(values: VariableValues, unbounded: Iterate, best: Iterate) -> str:

@@ -77,5 +77,6 @@ def _curve(generator: np.random.Generator, size: int) -> FloatArray:
 
 
 def _initial_guess(variable: Any) -> float:
-    """The value, moved within the bounds; without a value, the number nearest to zero within them."""
-    return within_bounds(0.0 if variable.value is None else float(variable.value), variable)
+    """The value, moved within the bounds; without a finite value, the number nearest to zero within them."""
+    known = variable.value is not None and np.isfinite(variable.value)
+    return within_bounds(float(variable.value) if known else 0.0, variable)

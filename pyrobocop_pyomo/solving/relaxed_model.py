@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -20,11 +20,9 @@ from pyrobocop_pyomo.complementarity import (
     pairs_of,
     relax,
     relaxation_rows_of,
-    reset_parameters,
     revert,
     shifted_rows_of,
     side_values,
-    update_parameters,
     without_penalty,
 )
 
@@ -83,16 +81,6 @@ class RelaxedModel:
         """The mutable parameter, or None."""
         return None if self.block is None else self.block.delta
 
-    def go_on_to(self, delta: float, multipliers: Mapping[Any, float] | None) -> bool:
-        """Set delta for the next run; after a run, with its multipliers, also what the relaxation updates then.
-
-        Returns whether any number of the model changed.
-        """
-        if multipliers is not None:
-            return update_parameters(self.model, delta, multipliers)
-        reset_parameters(self.model, delta)
-        return True
-
     @property
     def has_penalty(self) -> bool:
         """Whether the objective has a penalty term."""
@@ -122,7 +110,7 @@ def relaxed_model(model: Any, relaxation: Any, grouping: Any, delta: float) -> I
     A relaxation that the user has applied is used and kept.
     """
     if active_sources(model):
-        token = relax(model, relaxation=relaxation, grouping=grouping, delta=delta, lift=True)
+        token = relax(model, relaxation=relaxation or "scholtes", grouping=grouping or "pair", delta=delta, lift=True)
         try:
             relaxed = RelaxedModel.of(model)
             relaxed.decisions = presolve(relaxed.lifted)

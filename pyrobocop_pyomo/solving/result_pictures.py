@@ -7,35 +7,24 @@ from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.motion import SafetyReport
-from pyrobocop_pyomo.plotting import draw_scene, plot_history, plot_pair_sides
-from pyrobocop_pyomo.plotting import plot_products as plot_product_arrays
+from pyrobocop_pyomo.plotting import draw_scene, plot_history
 from pyrobocop_pyomo.plotting.figures import figure_or_new
 
 from .iterates import Iterate
-from .pair_report import ZERO_SIDE, PairReport
 
 
-def draw_plan(
-    title: str,
-    scenes: Sequence[Any],
-    report: SafetyReport,
-    safe: bool | None,
-    steps: Sequence[Iterate],
-    best: int,
-    figure: Any,
-) -> Any:
-    """The scene of each avoidance block, the clearances over time, and the runs."""
+def draw_plan(result: Any, figure: Any) -> Any:
+    """The scene of each avoidance block of a result, the clearances over time, and the runs."""
+    title, scenes, is_safe = result.name, result.scenes, result.was_safe is not False
     columns = len(scenes) + 1
     figure = figure_or_new(figure, 5.6 * columns + 1.2, 7.2)
     *places, right = np.ravel(figure.subfigures(1, columns, width_ratios=[5.0] * len(scenes) + [6.0]))
     for place, (time, bodies, obstacles) in zip(places, scenes, strict=True):
         draw_scene(time, bodies, obstacles, figure=place)
     upper, lower = right.subfigures(2, 1)
-    report.plot(upper)
-    draw_history("", steps, best, lower)
-    figure.suptitle(title if safe else f"NOT SAFE: {title}", color="0.1" if safe else "C3")
+    result.safety.plot(upper)
+    draw_history("", result.steps, result.best_step, lower)
+    figure.suptitle(title if is_safe else f"NOT SAFE: {title}", color="0.1" if is_safe else "C3")
     return figure
 
 
@@ -75,51 +64,3 @@ def _line(start: float, end: float, path: list[float], last: float | None) -> tu
 
 def _joined(parts: list[tuple[list[float], list[float]]]) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([x for x, _ in parts]), np.concatenate([y for _, y in parts])
-
-
-def draw_pairs(
-    title: str, pairs: Sequence[PairReport], component: str | None, axis_label: str | None, figure: Any
-) -> Any:
-    """Both sides of the pairs of a component, over its index where that is one number."""
-    names = list(dict.fromkeys(pair.component for pair in pairs))
-    if component is None and len(names) == 1:
-        component = names[0]
-    chosen = [pair for pair in pairs if pair.component == component]
-    if not chosen:
-        found = ", ".join(f"'{name}'" for name in names) or "none"
-        which = "a component has to be chosen" if component is None else f"no pairs of a component '{component}'"
-        raise ModelError(f"'{title}': {which}. Components with pairs: {found}.")
-    place, labels = _places([pair.index for pair in chosen])
-    order = np.argsort(place, kind="stable")
-    return plot_pair_sides(
-        f"{title}: {component}",
-        place[order],
-        np.array([pair.first for pair in chosen])[order],
-        np.array([pair.second for pair in chosen])[order],
-        zero=ZERO_SIDE,
-        labels=labels,
-        axis_label="index" if axis_label is None else axis_label,
-        figure=figure,
-    )
-
-
-def _places(indices: Sequence[str]) -> tuple[np.ndarray, list[str] | None]:
-    """Numbers where every index is one, else counted places with the indices as labels."""
-    try:
-        return np.array([float(index) for index in indices]), None
-    except ValueError:
-        return np.arange(1.0, len(indices) + 1), list(indices)
-
-
-def draw_products(title: str, steps: Sequence[Iterate], figure: Any) -> Any:
-    """Residuals of the runs that bounded products."""
-    bounded = [step for step in steps if step.delta is not None and step.delta > 0.0]
-    if not bounded:
-        raise ModelError(f"'{title}': no run bounded products, so there is nothing to draw against delta.")
-    return plot_product_arrays(
-        title,
-        np.array([step.delta for step in bounded], dtype=float),
-        np.array([step.largest_product for step in bounded]),
-        np.array([step.largest_natural_residual for step in bounded]),
-        figure=figure,
-    )

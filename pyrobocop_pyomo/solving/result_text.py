@@ -1,20 +1,269 @@
-"""Results as text: tables of pairs, and the long report."""
+"""Results as text: `print(result)` in one to eight lines, the report with everything, and tables of pairs."""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from textwrap import shorten
+from typing import Any
 
-from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.mpcc.active_set import Certificate
-from pyrobocop_pyomo.mpcc.stationarity import Multipliers
+from pyrobocop_pyomo.phases import phases_of
 
+from .iterates import Quality, StopReason
+from .least_violation import STANDS_AGAINST, Least
+from .obstructions import first_try
 from .pair_report import ActiveSide, PairReport
 
+MOST_LINES = 8
+# Of a line that is shown; `report()` has all of it.
+MOST_CHARACTERS = 400
+# So many violated components, and so many together with what stands against a solution, are named.
+SHOWN_VIOLATIONS, SHOWN_OBSTRUCTIONS = 2, 5
+IN_THE_WAY = "What stands against a solution near the best point found:"
+FAR = " If you know that there is a solution, start nearer to it: try another initial guess."
+KEPT_MESH = "The mesh stays as it is"
 CLEAR_START = (
     "There may be none. Otherwise start from a clear one: rcp.scenes.waypoint_initial_guess, sampled_path (arms) or "
     "hybrid_a_star (cars), or rcp.studies.multistart."
 )
+CHANGED = (
+    "CHANGED: Variables or parameters of the model have other values than those of which this was found: whether its "
+    "motion is safe is not known. Solve again, or ask verify() of its avoidance blocks."
+)
+
+_NEARBY = {
+    Certificate.PROVEN: "no better choice of zero sides nearby",
+    Certificate.DESCENT: "another choice of zero sides is better",
+    Certificate.UNKNOWN: "whether another choice of zero sides is better is not known",
+}
+
+
+def short_text(result: Any) -> str:
+    """What a user needs to know first.
+
+    Parameters
+    ----------
+    result : SolveResult
+    """
+    lines = [first_line(result), *_pairs(result), *_doubts(result)]
+    if result.quality is Quality.INFEASIBLE:
+        lines += _failure(result)
+    elif not result.solved:
+        lines += _suggestion(result)
+    return "\n".join(shorten(line, MOST_CHARACTERS, placeholder=" ...") for line in lines[:MOST_LINES])
+
+
+def first_line(result: Any) -> str:
+    """Verdict, objective, effort and errors: what is said wherever a result is shown."""
+    mesh, violation = result.errors_of_answer, result.constraint_violation
+    if result.quality is Quality.INFEASIBLE:
+        violation = max(violation, result.largest_natural_residual)
+    iterations = f"{result.iterations} iteration{'' if result.iterations == 1 else 's'}"
+    exact = []
+    if result.quality is Quality.INFEASIBLE:
+        # How far a plane between shapes is passed says less than how far they overlap, which the next line says.
+        if not math.isfinite(violation):
+            exact.append("expressions have no value")
+        elif not _is_in_the_way(result):
+            exact.append(f"largest violation {violation:.2g} in the model's units")
+    elif not result.best.diverged:
+        if mesh.phases or violation > 0.0:
+            exact.append(f"{'equations' if mesh.phases else 'constraints'} to {max(violation, 1e-16):.0e}")
+        exact += filter(None, [mesh.in_short()])
+    # The objective of a point that is no solution says nothing.
+    objective = "" if result.quality is Quality.INFEASIBLE else f"objective {result.objective:.6g}, "
+    done = f"{objective}{iterations}, {format(result.seconds, '.2g' if result.seconds < 10 else '.0f')} s"
+    return f"{result.name}: {verdict(result)}. {'; '.join((done, ', '.join(exact))) if exact else done}"
+
+
+def verdict(result: Any) -> str:
+    """Whether it is solved, and what there is to doubt."""
+    marks = {"DOUBTFUL": result.doubts, "CHANGED": result.has_changed, "COARSE MESH": result.errors_of_answer.is_large}
+    return ", ".join([_bare_verdict(result), *(mark for mark, holds in marks.items() if holds)])
+
+
+def _bare_verdict(result: Any) -> str:
+    least = result.least_violation
+    ended = "" if result.stop_reason is StopReason.FINISHED else f": {result.stop_reason.what.rstrip('.')}"
+    if result.stop_reason is StopReason.INFEASIBLE and least is not None:
+        ended = f": {least.in_short}"  # what linear programs found there, and not what Ipopt took it for
+    unsafe = ", NOT SAFE" if result.was_safe is False else ""
+    if result.quality is Quality.INFEASIBLE:
+        if least is not None and least.is_proof:
+            return "NOT SOLVED, and proven to have no solution"
+        return f"NOT SOLVED{unsafe}{ended}"
+    if result.best.diverged:
+        return f"NOT SOLVED{unsafe}{ended}"
+    if result.quality is Quality.FEASIBLE:
+        return f"feasible, but not shown to be optimal{unsafe}{ended}{'' if unsafe else _kept(result.safety)}"
+    cut_short = {StopReason.INTERRUPTED: " when interrupted", StopReason.TIME_LIMIT: " at the time limit"}
+    return "NOT SAFE" if unsafe else f"solved{cut_short.get(result.stop_reason, '')}{_kept(result.safety)}"
+
+
+def _kept(safety: Any) -> str:
+    """What is known of a motion that keeps its clearances; nothing where there are none."""
+    if safety is None:
+        return ""
+    if safety.safe is None:
+        return f", {shorten(safety.word.removesuffix('.'), MOST_CHARACTERS // 2, placeholder=' ...')}"
+    return f", and {safety.word}: clearances kept{' at all times' if safety.between else ''}"
+
+
+def _pairs(result: Any) -> Iterable[str]:
+    count = len(result.residuals)
+    if not count or result.quality is Quality.INFEASIBLE:
+        return
+    exact = result.largest_natural_residual
+    met = "exact" if exact <= 1e-12 else f"to {exact:.0e}"
+    nearby = f", {_NEARBY[result.certificate]}" if result.quality is Quality.OPTIMAL else ""
+    yield f"{count} complementarity pair{'s' if count > 1 else ''} {met}{nearby}"
+
+
+def _doubts(result: Any) -> Iterable[str]:
+    for doubt in result.doubts:
+        yield f"DOUBTFUL: {doubt.message} {doubt.remedy}"
+    if result.rounding is not None:
+        yield str(result.rounding)
+    if result.has_changed:
+        yield CHANGED
+    mesh = result.errors_of_answer
+    if mesh.is_large:
+        yield f"COARSE MESH: {mesh.in_words()}"
+    yield from (remark for remark in result.remarks if remark.startswith(KEPT_MESH))
+    yield from mesh.bounds_passed
+    if motion := _motion(result):
+        yield motion.removesuffix(f" {CLEAR_START}")
+
+
+def _motion(result: Any) -> str:
+    """What a motion lacks; where no motion exists at all, obstacles are not what is in the way."""
+    least, safety = result.least_violation, result.safety
+    if result.was_safe is not False or (least is not None and least.is_proof):
+        return ""
+    if safety.safe is not False:
+        return "The motion keeps its clearances, but violates other constraints."
+    closest = f"In the closest one {safety.worst} (in the model's units)."
+    return f"No motion was found that keeps its clearances. {closest} {CLEAR_START}"
+
+
+def _is_in_the_way(result: Any) -> bool:
+    """Whether bodies that come too close are what a motion lacks."""
+    return _motion(result).endswith(CLEAR_START)
+
+
+def _failure(result: Any) -> Iterable[str]:
+    """What is not met, what stands against a solution, and one thing to do."""
+    least = result.least_violation
+    # What helps is the last line, and must not be cut off by what is said of a motion.
+    is_long = result.was_safe is False and least is not None and bool(least.obstructions)
+    overlaps = _is_in_the_way(result)
+    unmet = [one for one in result.violations if not (overlaps and one.where.startswith("clearance between"))]
+    unmet = unmet[: 1 if is_long else SHOWN_VIOLATIONS]
+    for violation in unmet:
+        yield f"not met: {violation}"
+    if least is not None and least.obstructions:
+        yield STANDS_AGAINST if least.is_proof else f"Not proven to be impossible. {IN_THE_WAY}"
+        shown = list(least.obstructions[: SHOWN_OBSTRUCTIONS - max(len(unmet), 1)])
+        fixed = [obstruction for obstruction in least.obstructions if obstruction.is_fixed]
+        if fixed and not any(obstruction.is_fixed for obstruction in shown):
+            shown[-1] = fixed[0]  # an end that was given wrongly is what a user looks for
+        left = len(least.obstructions) - len(shown)
+        for obstruction in shown:
+            yield f"- {obstruction}{f', and {left} more' if left and obstruction is shown[-1] else ''}"
+    yield from _suggestion(result)
+
+
+def _has_given_time(result: Any) -> bool:
+    """Whether a phase of the model lasts as long as a number says: no bound in the model stands for it."""
+    model = result.model()
+    return model is not None and any(not phase.has_free_duration for phase in phases_of(model))
+
+
+def _suggestion(result: Any) -> Iterable[str]:
+    """One thing to do: what was noticed on the way, or what helps against how it ended."""
+    noticed = [remark for remark in result.remarks if not remark.startswith(KEPT_MESH)]
+    remedy, least = result.stop_reason.remedy, result.least_violation
+    against = ""
+    if least is not None and least.obstructions:
+        time = _has_given_time(result)
+        against = first_try(least.obstructions, least.relief, time, exactly=least.is_proof)
+    if least is not None and least.is_proof:
+        yield from filter(None, [against])
+    elif result.stop_reason is StopReason.DIVERGED:
+        yield " ".join([*noticed[:1], remedy])
+    elif noticed:
+        yield noticed[0]
+    elif _is_in_the_way(result):
+        yield CLEAR_START
+    elif against:
+        yield f"{against}{FAR}"
+    elif result.stop_reason in (StopReason.ITERATION_LIMIT, StopReason.TIME_LIMIT):
+        yield remedy
+    elif least is not None and least.kind is Least.NONE:
+        yield str(least)
+    elif remedy:
+        yield remedy
+
+
+def long_report(result: Any, worst: int) -> str:
+    """Everything that is known about a result.
+
+    Parameters
+    ----------
+    result : SolveResult
+    worst : int
+        How many pairs to show in each list.
+    """
+    least, mesh = result.least_violation, result.errors_of_answer
+    lines = [
+        first_line(result),
+        *_pairs(result),
+        *_doubts(result),
+        *(f"not met: {violation}" for violation in result.violations),
+        *(least.lines() if least is not None else ()),
+        *([] if result.solved else _suggestion(result)),
+        *result.remarks,
+        *([str(mesh)] if mesh.phases or mesh.beside else []),
+        # A run that never began has neither.
+        *([f"{result.solver}, derivatives by {result.derivatives}."] if result.solver else []),
+        f"objective {result.objective:.8g}, {_residuals(result)}; {result.iterations} iterations",
+        *([] if result.scaling is None else [str(result.scaling)]),
+        *([f"{result.safety}\n{result.rounds_table()}"] if result.safety is not None else []),
+        result.steps_table(),
+    ]
+    return "\n\n".join(["\n".join(dict.fromkeys(lines)), *_on_pairs(result, worst)])
+
+
+def _residuals(result: Any) -> str:
+    relative = result.best.relative_violation
+    of_scale = "" if relative in (None, result.constraint_violation) else f" ({relative:.1e} of the rows' sizes)"
+    pairs = f", max a*b {result.largest_product:.1e}, max min(a, b) {result.largest_natural_residual:.1e}"
+    stationarity = "" if result.stationarity is None else f", stationarity {result.stationarity:.1e}"
+    return f"constraints {result.constraint_violation:.1e}{of_scale}{pairs if result.residuals else ''}{stationarity}"
+
+
+def _on_pairs(result: Any, worst: int) -> Iterable[str]:
+    pairs, multipliers = result.pairs, result.multipliers
+    if not pairs:
+        return
+    yield component_table(pairs)
+    yield (
+        f"Decided beforehand by bounds and fixed variables: {result.decided_pairs} of {len(pairs)} pairs.\n"
+        f"Stationarity: {'not examined' if multipliers is None else multipliers.kind.value}\n"
+        f"Certificate: {result.certificate.value}"
+    )
+    if any(pair.natural for pair in pairs):
+        ordered = sorted(pairs, key=lambda pair: -abs(pair.natural))[:worst]
+        yield f"Worst pairs, by |min(first, second)|:\n{pair_table(ordered)}"
+    else:
+        yield "All pairs are met exactly."
+    if result.biactive:
+        yield f"Biactive pairs, both sides zero:\n{pair_table(result.biactive, worst)}"
+    if cheapest := [pair for pair in pairs if _least_multiplier(pair) < 0.0]:
+        ordered = sorted(cheapest, key=_least_multiplier)[:worst]
+        yield f"Pairs whose zero side would gain most by leaving zero, by multiplier:\n{pair_table(ordered)}"
 
 
 def pair_table(pairs: Sequence[PairReport], most: int | None = None) -> str:
@@ -48,78 +297,6 @@ def component_table(pairs: Sequence[PairReport]) -> str:
         numbers = " ".join(f"{counts[side]:>8}" for side in ActiveSide)
         lines.append(f"{name:<{width}} {len(members):>6} {numbers} {max(abs(pair.natural) for pair in members):>9.1e}")
     return "\n".join(lines)
-
-
-def pair_sentence(pairs: Sequence[PairReport], multipliers: Multipliers | None, certificate: Certificate) -> str:
-    """How many pairs, which sides are zero, and what is certified, in one line."""
-    counts = Counter(pair.active for pair in pairs)
-    sides = ", ".join(f"{counts[side]} {side.value}" for side in ActiveSide if counts[side])
-    kind = "" if multipliers is None else f"; {multipliers.kind.value.partition(':')[0]}"
-    return f"{len(pairs)} pairs (zero side: {sides}){kind}; {certificate.value}"
-
-
-def advice_on_motion(safety: SafetyReport) -> str:
-    """What a motion that is not safe lacks, and what may help."""
-    if safety.safe:
-        return "The motion keeps its clearances, but violates other constraints."
-    if safety.is_settled:
-        return f"The plan keeps its clearances, and what its equations make of it may not. {safety.equations}"
-    closest = (
-        f"No motion was found that keeps its clearances. In the closest one {safety.worst} (in the model's units)."
-    )
-    return f"{closest} {CLEAR_START}"
-
-
-def long_report(
-    summary: str,
-    pairs: Sequence[PairReport],
-    multipliers: Multipliers | None,
-    certificate: Certificate,
-    decided: int,
-    worst: int,
-) -> str:
-    """Everything that is known about a result.
-
-    Parameters
-    ----------
-    summary : str
-        The short text.
-    pairs : sequence of PairReport
-    multipliers : Multipliers or None
-    certificate : Certificate
-    decided : int
-        Pairs that bounds had decided.
-    worst : int
-        How many pairs to show in each list.
-    """
-    if not pairs:
-        return summary
-    kind = "not examined" if multipliers is None else multipliers.kind.value
-    parts = [
-        summary,
-        component_table(pairs),
-        f"Decided beforehand by bounds and fixed variables: {decided} of {len(pairs)} pairs.\n"
-        f"Stationarity: {kind}\nCertificate: {certificate.value}",
-        _worst(pairs, worst),
-    ]
-    biactive = [pair for pair in pairs if pair.active is ActiveSide.BIACTIVE]
-    if biactive:
-        parts.append("Biactive pairs, both sides zero:\n" + pair_table(biactive, worst))
-    if multipliers is not None:
-        cheapest = [pair for pair in pairs if _least_multiplier(pair) < 0.0]
-        if cheapest:
-            parts.append(
-                "Pairs whose zero side would gain most by leaving zero, by multiplier:\n"
-                + pair_table(sorted(cheapest, key=_least_multiplier)[:worst])
-            )
-    return "\n\n".join(parts)
-
-
-def _worst(pairs: Sequence[PairReport], most: int) -> str:
-    if not any(pair.natural for pair in pairs):
-        return "All pairs are met exactly."
-    ordered = sorted(pairs, key=lambda pair: -abs(pair.natural))[:most]
-    return "Worst pairs, by |min(first, second)|:\n" + pair_table(ordered)
 
 
 def _least_multiplier(pair: PairReport) -> float:

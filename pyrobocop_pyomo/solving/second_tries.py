@@ -82,10 +82,11 @@ class SecondTries:
         user, status = self._settings.options.user, self._first.status
         if self._first.certificate is Certificate.DESCENT:
             return ()  # the same starts lead to the same saddle, and what follows one was tried
+        # Ipopt's tolerances are relative to its scaling; the residuals are not. A run that converged has met no kink:
+        # smaller tolerances take a few iterations, where absolute values in two parts take hundreds.
+        nearest = (TIGHTER, ABSOLUTE_VALUES) if self._first.converged else (ABSOLUTE_VALUES,)
         if not self._settings.second_tries:
-            # Other starts are the caller's; the point itself, solved with smaller tolerances, is no other start.
-            # Neither are absolute values in two parts.
-            return (ABSOLUTE_VALUES, TIGHTER) if self._first.converged else (ABSOLUTE_VALUES,)
+            return nearest  # other starts are the caller's
         if status in _HOPELESS or (status is IpoptStatus.ITERATION_LIMIT and "max_iter" in user):
             return ()
         if status is IpoptStatus.INTERNAL_ERROR:
@@ -96,16 +97,15 @@ class SecondTries:
         sides = tuple(replace(strategy, most_iterations=SIDE_ITERATIONS) for strategy in SIDE_STARTS)
         following = _FOLLOWING.get(reason, (*SECOND_TRIES, *sides))
         stuck = reason is not StopReason.DIVERGED and self._first.excess(self._settings.tolerances) <= 1.0
-        if self._first.converged or stuck:
-            # Ipopt's tolerances are relative to its scaling; the residuals are not. A run that came to a feasible
-            # point and no further often ends there within a few iterations of new multipliers.
+        if stuck and not self._first.converged:
+            # A run that came to a feasible point and no further often ends there by a few more of new multipliers.
             following = (TIGHTER, *following)
         if status is IpoptStatus.ITERATION_LIMIT:
             following = (*sides, *following)  # which has them once more, for other failures
         # The caller's options win: a strategy that only sets them would be the first run again.
         return tuple(
             strategy
-            for strategy in (ABSOLUTE_VALUES, *following)
+            for strategy in (*nearest, *following)
             if (not strategy.options or any(name not in user for name in strategy.options))
             and not (strategy is OWN_UNITS and not self._scaled)  # how the first run went
         )
@@ -117,8 +117,8 @@ def first_run(settings: Settings) -> Strategy:
 
 
 def may_be_scaled(settings: Settings) -> bool:
-    """Whether the caller rules out neither typical sizes nor sets a scaling of their own."""
-    return settings.scaling is not False and "nlp_scaling_method" not in settings.options.user
+    """Whether typical sizes are of use, and the caller sets no scaling of their own."""
+    return settings.scaling and "nlp_scaling_method" not in settings.options.user
 
 
 def without_pairs(strategies: tuple[Strategy, ...]) -> tuple[Strategy, ...]:

@@ -9,7 +9,7 @@ from pyrobocop_pyomo.complementarity import BarrierSchedule
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IterationRecord
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
+from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint, ShiftedRows
 
 from .automatic_scaling import AutomaticScaling
 from .ipopt_options import IpoptOptions
@@ -27,8 +27,6 @@ class Session(Protocol):
     ----------
     solver, derivatives : str
         Which Ipopt, and which derivatives, for people to read.
-    approximate : bool
-        Whether it solves a problem that only resembles the model: its points violate the model's constraints.
     scaling : AutomaticScaling or None
         What the program of the last run was divided by for Ipopt: sizes at the point where it started. Nothing of it is
         left in what comes back.
@@ -36,7 +34,6 @@ class Session(Protocol):
 
     solver: str
     derivatives: str
-    approximate: bool
     scaling: AutomaticScaling | None
 
     def run(
@@ -60,10 +57,6 @@ class Session(Protocol):
         """Equations that are dependent at the point on the model, to first order; 0 where that is not known."""
         ...
 
-    def coarsened(self, elements: int) -> Session | None:
-        """A session of the same model on about so many elements; None where there is no such program."""
-        ...
-
     def with_elastic_rows(self, price: float) -> Session | None:
         """A session of the same model whose rows may be violated; None where there is no such program.
 
@@ -81,3 +74,37 @@ class Session(Protocol):
     def close(self) -> None:
         """Take everything off the model that the session put there."""
         ...
+
+
+class DeltaFollowsBarrier:
+    """Moves the shifted rows after each iteration, as the schedule says; a callback of `run_ipopt`.
+
+    Parameters
+    ----------
+    nlp : ShiftedRows
+    schedule : BarrierSchedule
+    mu : float
+        First barrier parameter.
+    on_iteration : callable, optional
+        Called as well.
+
+    Attributes
+    ----------
+    path : list of (float, float)
+        Barrier parameter and delta of each iteration.
+    """
+
+    def __init__(
+        self, nlp: ShiftedRows, schedule: BarrierSchedule, mu: float, on_iteration: OnIteration | None = None
+    ) -> None:
+        self._nlp, self._schedule, self._on_iteration = nlp, schedule, on_iteration
+        self.path: list[tuple[float, float]] = []
+        self.delta = nlp.delta = schedule.delta_for(mu)
+
+    def __call__(self, record: IterationRecord) -> bool | None:
+        """Move the rows, and pass the record on."""
+        # Called between iterations: the next trial point is the first to see the new bound. The values that Ipopt
+        # keeps of the current point are those under the old one, so delta lags mu by one iteration.
+        self.path.append((record.mu, self.delta))
+        self.delta = self._nlp.delta = self._schedule.delta_for(record.mu)
+        return None if self._on_iteration is None else self._on_iteration(record)

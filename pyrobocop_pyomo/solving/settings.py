@@ -42,8 +42,8 @@ class Settings:
     output : sequence of text streams
         Where Ipopt's log goes.
     progress : Progress
-    scaling : bool or None
-        Whether programs without pairs are scaled by their bounds, initial values and derivatives; None for yes.
+    scaling : bool
+        Whether programs without pairs are scaled by their bounds, initial values and derivatives.
     program : KeptProgram or None
         Of a model without pairs that is solved again and again.
     """
@@ -62,5 +62,5 @@ class Settings:
     deadline: Deadline = field(default_factory=Deadline)
     output: Sequence[TextIO] = ()
     progress: Progress = field(default_factory=Progress)
-    scaling: bool | None = None
+    scaling: bool = True
     program: KeptProgram | None = None

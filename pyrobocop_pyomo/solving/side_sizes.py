@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyrobocop_pyomo.complementarity import CanonicalPair
+from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
 
 # Below, a side is zero and not small: what a relaxation leaves of it.
 SMALLEST_SIZE = 1e-6
@@ -27,6 +28,7 @@ class SideSizes:
 
     def __init__(self, pairs: Sequence[CanonicalPair], start: NDArray[np.float64]) -> None:
         components = [id(pair.source.parent_component()) for pair in pairs]
+        self._pairs = pairs
         self._groups = np.unique(np.array(components, dtype=np.int64), return_inverse=True)[1].ravel()
         self._start = start
 
@@ -52,6 +54,12 @@ class SideSizes:
         """
         sizes = self._largest(sides)
         small = (sizes > _LEFT_OF_ZERO) & (sizes < SMALLEST_SIZE)
+        # What bounds keep as small as that is small all the same, as a force is in units of large masses.
+        for place, side in np.argwhere(sizes <= _LEFT_OF_ZERO).tolist():
+            pair = self._pairs[place]
+            _, most = ExpressionBounds(use_fixed_var_values_as_bounds=True).walk_expression((pair.a, pair.b)[side])
+            if 0.0 < most < SMALLEST_SIZE:
+                sizes[place, side], small[place, side] = most, True
         relative = sides / np.where(small, sizes, self.at(sides))
         return small.any(axis=1) & (relative.min(axis=1) > tolerance)
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from textwrap import shorten
 from typing import Any
 
 from pyrobocop_pyomo.complementarity import PairResidual
-from pyrobocop_pyomo.diagnosis import Diagnosis, Finding
+from pyrobocop_pyomo.diagnosis import Diagnosis, Finding, Severity, Subject, diagnose
 from pyrobocop_pyomo.discretisation import DiscretisationEstimate, DiscretisationProbe
 from pyrobocop_pyomo.errors import SolveFailed
 from pyrobocop_pyomo.modeling.variable_values import checksum_of_model
@@ -17,27 +17,35 @@ from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers
 from pyrobocop_pyomo.optional_imports import pandas
-from pyrobocop_pyomo.presentation import Presented, disclosed_text, facts_table, table
+from pyrobocop_pyomo.presentation import Presented, disclosed_text, paragraph
 from pyrobocop_pyomo.trajectories.trajectory import SOLVED
 
 from .automatic_scaling import ScalingRecord
 from .iterates import Iterate, Quality, Standing, StopReason, step_header
 from .least_violation import LeastViolation
 from .pair_report import ActiveSide, PairReport, pair_reports
-from .result_findings import ModelReference, findings_of_outcome
-from .result_pictures import draw_history, draw_pairs, draw_plan, draw_products
-from .result_text import advice_on_motion, long_report, pair_sentence, pair_table
-from .short_text import short_text
+from .result_pictures import draw_history, draw_plan
+from .result_text import first_line, long_report, pair_table, short_text, verdict
 from .violations import Violation
 
-# So many components that are not met are named in a text.
-SHOWN_VIOLATIONS = 5
-CHANGED = (
-    "Variables or parameters of the model have other values than those of which this was found: whether its motion is "
-    "safe is not known. Solve again, or ask verify() of its avoidance blocks."
-)
-# Why an error of the mesh is not known is said in so many characters; ``result.discretisation`` says all.
-REMARK_CHARACTERS = 200
+
+class ModelReference:
+    """The model of a result, as long as somebody else keeps it; a pickle or a copy holds none.
+
+    Parameters
+    ----------
+    model : Block or None
+    """
+
+    def __init__(self, model: Any = None) -> None:
+        self._reference = None if model is None else weakref.ref(model)
+
+    def __call__(self) -> Any:
+        """The model; None where it is gone."""
+        return None if self._reference is None else self._reference()
+
+    def __reduce__(self) -> Any:
+        return ModelReference, ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,10 +164,20 @@ class SolveResult(Presented):
             The outcome and each violation are findings about ``Subject.OUTCOME``. Where the model is gone, or after
             unpickling, there is nothing else.
         """
-        verdict = f"{self._verdict} {self._why_it_ended}"
-        least = () if self.least_violation is None else (str(self.least_violation),)
-        remarks = (*least, *self.remarks)
-        return findings_of_outcome(self.name, verdict, self.solved, self.violations, remarks, self.model())
+        model, least = self.model(), self.least_violation
+        known = None if model is None else diagnose(model)
+        of_model = () if known is None else known.findings
+        said = {f"{finding.message} {finding.remedy}" for finding in of_model}
+        remarks = (*(() if least is None else (str(least),)), *self.remarks)
+        own = [] if self.solved else [Finding(Severity.ERROR, Subject.OUTCOME, f"{verdict(self)}.", (), "")]
+        for violation in self.violations:
+            message, remedy = f"not met: {violation}.", "Relax it, or what drives it there."
+            own.append(Finding(Severity.ERROR, Subject.OUTCOME, message, (violation.name,), remedy))
+        own += [Finding(Severity.ADVICE, Subject.OUTCOME, remark, (), "") for remark in remarks if remark not in said]
+        findings = sorted([*own, *of_model], key=lambda finding: list(Severity).index(finding.severity))
+        if known is None:
+            return Diagnosis(self.name, tuple(findings), (), ("the model, which no longer exists",))
+        return Diagnosis(self.name, tuple(findings), known.degrees_of_freedom, known.remarks)
 
     @property
     def discretisation(self) -> DiscretisationEstimate:
@@ -199,21 +217,25 @@ class SolveResult(Presented):
 
     @property
     def safe(self) -> bool | None:
-        """Whether all clearances are proven for the whole motion, that of the equations included.
+        """Whether all clearances are proven for the whole motion, that under the plan's controls included.
 
-        What is not known is not safe. None for a model without obstacles and regions, and where the model has other
-        values of variables or parameters by now than the motion that was proven.
+        None where they are proven of the plan, and the motion under its controls is not known (``safety.not_replayed``
+        says why, with ``equations=False`` that nobody asked); for a model without obstacles and regions; and where the
+        model has other values of variables or parameters by now than the motion that was proven.
         """
-        return None if self._has_changed else self._was_safe
+        return None if self.has_changed else self.was_safe
 
     @property
-    def _was_safe(self) -> bool | None:
-        return None if self.safety is None else self.safety.safe and self.quality is not Quality.INFEASIBLE
+    def was_safe(self) -> bool | None:
+        """The same, whatever the values of the model are by now."""
+        if self.safety is None or self.quality is Quality.INFEASIBLE:
+            return None if self.safety is None else False
+        return self.safety.safe
 
     @property
-    def _has_changed(self) -> bool:
+    def has_changed(self) -> bool:
         """Whether a motion was proven, and the model has other values by now."""
-        model = self.model() if self._was_safe and self.fingerprint is not None else None
+        model = self.model() if self.was_safe is not False and self.fingerprint is not None else None
         return model is not None and checksum_of_model(model) != self.fingerprint
 
     @property
@@ -233,15 +255,15 @@ class SolveResult(Presented):
 
     @property
     def solved(self) -> bool:
-        """True when the point is `Quality.OPTIMAL` and, where there are obstacles, the motion is proven to be safe."""
-        return self.quality is Quality.OPTIMAL and self._was_safe is not False
+        """True when the point is `Quality.OPTIMAL` and, where there are obstacles, the plan is clear of them."""
+        return self.quality is Quality.OPTIMAL and self.was_safe is not False
 
     @property
     def outcome(self) -> str:
         """What trajectories say of it: "solved", "feasible", "infeasible", "NOT SAFE" or "DOUBTFUL"."""
         if self.quality is not Quality.OPTIMAL:
             return self.quality.name.lower()
-        return "NOT SAFE" if self._was_safe is False else "DOUBTFUL" if self.doubts else SOLVED
+        return "NOT SAFE" if self.was_safe is False else "DOUBTFUL" if self.doubts else SOLVED
 
     @cached_property
     def pairs(self) -> list[PairReport]:
@@ -293,8 +315,7 @@ class SolveResult(Presented):
         worst : int
             How many pairs to show in each list.
         """
-        summary = self._everything()
-        return long_report(summary, self.pairs, self.multipliers, self.certificate, self.decided_pairs, worst)
+        return long_report(self, worst)
 
     def plot(self, figure: Any = None) -> Any:
         """Draw what came out, and the way there; returns a figure.
@@ -304,40 +325,7 @@ class SolveResult(Presented):
         """
         if self.safety is None:
             return draw_history(self.name, self.steps, self.best_step, figure)
-        return draw_plan(self.name, self.scenes, self.safety, self._was_safe, self.steps, self.best_step, figure)
-
-    def plot_pairs(self, component: str | None = None, *, axis_label: str | None = None, figure: Any = None) -> Any:
-        """Draw both sides of the pairs of a component over its index.
-
-        Parameters
-        ----------
-        component : str, optional
-            Its name, such as ``"push.contact"``; not needed where there is only one.
-        axis_label : str, optional
-            What the index means, such as ``"time [s]"``.
-        figure : Figure or SubFigure, optional
-            Where to draw; a new figure by default.
-
-        Returns
-        -------
-        matplotlib.figure.Figure or SubFigure
-
-        Raises
-        ------
-        ModelError
-            When there is no such component.
-        """
-        return draw_pairs(self.name, self.pairs, component, axis_label, figure)
-
-    def plot_products(self, figure: Any = None) -> Any:
-        """Draw largest product and natural residual of each run against its delta; returns a figure.
-
-        Raises
-        ------
-        ModelError
-            When no run had a delta.
-        """
-        return draw_products(self.name, self.steps, figure)
+        return draw_plan(self, figure)
 
     def raise_for_status(self) -> None:
         """Do nothing when the point is optimal.
@@ -345,128 +333,21 @@ class SolveResult(Presented):
         Raises
         ------
         SolveFailed
-            Otherwise, with both answers, the numbers and the remedy; the result is its attribute ``result``.
+            Otherwise, with what `print` shows; the result is its attribute ``result``.
         """
-        if self.solved:
-            return
-        if self.quality is Quality.OPTIMAL:
-            assert self.safety is not None
-            raise SolveFailed(
-                f"'{self.name}': {self.quality.value} But the motion is not safe. "
-                f"{self.advice_on_motion}\n{self.safety}",
-                self,
-            )
-        motion = self.advice_on_motion and f" {self.advice_on_motion}"
-        unmet = "".join(f" {violation}." for violation in self.violations[:SHOWN_VIOLATIONS])
-        raise SolveFailed(
-            f"'{self.name}': {self._why_it_ended} {self._verdict} Best point, kept on the model (step "
-            f"{self.best_step + 1} of {len(self.steps)}): {self._residuals}.{unmet and f' Not met:{unmet}'}{motion}"
-            + (f" {self.least_violation}" if self.least_violation is not None else "")
-            + "".join(f" {remark}" for remark in self.remarks),
-            self,
-        )
-
-    @property
-    def _why_it_ended(self) -> str:
-        if self.least_violation is not None and self.least_violation.is_proof:
-            return "Ipopt found no point that meets all constraints, and there is none."
-        return self.stop_reason.value
-
-    @property
-    def _verdict(self) -> str:
-        return self.quality.sentence(pairs=bool(self.residuals))
-
-    @property
-    def _residuals(self) -> str:
-        relative = self.best.relative_violation
-        of_scale = "" if relative in (None, self.constraint_violation) else f" ({relative:.1e} of the rows' sizes)"
-        pairs = f", max a*b {self.largest_product:.1e}, max min(a, b) {self.largest_natural_residual:.1e}"
-        stationarity = "" if self.stationarity is None else f", stationarity {self.stationarity:.1e}"
-        return f"constraints {self.constraint_violation:.1e}{of_scale}{pairs if self.residuals else ''}{stationarity}"
-
-    @property
-    def changed(self) -> str:
-        """What is said where a motion was proven and the model has other values by now; empty otherwise."""
-        return CHANGED if self._has_changed else ""
-
-    @property
-    def advice_on_motion(self) -> str:
-        """What a motion that is not safe lacks, and what may help; empty where it is safe, or there is none."""
-        return "" if self.safety is None or self._was_safe else advice_on_motion(self.safety)
-
-    @property
-    def _motion(self) -> str:
-        """What is known of the motion, in few words; nothing without obstacles and regions."""
-        if self._has_changed:
-            return "changed since it was safe"
-        return "" if self._was_safe is None else "safe" if self._was_safe else "NOT SAFE"
+        if not self.solved:
+            raise SolveFailed(str(self), self)
 
     def one_line(self) -> str:
-        """Verdict, objective and violation, in a few words."""
-        motion = f", {self._motion}" if self._motion else ""
-        doubtful = ", DOUBTFUL" if self.doubts else ""
-        # What a run that was cut short has reached says nothing of the problem.
-        cut = {StopReason.INTERRUPTED: " when interrupted", StopReason.TIME_LIMIT: " at the time limit"}
-        reached = f"{self.quality.name.lower()}{cut.get(self.stop_reason, '')}"
-        return (
-            f"'{self.name}': {reached}{motion}{doubtful}, objective {self.objective:.8g}, constraints "
-            f"{self.constraint_violation:.1e}, {self.iterations} iterations"
-        )
-
-    def _summary(self) -> str:
-        return self.one_line()
+        """Verdict, objective, effort, violation and the error of the mesh."""
+        return first_line(self)
 
     def _html_parts(self) -> list[str]:
-        facts = {
-            "verdict": self._verdict,
-            "stopped because": self._why_it_ended,
-            "objective": f"{self.objective:.8g}",
-            "residuals": self._residuals,
-            "pairs": pair_sentence(self.pairs, self.multipliers, self.certificate) if self.residuals else None,
-            "motion": self._motion or None,
-            "doubtful": " ".join(f"{doubt.message} {doubt.remedy}" for doubt in self.doubts) or None,
-            "effort": f"{self.iterations} iterations in {self.seconds:.2f} s",
-        }
-        unmet = [(str(violation),) for violation in self.violations]
-        against = [] if self.least_violation is None else [(str(one),) for one in self.least_violation.obstructions]
-        return [
-            facts_table(facts),
-            *([table(("not met, the worst of each component",), unmet)] if unmet else []),
-            *([table(("what stands against it",), against)] if against else []),
-            disclosed_text("report", self.report()),
-        ]
+        shown = map(paragraph, str(self).splitlines()[1:])
+        return [*shown, disclosed_text("report", self.report())]
 
     def __str__(self) -> str:
         return short_text(self)
-
-    def _everything(self) -> str:
-        mesh = self.errors_of_answer
-        least, changed = self.least_violation, self._has_changed
-        unmet = [f"  {violation}" for violation in self.violations[:SHOWN_VIOLATIONS]]
-        if len(self.violations) > SHOWN_VIOLATIONS:
-            unmet.append(f"  ... and of {len(self.violations) - SHOWN_VIOLATIONS} more components")
-        return "\n".join(
-            [
-                f"{'NOT SAFE: ' if self._was_safe is False else ''}{'CHANGED: ' if changed else ''}"
-                f"{'COARSE MESH: ' if mesh.is_large else ''}"
-                f"{'DOUBTFUL: ' if self.doubts else ''}{self.name}: {self._verdict}",
-                *([CHANGED] if changed else []),
-                *(f"{doubt.message} {doubt.remedy}" for doubt in self.doubts),
-                *(line for line in (mesh.sentence(), mesh.advice()) if line),
-                *(shorten(remark, REMARK_CHARACTERS, placeholder=" ...") for remark in mesh.remarks),
-                # A run that never began has neither.
-                self._why_it_ended + (f" {self.solver}, derivatives by {self.derivatives}." if self.solver else ""),
-                f"objective {self.objective:.8g}, {self._residuals}; "
-                f"{self.iterations} iterations in {self.seconds:.2f} s",
-                *(["Not met, the worst of each component:", *unmet] if unmet else []),
-                *(least.lines() if least is not None else []),
-                *([] if self.scaling is None else [str(self.scaling)]),
-                *self.remarks,
-                *([pair_sentence(self.pairs, self.multipliers, self.certificate)] if self.residuals else []),
-                *([f"{self.safety}\n{self.rounds_table()}"] if self.safety is not None else []),
-                self.steps_table(),
-            ]
-        )
 
 
 def with_steps_of_all(result: SolveResult, results: Sequence[SolveResult]) -> SolveResult:

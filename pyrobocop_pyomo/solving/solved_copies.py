@@ -12,17 +12,16 @@ from pyomo.core.base.suffix import Suffix
 
 from pyrobocop_pyomo.diagnosis.difficult_forms import holds_absolute_value
 from pyrobocop_pyomo.errors import PyRobocopError
-from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.phases import phases_of
 
-from .found_points import SAME_OBJECTIVE, FoundPoints
-from .iterate_log import IterateLog
+from .found_points import SAME_OBJECTIVE
 from .iterates import Iterate, Quality
 from .progress import Progress
 from .second_tries import ITERATIONS_OF_ONE
 from .settings import Settings
 from .solve_result import SolveResult
+from .solve_state import SolveState
 from .starts import EXPLORED_ELEMENTS, coarser_copy, elements_of_copy, take_values_of_copy
 from .strategies import ABSOLUTE_VALUES, ADAPTIVE, COARSE_MESH, OTHER_OPTIMUM, SOLVE, Strategy
 
@@ -34,29 +33,15 @@ class SolvedCopies:
 
     Parameters
     ----------
-    model : Block
-    values : VariableValues
-        Its free variables.
-    settings : Settings
-    log : IterateLog
-        Has the runs of copies too, under the names of their strategies.
-    found : FoundPoints
-        Is told where time runs out.
+    state : SolveState
+        Its log has the runs of copies too, under the names of their strategies.
     solve_copy : callable
         ``solve_copy(copy, settings)`` solves another model.
     """
 
-    def __init__(
-        self,
-        model: Any,
-        values: VariableValues,
-        settings: Settings,
-        log: IterateLog,
-        found: FoundPoints,
-        solve_copy: Callable[[Any, Settings], SolveResult],
-    ) -> None:
-        self._model, self._values, self._settings, self._log = model, values, settings, log
-        self._found, self._solve_copy = found, solve_copy
+    def __init__(self, state: SolveState, solve_copy: Callable[[Any, Settings], SolveResult]) -> None:
+        self._model, self._values, self._settings = state.model, state.values, state.settings
+        self._log, self._found, self._solve_copy = state.log, state.found, solve_copy
 
     def start_on_fewer_elements(self) -> bool:
         """Solve a copy with fewer elements; its answer is put on the model, as a start. False where there is none."""
@@ -89,7 +74,7 @@ class SolvedCopies:
         copy = coarser_copy(self._model, EXPLORED_ELEMENTS)
         if copy is None:
             return False
-        share = _elements(copy) / _elements(self._model)
+        share = elements_of(copy) / elements_of(self._model)
         result = self._answer(copy, OTHER_OPTIMUM, None, exploration=None, explored_work=work / share)
         if result is None or self._found.cut is not None:
             return False
@@ -150,7 +135,7 @@ class SolvedCopies:
         return result
 
 
-def _elements(model: Any) -> int:
+def elements_of(model: Any) -> int:
     """Of all phases together."""
     return sum(phase.grid.mesh.elements for phase in phases_of(model))
 

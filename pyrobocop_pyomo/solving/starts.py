@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from contextlib import ExitStack
 from typing import Any
 
@@ -16,7 +16,7 @@ from pyrobocop_pyomo.modeling.variable_values import VariableValues, within_boun
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.obstacles.separation_rows import members_taken_off
 from pyrobocop_pyomo.phases import Algebraic, Control, State, phases_of
-from pyrobocop_pyomo.phases.remeshing import remesh_phases, rows_taken_off, why_not_remeshed
+from pyrobocop_pyomo.phases.remeshing import put_on_meshes, rows_taken_off, why_not_remeshed
 from pyrobocop_pyomo.phases.rough_motion import put_rough_motion
 from pyrobocop_pyomo.phases.simulation import SimulationOptions, simulate
 
@@ -129,38 +129,22 @@ def coarser_copy(model: Any, least: int = LEAST_COARSE_ELEMENTS) -> Any | None:
     least : int
         Elements that a phase with fewer has, at least.
     """
-    return copy_with_fewer_elements(model, elements_of_copy(model, least))
+    elements = elements_of_copy(model, least)
+    if not elements or model.model() is not model or any(why_not_remeshed(phase) is not None for phase in elements):
+        return None
+    try:
+        copy = _copy_for_other_times(model, elements)
+        put_on_meshes({copy.find_component(phase): number for phase, number in elements.items()})
+    except PyRobocopError as error:
+        logger.info("'%s': no copy with fewer elements: %s", model.name, error)
+        return None
+    return copy
 
 
 def elements_of_copy(model: Any, least: int) -> dict[Any, int]:
     """Of the phases that have fewer in a coarser copy."""
     elements = {phase: phase.grid.mesh.elements for phase in phases_of(model)}
     return {phase: n // COARSER for phase, n in elements.items() if n >= COARSER * least}
-
-
-def copy_with_fewer_elements(model: Any, elements: Mapping[Any, int]) -> Any | None:
-    """A copy of a model with other numbers of elements.
-
-    Parameters
-    ----------
-    model : Block
-    elements : mapping from PhaseBlock to int
-        Of the phases of the copy that get another mesh.
-
-    Returns
-    -------
-    Block or None
-        None where no phase is given, the model is part of another one, or a phase cannot have another mesh.
-    """
-    if not elements or model.model() is not model or any(why_not_remeshed(phase) is not None for phase in elements):
-        return None
-    try:
-        copy = _copy_for_other_times(model, elements)
-        remesh_phases({copy.find_component(phase): number for phase, number in elements.items()})
-    except PyRobocopError as error:
-        logger.info("'%s': no copy with fewer elements: %s", model.name, error)
-        return None
-    return copy
 
 
 def _copy_for_other_times(model: Any, phases: Iterable[Any]) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from pyrobocop_pyomo.complementarity import Fixed, FollowBarrier, Geometric, Schedule
@@ -34,14 +34,31 @@ class StartingPoint(enum.Enum):
 class Strategy:
     """One way to a nearly complementary point, or to a solution of a model without pairs.
 
+    ``Strategy(polish=False)``, without name and schedule, is the default sequence with these choices,
+    ``Strategy("barrier", polish=False)`` one of its members with them, and ``Strategy(schedule=...)`` a strategy of its
+    own. Of several strategies that are chosen, the first that says so decides on grouping and exploration, and no point
+    is polished where one says so.
+
     Attributes
     ----------
     name : str
         As it appears in reports, and the word that chooses it.
     schedule : Schedule or None
-        How delta shrinks; None for the projection, which relaxes nothing.
-    relaxation : object, optional
-        Instead of the one that the call asks for.
+        How delta shrinks; None for that of the name, or for the projection, which relaxes nothing.
+    relaxation, grouping : str or object, optional
+        As for ``pyrobocop.relax_complementarity``; by default "scholtes" and "pair".
+    polish : bool
+        Polish the point that it ends at; without it, a point is as complementary as its relaxation.
+    exploration : float, optional
+        How long to look for better optima beyond a certified point, as a multiple of the time that the rest of the
+        solve took so far: in branches farther away, by other ways down, and from up to 32 random starts;
+        ``float("inf")`` for no limit but `time_limit`. It ends after eight ways and starts in a row without a better
+        point. By default 1 up to 100 pairs, and at least a second; then less, and 0 from 200 pairs; not more
+        iterations than those so far, or 300; and, after a solve of at most 300 iterations, three ways and starts.
+        Without pairs, in models with phases, by default 80 iterations and 0.4 times those so far, less from 500
+        variables on, down to a quarter. A number asks for more starts, as long as eight in a row lead to nothing
+        better, in any model without pairs. 0 ends the solve with its first solution. Other ways and starts follow the
+        default sequence only.
     options : mapping
         Of Ipopt, for this strategy; the caller's win.
     small_problem_iterations, large_problem_iterations : int, optional
@@ -60,9 +77,12 @@ class Strategy:
         Of one run, whatever the caller's options say.
     """
 
-    name: str
-    schedule: Schedule | None
+    name: str = "default"
+    schedule: Schedule | None = None
     relaxation: Any = None
+    grouping: Any = None
+    polish: bool = True
+    exploration: float | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
     small_problem_iterations: int | None = None
     large_problem_iterations: int | None = None
@@ -78,8 +98,6 @@ class Strategy:
 RANDOM_STARTS = 32
 # Large problems that need more iterations of one run are usually solved sooner by the next strategy.
 FIRST_SHARE = 600
-# Of the time that is left, where there is a limit.
-FIRST_SHARE_OF_TIME = 0.3
 
 # With delta = 2 mu the central path of a relaxed pair that nothing else decides has a * b = mu (minimise
 # -mu log a - mu log b - mu log(delta - a b)): the path that interior-point methods for complementarity follow.
@@ -159,18 +177,65 @@ STRATEGIES = {
 }
 
 
-def as_strategies(choices: str | Strategy | Iterable[str | Strategy]) -> tuple[Strategy, ...]:
-    """Turn a word, a strategy or several of them into strategies.
+Choices = str | Strategy | Iterable[str | Strategy] | None
+
+
+def are_open(choices: Choices) -> bool:
+    """Whether the caller leaves to the procedure which strategies follow each other."""
+    return choices in (None, "default") or (
+        isinstance(choices, Strategy) and choices.name == "default" and choices.schedule is None
+    )
+
+
+def in_order(choices: Choices, names: Iterable[str]) -> Choices:
+    """The caller's strategies; where they are left open those with these names, with the choices that go with all."""
+    if not are_open(choices):
+        return choices
+    stated = choices if isinstance(choices, Strategy) else Strategy()
+    return tuple(replace(stated, name=name) for name in names)
+
+
+def settings_of(choices: Choices) -> dict[str, Any]:
+    """What the caller's strategies, or words for such, say in the terms of `Settings`.
 
     Raises
     ------
     ValueError
-        If a word is not known, or nothing is chosen.
+        If a word is not known, nothing is chosen, or the default sequence is one of several.
     """
-    chosen = [choices] if isinstance(choices, (str, Strategy)) else list(choices)
-    for choice in chosen:
-        if not isinstance(choice, Strategy) and choice not in STRATEGIES:
-            raise ValueError(f"unknown strategy {choice!r}. Known: {', '.join(map(repr, STRATEGIES))}, or a Strategy.")
-    if not chosen:
-        raise ValueError(f"no strategy was chosen. Known: {', '.join(map(repr, STRATEGIES))}.")
-    return tuple(choice if isinstance(choice, Strategy) else STRATEGIES[choice] for choice in chosen)
+    given = "default" if choices is None else choices
+    chosen = [_strategy(choice) for choice in ([given] if isinstance(given, (str, Strategy)) else given)]
+    if not chosen or (len(chosen) > 1 and any(map(are_open, chosen))):
+        raise ValueError(f"no strategy was chosen, or one of several has no name. Known: {_known()}.")
+    for strategy in chosen:
+        if strategy.exploration is not None and not strategy.exploration >= 0.0:
+            expected = "expected a multiple of the solve's time, 0 or more"
+            raise ValueError(f"exploration = {strategy.exploration!r}; {expected}.")
+    stated = {
+        name: next((getattr(strategy, name) for strategy in chosen if getattr(strategy, name) is not None), default)
+        for name, default in (("relaxation", "scholtes"), ("grouping", "pair"), ("exploration", None))
+    }
+    strategies = None if are_open(chosen[0]) else tuple(map(_completed, chosen))
+    return {"strategies": strategies, "polish": all(strategy.polish for strategy in chosen), **stated}
+
+
+def _known() -> str:
+    return f"{', '.join(map(repr, STRATEGIES))}, or a Strategy"
+
+
+def _strategy(choice: str | Strategy) -> Strategy:
+    if isinstance(choice, Strategy):
+        return choice
+    if choice != "default" and choice not in STRATEGIES:
+        raise ValueError(f"unknown strategy {choice!r}. Known: {_known()}.")
+    return Strategy(choice)
+
+
+def _completed(strategy: Strategy) -> Strategy:
+    """A strategy that only has the name of one of `STRATEGIES`, with what it leaves to that."""
+    known = STRATEGIES.get(strategy.name)
+    if known is None or strategy.schedule is not None:
+        return strategy if strategy.name != "default" else replace(strategy, name="schedule")
+    names = {each.name for each in fields(Strategy)} - {"name", "grouping", "polish", "exploration"}
+    given = {name: getattr(strategy, name) for name in names if getattr(strategy, name) != getattr(Strategy(), name)}
+    return replace(known, **given) if given else known

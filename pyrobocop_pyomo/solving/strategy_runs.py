@@ -4,26 +4,18 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
-from typing import Any
 
 from pyrobocop_pyomo.complementarity import BarrierSchedule
-from pyrobocop_pyomo.errors import EvaluationError, FunctionError
+from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 
-from . import coarse_mesh
-from .found_points import FoundPoints
-from .initial_guess import InitialGuess
-from .ipopt_options import FROM_COARSE_MESH
-from .iterate_log import IterateLog, ModelCheck
 from .iterates import Iterate
 from .plain_runs import PlainRuns
-from .polish import Exploration
 from .polished_runs import PolishedRuns
-from .settings import Settings
+from .solve_state import SolveState
 from .solved_copies import SolvedCopies
 from .starts import put_start
-from .strategies import BARRIER, CONTINUATION, PROJECTION, SOLVE, StartingPoint, Strategy
-from .workplaces import Workplace, Workplaces
+from .strategies import SOLVE, StartingPoint, Strategy
 
 logger = logging.getLogger(__name__)
 
@@ -33,38 +25,15 @@ class StrategyRuns:
 
     Parameters
     ----------
-    model : Block
-    settings : Settings
-    check : ModelCheck
-    log : IterateLog
-    found : FoundPoints
-        What the strategies before have found.
-    guess : InitialGuess
-    places : Workplaces
-    exploration : Exploration
+    state : SolveState
     copies : SolvedCopies
-    has_pairs : bool
-        Whether the user has stated any.
     """
 
-    def __init__(
-        self,
-        model: Any,
-        settings: Settings,
-        check: ModelCheck,
-        log: IterateLog,
-        found: FoundPoints,
-        guess: InitialGuess,
-        places: Workplaces,
-        exploration: Exploration,
-        copies: SolvedCopies,
-        *,
-        has_pairs: bool,
-    ) -> None:
-        self._model, self._settings, self._log, self._found = model, settings, log, found
-        self._guess, self._places, self._has_pairs, self._sign = guess, places, has_pairs, check.sign
-        self._polished = PolishedRuns(settings, log, guess.variables, found, check.sign, exploration)
-        self._plain = PlainRuns(model, settings, log, found, self._polished, copies, exploration)
+    def __init__(self, state: SolveState, copies: SolvedCopies) -> None:
+        self._model, self._log, self._found = state.model, state.log, state.found
+        self._guess, self._places, self._has_pairs = state.guess, state.places, state.has_pairs
+        self._polished = PolishedRuns(state)
+        self._plain = PlainRuns(state, self._polished, copies)
 
     def run(self, strategy: Strategy) -> Iterate | None:
         """Run a strategy on the first backend that can evaluate the model where it leads.
@@ -109,16 +78,10 @@ class StrategyRuns:
         if not place.relaxed.pairs:
             # The presolve may have settled all of them: then strategies for pairs are one solve.
             return self._plain.run(place, SOLVE if self._has_pairs else strategy, self.keep)
-        if strategy is PROJECTION:
+        if strategy.schedule is None:  # the projection
             return self._polished.project(place)
         if isinstance(strategy.schedule, BarrierSchedule) and not place.relaxed.shifted_rows:
             return None
-        if strategy is BARRIER and self._settings.strategies is None and self._start_on_coarse_mesh(place):
-            iterate = self._polished.run(place, replace(strategy, options=FROM_COARSE_MESH))
-            self._found.led_by_coarse_mesh = self._found.is_certified(iterate)
-            if self._found.led_by_coarse_mesh or self._found.cut is not None:
-                return iterate
-            self.keep(iterate)
         if strategy.from_initial_guess:
             place.values.write(place.start)
         if strategy.start is not StartingPoint.INITIAL_GUESS:
@@ -127,39 +90,12 @@ class StrategyRuns:
             place.relaxed.start_lifted()
         return self._polished.run(place, strategy)
 
-    def _start_on_coarse_mesh(self, place: Workplace) -> bool:
-        """Solve a large problem on a coarse mesh, in two ways; put the better answer on the model."""
-        if not coarse_mesh.is_worth_coarsening(len(place.relaxed.pairs)):
-            return False
-        session = place.session.coarsened(coarse_mesh.COARSE_ELEMENTS)
-        if session is None:
-            return False
-        found: list[Iterate] = []
-        for strategy in (BARRIER, CONTINUATION):
-            place.values.write(place.start)
-            continuation = self._polished.continuation(place, strategy, session)
-            continuation.run(strategy.schedule)
-            if self._settings.deadline.has_passed or continuation.last.stop_reason.is_final:
-                break
-            if continuation.last.converged:
-                found.append(continuation.last)
-        place.values.write(place.start)
-        if not found:
-            return False
-        best = min(found, key=lambda iterate: self._sign * iterate.objective)
-        place.values.write(best.values)
-        place.relaxed.start_lifted()
-        return True
-
     def _run_elsewhere(self, strategy: Strategy, why: str) -> Iterate | None:
         """Another backend may know the derivatives at this point; where there is none, the point itself is reported."""
         logger.info("'%s': strategy '%s', %s: %s", self._model.name, strategy.name, self._places.backend.value, why)
         if self._places.has_other_backends:
             self._places.use_other_backend()
-            try:
-                return self.run(strategy)
-            except FunctionError as error:  # another process cannot call what is in Python
-                return self._run_elsewhere(strategy, str(error))
+            return self.run(strategy)
         if self._found.best is not None:
             return None
         self._guess.write()

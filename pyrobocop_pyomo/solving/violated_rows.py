@@ -65,7 +65,7 @@ class StatedRow(NamedTuple):
 
 
 def stated_rows(model: Any, pairs: Iterable[CanonicalPair] = ()) -> list[StatedRow]:
-    """All active constraints of a model, and sides of pairs: the side that is at zero stays there.
+    """Active constraints that hold what may move, and sides of pairs: the side that is at zero stays there.
 
     Where both sides are, each may leave zero, so that what no step mends then is not mended on any branch either.
 
@@ -79,7 +79,8 @@ def stated_rows(model: Any, pairs: Iterable[CanonicalPair] = ()) -> list[StatedR
     found = []
     for row in model.component_data_objects(Constraint, active=True, descend_into=Block):
         lower, body, upper = row.to_bounded_expression(True)
-        found.append(StatedRow(row, body, lower, upper))
+        if any(True for _ in variables_in(body, include_fixed=False)):
+            found.append(StatedRow(row, body, lower, upper))
     for pair in pairs:
         if pair.a_part is SidePart.WHOLE is pair.b_part:
             sides = [number_or_nan(side) for side in (pair.a, pair.b)]
@@ -118,6 +119,7 @@ class ViolatedRows:
         width = self._upper - self._lower
         self._sizes = np.maximum(np.maximum(1.0, np.abs(self._x)), np.where(np.isfinite(width), width, 0.0))
         values = np.array([number_or_nan(row.body) for row in rows])
+        values[np.isinf(values)] = np.nan
         # From each row's value down to its lower and up to its upper bound.
         self._to_lower = np.array([-np.inf if row.lower is None else row.lower for row in rows]) - values
         self._to_upper = np.array([np.inf if row.upper is None else row.upper for row in rows]) - values
@@ -139,7 +141,9 @@ class ViolatedRows:
         return scipy.sparse.csr_array((slopes, (i.astype(int), j.astype(int))), shape=(len(self._rows), len(columns)))
 
     def _own_weights(self) -> FloatArray:
-        slopes = abs(self._matrix @ scipy.sparse.diags(self._sizes)).max(axis=1).toarray().ravel()
+        sized = abs(self._matrix @ scipy.sparse.diags(self._sizes)).tocoo()
+        slopes = np.zeros(len(self._rows))
+        np.fmax.at(slopes, sized.row, sized.data)
         return 1.0 / np.where(slopes > 0, slopes, 1.0)
 
     def step(self, radius: float, deadline: Deadline) -> LinearStep | None:
@@ -156,11 +160,10 @@ class ViolatedRows:
             ),
             [(scipy.sparse.hstack([self._matrix, unit, -unit], format="csr"), self._to_lower, self._to_upper)],
         )
-        left = _LONGEST if deadline.left is None else max(deadline.left, 0.0)
-        status, point = program.solve(time_limit=left)
-        multipliers = program.row_duals(time_limit=left)
-        if status is not LinearStatus.SOLVED or point is None or multipliers is None:
+        answer = program.solve_with_duals(deadline.within(_LONGEST))
+        if answer is None:
             return None
+        point, multipliers = answer
         length = float(np.abs(point[:n] / self._sizes).max(initial=0.0))
         return LinearStep(point[:n], length, float(program.cost @ point), multipliers)
 
@@ -198,10 +201,10 @@ class ViolatedRows:
             np.append(np.where(moved, np.inf, to_upper), np.inf),
             rows,
         )
-        status, point = program.solve(time_limit=_LONGEST if deadline.left is None else max(deadline.left, 0.0))
-        if status is LinearStatus.INFEASIBLE:
+        answer = program.solve(deadline.within(_LONGEST))
+        if answer.status is LinearStatus.INFEASIBLE:
             return float("inf")
-        return None if point is None else float(point[-1])
+        return None if answer.x is None else float(answer.x[-1])
 
     def put(self, step: LinearStep | None = None) -> None:
         """Write the values to the model, after a step where there is one."""

@@ -86,7 +86,7 @@ def violations_of_pairs(
     """
     for pair, size in zip(residuals, sizes, strict=False):
         # What has no value is not met either.
-        if not (pair.product <= tolerances.product * size and -pair.natural <= tolerances.feasibility):
+        if not (pair.product <= tolerances.complementarity * size and -pair.natural <= tolerances.feasibility):
             amount = float("inf") if pair.product != pair.product else abs(pair.natural)
             what = f"its sides are {pair.a:.3g} and {pair.b:.3g} at the best point found, and one of them has to be 0"
             yield Violation(pair.name, f"pair '{pair.name}'", what, amount)
@@ -134,32 +134,22 @@ def growing_variables(values: VariableValues, least: float = GROWN) -> str:
     return ", ".join(f"'{name}' ({largest[name][1]:.1e})" for name in named)
 
 
-def motion_without_choice(model: Any) -> str:
-    """What to say of phases with pairs in which nothing can be chosen; empty where there are none."""
-    names = [
-        f"'{phase.name}'"
-        for phase in phases_of(model)
-        if not (phase.record.names(Control) or phase.record.names(Parameter) or phase.has_normalised_time)
-        and any(True for _ in phase.component_data_objects(PAIR_TYPES, active=True))
-    ]
-    if not names:
-        return ""
-    return (
-        f"Phase {', '.join(names)} has nothing to choose, and pairs: simulate() finds its motion element by element. "
-        "phase.initialize(phase.simulate()) makes it the initial guess."
+def remarks_on_phases_with_pairs(model: Any) -> list[str]:
+    """What to say of phases with pairs of which nothing can be chosen, or whose elements have several stages."""
+    phases = [p for p in phases_of(model) if any(True for _ in p.component_data_objects(PAIR_TYPES, active=True))]
+    several = [phase for phase in phases if phase.grid.scheme.stages > 1]
+    unfree = [p for p in phases if not (p.record.names(Control) or p.record.names(Parameter) or p.has_normalised_time)]
+    remarks = (
+        (
+            several,
+            "pairs and several stages per element, whose forces cannot make a velocity jump. If there are impacts, "
+            "take stages=1, or two phases with a jump between them.",
+        ),
+        (
+            unfree,
+            "nothing to choose, and pairs: simulate() finds its motion element by element. "
+            "phase.initialize(phase.simulate()) makes it the initial guess.",
+        ),
     )
-
-
-def stages_that_miss_impacts(model: Any) -> str:
-    """What to say of phases with pairs whose elements have several stages; empty where there are none."""
-    names = [
-        f"'{phase.name}'"
-        for phase in phases_of(model)
-        if phase.grid.scheme.stages > 1 and any(True for _ in phase.component_data_objects(PAIR_TYPES, active=True))
-    ]
-    if not names:
-        return ""
-    return (
-        f"Phase {', '.join(names)} has pairs and several stages per element, whose forces cannot make a velocity jump. "
-        "If there are impacts, take stages=1, or two phases with a jump between them."
-    )
+    named = [(", ".join(f"'{phase.name}'" for phase in found), said) for found, said in remarks if found]
+    return [f"Phase {names} has {said}" for names, said in named]

@@ -8,14 +8,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from pyrobocop_pyomo.errors import EvaluationError, ModelError
+from pyrobocop_pyomo.errors import EvaluationError, FunctionError, ModelError
 from pyrobocop_pyomo.ipopt.backends import Backend
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IterationRecord
 from pyrobocop_pyomo.modeling.variable_values import Values, VariableValues
-from pyrobocop_pyomo.programs.repetition import repeats_nonlinear_terms
 
 from .automatic_scaling import ScalingRecord
-from .coarse_mesh import is_worth_coarsening
 from .executable_session import ExecutableSession
 from .in_process_session import InProcessSession
 from .initial_guess import InitialGuess
@@ -26,12 +24,9 @@ from .relaxed_model import RelaxedModel, relaxed_model
 from .second_tries import may_be_scaled
 from .session import OnIteration, Session
 from .settings import Settings
-from .strategies import PROJECTION, Strategy
+from .strategies import Strategy
 
 logger = logging.getLogger(__name__)
-
-# Nodes in the nonlinear terms of a model with pairs, from which on evaluation takes much of its time.
-LARGE_WITH_PAIRS = 30_000
 
 
 @dataclass(eq=False)
@@ -130,7 +125,7 @@ class Workplaces:
         """Keep the workplace, or change it for one with the relaxation that the strategy asks for."""
         relaxation = self._settings.relaxation if strategy.relaxation is None else strategy.relaxation
         place = self.place
-        same = place is not None and (strategy is PROJECTION or place.relaxation == relaxation)
+        same = place is not None and (strategy.schedule is None or place.relaxation == relaxation)
         if place is not None and same:
             return place
         self._leave()
@@ -158,35 +153,23 @@ class Workplaces:
     def _open_session(self, relaxed: RelaxedModel) -> Session:
         """A session of the first backend that takes the model."""
         name, progress = self._model.name, self._settings.progress
-        self._prefer_vectorised(relaxed)
+        refused: Exception | None = None
         while True:
             try:
                 session = _session(self.backend, relaxed, self._settings)
                 break
             except (ModelError, EvaluationError) as error:
-                if not self.has_other_backends:
-                    raise
+                refused = refused or error
+                if not self.has_other_backends or isinstance(error, FunctionError):
+                    raise refused from None  # ASL calls no functions in Python
                 logger.info("'%s': %s is not taken: %s", name, self.backend.value, error)
                 del self._backends[0]
+        if isinstance(session, InProcessSession) and session.calls_python:
+            del self._backends[1:]  # no file holds what is in Python
         logger.info("'%s': %s, derivatives by %s", name, session.solver, session.derivatives)
         progress.line_once(f"{name}: {session.solver}, derivatives by {session.derivatives}")
         progress.line(step_header(pairs=bool(relaxed.pairs)))
         return session
-
-    def _prefer_vectorised(self, relaxed: RelaxedModel) -> None:
-        """Take the vectorised backend first, where the caller chose none and the model's terms repeat few shapes.
-
-        Also where a coarse mesh comes first: each of its iterations evaluates the functions of the whole mesh. Small
-        models with pairs gain too little: most of their time is not spent in evaluation.
-        """
-        vectorised = Backend.IN_PROCESS_VECTORISED
-        if self.solver or vectorised not in self._backends[1:]:
-            return  # decided by the first session, or by the caller
-        fewest = LARGE_WITH_PAIRS if relaxed.pairs else 0
-        if is_worth_coarsening(len(relaxed.pairs)) or repeats_nonlinear_terms(relaxed.model, fewest_nodes=fewest):
-            logger.info("'%s': its terms repeat few shapes: %s", self._model.name, vectorised.value)
-            self._backends.remove(vectorised)
-            self._backends.insert(0, vectorised)
 
 
 def _session(backend: Backend, relaxed: RelaxedModel, settings: Settings) -> Session:

@@ -1,7 +1,7 @@
-"""Studies around a solve: many starts or data, paths of data, sensitivity, refinement, sequences, receding horizons.
+"""Studies around a solve: many starts or data, paths of data, sensitivity, sequences of modes, receding horizons.
 
-`multistart`, `homotopy`, `sweep`, `solve_files`, `solve_sequences` and `solve_refined` give a `StudyResult`: a sequence
-of outcomes that prints as a table. Its members mean the same in all of them:
+`multistart`, `homotopy` and `sweep` give a `StudyResult`: a sequence of outcomes that prints as a
+table. Its members mean the same in all of them:
 
 * ``best``: the outcome that answers the study; its point is the one on the model;
 * ``result``: the `SolveResult` of that outcome;
@@ -12,44 +12,33 @@ of outcomes that prints as a table. Its members mean the same in all of them:
 ``time_limit`` is for the whole study.
 """
 
+from pyrobocop_pyomo.errors import removed_names
 from pyrobocop_pyomo.solving import PersistentNLP
 
-from .case_solver import SweepOutcome
-from .homotopy import HomotopyResult, HomotopyStep, homotopy
-from .multistart import MultistartResult, StartOutcome, multistart
-from .outcomes import Outcome, StudyResult
-from .receding_horizon import HorizonStep, RecedingHorizon
-from .refinement import RefinedResult, RefinementEnd, RefinementStep, solve_refined
-from .sensitivity import Sensitivity, sensitivity
-from .sequences import SequenceOutcome, SequenceRanking, mode_sequences, solve_sequences
-from .solve_files import solve_files
-from .sweep import SweepResult
-from .sweep_cases import SweepCase
+from .homotopy import homotopy
+from .multistart import multistart
+from .receding_horizon import RecedingHorizon
+from .sensitivity import sensitivity
+from .sequences import mode_sequences
 
 __all__ = [
-    "HomotopyResult",
-    "HomotopyStep",
-    "HorizonStep",
-    "MultistartResult",
-    "Outcome",
     "PersistentNLP",
     "RecedingHorizon",
-    "RefinedResult",
-    "RefinementEnd",
-    "RefinementStep",
-    "Sensitivity",
-    "SequenceOutcome",
-    "SequenceRanking",
-    "StartOutcome",
-    "StudyResult",
-    "SweepCase",
-    "SweepOutcome",
-    "SweepResult",
     "homotopy",
     "mode_sequences",
     "multistart",
     "sensitivity",
-    "solve_files",
-    "solve_refined",
-    "solve_sequences",
 ]
+
+__getattr__ = removed_names(
+    __name__,
+    {
+        "rcp.solve(model, mesh_tolerance=1e-6)": "solve_refined RefinementEnd",
+        "rcp.sweep(build, sequences, start_from=None)": "solve_sequences",
+        "nothing: studies give its objects back": """
+            HomotopyResult HomotopyStep MultistartResult RefinedResult RefinementStep Sensitivity
+            SequenceOutcome SequenceRanking StartOutcome StudyResult SweepCase SweepOutcome SweepResult
+            HorizonStep Outcome
+        """,
+    },
+)

@@ -16,16 +16,16 @@ from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import native_numeric_types
 
 from pyrobocop_pyomo.complementarity import active_sources, pairs_of
-from pyrobocop_pyomo.errors import ModelError, PyRobocopError, SolverNotFoundError
+from pyrobocop_pyomo.errors import KeywordError, ModelError, PyRobocopError, SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import Backend
 from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import Values
 from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
-from pyrobocop_pyomo.programs.casadi_program import casadi_available
-from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason
+from pyrobocop_pyomo.programs.vectorised_program import casadi_available
+from pyrobocop_pyomo.solving import Quality, SolveResult
 from pyrobocop_pyomo.solving.ipopt_options import IpoptOptions
-from pyrobocop_pyomo.solving.iterates import Tolerances
+from pyrobocop_pyomo.solving.iterates import checked_tolerances
 from pyrobocop_pyomo.solving.persistent_solve import PersistentSolve, is_certified
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.settings import Settings
@@ -37,7 +37,7 @@ Put = Callable[[Any, Any], object]
 Read = Callable[[Any, SolveResult], Mapping[str, Any]]
 
 # Options of `solve` that a warm solve understands as well; with any other every case is solved cold.
-WARM_OPTIONS = frozenset({"options", "feasibility_tolerance", "complementarity_tolerance"})
+WARM_OPTIONS = frozenset({"options", "tolerances"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,8 @@ class ModelState:
     def restore(self) -> None:
         """Put all back."""
         for member, number in self._params:
-            if member.value is not number and number is not None:
+            is_there = member.parent_component() is not None  # a plan around obstacles may have put others in its place
+            if is_there and member.value is not number and number is not None:
                 member.set_value(number)
         for variable, (number, fixed, lower, upper, stale) in zip(self.variables, self._of_variables, strict=True):
             variable.set_value(number, skip_validation=True)
@@ -190,7 +191,7 @@ class CaseSolver:
 
     def solve(
         self, case: SweepCase, near: tuple[int, Values] | None, limit: float | None, *, deadline: Deadline
-    ) -> SweepOutcome | None:
+    ) -> SweepOutcome:
         """Solve a case; whatever goes wrong is in the outcome.
 
         Parameters
@@ -205,27 +206,21 @@ class CaseSolver:
 
         Returns
         -------
-        SweepOutcome or None
-            None where the end of the sweep's time or Ctrl-C cut it short.
+        SweepOutcome
 
         Raises
         ------
-        SolverNotFoundError
-            When there is no Ipopt, so that no case can be solved.
+        KeywordError, SolverNotFoundError
+            When `solve` does not have an option, or there is no Ipopt: no case can be solved.
         """
-        outcome = self._outcome(case, near, deadline.within(limit))
-        interrupted = outcome.result is not None and outcome.result.stop_reason is StopReason.INTERRUPTED
-        return None if interrupted or (outcome.cut_short and deadline.has_passed) else outcome
-
-    def _outcome(self, case: SweepCase, near: tuple[int, Values] | None, deadline: Deadline) -> SweepOutcome:
-        started = time.perf_counter()
+        started, deadline = time.perf_counter(), deadline.within(limit)
         try:
             state = self.put(case.data)
             result, from_neighbour = self._solve(state, near, deadline)
             values = state.read()
             # What was solved stays so when reading it fails.
             numbers, failure = self._numbers(result)
-        except SolverNotFoundError:
+        except (KeywordError, SolverNotFoundError):
             raise
         except Exception as error:  # whatever goes wrong with one case must not lose the others
             self._leave()
@@ -288,16 +283,12 @@ class CaseSolver:
             return None
 
     def _settings(self) -> Settings:
-        tolerances = Tolerances(
-            feasibility=self._options.get("feasibility_tolerance", Tolerances.feasibility),
-            product=self._options.get("complementarity_tolerance", Tolerances.product),
-        )
         return Settings(
             relaxation="scholtes",
             grouping="pair",
             backend=Backend.IN_PROCESS_VECTORISED,
             options=IpoptOptions(user=dict(self._options.get("options") or {})),
-            tolerances=tolerances,
+            tolerances=checked_tolerances(self._options.get("tolerances")),
             progress=Progress(False),
         )
 

@@ -10,14 +10,15 @@ from typing import Any, ClassVar
 
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.errors import HomotopyStalled, ModelError, SolveFailed
+from pyrobocop_pyomo.errors import ModelError, PyRobocopError, SolveFailed, SolverNotFoundError
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.solving import Quality
 from pyrobocop_pyomo.solving.progress import Progress
+from pyrobocop_pyomo.solving.strategies import in_order
 
 from .named_data import by_component, data_members
-from .outcomes import Column, Outcome, StudyResult, result_or_error, seconds_left, table_row
+from .outcomes import Column, Outcome, StudyResult, seconds_left, solve_as_given, table_row
 
 # Near a solution the tight problem is solved at once; what it leaves goes through looser ones.
 FOLLOWING_STRATEGIES = ("tight", "barrier", "continuation")
@@ -135,10 +136,10 @@ def homotopy(
 
     Raises
     ------
-    HomotopyStalled
+    SolveFailed
         When the step became too small, or at the time limit or Ctrl-C. The model then holds the data and the point of
         the last problem that was solved; where there is none, all is as it was before (but for data that a callable
-        put there).
+        put there). Its ``result`` says how far the path was followed.
     ModelError
         When the arguments or the model make no sense.
     """
@@ -266,9 +267,15 @@ class _Follower:
         started = time.perf_counter()
         self._path.put(position)
         options = {**self._options, "time_limit": seconds_left(self._deadline)}
-        if self._position >= 0.0 and not {"strategies", "schedule"} & options.keys():
-            options["strategies"] = FOLLOWING_STRATEGIES
-        result, error = result_or_error(self._model, options, self._bar.within(f"at {position:.4g}"))
+        if self._position >= 0.0:
+            options["strategies"] = in_order(options.get("strategies"), FOLLOWING_STRATEGIES)
+        result, error = None, ""
+        try:
+            result = solve_as_given(self._model, progress=self._bar.within(f"at {position:.4g}"), **options)
+        except (ModelError, SolverNotFoundError):
+            raise  # no other problem of the path could do better
+        except PyRobocopError as raised:
+            error = f"{type(raised).__name__}: {raised}"
         seconds = time.perf_counter() - started
         accepted = result is not None and result.quality is not Quality.INFEASIBLE
         return HomotopyStep(position, accepted, result=result, error=error, seconds=seconds)
@@ -284,7 +291,7 @@ class _Follower:
         seconds = time.perf_counter() - self._started
         return HomotopyResult(name=self._model.name, outcomes=tuple(self._steps), seconds=seconds)
 
-    def _stalled(self, step: HomotopyStep, length: float) -> HomotopyStalled:
+    def _stalled(self, step: HomotopyStep, length: float) -> SolveFailed:
         model_state = "The model holds the last data that were solved, with their point."
         if self._position < 0.0:
             model_state = "The model is as it was before."
@@ -301,4 +308,4 @@ class _Follower:
                 f"solved; the next step would be {length:.1e}, the smallest allowed is {self._shortest:.1e}. Take "
                 "another path around this place, or a smaller smallest_step"
             )
-        return HomotopyStalled(f"'{self._model.name}': {where}. {why} {model_state}", self._so_far(), self._position)
+        return SolveFailed(f"'{self._model.name}': {where}. {why} {model_state}", self._so_far())

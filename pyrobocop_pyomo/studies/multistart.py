@@ -2,58 +2,41 @@
 
 from __future__ import annotations
 
-import logging
-import time
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
 from pyomo.core.base.var import Var
 
-from pyrobocop_pyomo.errors import ModelError, SolveFailed
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.execution.engine import Engine
-from pyrobocop_pyomo.execution.sending import check_picklable
-from pyrobocop_pyomo.execution.tasks import GIVEN_UP, Task, run_tasks, study_engine
-from pyrobocop_pyomo.ipopt.backends import best_backend
-from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.modeling.variable_values import VariableValues
-from pyrobocop_pyomo.phases import note_outcome
+from pyrobocop_pyomo.modeling.variable_values import checksum_of_model
+from pyrobocop_pyomo.motion.replayed_motion import PLAN_ALONE
+from pyrobocop_pyomo.motion.safety_report import joined_report
+from pyrobocop_pyomo.planning.safe_planning import avoidance_blocks, containments
 from pyrobocop_pyomo.solving import SolveResult
-from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.random_starts import RandomStarts
 
+from .case_solver import SweepOutcome
 from .named_data import by_component
-from .outcomes import COMMON_COLUMNS, Column, Outcome, StudyResult, ranked, result_or_error, seconds_left, table_row
-
-logger = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, eq=False)
-class StartOutcome(Outcome):
-    """What became of one start.
-
-    Attributes
-    ----------
-    start : int
-        0 is the initial guess that was on the model.
-    """
-
-    start: int
+from .outcomes import Column, StudyResult, ranked
+from .sweep import SweepResult, sweep
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class MultistartResult(StudyResult[StartOutcome]):
+class MultistartResult(StudyResult[SweepOutcome]):
     """Outcomes, the best first: feasible ones by objective, then infeasible ones by violation, then errors.
 
     Where there are obstacles, plans that are proven safe come before others that are feasible. The point of the
-    best outcome is on the model. Starts that a time limit or Ctrl-C left undone are in `remaining`.
+    best outcome is on the model. The number of a start is ``outcome.case.number``, 0 for the initial guess that was on
+    the model; starts that a time limit or Ctrl-C left undone are in `remaining`.
     """
 
-    _values: VariableValues = field(repr=False)
+    _found: SweepResult = field(repr=False)
     _model: Any = field(repr=False)
 
-    own_columns = (Column("start", 5, lambda outcome: outcome.start, "d"),)
+    own_columns = (Column("start", 5, lambda outcome: outcome.case.number, "d"),)
 
     def load(self, place: int) -> SolveResult:
         """Put the point of another start on the model and return its result.
@@ -68,12 +51,14 @@ class MultistartResult(StudyResult[StartOutcome]):
         SolveFailed
             When it has none.
         """
-        chosen = self.outcomes[place]
-        if chosen.result is None:
-            raise SolveFailed(f"'{self.name}': start {chosen.start} has no point. {chosen.error}", self)
-        self._values.write(chosen.values)
-        note_outcome(self._model, chosen.result.outcome)
-        return chosen.result
+        result = self._found.load(self.outcomes[place].case.number)
+        blocks = [*avoidance_blocks(self._model), *containments(self._model)]
+        if result.safety is None or not blocks:
+            return result
+        # Margins and planes on the model are those of a later start: the motion is judged again, as far as it was.
+        equations = PLAN_ALONE not in result.safety.not_replayed
+        safety = joined_report(block.verify(equations=equations) for block in blocks)
+        return replace(result, safety=safety, fingerprint=checksum_of_model(self._model))
 
 
 def multistart(
@@ -106,15 +91,15 @@ def multistart(
         ``[(m.x, 0.5)]`` varies only the variables named and leaves the others at their initial guess.
     workers : int or "all"
         Number of processes, or one on each core; with 1 all is done in this one. The outcomes are the same. More need a
-        model that can be pickled; where it cannot, a warning says why, and all is done in this process. A script has
-        to keep its work under ``if __name__ == "__main__":``, since each process imports it.
+        model that can be pickled. A script has to keep its work under ``if __name__ == "__main__":``, since each
+        process imports it.
     engine : str or Engine, optional
         Where the starts are solved instead: ``"process"``, ``"dask"``, ``"mpi"`` or an object of `rcp.teams`, as for
         teams. With ``"mpi"`` every rank calls this function with the same arguments, and all get the same answer.
     time_limit : float, optional
         Seconds, for all starts together.
     progress : bool, optional
-        Show a line per start; by default only on a terminal.
+        Show how far it is; by default only on a terminal.
     **options
         Passed to `solve`.
 
@@ -126,7 +111,7 @@ def multistart(
     Raises
     ------
     ModelError
-        When the arguments or the model make no sense.
+        When the arguments make no sense, or the model cannot be sent to another process.
     EngineError
         When the engine is not installed, or none of its workers starts.
     SolverNotFoundError
@@ -134,76 +119,28 @@ def multistart(
     """
     if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
         raise ModelError(f"starts = {starts!r}; expected a number of starting points of at least 1.")
-    running = study_engine(workers, engine)
-    running = None if starts == 1 else running
-    started, deadline = time.perf_counter(), Deadline.after(time_limit)
-    values = VariableValues.of_free(model)
-    make = partial(_StartSolver, model, seed, spread if starts > 1 else None, options)
-    solver = make()
-    if running is not None:
-        best_backend()  # raises with the remedies where there is none, once and not for every start
-        try:
-            check_picklable({"the model": model, "the options": dict(options)}, by_value=True)
-        except ModelError as error:
-            logger.warning("'%s': all starts are solved in this process: %s", model.name, error)
-            running = None
-    bar = Progress(progress if running is None or running.writes_files else False)
-    solver.progress = lambda number: bar.within(f"{number} of {starts} starts done")
-    columns = (*MultistartResult.own_columns, *COMMON_COLUMNS)
-    outcomes: list[StartOutcome] = []
-
-    def take(outcome: StartOutcome) -> tuple[Task, ...] | None:
-        outcomes.append(outcome)
-        bar.line(f"start {table_row(columns, outcome, len(outcomes))}")
-        if len(outcomes) < starts:
-            bar.live(f"{len(outcomes)} of {starts} starts done")
-        return None if outcome.cut_short else ()
-
-    run_tasks(
-        [Task(number, (number,)) for number in range(starts)], take,
-        make=make if running is not None else lambda: solver, engine=running, most=starts, deadline=deadline,
-        given_up=lambda task: StartOutcome(task.key, error=GIVEN_UP),
+    if starts > 1:
+        put_random_start(seed, spread, model, 0)  # refuses what makes no sense
+    found = sweep(
+        model, range(starts), put=partial(put_random_start, seed, spread if starts > 1 else None), start_from=None,
+        workers=workers, engine=engine, time_limit=time_limit, progress=progress, **options,
     )  # fmt: skip
-    values.write(values.taken)
-    outcomes.sort(key=lambda outcome: outcome.start)
-    if not outcomes:
-        if not deadline.has_passed:
-            raise KeyboardInterrupt
-        take(solver.solve(0, deadline=deadline))  # which says what the initial guess is worth
-    bar.live("")
-    order = ranked(outcomes)
-    values.write(order[0].values if order[0].result is not None else values.taken)
-    if order[0].result is not None:
-        note_outcome(model, order[0].result.outcome)
-    return MultistartResult(
-        name=model.name, outcomes=order,
-        remaining=tuple(sorted(set(range(starts)) - {outcome.start for outcome in outcomes})),
-        seconds=time.perf_counter() - started, _values=values, _model=model,
+    several = MultistartResult(
+        name=model.name, outcomes=ranked(found), remaining=tuple(map(int, found.remaining)), seconds=found.seconds,
+        _found=found, _model=model,
     )  # fmt: skip
+    if not several.outcomes or several.outcomes[0].result is None:
+        return several
+    best, *others = several.outcomes
+    return replace(several, outcomes=(replace(best, result=several.load(0)), *others))
 
 
-class _StartSolver:
-    """Solves one start after the other on one model."""
-
-    def __init__(self, model: Any, seed: int, spread: Any, options: Mapping[str, Any]) -> None:
-        self._model, self._options, self._values = model, options, VariableValues.of_free(model)
-        self._random = None if spread is None else RandomStarts(model, seed, spreads(model, spread))
-        self.progress: Callable[[int], Progress | bool] = lambda number: False
-
-    def solve(self, number: int, *, deadline: Deadline) -> StartOutcome:
-        started = time.perf_counter()
-        self._values.write(self._values.taken)
-        if self._random is not None and number:
-            self._random.put(number)
-        try:
-            options = {**self._options, "time_limit": seconds_left(deadline)}
-            result, error = result_or_error(self._model, options, self.progress(number))
-        except Exception as raised:
-            if hasattr(raised, "add_note"):
-                raised.add_note(f"'{self._model.name}': raised by start {number}.")
-            raise
-        seconds, found = time.perf_counter() - started, [] if result is None else self._values.read()
-        return StartOutcome(number, result=result, error=error, seconds=seconds, values=found)
+def put_random_start(seed: int, spread: Any, model: Any, number: int) -> None:
+    """Put a start on a model that has the initial guess, which is start 0."""
+    if spread is not None:
+        starts = RandomStarts(model, seed, spreads(model, spread))
+        if number:
+            starts.put(number)
 
 
 def spreads(model: Any, spread: Any) -> dict[int | None, float]:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import CheckpointError
+from pyrobocop_pyomo.errors import TeamError
 from pyrobocop_pyomo.modeling.variable_values import Values
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason
@@ -47,7 +47,7 @@ class OutcomeFile:
 
     Raises
     ------
-    CheckpointError
+    TeamError
         When the file is something else, or of another sweep.
     """
 
@@ -69,12 +69,12 @@ class OutcomeFile:
             found = lines[0] if lines else {}
             records: dict[str, Mapping[str, Any]] = {line["key"]: line for line in lines[1:]}
         except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise CheckpointError(f"{self._path}: no outcomes of a sweep can be read from it ({error}).") from error
+            raise TeamError(f"{self._path}: no outcomes of a sweep can be read from it ({error}).") from error
         if not lines and not content.startswith(_START[: len(content)]):
-            raise CheckpointError(f"{self._path}: is no file of outcomes. Name another file.")
+            raise TeamError(f"{self._path}: is no file of outcomes. Name another file.")
         if lines and found != json.loads(json.dumps(head)):
             different = [name for name in {**found, **head} if found.get(name) != head.get(name)]
-            raise CheckpointError(
+            raise TeamError(
                 f"{self._path}: is of another sweep: {different[0]!r} is {found.get(different[0])!r} there and "
                 f"{head.get(different[0])!r} here. Remove the file, or name another one."
             )
@@ -106,23 +106,6 @@ class OutcomeFile:
             raise
         finally:
             os.close(descriptor)
-
-
-def discard_outcomes(path: str | Path) -> None:
-    """Remove a file of outcomes, if there is one.
-
-    Raises
-    ------
-    CheckpointError
-        When the file is something else.
-    """
-    path = Path(path)
-    if path.is_file():
-        with path.open("rb") as file:
-            start = file.read(len(_START))
-        if start != _START:
-            raise CheckpointError(f"{path}: is no file of outcomes, and is not removed. Name another file.")
-        path.unlink()
 
 
 def _facts_of(line: bytes) -> dict[str, Any]:

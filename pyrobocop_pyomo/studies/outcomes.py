@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cmp_to_key
 from typing import Any, ClassVar, Generic, TypeVar
 
-from pyrobocop_pyomo.errors import ModelError, PyRobocopError, SolveFailed, SolverNotFoundError
+from pyrobocop_pyomo.errors import SolveFailed
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import Values
 from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.planning.solve import solve
-from pyrobocop_pyomo.presentation import Presented, table
+from pyrobocop_pyomo.presentation import Presented, disclosed_text, table
 from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason
-from pyrobocop_pyomo.solving.progress import Progress
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -77,6 +76,14 @@ class Outcome(Presented):
         return self.result.quality.value if stopped is StopReason.FINISHED else stopped.value
 
     @property
+    def remark(self) -> str:
+        """The reason; of an optimal point what its mesh makes doubtful."""
+        mesh = None if self.result is None else self.result.errors_of_answer
+        if self.reason or mesh is None:
+            return self.reason
+        return f"COARSE MESH: {mesh.in_words()}" if mesh.is_large else "" if mesh.is_known else mesh.in_short()
+
+    @property
     def cut_short(self) -> bool:
         """True when the time limit or Ctrl-C ended the solve."""
         return self.result is not None and self.result.stop_reason.is_final
@@ -109,24 +116,6 @@ def seconds_left(deadline: Deadline) -> float | None:
 def solve_as_given(model: Any, **options: Any) -> SolveResult:
     """Solve one problem of a study on the meshes that it has: what is compared stands on the same ones."""
     return solve(model, **{"mesh_tolerance": None, **options})
-
-
-def result_or_error(
-    model: Any, options: Mapping[str, Any], progress: Progress | bool = False
-) -> tuple[SolveResult | None, str]:
-    """Solve one problem of a study: the result, or None and the error that it ended with.
-
-    Raises
-    ------
-    ModelError, SolverNotFoundError
-        With which no other problem of the study could do better.
-    """
-    try:
-        return solve_as_given(model, progress=progress, **options), ""
-    except (ModelError, SolverNotFoundError):
-        raise
-    except PyRobocopError as error:
-        return None, f"{type(error).__name__}: {error}"
 
 
 @dataclass(frozen=True)
@@ -170,7 +159,7 @@ COMMON_COLUMNS = (
     Column("certificate", 11, lambda outcome: outcome.certificate),
     Column("iterations", 6, lambda outcome: outcome.iterations, "d", heading="iter"),
     Column("seconds", 8, lambda outcome: outcome.seconds, ".2f"),
-    Column("reason", 0, lambda outcome: outcome.reason),
+    Column("reason", 0, lambda outcome: outcome.remark),
 )
 
 
@@ -190,12 +179,15 @@ class StudyResult(Presented, Sequence[OutcomeType], Generic[OutcomeType]):
         What a time limit or Ctrl-C left undone.
     seconds : float
         Elapsed in all.
+    doubts : tuple of str
+        Why it may not be what was meant; the first lines of the text say so.
     """
 
     name: str
     outcomes: tuple[OutcomeType, ...]
     remaining: tuple[Any, ...] = ()
     seconds: float = 0.0
+    doubts: tuple[str, ...] = ()
 
     item: ClassVar[str] = "start"  # what an outcome is of
     numbered_by: ClassVar[str] = "rank"
@@ -283,7 +275,8 @@ class StudyResult(Presented, Sequence[OutcomeType], Generic[OutcomeType]):
         solved = sum(outcome.result is not None and outcome.result.solved for outcome in self.outcomes)
         count, left = len(self.outcomes), len(self.remaining)
         not_tried = f", {left} not tried" if left else ""
-        return f"'{self.name}': {count} outcome{'s' * (count != 1)}, {solved} solved{not_tried}"
+        doubtful = ", DOUBTFUL" if self.doubts else ""
+        return f"'{self.name}': {count} outcome{'s' * (count != 1)}, {solved} solved{not_tried}{doubtful}"
 
     def _html_parts(self) -> list[str]:
         header = (self.numbered_by, *(column.header().strip() for column in self.columns))
@@ -291,11 +284,11 @@ class StudyResult(Presented, Sequence[OutcomeType], Generic[OutcomeType]):
             (number, *(column.text(outcome).strip() for column in self.columns))
             for number, outcome in enumerate(self.outcomes, start=1)
         ]
-        return [table(header, rows)]
+        return [*(disclosed_text("DOUBTFUL", doubt) for doubt in self.doubts), table(header, rows)]
 
     def __str__(self) -> str:
         undone = f"\n{len(self.remaining)} {self.item}s were left undone" if self.remaining else ""
-        return self.table() + undone
+        return "\n".join([*(f"DOUBTFUL: {doubt}" for doubt in self.doubts), self.table() + undone])
 
 
 def table_header(columns: Sequence[Column], numbered_by: str) -> str:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import contextlib
 import logging
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pyomo.core.base.var import Var
@@ -33,14 +32,34 @@ from pyrobocop_pyomo.solving.persistent_nlp import PersistentNLP
 from pyrobocop_pyomo.solving.starts import defined_start
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .exported_controller import write_controller
 from .outcomes import seconds_left
-from .shifted_warm_start import PlaceInProgram, ShiftedPlan
+from .shifted_warm_start import Move, PlaceInProgram, ShiftedPlan
 
 logger = logging.getLogger(__name__)
 
 # Where no branch near the relaxed solution has a solution, delta is divided by this, until it is so small.
 DELTA_DIVISOR, SMALLEST_DELTA = 10.0, 1e-7
+
+
+class PartsOfAStep(NamedTuple):
+    """What a step consists of.
+
+    Attributes
+    ----------
+    program : PersistentNLP
+    place : PlaceInProgram
+    moves : mapping of name to function
+        From the values of a plan to those of its rest.
+    states : mapping of name to VarData
+        Measured ones, where the phase starts.
+    controls : sequence of str
+    """
+
+    program: PersistentNLP
+    place: PlaceInProgram
+    moves: Mapping[str, Move]
+    states: Mapping[str, Any]
+    controls: Sequence[str]
 
 
 @dataclass(frozen=True)
@@ -82,7 +101,7 @@ class HorizonStep(Presented):
 
     @property
     def safe(self) -> bool | None:
-        """Whether all clearances are proven for the plan, old or new; None where there is no `safety`."""
+        """As `SafetyReport.safe`, for the plan, old or new; None where there is no `safety`, too."""
         return None if self.safety is None else self.safety.safe
 
     @property
@@ -91,7 +110,7 @@ class HorizonStep(Presented):
         return self.status.solved
 
     def _summary(self) -> str:
-        safe = "" if self.safe is None else f", {'safe' if self.safe else 'NOT SAFE'}"
+        safe = "" if self.safety is None else f", {self.safety.word.partition(':')[0]}"
         remark = f". {self.remark}" if self.remark else ""
         return f"{'solved' if self.solved else self.status.name.lower()}, {self.iterations} iterations{safe}{remark}"
 
@@ -235,51 +254,32 @@ class RecedingHorizon:
         iterations, ipopt_seconds = sum(run.iterations for run in runs), sum(run.seconds for run in runs)
         return HorizonStep(plan, outcome.status, iterations, seconds, ipopt_seconds, safety, remark, natural)
 
-    def export(self, folder: str | Path, advance: float, *, mu: float = 1e-4) -> Path:
-        """Write this controller as C source, for a robot that has Ipopt but no Python.
-
-        ``controller_step(state, control)`` does what `step` does with this `advance` and this `mu`. Its first plan is
-        that of the next `step`: warm where a plan has been made, else from the values on the model. Fixed values,
-        Params and bounds stay as they are now. Safety is not verified, and where the linear solver of this package
-        fails, no other has a try.
+    def parts_of_a_step(self, advance: float) -> PartsOfAStep:
+        """What a step does, as numbers, for who writes it in another language.
 
         Parameters
         ----------
-        folder : path
-            For ``controller.c``, ``controller.h`` and the sources of the linear solver; made where it is missing.
         advance : float
             From one step to the next, in the time of the phase.
-        mu : float
-            See `step`.
-
-        Returns
-        -------
-        Path
-            Of ``controller.c``. ``controller.h`` has the command that compiles all files to a library.
 
         Raises
         ------
         ModelError
             When pairs are made exact, or the phase keeps derivatives as variables; when `advance` is no time of the
-            phase; when the program has Python functions, or no compiled terms.
-        SolverOptionError
-            When an option of Ipopt is neither text nor a number.
+            phase.
         """
         what = f"phase '{self.phase.name}'"
         if self._exact is not None or self.phase.record.kept_derivatives:
             raise ModelError(f"{what}: a controller with exact_pairs=True or kept derivatives cannot be exported.")
         if not 0 < advance <= self.phase.duration:
             raise ModelError(f"{what}: advance = {advance!r}; expected a time from 0 to {self.phase.duration:g}.")
-        starts = {name: self.phase.component(name)[self.phase.initial_time] for name in sorted(self._fixed)}
         self._program.update()
-        return write_controller(
-            folder,
+        return PartsOfAStep(
             self._program,
             self._place_in_program(),
             self._moved.moves(advance),
-            starts,
+            {name: self.phase.component(name)[self.phase.initial_time] for name in sorted(self._fixed)},
             self.phase.record.names(Control),
-            mu,
         )
 
     def _made_exact(

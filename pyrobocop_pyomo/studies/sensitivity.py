@@ -18,14 +18,14 @@ from pyomo.core.expr.visitor import identify_mutable_parameters, replace_express
 
 from pyrobocop_pyomo.complementarity import (
     CanonicalForm,
-    CanonicalPair,
     SidePart,
     active_sources,
     canonical_form,
-    pair_residuals,
     pairs_of,
+    side_values,
+    sides_at_zero,
 )
-from pyrobocop_pyomo.errors import ModelError, SensitivityError
+from pyrobocop_pyomo.errors import EvaluationError, ModelError
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.mpcc.sensitivity import derivatives
@@ -179,13 +179,13 @@ def sensitivity(
 
     Raises
     ------
-    SensitivityError
+    EvaluationError
         At biactive pairs; where an inequality is active without a multiplier; where active constraints are dependent
         or the solution is not unique. The message names them.
     ModelError
         If a parameter is not mutable or used nowhere, a relaxation is applied, or the model does not hold the point
         of the result.
-    TimeLimitReached
+    SolveFailed
         When there is no answer at the time limit.
 
     References
@@ -340,11 +340,11 @@ class ParametricBuilder:
 
         Raises
         ------
-        SensitivityError
+        EvaluationError
             At biactive pairs, and at pairs that are not met.
         ModelError
             If a parameter is used nowhere in the active model.
-        TimeLimitReached
+        SolveFailed
             When the deadline has passed.
         """
         for objective in self._source.component_data_objects(Objective, active=True):
@@ -397,10 +397,9 @@ class ParametricBuilder:
 
     def _add_pairs(self, forms: Sequence[CanonicalForm]) -> None:
         pairs = [pair for form in forms for pair in form.pairs]
-        values = dict(zip(map(id, pairs), pair_residuals(pairs), strict=True))
-        biactive = [sides.name for sides in values.values() if max(sides.a, sides.b) <= ZERO_SIDE]
+        biactive = [pair.name for pair in pairs if max(side_values(pair)) <= ZERO_SIDE]
         if biactive:
-            raise SensitivityError(
+            raise EvaluationError(
                 f"'{self._source.name}': {len(biactive)} pairs are biactive (both sides zero): {_listed(biactive)}. "
                 "The solution has a kink there. Move the data so that one side is positive."
             )
@@ -409,30 +408,17 @@ class ParametricBuilder:
                 row = Constraint(expr=relation)
                 row.construct()
                 self._add_row(row.to_bounded_expression(), relation, f"row {number + 1} of '{form.source.name}'")
-            first_is_zero = False
-            stated = [pair for pair in form.pairs if pair.a_part is SidePart.WHOLE]
-            for pair in stated:
-                sides = values[id(pair)]
+            for pair in (pair for pair in form.pairs if pair.a_part is SidePart.WHOLE):
+                a, b = side_values(pair)
                 for side in (pair.a, pair.b):
                     self._substituted(side)  # a parameter of a positive side is used as well
-                if min(abs(sides.a), abs(sides.b)) > ZERO_SIDE:
-                    raise SensitivityError(
-                        f"'{pair.name}': the sides are {sides.a:g} and {sides.b:g}, so neither is zero. Solve with "
+                if min(abs(a), abs(b)) > ZERO_SIDE:
+                    raise EvaluationError(
+                        f"'{pair.name}': the sides are {a:g} and {b:g}, so neither is zero. Solve with "
                         "polish=True, and do not change values afterwards."
                     )
-                if sides.a < sides.b:
-                    self._set_zero(pair, pair.a, "first")
-                    first_is_zero = True
-            # The parts of a free side are zero together: one equation, and only where no bound of the range has one.
-            whole = [pair for pair in stated if values[id(pair)].a >= values[id(pair)].b]
-            parts = [pair for pair in whole if pair.b_part is not SidePart.WHOLE]
-            for pair in [pair for pair in whole if pair.b_part is SidePart.WHOLE] + (
-                [] if first_is_zero else parts[:1]
-            ):
-                self._set_zero(pair, pair.b, "second")
-
-    def _set_zero(self, pair: CanonicalPair, side: Any, which: str) -> None:
-        self._add(self._substituted(side) == 0, f"the {which} side of '{pair.name}'")
+            for pair, side, which in sides_at_zero(form):
+                self._add(self._substituted(side) == 0, f"the {which} side of '{pair.name}'")
 
     def _add_moving_bounds(self) -> None:
         for variable in self._source.component_data_objects(Var, active=True):

@@ -14,6 +14,7 @@ from pyomo.core.base.block import BlockData
 
 from pyrobocop_pyomo.errors import ModelError, SolveFailed
 from pyrobocop_pyomo.execution.engine import Engine
+from pyrobocop_pyomo.execution.fingerprints import fingerprint
 from pyrobocop_pyomo.execution.sending import check_picklable
 from pyrobocop_pyomo.execution.tasks import GIVEN_UP, Task, run_tasks, study_engine
 from pyrobocop_pyomo.ipopt.backends import best_backend
@@ -21,13 +22,13 @@ from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.rule_slips import takes_arguments
 from pyrobocop_pyomo.modeling.variable_values import Values
 from pyrobocop_pyomo.phases import note_outcome
-from pyrobocop_pyomo.solving import Quality, SolveResult
+from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason
 from pyrobocop_pyomo.solving.progress import Progress
 
 from .case_solver import CaseSolver, Put, Read, SweepOutcome, own_numbers
 from .outcome_file import OutcomeFile, result_from_json, result_to_json, values_from_text, values_to_text
 from .outcomes import Column, StudyResult, ranked
-from .sweep_cases import SweepCase, key_of, numbers_of, read_cases, starting_cases
+from .sweep_cases import SweepCase, doubts_on_cases, numbers_of, read_cases, starting_cases
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -153,8 +154,8 @@ def sweep(
     workers : int or "all"
         Number of processes, or one on each core; with 1 all is done in this one. More need a model that can be pickled,
         or a builder that stands at the top level of a module (or a `functools.partial` of such), the same for `put` and
-        `read`, and a script whose work stands under ``if __name__ == "__main__":``. In a notebook these functions have
-        to be imported from a file.
+        `read`, and a script whose work stands under ``if __name__ == "__main__":``. Where cloudpickle is not installed,
+        functions of a notebook have to be imported from a file.
     engine : str or Engine, optional
         Where the cases are solved instead: ``"process"``, ``"dask"``, ``"mpi"`` or an object of `rcp.teams`, as for
         teams. With ``"mpi"`` every rank calls this function with the same arguments, and all get the same answer.
@@ -177,7 +178,7 @@ def sweep(
     ------
     ModelError
         When the arguments make no sense; nothing was solved then.
-    CheckpointError
+    TeamError
         When the file is of another sweep.
     EngineError
         When the engine is not installed, or none of its workers starts.
@@ -206,6 +207,8 @@ def sweep(
         if local is not None:
             for case in listed:
                 local.check(case.data)
+            if put is None and isinstance(model, BlockData):
+                study.doubts = doubts_on_cases(model, [case.data for case in listed])
         if running is None:
             assert local is not None
             study.run(lambda: local, None)
@@ -237,15 +240,16 @@ class _Sweep:
         self._cases, self._parents, self._deadline, self._limit = cases, parents, deadline, limit
         self._progress, self._started = progress, time.perf_counter()
         self._done: dict[int, SweepOutcome] = {}
+        self.doubts: tuple[str, ...] = ()
         self._keys: list[str] = []
         self._file: OutcomeFile | None = None
         if file is not None:
             seen: Counter[str] = Counter()  # equal cases are told apart; another case before them changes no key
             for case in cases:
-                key = key_of(case.data)
+                key = fingerprint([case.data])
                 self._keys.append(f"{key}.{seen[key]}")
                 seen[key] += 1
-            self._file = OutcomeFile(file, {"options": key_of({**options})}, writes=writes_file)
+            self._file = OutcomeFile(file, {"options": fingerprint([{**options}])}, writes=writes_file)
             for case, key in zip(cases, self._keys, strict=True):
                 if key in self._file.records:
                     self._done[case.number] = _outcome_from_json(case, self._file.records[key])
@@ -289,10 +293,12 @@ class _Sweep:
     def _tasks(self, after: int | None) -> list[Task]:
         return [Task(number, (self._cases[number], self._near(number), self._limit)) for number in self._ready(after)]
 
-    def _take(self, outcome: SweepOutcome) -> list[Task]:
+    def _take(self, outcome: SweepOutcome) -> list[Task] | None:
         """Keep an outcome."""
         self._done[outcome.case.number] = outcome
-        if self._file is not None:
+        interrupted = outcome.result is not None and outcome.result.stop_reason is StopReason.INTERRUPTED
+        # What Ctrl-C or the end of the time cut short is solved again by a sweep that goes on.
+        if self._file is not None and not (interrupted or (outcome.cut_short and self._deadline.has_passed)):
             self._file.append(self._keys[outcome.case.number], _outcome_to_json(outcome))
         done, count = len(self._done), len(self._cases)
         if outcome.error or not outcome.feasible:
@@ -301,7 +307,7 @@ class _Sweep:
         failures = sum(1 for each in self._done.values() if each.result is None or not each.result.solved)
         left = elapsed / done * (count - done)
         self._progress.live(f"{done}/{count} cases, {failures} not solved, {elapsed:.0f} s, about {left:.0f} s left")
-        return self._tasks(outcome.case.number)
+        return None if interrupted else self._tasks(outcome.case.number)
 
     def result(self, name: str, solver: CaseSolver | None) -> SweepResult:
         """What was found."""
@@ -312,6 +318,7 @@ class _Sweep:
             remaining=tuple(case.name for case in self._cases if case.number not in self._done),
             seconds=time.perf_counter() - self._started,
             _solver=solver,
+            doubts=self.doubts,
         )
 
 
@@ -322,10 +329,10 @@ def _given_number(name: str, outcome: SweepOutcome) -> float:
 class _WorkerCaseSolver(CaseSolver):
     """Sends less back: neither multipliers nor pairs are worth their way; the sides stand on the model."""
 
-    def solve(self, *arguments: Any, deadline: Deadline) -> SweepOutcome | None:
+    def solve(self, *arguments: Any, deadline: Deadline) -> SweepOutcome:
         """Solve a case in a worker."""
         outcome = super().solve(*arguments, deadline=deadline)
-        if outcome is None or outcome.result is None:
+        if outcome.result is None:
             return outcome
         return replace(outcome, result=replace(outcome.result, rounds=()))
 

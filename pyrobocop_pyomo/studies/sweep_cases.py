@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
+from pyomo.core.base.block import Block
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.objective import Objective
 from pyomo.core.base.param import Param
 from pyomo.core.base.var import Var
+from pyomo.core.expr.visitor import identify_mutable_parameters
 
+from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.phases.structure import sides_of
 
 from .named_data import by_component
 
@@ -112,6 +119,30 @@ def put_mapping(model: Any, data: Any) -> None:
                 member.set_value(number)
 
 
+def doubts_on_cases(model: Any, data: Iterable[Any]) -> tuple[str, ...]:
+    """What is doubtful about cases: Params and Vars that no active row, pair, objective or bound reads.
+
+    Parameters
+    ----------
+    model : Block
+    data : iterable
+        Of all cases, as for `put_mapping`.
+    """
+    swept = (component.parent_component() for each in data for component, _ in by_component(each, model))
+    unread = {id(component): component.name for component in swept}
+    rows = model.component_data_objects((Constraint, Objective, *PAIR_TYPES), active=True, descend_into=Block)
+    bounds = ((variable.lower, variable.upper) for variable in model.component_data_objects(Var))
+    for expression in chain.from_iterable(chain(map(sides_of, rows), bounds)):
+        if not unread:
+            return ()
+        if hasattr(expression, "is_expression_type"):
+            for leaf in (*variables_in(expression), *identify_mutable_parameters(expression)):
+                unread.pop(id(leaf.parent_component()), None)
+    names = ", ".join(map(repr, unread.values()))
+    said = f"no row, objective or bound reads {names}: the cases are all the same problem as far as that goes."
+    return (f"{said} A rule that asks for pyo.value(...) or .value keeps that number: write the Param.",) * bool(unread)
+
+
 def _member_values(component: Any, given: Any) -> list[tuple[Any, float]]:
     kind, name = getattr(component, "ctype", None), getattr(component, "name", None) or repr(component)
     if kind is Param:
@@ -150,48 +181,6 @@ def _number(given: Any, name: str) -> float:
 def _few(members: Mapping[Any, Any]) -> str:
     names = [repr(index) for index in members]
     return ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
-
-
-def key_of(data: Any) -> str:
-    """What tells a case apart from others, in another run of the program as well.
-
-    Raises
-    ------
-    ModelError
-        When the data are of a kind that is not the same again: an object without a value of its own.
-    """
-    digest = hashlib.sha256()
-    _digest(data, digest.update)
-    return digest.hexdigest()[:24]
-
-
-def _digest(data: Any, add: Callable[[bytes], None]) -> None:
-    if isinstance(data, np.ndarray) and not data.dtype.hasobject:
-        add(f"array{data.shape}{data.dtype}".encode() + np.ascontiguousarray(data).tobytes())
-    elif isinstance(data, (np.integer, np.floating)):
-        _digest(data.item(), add)
-    elif data is None or isinstance(data, (bool, int, float, complex, str, bytes)):
-        add(f"{type(data).__name__}:{data!r};".encode())
-    elif isinstance(data, Mapping):
-        add(f"mapping{len(data)};".encode())
-        for name, value in data.items():
-            _digest(name, add)
-            _digest(value, add)
-    elif isinstance(data, (list, tuple)):
-        add(f"sequence{len(data)};".encode())
-        for value in data:
-            _digest(value, add)
-    elif hasattr(data, "name") and hasattr(data, "ctype"):
-        add(f"component:{data.name};".encode())
-    elif hasattr(data, "to_dict") and hasattr(data, "to_numpy"):  # a data frame or a series
-        _digest(data.to_dict(), add)
-    elif hasattr(data, "__dataclass_fields__"):
-        _digest({"": type(data).__name__, **{name: getattr(data, name) for name in data.__dataclass_fields__}}, add)
-    else:
-        raise ModelError(
-            f"a case holds a {type(data).__name__}, which a file of outcomes cannot tell from another one. Let cases "
-            "be made of numbers, texts, arrays, lists and mappings, or go without file=."
-        )
 
 
 def starting_cases(cases: Sequence[SweepCase], start_from: Any) -> list[int | None]:

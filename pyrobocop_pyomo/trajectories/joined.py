@@ -15,7 +15,7 @@ from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.variable_families import FamilyNames
 from pyrobocop_pyomo.numerics import Array, Grid, Mesh
 from pyrobocop_pyomo.plotting import mark_phases, plot_signals
-from pyrobocop_pyomo.presentation import Presented, sparkline, table
+from pyrobocop_pyomo.presentation import Presented, table
 
 from .exchange import as_data_frame, write_archive
 from .trajectory import Trajectory, family_values, member_labels, members_of, read_trajectories
@@ -257,9 +257,8 @@ class JoinedTrajectory(Presented):
         )
 
     def _html_parts(self) -> list[str]:
-        rows = [(name, "state", sparkline(self.time, getattr(self, name))) for name in self._states]
-        rows += [(name, "signal", sparkline(self.points, getattr(self, name))) for name in self._signals]
-        return [table(("name", "kind", "over time"), rows)]
+        rows = [*((name, "state") for name in self._states), *((name, "signal") for name in self._signals)]
+        return [table(("name", "kind"), rows)]
 
 
 def join_trajectories(parts: Iterable[Any]) -> JoinedTrajectory:

@@ -16,7 +16,7 @@ from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.variable_families import FamilyNames
 from pyrobocop_pyomo.numerics import Array, Grid, Indices, Mesh, Scheme
 from pyrobocop_pyomo.plotting import plot_signals
-from pyrobocop_pyomo.presentation import Presented, facts_table, sparkline, table
+from pyrobocop_pyomo.presentation import Presented, facts_table, table
 
 from .exchange import as_data_frame, as_data_set, as_time_series, facts_of_time_series, read_archive, write_archive
 
@@ -257,13 +257,14 @@ class Trajectory(Presented):
         Raises
         ------
         TrajectoryError
-            When the trajectory was loaded from a file and no phase is given, or one beside it is of no other phase.
+            When the trajectory knows no phase and none is given, or one beside it is of no other phase.
         """
         verifier = self.phase if phase is None else phase
         if verifier is None:
             raise TrajectoryError(
-                f"trajectory '{self.name}' was loaded from a file and knows no equations. "
-                f"Use verify(phase=model.{self.name})."
+                f"trajectory '{self.name}' was loaded from a file, or read along a ContinuousSet, and knows no "
+                "equations. Hand over the PhaseBlock that states them: verify(phase=...). Equations of pyomo.dae are "
+                "rows at points: compare with twice as many elements."
             )
         return verifier.verify(self, beside)
 
@@ -421,20 +422,9 @@ class Trajectory(Presented):
 
     def _html_parts(self) -> list[str]:
         kinds = {**dict.fromkeys(self.states, "state"), **dict.fromkeys(self.expressions, "expression")}
-        rows = [
-            (name, kinds[name], *_range_of(values), sparkline(self.time, values))
-            for name, values in self.over_time.items()
-        ]
-        rows += [
-            (
-                name,
-                kinds.get(name, "signal"),
-                *_range_of(values),
-                sparkline(self.points, values, steps=name in self.stepwise),
-            )
-            for name, values in self.over_points.items()
-        ]
-        of_signals = table(("name", "kind", "first", "last", "smallest", "largest", "over time"), rows)
+        signals = {**self.over_time, **self.over_points}
+        rows = [(name, kinds.get(name, "signal"), *_range_of(values)) for name, values in signals.items()]
+        of_signals = table(("name", "kind", "first", "last", "smallest", "largest"), rows)
         return [of_signals, *([facts_table(self.parameters)] if self.parameters else [])]
 
 

@@ -43,8 +43,14 @@ def collocation_rows(
     ------
     (time, row) : tuple
         The collocation point and ``(body, 0)``, the tuple form of an equality constraint.
+
+    Raises
+    ------
+    ModelError
+        When rows of the scheme do not hold for the polynomials which it has to follow.
     """
     scheme = grid.scheme
+    scheme.check_rows()
     coefficients = scheme.D.tolist()
     mixtures = [[(k, weight) for k, weight in enumerate(row) if weight != 0.0] for row in scheme.F.tolist()]
     for nodes, stages, width in zip(grid.node_times, grid.stage_times, widths, strict=True):

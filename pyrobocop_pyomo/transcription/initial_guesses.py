@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyrobocop_pyomo.errors import InitialGuessError
+from pyrobocop_pyomo.modeling.rule_slips import number_at
 from pyrobocop_pyomo.numerics import Array, Grid
 
 InitialGuess = Union[float, Sequence[float], NDArray[np.float64], Callable[[float], float], None]  # noqa: UP007
@@ -77,7 +78,8 @@ def _values(guess: InitialGuess, times: Sequence[float], lengths: set[int], name
         if guess is None:
             values = np.zeros(len(times))
         elif callable(guess):
-            values = np.array([float(guess(time)) for time in times])
+            what = f"{name}: the initial guess"
+            values = np.array([float(number_at(guess, time, what, InitialGuessError)) for time in times])
         else:
             if np.asarray(guess).dtype.kind in "SU":
                 raise TypeError("it is text")  # NumPy would read the number out of it

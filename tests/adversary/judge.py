@@ -75,7 +75,7 @@ class Judge:
             bounds = [abs(b) for b in (v.lb, v.ub) if b is not None and abs(b) < MOST_OF_A_BOUND]
             key = id(v.parent_component())
             largest[key] = max([largest.get(key, 0.0), abs(v.value or 0.0), *bounds])
-        least = 1e-12 * max(largest.values(), default=1.0) or 1.0
+        least = 1e-9 * max(largest.values(), default=1.0) or 1.0  # less is below the tolerance of any solver
         return ComponentMap((v, max(least, largest[id(v.parent_component())])) for v in self._variables)
 
     def _size(self, expression: Any, *numbers: float | None) -> float:

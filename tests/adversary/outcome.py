@@ -20,6 +20,8 @@ class Trial:
         What the package says, or what is wrong with its answer.
     problem : str
         That was spoilt; empty where there is but one.
+    clear : bool or None
+        Whether a motion keeps its clearance by a dense simulation, where that was asked.
     """
 
     seed: int
@@ -27,6 +29,7 @@ class Trial:
     verdict: enum.Enum
     told: str
     problem: str = ""
+    clear: bool | None = None
 
     def __str__(self) -> str:
         spoilt = f"{self.problem}, {self.spoiler}" if self.problem else self.spoiler

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import logging
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,9 @@ from .judge import BETTER, Judge
 from .models import PROBLEMS, Problem, objective_of
 from .outcome import Trial
 from .spoilers import SPOILERS, Law, Spoilt
+from .statements import STATEMENTS, Statement, complaint
+
+KINDS = (*SPOILERS, *STATEMENTS)
 
 
 class Verdict(enum.Enum):
@@ -28,57 +32,91 @@ class Verdict(enum.Enum):
     FAULT = "fault"
 
 
-def spoilt_by(seed: int, spoiler: str | None = None) -> tuple[str, Problem, Spoilt | PyRobocopError]:
-    """What a seed stands for: the spoiler, the problem, and the model or its refusal.
+def spoilt_by(seed: int, spoiler: str) -> tuple[Problem, Spoilt | PyRobocopError]:
+    """What a seed stands for: the problem, and the model or its refusal.
 
-    The spoilers take turns unless one is named, and a named one has the same case when another joins the list. The
-    problem is the first, in an order by chance, that has what is to be spoilt.
+    The problem is the first, in an order by chance, that has what is to be spoilt; chance may pick what a problem does
+    not read, and is asked again.
     """
-    name = spoiler or list(SPOILERS)[seed % len(SPOILERS)]
     random = np.random.default_rng(seed)
-    for place in random.permutation(len(PROBLEMS)):
+    for place in random.permutation(len(PROBLEMS)).tolist() * 5:
         problem = list(PROBLEMS.values())[place]
         try:
-            spoilt = SPOILERS[name](problem, random)
+            spoilt = SPOILERS[spoiler](problem, random)
         except PyRobocopError as error:
-            return name, problem, error
+            return problem, error
         if spoilt is not None:
-            return name, problem, spoilt
-    raise AssertionError(f"no problem has anything for '{name}'")
+            return problem, spoilt
+    raise AssertionError(f"no problem has anything for '{spoiler}'")
 
 
-def tried(seed: int, spoiler: str | None = None) -> Trial:
-    """Spoil, solve and judge."""
+def tried(seed: int, kind: str | None = None) -> Trial:
+    """Spoil or state, solve and judge.
+
+    The kinds take turns unless one is named, and a named one has the same case when another joins the list.
+    """
+    name, problem = kind or KINDS[seed % len(KINDS)], ""
     level = logging.root.manager.disable
     logging.disable(logging.ERROR)  # Pyomo tells of each value out of bounds, and of each model that it cannot write
     try:
-        name, problem, spoilt = spoilt_by(seed, spoiler)
-        verdict, told = (
-            (Verdict.REFUSED, str(spoilt)) if isinstance(spoilt, PyRobocopError) else _judged(problem, spoilt, seed)
-        )
+        if name in STATEMENTS:
+            verdict, told = _compared(name, seed)
+        else:
+            of, spoilt = spoilt_by(seed, name)
+            problem = of.name
+            refused = isinstance(spoilt, PyRobocopError)
+            verdict, told = (Verdict.REFUSED, str(spoilt)) if refused else _judged(of, spoilt, seed)
     finally:
         logging.disable(level)
-    return Trial(seed, name, verdict, told, problem.name)
+    return Trial(seed, name, verdict, told, problem)
+
+
+def _compared(name: str, seed: int) -> tuple[Verdict, str]:
+    """What became of a statement whose answer is known from mathematics."""
+    stated: list[Statement] = []
+
+    def state_and_solve() -> tuple[Any, Any]:
+        stated.append(STATEMENTS[name](np.random.default_rng(seed)))
+        return stated[0].solve(stated[0].model)
+
+    ended, result, model = _solved(state_and_solve)
+    if ended is not None:
+        return ended
+    (statement,) = stated
+    wrong = complaint(result, model, statement)
+    if wrong is not None:
+        return Verdict.FAULT, f"{wrong}: {_first_line(result)}"
+    # Rightly so, or only since nothing is claimed.
+    agreed = complaint(result, model, statement, claimed=False) is None
+    return (Verdict.AGREED, _first_line(result)) if agreed else (Verdict.NAMED, result.report())
 
 
 def _judged(problem: Problem, spoilt: Spoilt, seed: int) -> tuple[Verdict, str]:
-    try:
-        result = spoilt.solve(spoilt.model)
-    except PyRobocopError as error:
-        return Verdict.REFUSED, str(error)
-    except Exception as error:
-        return Verdict.FAULT, f"{type(error).__name__}: {error}"
-    if not getattr(result, "solved", True):
-        return Verdict.NOT_SOLVED, result.report()
-    if getattr(result, "doubts", ()) or "NOT SAFE" in _first_line(result):
-        return Verdict.NAMED, result.report()
-    complaint = _complaint(problem, spoilt, result, seed)
-    if complaint is None:
+    ended, result, _ = _solved(lambda: (spoilt.solve(spoilt.model), None))
+    if ended is not None:
+        return ended
+    wrong = _complaint(problem, spoilt, result, seed)
+    if wrong is None:
         return Verdict.AGREED, _first_line(result)
     # Where the mesh was too coarse before, that is no word on what was spoilt.
     if "COARSE MESH" in str(result) and "COARSE MESH" not in str(problem.answer):
         return Verdict.NAMED, result.report()
-    return Verdict.FAULT, complaint
+    return Verdict.FAULT, wrong
+
+
+def _solved(solve: Callable[[], tuple[Any, Any]]) -> tuple[tuple[Verdict, str] | None, Any, Any]:
+    """A result and its model, or before them what became of it where there is no clean report."""
+    try:
+        result, model = solve()
+    except PyRobocopError as error:
+        return (Verdict.REFUSED, str(error)), None, None
+    except Exception as error:
+        return (Verdict.FAULT, f"{type(error).__name__}: {error}"), None, None
+    if not getattr(result, "solved", True):
+        return (Verdict.NOT_SOLVED, result.report()), None, None
+    if getattr(result, "doubts", ()) or "NOT SAFE" in _first_line(result):
+        return (Verdict.NAMED, result.report()), None, None
+    return None, result, model
 
 
 def _complaint(problem: Problem, spoilt: Spoilt, result: Any, seed: int) -> str | None:
@@ -89,10 +127,10 @@ def _complaint(problem: Problem, spoilt: Spoilt, result: Any, seed: int) -> str 
     size = abs(expected)
     if spoilt.law is Law.SAME and found is not None and abs(found - expected) <= BETTER * size:
         return None
-    complaint = Judge(spoilt.model).complaint(size, seed)
-    if complaint is None and spoilt.law is Law.SAME and problem.convex:
+    wrong = Judge(spoilt.model).complaint(size, seed)
+    if wrong is None and spoilt.law is Law.SAME and problem.convex:
         return f"objective {found} in place of {expected}"
-    return complaint
+    return wrong
 
 
 def _first_line(result: Any) -> str:

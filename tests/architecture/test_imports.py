@@ -11,9 +11,9 @@ from .sources import folder_trees, imported_files, nodes, trees
 ORDER = [
     "errors", "optional_imports", "native", "presentation", "modeling", "rules", "numerics", "linear_solver",
     "geometry", "plotting", "complementarity", "trajectories", "transcription", "continuous", "phases",
-    "links", "motion", "car_paths", "obstacles", "robots", "mechanics", "problem_classes", "discretisation",
-    "diagnosis", "programs", "files", "ipopt", "mpcc", "solving", "planning", "execution", "studies", "estimation",
-    "distributed",
+    "links", "motion", "obstacles", "mechanics", "discretisation",
+    "diagnosis", "programs", "ipopt", "mpcc", "solving", "planning", "execution", "studies",
+    "distributed", "contrib",
 ]  # fmt: skip
 IMPORTS = (ast.Import, ast.ImportFrom)
 

@@ -79,7 +79,7 @@ def test_estimated_errors_are_within_a_factor_of_ten() -> None:
 
 def test_refined_meshes_take_less_than_half_of_the_elements() -> None:
     rows = [line.split() for line in run_quick("mesh_refinement").splitlines() if line.startswith("regulator")]
-    (refined, uniform) = ([int(row[4]), float(row[6])] for row in rows)
+    (refined, uniform) = ([int(row[3]), float(row[4])] for row in rows)
     assert max(refined[1], uniform[1]) <= 1e-4
     assert 2 * refined[0] <= uniform[0]
 
@@ -165,13 +165,12 @@ def test_what_relaxing_a_pair_costs_stands_beside_pyomo() -> None:
         assert min(applied.values()) > 0.0
 
 
-def test_exact_formulations_of_avoidance_agree() -> None:
+def test_a_plane_per_interval_is_clear_where_planes_per_node_are_not() -> None:
     table = run_quick("obstacle_formulations")
-    assert "the exact formulations agree to 1e-5" in table
     verdicts = {line[11:35].strip(): line.split()[-1] for line in table.splitlines() if line.startswith("car")}
-    assert len(verdicts) == 9
+    assert len(verdicts) == 2
     assert verdicts["plane per interval"] == "clear"
-    assert verdicts["dual, sphere"] == "overlap"  # between the nodes of a mesh as coarse as this
+    assert verdicts["plane per node"] == "overlap"  # between the nodes of a mesh as coarse as this
 
 
 def test_far_obstacles_cost_little_and_change_nothing() -> None:
@@ -212,13 +211,6 @@ def test_evaluations_and_their_preparation_are_measured() -> None:
     assert [alike[:2], different[:2]] == [["40", "alike"], ["40", "different"]]
 
 
-@pytest.mark.asl
-def test_derivatives_of_nested_expressions_are_counted_and_timed() -> None:
-    counted, timed = run_quick("nested_expressions").split("\n\n")
-    assert [line.split()[-2:] for line in counted.splitlines()[2:]] == [["10", "0"], ["10", "0"]]
-    assert len(timed.splitlines()) == 2 + 2
-
-
 def test_random_parkings_end_safe_where_the_points_alone_collide() -> None:
     rows = {line.split()[1]: line.split()[2:] for line in run_quick("obstacle_success").splitlines()[2:]}
     scenes, feasible, safe, too_close, overlap = map(int, rows["nodes"][:5])
@@ -231,15 +223,6 @@ def test_the_film_of_two_cars_is_of_a_safe_plan() -> None:
     name, _, safe, size = run_quick("films").splitlines()[-1].split()
     assert (name, safe) == ("vehicles", "yes")
     assert float(size) > 1.0
-
-
-def test_planes_take_a_fifth_of_the_work_of_optimality_conditions() -> None:
-    lines = [line for line in run_quick("seed_obstacles").splitlines() if line.startswith("car")]
-    rows = {line[9:25].strip(): line[25:].split() for line in lines}
-    assert set(rows) == {"planes", "optimality", "cold optimality"}
-    assert float(rows["planes"][5]) == 1.0
-    assert min(float(rows[way][5]) for way in rows if way != "planes") >= 5.0
-    assert rows["planes"][-2:] == ["clear", "OPTIMAL"]
 
 
 def test_few_files_receive_a_schedule_or_an_option() -> None:
@@ -334,7 +317,8 @@ def test_spoilt_problems_are_counted_and_can_be_repeated() -> None:
 
 def test_motions_spoilt_between_the_points_are_counted_and_can_be_repeated() -> None:
     table = run_quick("safety_adversary")
-    assert "0 faults, and 0 beyond documented limits, in 6 trials, 0 of 2 that are not spoilt" in table
+    assert "0 faults, and 0 beyond documented limits, in 6 trials" in table
+    assert "not spoilt, without pairs: 2 trials, 2 called safe" in table
     assert "seed 8: " in run_quick("safety_adversary", "--seed", "8")
 
 

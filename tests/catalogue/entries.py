@@ -15,7 +15,7 @@ import pyomo.environ as pyo
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.diagnosis import Subject
-from pyrobocop_pyomo.errors import TranscriptionError
+from pyrobocop_pyomo.errors import ModelError
 
 GRAVITY = 9.81
 Mistake = Iterator[None]
@@ -55,7 +55,7 @@ def refused_at_once(error: type[Exception], words: str) -> Callable[[Any], Any]:
 
 def refused_by_check(words: str) -> Callable[[Any], Any]:
     """``phase.check()`` raises, hence `rcp.solve`."""
-    return _enter("check", TranscriptionError, words)
+    return _enter("check", ModelError, words)
 
 
 def found_by_diagnosis(subject: Subject, words: str, component: str) -> Callable[[Any], Any]:

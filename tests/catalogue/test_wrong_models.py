@@ -67,8 +67,7 @@ def test_right_models_have_no_finding() -> None:
     assert rcp.diagnose(m.p).findings == ()
 
 
-def test_the_catalogue_is_large_and_covers_all_who_speak() -> None:
-    assert len(WRONG_MODELS) >= 45
+def test_the_catalogue_covers_all_who_speak() -> None:
     assert {wrong.found_by for wrong in WRONG_MODELS.values()} == {"statement", "check", "diagnose"}
     # What measurements see is found by `estimate`, which has data; an outcome, by a solve.
     assert {wrong.expected for wrong in WRONG_MODELS.values()} >= set(Subject) - {

@@ -49,25 +49,6 @@ def more_ends_fixed_than_possible(m: Any) -> Mistake:
     b.ode(lambda b, t: {b.y: 1.0})
 
 
-@found_by_diagnosis(
-    Subject.CONTRADICTION, "'p.y_collocation' contradict each other. Fixed at both ends: ", "p.y_collocation"
-)
-def contradictory_boundary_values(m: Any) -> Mistake:
-    m.p = b = rcp.PhaseBlock(elements=3)
-    b.x, b.u = rcp.State(initial=0, final=1), rcp.Control()
-    yield
-    b.y = rcp.State(initial=0, final=2)
-    b.ode(lambda b, t: {b.x: b.u[t], b.y: b.u[t]})
-
-
-@found_by_diagnosis(Subject.CONTRADICTION, r"'p.x\[1.0\]' is fixed to 5, outside its bounds", "p.x[1.0]")
-def value_fixed_outside_its_bounds(m: Any) -> Mistake:
-    b = pushed(m)
-    b.x[:].setub(4)
-    yield
-    b.x[1.0].fix(5)
-
-
 # -------------------------------------------------------------------- numbers
 
 
@@ -127,17 +108,6 @@ def hole_in_a_table(m: Any) -> Mistake:
     m.table = pyo.Param([1, 2, 3], initialize={1: 0.0, 2: NAN, 3: 1.0}, mutable=True)
 
 
-@found_by_diagnosis(Subject.SCALING, r"to 1.0e\+06 in .* Multiply .*'p.newtons' by 1e-0", "p.newtons")
-def row_in_another_unit(m: Any) -> Mistake:
-    b = pushed(m)
-    yield
-
-    def newtons(b: Any, t: float) -> Any:
-        return 1e6 * b.u[t] <= 5e5
-
-    b.constraint(newtons)
-
-
 @found_by_diagnosis(Subject.UNITS, "'p.fast': .*not consistent", "p.fast")
 def units_that_do_not_match(m: Any) -> Mistake:
     m.p = b = rcp.PhaseBlock(elements=3, time_units=pyo.units.s)
@@ -153,13 +123,6 @@ def units_that_do_not_match(m: Any) -> Mistake:
 
 
 # -------------------------------------------------------------------- what a model holds besides
-
-
-@found_by_diagnosis(Subject.STATEMENT, "2 objectives are active: 'cost', 'distance'", "distance")
-def two_objectives(m: Any) -> Mistake:
-    b = pushed(m)
-    yield
-    m.distance = pyo.Objective(expr=b.x[1.0])
 
 
 @found_by_diagnosis(Subject.STATEMENT, "'gear' is a discrete variable", "gear")
@@ -182,32 +145,12 @@ def complementary_side_with_two_bounds(m: Any) -> Mistake:
     b.complementarity(contact)
 
 
-@found_by_diagnosis(Subject.STATEMENT, r"'p.contact\[.*side 'p.z\[.*' has no finite bound", "p.contact")
-def unbounded_complementary_side(m: Any) -> Mistake:
-    b = pushed(m)
-    b.z = rcp.Algebraic()
-    yield
-
-    def contact(b: Any, t: float) -> Any:
-        return rcp.complements(b.x[t] + 1 >= 0, b.z[t])
-
-    b.complementarity(contact)
-
-
 @found_by_diagnosis(Subject.STATEMENT, "phase 'p' has no state", "p")
 def phase_without_a_state(m: Any) -> Mistake:
     m.p = rcp.PhaseBlock(elements=2)
     m.p.u = rcp.Control()
     m.cost = pyo.Objective(expr=m.p.integral(effort))
     yield
-
-
-@found_by_diagnosis(Subject.UNDETERMINED, "state 'y' is in no other row and no objective", "p.y")
-def state_in_no_other_row(m: Any) -> Mistake:
-    b = pushed(m)
-    yield
-    b.y = rcp.State()
-    b.ode(lambda b, t: {b.y: b.x[t]})
 
 
 @found_by_diagnosis(Subject.UNDETERMINED, "1 variables are in no active row.* example 'slack'", "slack")

@@ -78,9 +78,10 @@ def round_trip(model: Any, **options: Any) -> None:
         assert nl_text(copy) == written
         assert relax.residuals(copy) == residuals
         _answers(relax, copy)
-        relax.update_parameters(copy, 1e-3, {})
+        delta = relax.delta_of(copy)
+        delta.set_value(1e-3)
         assert nl_text(model) == written
-        relax.reset_parameters(copy, relax.delta_of(model).value)
+        delta.set_value(relax.delta_of(model).value)
         assert nl_text(copy) == written
         relax.revert(copy)
         assert state(copy) == before

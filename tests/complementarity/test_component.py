@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import pickle
 
 import pyomo.environ as pyo
 import pyomo.mpec as mpec
@@ -11,8 +10,6 @@ import pytest
 
 from pyrobocop_pyomo.complementarity import Complementarity, active_pairs, complements
 from pyrobocop_pyomo.errors import ComplementarityError
-
-from .harness import nl_text
 
 
 @pytest.fixture
@@ -90,28 +87,10 @@ def test_groups_and_weights_are_kept_per_pair(model):
     assert [pyo.value(model.cc[i].weight) for i in model.I] == [1, 1, 0.5]
 
 
-def test_group_and_weight_may_be_one_value_for_all(model):
-    model.cc = Complementarity(model.I, rule=by_rule, group="step", weight=3)
-    assert {(pair.group, pair.weight) for pair in active_pairs(model)} == {("step", 3)}
-
-
 def test_without_group_and_weight_a_pair_has_no_label_and_measure_one(model):
     model.cc = Complementarity(expr=by_rule(model, 1))
     assert model.cc.group is None
     assert model.cc.weight == 1
-
-
-def test_clones_and_pickles_refer_to_their_own_variables(model):
-    model.cc = Complementarity(model.I, rule=by_rule, group=lambda_free_group, weight=2)
-    for copy in (model.clone(), pickle.loads(pickle.dumps(model))):
-        assert copy.cc[2].args[0].args[1] is copy.x[2]
-        assert copy.cc[2].group == 0
-        assert copy.cc[2].weight == 2
-        assert copy.cc[2].parent_component() is copy.cc
-
-
-def lambda_free_group(m, i):
-    return i % 2
 
 
 def test_pprint_and_display_show_the_sides(model):
@@ -120,64 +99,6 @@ def test_pprint_and_display_show_the_sides(model):
         stream = io.StringIO()
         show(ostream=stream)
         assert "0  <=  x[2]" in stream.getvalue()
-
-
-def test_the_writer_refuses_a_model_with_an_active_pair(model):
-    model.cc = Complementarity(model.I, rule=by_rule)
-    with pytest.raises(ValueError, match="does not know how to process"):
-        nl_text(model)
-    model.cc.deactivate()
-    nl_text(model)
-    model.cc[2].activate()
-    with pytest.raises(ValueError, match=r"cc\[2\]"):
-        nl_text(model)
-
-
-REFUSED = {
-    "strict": (lambda m: m.x[2] > 0, r"strict inequality; a solver cannot hold one\. Write >= or <="),
-    "equality": (lambda m: m.x[2] == 0, r"is an equality.*three finite bounds.*Make it a Constraint"),
-    "variable range": (lambda m: pyo.inequality(m.x[1], m.x[2], 1), r"the bound 'x\[1\]' of side .* holds a variable"),
-    "strict range": (lambda m: pyo.inequality(0, m.x[2], 1, strict=True), r"strict inequality"),
-    "constant": (lambda m: 3.0, r"the constant 3\.0"),
-    "bool": (lambda m: bool(pyo.value(m.p)) >= 0, r"the constant True"),
-    "none": (lambda m: None, r"a side is None"),
-    "parameter": (lambda m: m.p >= 0, r"holds no variable"),
-    "bare": (lambda m: m.x[2] + 1, r"bare expression without a bound\. Write expr >= 0"),
-    "indexed": (lambda m: m.x, r"stands for many variables"),
-    "slice": (lambda m: m.x[:], r"stands for many variables"),
-    "text": (lambda m: "x >= 0", r"constant 'x >= 0'"),
-    "boolean": (lambda m: m.truth, r"expected a relation"),
-    "object": (lambda m: object(), r"of type object; expected a relation"),
-}
-
-
-@pytest.mark.parametrize("case", REFUSED)
-@pytest.mark.parametrize("position", [0, 1])
-def test_what_can_be_no_side_is_refused_at_once_and_by_name(model, case, position):
-    wrong, message = REFUSED[case]
-
-    def rule(m, i):
-        if i != 2:
-            return by_rule(m, i)
-        sides = [m.y[2] >= 0, m.y[2] >= 0]
-        sides[position] = wrong(m)
-        return complements(*sides)
-
-    with pytest.raises(ComplementarityError, match=r"^'cc\[2\]': .*" + message):
-        model.cc = Complementarity(model.I, rule=rule)
-
-
-@pytest.mark.parametrize(
-    ("returned", "message"),
-    [
-        (None, r"the rule returned None\. Return complements"),
-        ((1, 2, 3), r"found tuple of length 3"),
-        (7, r"found int"),
-    ],
-)
-def test_a_rule_that_returns_no_pair_is_refused(model, returned, message):
-    with pytest.raises(ComplementarityError, match=r"^'cc\[1\]': .*" + message):
-        model.cc = Complementarity(model.I, rule=lambda m, i: returned)
 
 
 @pytest.mark.parametrize(
@@ -197,21 +118,9 @@ def test_a_wrong_group_or_weight_is_refused(model, options, message):
         model.cc = Complementarity(model.I, rule=by_rule, **options)
 
 
-def test_one_pair_cannot_serve_all_indices(model):
-    with pytest.raises(ComplementarityError, match="'cc': one pair cannot serve all indices"):
-        model.cc = Complementarity(model.I, rule=by_rule(model, 1))
-
-
 def test_rule_and_expr_exclude_each_other():
     with pytest.raises(ValueError, match="only accepts one of"):
         Complementarity(rule=by_rule, expr=by_rule)
-
-
-def test_a_bound_is_chosen_for_plain_variables_only(model):
-    with pytest.raises(ComplementarityError, match=r"'cc': a bound 'lower' was chosen for the side"):
-        model.cc = Complementarity(expr=complements(model.x[1] >= 0, model.y[1], first_bound="lower"))
-    with pytest.raises(ComplementarityError, match=r"'other': unknown bound 'left'"):
-        model.other = Complementarity(expr=complements(model.x[1], model.y[1], second_bound="left"))
 
 
 def test_importing_this_package_leaves_the_decorators_of_pyomo_alone(model):

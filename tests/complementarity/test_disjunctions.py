@@ -18,7 +18,7 @@ from scipy.optimize import linprog
 from pyrobocop_pyomo.complementarity import Complementarity, active_pairs, complements
 from pyrobocop_pyomo.errors import ComplementarityError
 
-from .harness import deactivate_pairs, nl_text, relaxation, state
+from .harness import deactivate_pairs, relaxation, state, text_without_pairs
 
 REFORMULATIONS = ["gdp.bigm", "gdp.hull"]
 
@@ -104,34 +104,6 @@ def test_the_mixed_integer_optimum_is_that_of_all_branches(choose, highs, seed, 
         assert residual.infeasibility <= 1e-6
 
 
-@pytest.mark.heavy
-@pytest.mark.parametrize("seed", range(3))
-def test_the_special_ordered_sets_mean_the_same(choose, highs, seed):
-    """Whatever solver takes sets may pick one nonzero member of each: all picks are tried."""
-    m, best = lpec(seed)
-    choose.apply_to(m, sos1=True)
-    sets = [data for source in (m.pair, m.range, m.boxed) for data in choose.choices_of(source)]
-    assert len(sets) == 5
-    assert all(data.level == 1 and len(list(data.variables)) == 2 for data in sets)
-    found = np.inf
-    for members in itertools.product(*(data.variables for data in sets)):
-        copy = m.clone()
-        for source in copy.component_data_objects(pyo.SOSConstraint):
-            source.deactivate()
-        for zero in members:
-            copy.find_component(zero).fix(0)
-        found = min(found, optimum(highs, copy))
-    assert found == pytest.approx(best, abs=1e-6)
-
-
-def optimum(highs: Any, m: Any) -> float:
-    """The optimum of a linear program, infinity where there is none."""
-    result = highs.solve(m, load_solutions=False)
-    if result.solver.termination_condition != pyo.TerminationCondition.optimal:
-        return np.inf
-    return float(result.problem.upper_bound)
-
-
 # ---- what is generated
 
 
@@ -153,14 +125,6 @@ def model() -> Any:
     return m
 
 
-def text_without_pairs(m: Any) -> str:
-    pairs = deactivate_pairs(m)
-    text = nl_text(m)
-    for pair in pairs:
-        pair.activate()
-    return text
-
-
 def lp_text(m: Any) -> str:
     """The model as a mixed-integer solver would get it, with its disjunctions reformulated."""
     pairs = deactivate_pairs(m)
@@ -172,15 +136,14 @@ def lp_text(m: Any) -> str:
     return stream.getvalue()
 
 
-@pytest.mark.parametrize("options", [{}, {"sos1": True}, {"default_bound": 7}], ids=str)
 @pytest.mark.parametrize("order", list(itertools.permutations(range(3))), ids=str)
-def test_applications_are_reverted_in_any_order(choose, options, order):
+def test_applications_are_reverted_in_any_order(choose, order):
     m = model()
     before, nl, lp = state(m), text_without_pairs(m), lp_text(m)
     tokens = [
-        choose.apply_to(m, targets=[m.cc[1], m.range], **options),
-        choose.apply_to(m, targets=m.part, **options),
-        choose.apply_to(m, **options),
+        choose.apply_to(m, targets=[m.cc[1], m.range]),
+        choose.apply_to(m, targets=m.part),
+        choose.apply_to(m),
     ]
     assert active_pairs(m) == []
     for number in order:
@@ -191,37 +154,24 @@ def test_applications_are_reverted_in_any_order(choose, options, order):
         choose.revert(m)
 
 
-def test_every_disjunct_variable_and_row_knows_its_pair(choose):
+def test_a_pair_has_two_branches_a_range_three_and_an_equality_none(choose):
     m = model()
     (block,) = choose.apply_to(m).blocks
-    generated = [
-        *block.component_data_objects((pyo.Constraint, pyo.Var), descend_into=(pyo.Block, Disjunct)),
-        *block.component_data_objects((Disjunct, Disjunction)),
-    ]
-    assert {choose.source_of(part).name for part in generated} == {pair.name for pair in all_sources(m)}
-    for source in all_sources(m):
-        for choice in choose.choices_of(source):
-            assert choose.source_of(choice) is source
-    assert [len(choose.choices_of(source)[0].disjuncts) for source in (m.cc[1], m.range[1], m.signed)] == [2, 3, 2]
-    assert choose.choices_of(m.equal) == []
-    with pytest.raises(ComplementarityError, match=r"'x\[1\]': was not generated"):
-        choose.source_of(m.x[1])
-
-
-def all_sources(m: Any) -> list[Any]:
-    return [*m.cc.values(), *m.range.values(), m.moving, m.equal, m.signed, *(m.part[i].cc for i in m.I)]
+    assert [len(choice.disjuncts) for choice in block.choices.values()] == [2, 2, 3, 3, 3, 2, 2, 2]
 
 
 @pytest.mark.parametrize("kind", ["clone", "pickle"])
 def test_a_copy_answers_with_its_own_components(choose, kind):
     m = model()
     m.cc._rule = None  # a lambda does not pickle
-    choose.apply_to(m)
+    token = choose.apply_to(m)
     other = m.clone() if kind == "clone" else pickle.loads(pickle.dumps(m))
     assert lp_text(other) == lp_text(m)
-    (choice,) = choose.choices_of(other.cc[2])
-    assert choice.model() is other
-    assert choose.source_of(choice) is other.cc[2]
+    assert [residual.name for residual in choose.residuals(other)] == [
+        residual.name for residual in choose.residuals(m)
+    ]
+    with pytest.raises(ComplementarityError, match="the token was made for another model"):
+        choose.revert(other, token)
     choose.revert(other)
     assert len(active_pairs(m)) == 0 < len(active_pairs(other))
 
@@ -250,11 +200,9 @@ def test_a_relaxation_and_disjunctions_live_side_by_side(choose):
 
 def test_bounds_of_a_range_stay_those_of_their_parameters(choose):
     m = model()
-    choose.apply_to(m, targets=m.moving)
-    (choice,) = choose.choices_of(m.moving)
-    lower = choice.disjuncts[0].rows[0]
+    (block,) = choose.apply_to(m, targets=m.moving).blocks
     m.lo.set_value(1)
-    assert (pyo.value(lower.lower), lower.body.lb, lower.body.ub) == (1, 1, 3)
+    assert [pyo.value(block.disjuncts[0, branch].rows[1].lower) for branch in ("lower", "upper")] == [1, 3]
 
 
 @pytest.mark.parametrize("fixed", [False, True])
@@ -298,35 +246,6 @@ def test_a_pair_in_a_disjunct_holds_only_where_that_is_chosen(choose, highs, ref
 # ---- refusals
 
 
-def unbounded(m: Any) -> None:
-    m.z = pyo.Var()
-    m.wide = Complementarity([3], rule=lambda m, i: complements(m.z >= 0, m.x[1] >= 0))
-
-
-def test_a_side_without_a_bound_is_named_and_can_be_given_one(choose):
-    m = model()
-    unbounded(m)
-    before = state(m)
-    words = r"^'wide\[3\]': no finite upper bound follows for the side 'z'.*default_bound=.*sos1=True"
-    with pytest.raises(ComplementarityError, match=words):
-        choose.apply_to(m)
-    assert state(m) == before
-    choose.apply_to(m, sos1=True)
-    choose.revert(m)
-    choose.apply_to(m, targets=m.wide, default_bound=50)
-    (choice,) = choose.choices_of(m.wide[3])
-    assert choice.disjuncts[0].rows[0].body.ub == 50
-
-
-def side_out_of_reach(m: Any) -> None:
-    m.wide = Complementarity([3], rule=lambda m, i: complements(m.x[1] + m.x[2] >= 9, m.y[1] >= 0))
-
-
-def no_pair_left(m: Any) -> None:
-    for pair in deactivate_pairs(m):
-        pair.deactivate()
-
-
 def not_a_number(m: Any) -> None:
     m.wide = Complementarity([3], rule=lambda m, i: complements(float("nan") * m.x[1] >= 0, m.y[1] >= 0))
 
@@ -334,11 +253,8 @@ def not_a_number(m: Any) -> None:
 @pytest.mark.parametrize(
     ("spoil", "options", "words"),
     [
-        (side_out_of_reach, {}, r"'wide\[3\]': the side .* is at most -1 by the bounds of its variables"),
-        (side_out_of_reach, {"sos1": True}, r"'wide\[3\]': the side .* is at most -1"),
-        (no_pair_left, {}, "no active complementarity pair in it"),
+        (deactivate_pairs, {}, "no active complementarity pair in it"),
         (not_a_number, {}, r"'wide\[3\]': a coefficient is NaN"),
-        (None, {"default_bound": -1}, "default_bound"),
         (None, {"big_m": 1}, "big_m"),
     ],
 )
@@ -350,15 +266,3 @@ def test_a_failure_leaves_the_model_as_it_was(choose, spoil, options, words):
     with pytest.raises(ValueError, match=words):
         choose.apply_to(m, **options)
     assert state(m) == before
-
-
-def test_a_token_belongs_to_its_model_and_works_once(choose):
-    m = model()
-    token = choose.apply_to(m)
-    with pytest.raises(ComplementarityError, match="the token was made for another model"):
-        choose.revert(m.clone(), token)
-    choose.revert(m, token)
-    with pytest.raises(ComplementarityError, match="nothing to revert"):
-        choose.revert(m, token)
-    with pytest.raises(ComplementarityError, match=r"'cc\[1\]': is no disjunction"):
-        choose.choices_of(m.cc[1])

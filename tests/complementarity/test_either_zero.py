@@ -56,7 +56,7 @@ def test_relaxed_rows_hold_where_the_product_is_below_delta(c, h, delta):
 @pytest.mark.parametrize("relaxation", ["scholtes", "fischer-burmeister", "penalty"])
 def test_the_nearest_point_is_found_and_certified(c0, h0, expected, relaxation):
     m = nearest(c0, h0)
-    result = rcp.solve(m, relaxation=relaxation)
+    result = rcp.solve(m, strategies=rcp.Strategy(relaxation=relaxation))
     assert result.quality is rcp.Quality.OPTIMAL
     assert (m.c.value, m.h.value) == pytest.approx(expected, abs=1e-6)
     assert result.certificate.name == "PROVEN"
@@ -92,39 +92,12 @@ def test_it_is_stated_in_a_phase_and_verified():
     assert b.trajectory().verify().product == pytest.approx(0.25)
 
 
-@pytest.mark.parametrize("sos1", [False, True])
-def test_disjunctions_offer_either(sos1):
+def test_disjunctions_offer_either():
     m = nearest(3.0, 1.0, bounds=(0, 4))
     m.h.setlb(-2)
     m.h.setub(2)
-    transformation = pyo.TransformationFactory("pyrobocop.complementarity_to_disjunctions")
-    transformation.apply_to(m, sos1=sos1)
-    assert len(transformation.choices_of(m.either)) == (3 if sos1 else 1)
-    transformation.revert(m)
-
-
-@pytest.mark.parametrize(
-    ("state", "message"),
-    [
-        (lambda m: rcp.either_zero(m.x, m.y), "no finite bound"),
-        (lambda m: rcp.either_zero(m.x + m.y, m.y), "bare expression"),
-        (lambda m: rcp.either_zero(m.x >= 0, m.y >= 0), "any sign"),
-        (lambda m: rcp.either_zero(m.x >= 0, m.y == 0), "any sign"),
-        (lambda m: rcp.either_zero(pyo.inequality(0, m.x, 1), m.y), "two finite bounds"),
-        (lambda m: rcp.either_zero(m.x == 0, m.y), "two finite bounds"),
-        (lambda m: rcp.either_zero(m.x >= 0, 3.0), "constant"),
-    ],
-)
-def test_what_makes_no_statement_is_refused(state, message):
-    m = pyo.ConcreteModel()
-    m.x, m.y = pyo.Var(), pyo.Var()
-
-    def stated() -> None:
-        m.either = rcp.Complementarity(expr=state(m))
-        canonical_form(m.either)
-
-    with pytest.raises(ComplementarityError, match=message):
-        stated()
+    (block,) = pyo.TransformationFactory("pyrobocop.complementarity_to_disjunctions").apply_to(m).blocks
+    assert [len(choice.disjuncts) for choice in block.choices.values()] == [2]
 
 
 def test_a_plain_variable_with_one_bound_is_a_first_side_and_a_bounded_one_a_second():

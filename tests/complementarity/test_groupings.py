@@ -1,9 +1,6 @@
-"""Which products are formed, which share a bound, and what a share of delta amounts to."""
+"""Which products are formed, and which share a bound."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
-from typing import Any
 
 import pyomo.environ as pyo
 import pytest
@@ -18,11 +15,9 @@ from pyrobocop_pyomo.complementarity import (
     Crossed,
     KanzowSchwartz,
     PerPhase,
-    Scholtes,
     active_pairs,
     complements,
 )
-from pyrobocop_pyomo.complementarity.group_rows import SMALLEST_SHARE
 from pyrobocop_pyomo.errors import ComplementarityError
 
 from .harness import relaxation
@@ -49,33 +44,11 @@ def bodies(m):
 
 
 @given(values=amounts)
-def test_crossed_products_couple_all_stages_of_an_element_and_no_other(values):
-    a = {(i, k): values[2 * i + k] for i in (0, 1) for k in (0, 1)}
-    b = {(i, k): values[4 + 2 * i + k] for i in (0, 1) for k in (0, 1)}
-    expected = {
-        "none": [a[i, j] * b[i, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)],
-        "stage": [a[i, j] * (b[i, 0] + b[i, 1]) for i in (0, 1) for j in (0, 1)],
-        "element": [(a[i, 0] + a[i, 1]) * (b[i, 0] + b[i, 1]) for i in (0, 1)],
-    }
-    for summed, products in expected.items():
-        m = stages(values)
-        relaxation().apply_to(m, grouping=Crossed(summed))
-        assert bodies(m) == pytest.approx(products, abs=1e-9)
-
-
-@given(values=amounts)
 def test_crossed_products_are_penalised_with_the_mean_weight(values):
     m = stages(values)
     token = relaxation().apply_to(m, grouping="crossed", relaxation="penalty", delta=0.25)
     products = sum(values[2 * i + j] * values[4 + 2 * i + k] for i in (0, 1) for j in (0, 1) for k in (0, 1))
     assert pyo.value(token.block.objective) == pytest.approx(values[0] + 0.5 * products / 0.25, abs=1e-9)
-
-
-def test_fixed_products_that_are_crossed_become_bounds_except_as_one_row():
-    for summed, equality in (("none", False), ("stage", False), ("element", True)):
-        m = stages()
-        relaxation().apply_to(m, grouping=Crossed(summed), relaxation=Scholtes(equality=True))
-        assert {row.equality for row in relaxation().shifted_rows_of(m)} == {equality}
 
 
 def test_a_crossed_row_comes_from_the_pairs_of_both_sides():
@@ -85,17 +58,6 @@ def test_a_crossed_row_comes_from_the_pairs_of_both_sides():
     names = {tuple(source.index() for source in relax.sources_of(row)) for row in relax.shifted_rows_of(m)}
     assert names == {((i, j), (i, k)) if j != k else ((i, j),) for i in (0, 1) for j in (0, 1) for k in (0, 1)}
     assert len(relax.rows_of(m.cc[0, 0])) == 3
-
-
-def test_pairs_that_come_later_are_crossed_with_those_that_are_there_and_leave_alone():
-    m = stages()
-    relax = relaxation()
-    relax.apply_to(m, grouping="crossed", targets=[m.cc[0, 0], m.cc[1, 1]])
-    before = [(row.name, str(row.expr)) for row in relax.shifted_rows_of(m)]
-    token = relax.apply_to(m)
-    assert len(relax.shifted_rows_of(m)) == 8
-    relax.revert(m, token)
-    assert [(row.name, str(row.expr)) for row in relax.shifted_rows_of(m)] == before
 
 
 def test_all_pairs_share_one_row_and_those_of_a_block_one_each():
@@ -185,32 +147,25 @@ def test_the_left_end_is_the_last_stage_of_the_element_before(values):
         m = stages(values)
         relaxation().apply_to(m, grouping=Crossed(left_end=left_end))
         assert sorted(bodies(m)) == pytest.approx(sorted(inside + across), abs=1e-9)
-        m = stages(values)
-        relaxation().apply_to(m, grouping=Crossed("element", left_end=left_end))
-        longer, shorter = (a, b) if left_end == "first" else (b, a)
-        second = (longer[0, 1] + longer[1, 0] + longer[1, 1]) * (shorter[1, 0] + shorter[1, 1])
-        first = (a[0, 0] + a[0, 1]) * (b[0, 0] + b[0, 1])
-        assert bodies(m) == pytest.approx([first, second], abs=1e-9)
 
 
 @pytest.mark.parametrize("left_end", ["first", "second"])
 def test_left_ends_do_not_depend_on_the_order_in_which_pairs_came(left_end):
     m = phase()
     relax = relaxation()
-    later = [pair.source for pair in active_pairs(m) if pair.group == 1]
-    relax.apply_to(
-        m, grouping=Crossed(left_end=left_end), targets=[pair for pair in m.phase.both.values() if pair not in later]
-    )
-    apart = sorted(str(row.expr) for row in relax.shifted_rows_of(m))
-    assert len(apart) == 2 * 2 * 4  # the element before the last is missing: no left end
-    token = relax.apply_to(m)
-    at_once = phase()
-    relax.apply_to(at_once, grouping=Crossed(left_end=left_end))
+    relax.apply_to(m, grouping=Crossed(left_end=left_end), targets=list(m.phase.both.values())[::-1])
+    in_order = phase()
+    relax.apply_to(in_order, grouping=Crossed(left_end=left_end))
     assert sorted(str(row.expr) for row in relax.shifted_rows_of(m)) == sorted(
-        str(row.expr) for row in relax.shifted_rows_of(at_once)
+        str(row.expr) for row in relax.shifted_rows_of(in_order)
     )
-    relax.revert(m, token)
-    assert sorted(str(row.expr) for row in relax.shifted_rows_of(m)) == apart
+    apart = phase()
+    relax.apply_to(
+        apart,
+        grouping=Crossed(left_end=left_end),
+        targets=[pair.source for pair in active_pairs(apart) if pair.group != 1],
+    )
+    assert len(relax.shifted_rows_of(apart)) == 2 * 2 * 4  # the element before the last is missing: no left end
 
 
 def test_elements_without_numbers_have_no_left_ends():
@@ -255,47 +210,11 @@ def test_the_family_of_a_pair_over_a_continuous_set_is_the_rest_of_its_index():
     assert {len(group) for _, group in Crossed().groups([p for p in active_pairs(m) if p.group is not None])} == {2}
 
 
-@dataclass(frozen=True)
-class ProductThatCannotBeSummed:
-    """Scholtes' residual without its shift: what a group shares then is delta itself."""
-
-    def residual(self, a: Any, b: Any, delta: Any) -> Any:
-        return a * b - delta
-
-    def shift(self, delta: Any) -> Any:
-        return None
-
-
-@given(values=amounts, delta=st.floats(0.1, 100))
-def test_eliminating_the_shares_gives_the_summed_row(values, delta):
-    """Shares d_l >= floor with a_l b_l <= d_l and sum d_l <= delta exist where sum max(a_l b_l, floor) <= delta."""
-    summed, shared = stages(values), stages(values)
-    relaxation().apply_to(summed, grouping="all", delta=delta)
-    token = relaxation().apply_to(shared, grouping="all", delta=delta, relaxation=ProductThatCannotBeSummed())
-    floor = SMALLEST_SHARE * delta / 4
-    shares = list(token.block.shares.values())
-    assert [share.lb for share in shares] == pytest.approx([floor] * 4)
-    # The smallest shares that the rows of the products allow:
-    for row, share in zip(token.block.rows.values(), shares, strict=True):
-        share.set_value(0.0)
-        share.set_value(max(pyo.value(row.body) - row.ub, floor))
-    (budget,) = token.block.budgets.values()
-    total = pyo.value(budget.body)
-    (body,) = bodies(summed)
-    assert body - 1e-9 <= total <= body + SMALLEST_SHARE * delta + 1e-9
-    assert budget.ub == delta
-
-
-def test_shares_follow_delta_and_the_pairs_of_the_group():
+def test_products_without_a_shift_are_bounded_by_themselves():
     m = stages()
-    relax = relaxation()
-    relax.apply_to(m, grouping="all", relaxation=KanzowSchwartz(), delta=0.4, targets=[m.cc[0, 0], m.cc[0, 1]])
-    block = m.relaxed_complementarity
-    assert [share.lb for share in block.shares.values()] == pytest.approx([SMALLEST_SHARE * 0.2] * 2)
-    token = relax.apply_to(m)
-    assert [share.lb for share in block.shares.values()] == pytest.approx([SMALLEST_SHARE * 0.1] * 4)
-    relax.delta_of(m).set_value(0.04)
-    assert [share.lb for share in block.shares.values()] == pytest.approx([SMALLEST_SHARE * 0.01] * 4)
-    relax.revert(m, token)
-    assert len(block.shares) == 2
-    assert [share.lb for share in block.shares.values()] == pytest.approx([SMALLEST_SHARE * 0.02] * 2)
+    relaxation().apply_to(m, grouping="all", relaxation=KanzowSchwartz(), delta=0.4)
+    alone = stages()
+    relaxation().apply_to(alone, relaxation=KanzowSchwartz(), delta=0.4)
+    assert [str(row.expr) for row in relaxation().relaxation_rows_of(m)] == [
+        str(row.expr) for row in relaxation().relaxation_rows_of(alone)
+    ]

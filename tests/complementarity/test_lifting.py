@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import pickle
-
 import pyomo.environ as pyo
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pyomo.gdp import Disjunct, Disjunction
 
 from pyrobocop_pyomo.complementarity import Complementarity, complements
 from pyrobocop_pyomo.complementarity.lifting import part_values, side_variable
-from pyrobocop_pyomo.errors import ComplementarityError
 
-from .harness import nl_text, relaxation, state
+from .harness import relaxation
 
 numbers = st.floats(-5, 5)
 
@@ -63,18 +59,6 @@ def test_a_signed_and_shifted_variable_is_recognised(build, sign, offset, number
 )
 def test_anything_else_is_no_variable(build):
     assert side_variable(build(mixed())) is None
-
-
-@given(values=st.tuples(st.floats(0, 10), numbers, numbers))
-def test_lifted_sides_start_at_the_nonnegative_part_of_their_value(values):
-    m = mixed(values)
-    relax = relaxation()
-    relax.apply_to(m, lift=True)
-    for lifted in relax.lifted_pairs_of(m):
-        for side, stated in ((lifted.a, lifted.pair.a), (lifted.b, lifted.pair.b)):
-            own = any(side.variable is variable for variable in (m.x, m.y, m.z))
-            expected = pyo.value(stated) if own else max(pyo.value(stated), 0.0)
-            assert side_value(side) == pytest.approx(expected, abs=1e-12)
 
 
 @given(
@@ -131,33 +115,3 @@ def test_without_lifting_there_are_no_lifted_pairs():
     relax = relaxation()
     relax.apply_to(m)
     assert relax.lifted_pairs_of(m) == []
-    with pytest.raises(ComplementarityError, match=r"is relaxed with lift False; True cannot be added"):
-        relax.apply_to(m, lift=True)
-
-
-@pytest.mark.parametrize(
-    "copy", [lambda m: m.clone(), lambda m: pickle.loads(pickle.dumps(m))], ids=["clone", "pickle"]
-)
-def test_copies_have_lifted_pairs_of_their_own(copy):
-    m = mixed()
-    relax = relaxation()
-    relax.apply_to(m, lift=True)
-    other = copy(m)
-    assert nl_text(other) == nl_text(m)
-    for lifted in relax.lifted_pairs_of(other):
-        assert lifted.a.variable.model() is lifted.b.variable.model() is other
-
-
-def test_a_pair_of_a_disjunct_is_lifted_there():
-    m = mixed()
-    m.one, m.two = Disjunct(), Disjunct()
-    m.one.contact = Complementarity(expr=complements(m.y + m.z >= 0, m.x >= 0))
-    m.either = Disjunction(expr=[m.one, m.two])
-    before = state(m)
-    relax = relaxation()
-    token = relax.apply_to(m, lift=True, targets=m.one)
-    (lifted,) = relax.lifted_pairs_of(m)
-    assert lifted.a.variable.parent_block().parent_block() is m.one
-    assert token.block.component("lifted") is None
-    relax.revert(m, token)
-    assert state(m) == before

@@ -34,45 +34,10 @@ def choice():
     return m
 
 
-def test_rows_of_a_disjunct_hold_only_where_it_is_chosen(choice, relax):
-    before = state(choice)
-    relax.apply_to(choice, delta=1e-3)
-    product, side = relax.rows_of(choice.left.cc)
-    assert product.parent_block().parent_block() is choice.left
-    assert side.parent_block() is product.parent_block()
-    assert product.ub == 1e-3
-    assert relax.rows_of(choice.common)[0].parent_block().parent_block() is choice
-    assert relax.sources_of(side) == [choice.left.cc]
-    assert len(relax.shifted_rows_of(choice)) == 2
-    choice.left.deactivate()
-    assert len(relax.shifted_rows_of(choice)) == 1
-    choice.left.activate()
-    relax.revert(choice)
-    assert state(choice) == before
-
-
 def test_a_relaxed_disjunct_can_be_reformulated(choice, relax):
     relax.apply_to(choice)
     pyo.TransformationFactory("gdp.bigm").apply_to(choice, bigM=1e3)
     nl_text(choice)
-
-
-def test_a_clone_of_a_relaxed_disjunct_knows_its_own_rows(choice, relax):
-    relax.apply_to(choice)
-    copy = choice.clone()
-    assert relax.sources_of(relax.rows_of(copy.left.cc)[1]) == [copy.left.cc]
-    relax.revert(copy)
-    assert [pair.name for pair in active_pairs(copy)] == ["common", "left.cc"]
-
-
-def test_a_later_application_finds_the_disjunct_again(choice, relax):
-    first = relax.apply_to(choice, targets=choice.common)
-    second = relax.apply_to(choice)
-    assert second.block is first.block
-    relax.revert(choice, first)
-    assert len(relax.shifted_rows_of(choice)) == 1
-    relax.revert(choice, second)
-    assert len(active_pairs(choice)) == 2
 
 
 def test_a_penalty_cannot_enter_a_disjunct(choice, relax):
@@ -105,21 +70,6 @@ def test_pairs_in_blocks_over_time_survive_discretisation(component, pair, relax
     assert len(active_pairs(m)) == 2 * len(m.t)
     relax.apply_to(m, grouping="element")
     assert len(relax.shifted_rows_of(m)) == len(m.t)
-    nl_text(m)
-
-
-def test_a_list_of_pairs_is_taken(relax):
-    m = pyo.ConcreteModel()
-    m.x = pyo.Var([1, 2, 3], bounds=(0, None), initialize=1)
-    m.cost = pyo.Objective(expr=m.x[1])
-    m.cc = mpec.ComplementarityList(rule=(mpec.complements(m.x[i] >= 0, m.x[i + 1] >= i) for i in (1, 2)))
-    m.cc.add(mpec.complements(m.x[1] >= 0, m.x[3] <= 4))
-    relax.apply_to(m)
-    assert [source.name for row in relax.shifted_rows_of(m) for source in relax.sources_of(row)] == [
-        "cc[1]",
-        "cc[2]",
-        "cc[3]",
-    ]
     nl_text(m)
 
 

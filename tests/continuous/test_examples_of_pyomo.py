@@ -8,7 +8,7 @@ from catalogue import pyomo_examples
 from pyomo.dae.simulator import Simulator
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import TranscriptionError
+from pyrobocop_pyomo.errors import ModelError
 
 OURS, THEIRS = "pyrobocop.collocation", "dae.collocation"
 
@@ -69,7 +69,7 @@ def test_two_scenarios_of_a_gas_pipe():
 def test_fewer_points_that_cannot_be():
     m = pyomo_examples.optimal_control()
     discretiser = pyo.TransformationFactory(OURS)
-    with pytest.raises(TranscriptionError, match="contset: 't' was not discretised by pyrobocop.collocation"):
+    with pytest.raises(ModelError, match="contset: 't' was not discretised by pyrobocop.collocation"):
         discretiser.reduce_collocation_points(m, var=m.u, ncp=1, contset=m.t)
     discretiser.apply_to(m, nfe=2, ncp=3)
     for variable, points, match in (
@@ -77,13 +77,13 @@ def test_fewer_points_that_cannot_be():
         (m.u, 4, "'u': ncp = 4, but 't' has 3 points in each element"),
         (m.cost, 1, "var: 'cost' is no variable that is indexed by 't'"),
     ):
-        with pytest.raises(TranscriptionError, match=match):
+        with pytest.raises(ModelError, match=match):
             discretiser.reduce_collocation_points(m, var=variable, ncp=points, contset=m.t)
     assert discretiser.reduce_collocation_points(m, var=m.u, ncp=3, contset=m.t) is m
     assert m.find_component("u_interpolation_constraints") is None
     m = pyomo_examples.optimal_control()
     discretiser.apply_to(m, nfe=2, scheme="lobatto")
-    with pytest.raises(TranscriptionError, match="neighbouring elements share a point"):
+    with pytest.raises(ModelError, match="neighbouring elements share a point"):
         discretiser.reduce_collocation_points(m, var=m.u, ncp=1, contset=m.t)
 
 

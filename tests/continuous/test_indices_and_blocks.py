@@ -136,11 +136,6 @@ def test_timing_is_reported():
     assert "Collocation" in stream.getvalue()
 
 
-def test_registered_with_a_description():
-    assert "pyrobocop.collocation" in pyo.TransformationFactory
-    assert pyo.TransformationFactory.doc("pyrobocop.collocation")
-
-
 @pytest.mark.casadi
 def test_pairs_in_blocks_of_time_and_a_relaxation_by_hand():
     m = rectifier()
@@ -149,7 +144,7 @@ def test_pairs_in_blocks_of_time_and_a_relaxation_by_hand():
     COLLOCATION.apply_to(m, nfe=6)
     relax = pyo.TransformationFactory("pyrobocop.relax_complementarity")
     token = relax.apply_to(m, delta=1e-8)
-    assert len(relax.shifted_rows_of(m)) == 18
+    assert len(relax.shifted_rows_of(m)) == 19  # and at the first point
     pyo.SolverFactory("pyrobocop.ipopt").solve(m)
     assert CASES["complementarity"].errors(m)[0] < 1e-2
     assert rcp.dae_trajectory(m, m.t).pairs["contact.pair"].shape == (2, 18)

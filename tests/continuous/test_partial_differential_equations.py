@@ -91,13 +91,6 @@ def test_heat_equation_without_equations_at_the_boundaries(space, time, reached)
     assert found[0] == pytest.approx(found[1], abs=1e-8)
 
 
-@pytest.mark.casadi
-def test_more_accurate_than_dae_collocation_in_space():
-    theirs = solved(discretise(heat(), ("x", "dae", 3), ("t", "dae", 3)))
-    ours = solved(discretise(heat(), ("x", "radau", 3), ("t", "radau", 3)))
-    assert largest_error(ours.u, heat_exact) < largest_error(theirs.u, heat_exact) / 50
-
-
 def test_refusal_and_another_mesh_leave_no_trace():
     m = discretise(heat(), ("x", "radau", 2), ("t", "radau", 2))
     n = discretise(heat(), ("x", "radau", 3), ("t", "gauss", 2))

@@ -7,8 +7,6 @@ from math import pi, sin
 import pyomo.environ as pyo
 import pytest
 from harness.dae import driven_tank as tank
-from harness.dae import solved
-from pyomo.dae import ContinuousSet, DerivativeVar
 
 import pyrobocop_pyomo as rcp
 
@@ -140,16 +138,3 @@ def test_where_rows_hold(scheme, inner):
     assert holds(m.ends) == {0, 2}
     assert holds(m.last) == {2}
     assert not any(m.u[t].fixed or m.dx[t].fixed for t in m.t)
-
-
-@pytest.mark.ipopt
-def test_fixed_initial_rate_is_a_condition_on_the_state():
-    m = pyo.ConcreteModel()
-    m.t = ContinuousSet(bounds=(0, 1))
-    m.x = pyo.Var(m.t, initialize=1)
-    m.dx = DerivativeVar(m.x)
-    m.ode = pyo.Constraint(m.t, rule=lambda m, t: m.dx[t] == 2 - m.x[t])
-    m.dx[0].fix(0)
-    COLLOCATION.apply_to(m, nfe=3, derivatives="keep")
-    assert m.ode[0].active
-    assert all(x.value == pytest.approx(2) for x in solved(m).x.values())

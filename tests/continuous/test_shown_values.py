@@ -10,7 +10,6 @@ from harness.dae import solved
 from pyomo.dae import ContinuousSet, DerivativeVar, Integral
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import TranscriptionError
 
 OURS = pyo.TransformationFactory("pyrobocop.collocation")
 SCHEMES = ["radau", "gauss", "lobatto"]
@@ -85,15 +84,6 @@ def test_row_of_its_own_for_an_algebraic_at_the_start(scheme):
     m.given = pyo.Constraint(expr=m.y[0] == 4)
     OURS.apply_to(m, nfe=3, scheme=scheme)
     assert abs(solved(m).x[0].value) == pytest.approx(2)
-
-
-def test_row_of_its_own_for_a_control_is_refused():
-    m = regulator()
-    m.x[0].fix(1)
-    m.given = pyo.Constraint(expr=m.u[0] == 0)
-    with pytest.raises(TranscriptionError, match=r"'given': holds 'u\[0\]', but radau\(3\) has no collocation point"):
-        OURS.apply_to(m, nfe=3)
-    assert list(m.t) == [0, 2]
 
 
 @pytest.mark.casadi

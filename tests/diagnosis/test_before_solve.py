@@ -14,7 +14,7 @@ import pytest
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.diagnosis import Subject
 from pyrobocop_pyomo.diagnosis.before_solve import doubts_before_solve
-from pyrobocop_pyomo.errors import ContradictionError, DeclarationError, ModelError
+from pyrobocop_pyomo.errors import ContradictionError, ModelError
 
 pytestmark = pytest.mark.casadi
 
@@ -199,9 +199,9 @@ def test_discrete_variables_are_refused_with_what_takes_them(way: str) -> None:
 
 @pytest.mark.parametrize("keyword", ["within", "domain"])
 def test_the_domain_of_a_control_is_called_integer(keyword: str) -> None:
-    with pytest.raises(DeclarationError, match=rf"no keyword '{keyword}'. Write integer=\(0, 1\)"):
+    with pytest.raises(ModelError, match=rf"no keyword '{keyword}'. Write integer=\(0, 1\)"):
         rcp.Control(**{keyword: pyo.Integers})
-    with pytest.raises(DeclarationError, match=rf"no keyword '{keyword}'. Write bounds="):
+    with pytest.raises(ModelError, match=rf"no keyword '{keyword}'. Write bounds="):
         rcp.State(**{keyword: pyo.NonNegativeReals})
 
 
@@ -345,7 +345,112 @@ def test_controls_are_there_to_be_chosen_and_lost_starts_are_not(objective: Any)
             m.cost = pyo.Objective(expr=objective)
         return m
 
-    assert doubts_before_solve(model(0)) == ()
-    (doubt,) = doubts_before_solve(model(None))
+    choice = [doubt for doubt in doubts_before_solve(model(0)) if "'p.u' may be chosen" not in doubt.message]
+    assert choice == []
+    *_, doubt = doubts_before_solve(model(None))
     assert "1 variable is left" in doubt.message
     assert "'p.y[0.0]'" in doubt.message
+
+
+def reaching(*stages: str) -> pyo.ConcreteModel:
+    """One state of each phase has to get from 0 to 1 at the least effort, which is 1 over its duration."""
+    m = pyo.ConcreteModel("reaching")
+    for stage in stages:
+        b = rcp.PhaseBlock(elements=4)
+        m.add_component(stage, b)
+        b.x, b.y = (
+            rcp.State(initial=0 if stage == stages[0] else None),
+            rcp.State(initial=0 if len(stages) == 1 else None),
+        )
+        b.u = rcp.Control(bounds=(-5, 5))
+        b.ode(lambda b, t: {b.x: b.u[t], b.y: b.x[t]})
+    b.x[1].fix(1)
+    m.cost = pyo.Objective(expr=sum(m.component(each).integral(lambda b, t: b.u[t] ** 2) for each in stages))
+    return m
+
+
+def without_cost(m: Any) -> None:
+    m.del_component(m.cost)
+
+
+def fixed_only(m: Any) -> None:
+    m.cost.set_value(m.a.x[0] ** 2 + m.a.x[1])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (without_cost, "there is no objective"),
+        (lambda m: m.cost.deactivate(), "the objective 'cost' is deactivated"),
+        (lambda m: m.cost.set_value(3.0), "objective 'cost' is the number 3.0: it holds no variable."),
+        (fixed_only, "objective 'cost' is the number 1.0: it holds no variable that is not fixed."),
+    ],
+)
+def test_an_objective_that_chooses_nothing_is_doubted_in_the_first_lines(spoil: Any, said: str) -> None:
+    m = reaching("a")
+    assert doubts_before_solve(m) == ()
+    spoil(m)
+    result = rcp.solve(m, progress=False)
+    assert str(result).splitlines()[1].startswith(f"DOUBTFUL: {said}")
+    assert rcp.diagnose(m).about(Subject.STATEMENT) == list(result.doubts)
+
+
+@pytest.mark.parametrize("off", ["a", "b"])
+def test_a_deactivated_phase_that_is_read_is_doubted(off: str) -> None:
+    """At 0.5 the effort of both is least; without the equations of one of them it is 0."""
+    m = reaching("a", "b")
+    m.link = rcp.Link(m.a, m.b)
+    m.component(off).deactivate()
+    (doubt,) = doubts_before_solve(m)
+    assert f"phase '{off}' is deactivated" in doubt.message
+    assert doubt.components == (off, "cost", "link.continuity")
+    m.link.deactivate()
+    m.cost.set_value(m.a.integral(lambda b, t: b.u[t] ** 2))
+    assert [found.components for found in doubts_before_solve(m)] == ([("a", "cost")] if off == "a" else [])
+
+
+@pytest.mark.parametrize(
+    ("keywords", "left"),
+    [
+        ({}, []),
+        ({"states": ["x"]}, ["'y'"]),
+        ({"states": ["x"], "jump": lambda pre, post: {"y": 2 * pre.y}}, []),
+        ({"jump": lambda pre, post: post.x + post.y == pre.x}, ["'y'"]),
+        ({"jump": lambda pre, post: [post.x + post.y == pre.x, post.x - post.y == pre.y]}, []),
+        ({"jump": lambda pre, post: post.y >= pre.y}, []),
+        ({"omit": ["y"]}, []),
+    ],
+)
+def test_a_start_that_a_link_leaves_open_is_doubted_unless_it_is_omitted(keywords: Any, left: list[str]) -> None:
+    m = reaching("a", "b")
+    m.a.y[0].fix(0)
+    m.link = rcp.Link(m.a, m.b, **keywords)
+    doubts = [doubt.message.partition(" without")[0] for doubt in doubts_before_solve(m)]
+    assert doubts == [f"link 'link' leaves {name} of 'b'" for name in left]
+    m.rest = rcp.Link(m.a, m.b, states=["y"])
+    assert doubts_before_solve(m) == ()
+
+
+@pytest.mark.parametrize("kind", ["constraint", "complementarity", "constraint_at_boundaries"])
+@pytest.mark.parametrize("normalised", [False, True])
+def test_a_rule_that_skips_every_point_is_refused_unless_it_never_looks_at_the_time(
+    kind: str, normalised: bool
+) -> None:
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.5, 2)) if normalised else 1.0, elements=4)
+    b.x = rcp.State(initial=0)
+    b.ode(lambda b, t: {b.x: 1.0})
+    state = getattr(b, kind)
+    with pytest.raises(ModelError, match="'late' states nothing: it skips all .* points"):
+        state(lambda b, t: b.x[t] <= 0.1 if t == 0.37 else pyo.Constraint.Skip, name="late")
+    assert b.component("late") is None
+    state(lambda b, t: pyo.Constraint.Skip, name="off")
+    assert len(b.off) == 0
+
+
+def test_bounds_that_were_made_to_cross_are_named() -> None:
+    m = driven(lambda b, t: pyo.Constraint.Skip)
+    for variable in m.p.u.values():
+        variable.setlb(2e3)
+    with pytest.raises(ContradictionError, match=r"'p\.u\[.*lower bound 2000 above the upper 1000, and at 11 more ind"):
+        rcp.solve(m)

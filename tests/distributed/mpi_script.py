@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 from tiny_agents import SPECS, TinyOrder, play
 
-from pyrobocop_pyomo.distributed.checkpoint import Checkpoint, fingerprint
+from pyrobocop_pyomo.distributed.checkpoint import Checkpoint
+from pyrobocop_pyomo.execution.fingerprints import fingerprint
 from pyrobocop_pyomo.execution.mpi_engine import MpiEngine
 
 
@@ -37,7 +38,9 @@ def main(folder: Path, death: int) -> None:
         history = play(engine, 8, before, first)
         failed = engine.solve({"a": TinyOrder(np.ones(5), "raise")})["a"].reason
         history[0].pop("hub")  # a rank may do as it likes with what it got
-        told = json.dumps([first, engine.communicator.size, history, failed, engine.call("b", "shift", 1)])
+        told = json.dumps(
+            [first, engine.communicator.size, history, failed, engine.call_all("shift", {"b": (1,)})["b"]]
+        )
         (folder / f"rank{engine.communicator.rank}.json").write_text(told)
 
 

@@ -12,7 +12,7 @@ import pytest
 from carts import pulling_team
 from pushing_team import pushing_team
 from pyomo.common.collections import ComponentSet
-from quadratic_agents import middle, quadratic, random_problems
+from quadratic_agents import crossing, middle, quadratic, random_problems
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.complementarity import Complementarity
@@ -71,3 +71,16 @@ def test_the_central_model_states_what_its_agents_state(name: str) -> None:
             near = stated[max(at - 1, 0) : at + 1]
             assert np.abs(near - expected).min() <= 1e-9 * max(1.0, abs(expected)), f"{agent.name}: {row}"
     assert pyo.value(merged.model.objective) == pytest.approx(total, rel=1e-9)
+
+
+def test_what_agents_pay_follows_them_onto_another_mesh() -> None:
+    """A way of 2 in 2 s costs 2 on any mesh; the integrals were sums over the points of the first."""
+    agents = [rcp.Agent(f"d{i}", crossing, i, 3) for i in range(3)]
+    merged = rcp.Team(robots=agents, shared=[rcp.Shared("pace")]).central()
+    for part in merged.parts.values():
+        part.pace.fix(1.0)
+        rcp.remesh_phases({part.me: 4})
+        for control in (part.me.u, part.me.v):
+            for variable in control.values():
+                variable.set_value(1.0)
+    assert pyo.value(merged.model.objective) == pytest.approx(3 * 4 + 1 + 0 + 1)

@@ -8,7 +8,8 @@ import pytest
 from quadratic_agents import joint_optimum, middle, quadratic, random_problems
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.teams import ConstantPenalties, Coordination, Hub, Sova
+from pyrobocop_pyomo.distributed.coordination import Coordination
+from pyrobocop_pyomo.teams import Hub, Sova
 
 pytestmark = pytest.mark.casadi
 
@@ -21,7 +22,7 @@ GRAPHS = {
     "path": nx.relabel_nodes(nx.path_graph(5), dict(enumerate(NAMES))),
     "complete": nx.complete_graph(NAMES),
 }
-EXACT = {"penalties": ConstantPenalties(), "tolerance": 3e-8, "rounds": 300}
+EXACT = {"penalties": None, "tolerance": 3e-8, "rounds": 300}
 
 
 def a_team(seed: int = 0, graph: str = "complete", penalty=2.0) -> tuple[rcp.Team, np.ndarray]:
@@ -70,7 +71,7 @@ def test_the_joint_optimum_with_its_multipliers_is_a_fixed_point() -> None:
             apart.append(max(np.abs(values - optimum).max() for values in state.values.values()))
             return record
 
-    team.solve(AtTheOptimum(penalties=ConstantPenalties(), rounds=5, tolerance=0.0))
+    team.solve(AtTheOptimum(penalties=None, rounds=5, tolerance=0.0))
     assert len(apart) == 5
     assert max(apart) < 1e-6
 
@@ -95,7 +96,6 @@ def test_the_hub_reaches_the_joint_optimum(penalty) -> None:
 
 def test_penalties_may_change_without_moving_the_answer() -> None:
     team, optimum = a_team(4, "complete")
-    growing = rcp.teams.BalancedPenalties(below=np.inf, largest=4.0)
-    result = team.solve(Sova(penalties=growing, tolerance=3e-8, rounds=300))
+    result = team.solve(Sova(penalties=rcp.teams.TargetedPenalties(largest=4.0), tolerance=3e-8, rounds=300))
     assert result.success
     assert all(values == pytest.approx(optimum, abs=1e-6) for values in result.values.values())

@@ -83,7 +83,7 @@ def test_workers_do_not_hear_ctrl_c(engine: DaskEngine) -> None:
     before = engine.process_ids
     for process_id in set(before.values()):
         os.kill(process_id, signal.SIGINT)
-    engine.call("a", "shift", 0)
+    engine.call_all("shift", {"a": (0,)})
     assert engine.process_ids == before
 
 

@@ -9,11 +9,13 @@ import numpy as np
 import pyomo.environ as pyo
 import pytest
 from pushing_team import pushing_team
-from quadratic_agents import middle, quadratic, random_problems
+from quadratic_agents import crossing, middle, quadratic, random_problems
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import CheckpointError, EngineError, TeamError, TeamFailed
-from pyrobocop_pyomo.teams import Hub, Sova, merge_agents
+from pyrobocop_pyomo.distributed.checkpoint import Checkpoint
+from pyrobocop_pyomo.distributed.merging import merge_agents
+from pyrobocop_pyomo.errors import EngineError, SolveFailed, TeamError
+from pyrobocop_pyomo.teams import Hub, Sova
 
 pytestmark = pytest.mark.casadi
 
@@ -118,7 +120,7 @@ def test_what_ends_the_rounds_is_a_success(until: str, strict: bool, practical: 
     if result.success:
         result.raise_for_failure()
     else:
-        with pytest.raises(TeamFailed):
+        with pytest.raises(SolveFailed):
             result.raise_for_failure()
 
 
@@ -163,7 +165,8 @@ def test_methods_and_engines_are_looked_up() -> None:
 def test_a_team_that_does_not_agree_raises_with_its_numbers() -> None:
     result = rcp.Team(robots=robots(), shared=SHARED).solve(Sova(rounds=2))
     assert not result.success
-    with pytest.raises(TeamFailed, match="2 rounds"):
+    assert "NO PLAN THAT HOLDS: the agents do not agree within the tolerance. 2 rounds" in repr(result)
+    with pytest.raises(SolveFailed, match="2 rounds"):
         result.raise_for_failure()
 
 
@@ -189,9 +192,9 @@ def test_rounds_go_on_from_a_file_as_if_never_stopped(tmp_path) -> None:
     assert [record.number for record in rest.rounds] == [4, 5, 6, 7]
     for name, values in whole.values.items():
         assert np.array_equal(values, rest.values[name])
-    with pytest.raises(CheckpointError, match="all 8 rounds are done"):
+    with pytest.raises(TeamError, match="all 8 rounds are done"):
         team.solve(Hub(rounds=8, tolerance=0.0), checkpoint=path)
-    with pytest.raises(CheckpointError, match="another team"):
+    with pytest.raises(TeamError, match="another team"):
         team.solve(Hub(rounds=9, tolerance=0.0), checkpoint=path)
 
 
@@ -208,3 +211,66 @@ def test_a_merged_model_has_one_set_of_shared_variables() -> None:
             variable.set_value(float(number))
         expected = sum((point - p) @ np.array(q) @ (point - p) / 2 for q, p in problems)
         assert pyo.value(merged.model.objective) == pytest.approx(expected)
+
+
+def drones(physics: Judge | None = None, components: tuple[str, ...] = ("me.x", "me.y"), count: int = 3) -> rcp.Team:
+    agents = [rcp.Agent(f"d{i}", crossing, i, count) for i in range(count)]
+    apart = rcp.KeepApart(components, distance=0.5)
+    return rcp.Team(robots=agents, shared=[rcp.Shared("pace")], keep_apart=apart, physics=physics)
+
+
+FINE = Judge(Judged(strict=True, practical=True), robot_components=("me.u",))
+
+
+@pytest.mark.parametrize("physics", [None, FINE])
+@pytest.mark.parametrize("options", [{"tolerance": 1.0, "rounds": 2}, {"rounds": 30}, {"closing": None, "rounds": 2}])
+def test_a_success_keeps_robots_apart_in_the_plans_that_are_handed_out(physics, options: dict) -> None:
+    team = drones(physics)
+    result = team.solve(Sova(**options), progress=False)
+    places = [np.array([result.plans[name]["me.x"], result.plans[name]["me.y"]]) for name in team.names]
+    least = min(float(np.linalg.norm(a - b, axis=0).min()) for i, a in enumerate(places) for b in places[:i])
+    assert result.least_distance == pytest.approx(least)
+    assert result.success is (least >= 0.495 and (physics is not None or result.agreement))
+    assert ("NO PLAN THAT HOLDS" in repr(result)) is (not result.success)
+    assert (f"within {least:.3g} m, and are to keep 0.5 m" in str(result)) is (least < 0.495)
+    if physics is not None and options == {"rounds": 30}:
+        assert result.success  # by a closing step, though there are no pairs
+
+
+def test_plans_without_physics_hold_all_variables() -> None:
+    team = drones()
+    result = team.solve(Sova(rounds=1), progress=False)
+    merged = team.central()
+    assert rcp.solve(merged.model, progress=False).solved
+    for plans in (result.plans, team.plans_of(merged)):
+        assert {name: {"pace", "me.x", "me.u"} <= plan.keys() for name, plan in plans.items()} == dict.fromkeys(
+            team.names, True
+        )
+    assert team.keep_apart.holds(team.plans_of(merged), team.names)
+
+
+@pytest.mark.parametrize("component", ["me.z", "pace", "cost"])
+@pytest.mark.parametrize("physics", [None, FINE])
+def test_positions_that_are_not_there_are_refused(physics, component: str) -> None:
+    with pytest.raises(TeamError, match=f"agent 'd0': .*'{component}'"):
+        drones(physics, ("me.x", component)).solve(progress=False)
+
+
+def test_a_shared_duration_is_one_number_in_one_model() -> None:
+    """Each way costs 4 / T beside T, so that T = 2 for all; two of three would rather go at another pace by 1."""
+    agents = [rcp.Agent(f"d{i}", crossing, i, 3, True) for i in range(3)]
+    merged = rcp.Team(robots=agents, shared=[rcp.Shared("me.duration", "pace")]).central()
+    assert rcp.solve(merged.model, progress=False).objective == pytest.approx(14.0, abs=1e-6)
+    for part in merged.parts.values():
+        assert part.me.trajectory().duration == pytest.approx(2.0, abs=1e-6)
+        assert part.pace.value == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_state_that_is_no_number_is_not_gone_on_from(tmp_path) -> None:
+    team, path = drones(), tmp_path / "team.npz"
+    team.solve(Sova(rounds=3), checkpoint=path, on_round=lambda record: False, progress=False)
+    saved = Checkpoint.load(path)
+    saved.states["d1"]["x"][0] = np.nan
+    saved.save(path)
+    with pytest.raises(TeamError, match="'x' of d1 has values that are not finite"):
+        team.solve(Sova(rounds=3), checkpoint=path, progress=False)

@@ -16,7 +16,7 @@ from pyrobocop_pyomo.distributed.shifting import TimeShift, later_times
 from pyrobocop_pyomo.errors import TeamError
 
 pytestmark = pytest.mark.casadi
-PRECISE = rcp.teams.Hub(rounds=40, tolerance=1e-9, penalties=rcp.teams.ConstantPenalties())
+PRECISE = rcp.teams.Hub(rounds=40, tolerance=1e-9, penalties=None)
 H = GRID["duration"] / GRID["elements"]
 
 

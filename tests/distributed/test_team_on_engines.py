@@ -65,7 +65,7 @@ def test_a_stopped_team_goes_on_from_its_file(serial: rcp.teams.TeamResult, tmp_
     resumed = pushing_team().solve(METHOD, checkpoint=path, progress=False)
     assert len(resumed.rounds) == 3
     assert same(resumed, replace(serial, rounds=serial.rounds[5:]))
-    with pytest.raises(rcp.errors.CheckpointError, match="written by another team"):
+    with pytest.raises(rcp.errors.TeamError, match="written by another team"):
         pushing_team(seed=1).solve(METHOD, checkpoint=path, progress=False)
 
 

@@ -20,7 +20,9 @@ from pyrobocop_pyomo.phases import PhaseBlockData
 EXAMPLES = Path(__file__).parents[2] / "examples"
 # The closed loop has no single answer that could be verified, and the truss robot takes long: each has its own test.
 OWN_TESTS = ("cart_pole_closed_loop", "truss_robot")
-SCRIPTS = sorted(path.stem for path in EXAMPLES.glob("*.py") if path.stem not in ("run_example", *OWN_TESTS))
+SCRIPTS = sorted(
+    path.stem for path in EXAMPLES.glob("*.py") if path.stem not in ("run_example", "mechanism_pictures", *OWN_TESTS)
+)
 # Where all cases together take too long even on few elements: those that stand for the others.
 CASES = {
     "belt_drive": ("second-1",),
@@ -117,7 +119,7 @@ def test_the_full_size_is_as_good_as_published_and_feasible(problem: str) -> Non
     result.raise_for_status()
     assert result.objective <= published + tolerance
     assert result.largest_product <= 1e-7
-    assert result.iterations <= 500
+    assert result.iterations <= 600
     for phase in model.block_data_objects(active=True):
         if isinstance(phase, PhaseBlockData):
             assert phase.trajectory().verify().largest_violation <= 1e-6

@@ -32,10 +32,10 @@ def load(monkeypatch: pytest.MonkeyPatch) -> Any:
     return example
 
 
-def solved(model: pyo.ConcreteModel) -> rcp.SolveResult:
+def solved(model: pyo.ConcreteModel, safe: bool | None = True) -> rcp.SolveResult:
     result = rcp.solve(model)
     result.raise_for_status()
-    assert result.safe is True
+    assert result.safe is safe
     return result
 
 
@@ -80,7 +80,7 @@ def test_a_parking_car_keeps_its_distance_and_parks(load: Any, case: str) -> Non
 def test_a_pushed_slider_keeps_its_distance_from_the_squares(load: Any) -> None:
     example, case = load("pushing_among_obstacles"), "turned-slot"
     m = example.build(case, elements=52)
-    solved(m)
+    solved(m, safe=None)  # forces at the edge of the friction cone leave the slip under the controls open
     pose = sampled(m.push, "x", "y", "theta")
     half = 0.045
     corners = [(-half, -half), (half, -half), (half, half), (-half, half)]
@@ -130,8 +130,10 @@ def test_the_small_car_keeps_its_distance(load: Any, case: str) -> None:
     assert least_planar_distance(corners, x, y, -heading, squares) >= 0.02 - SLACK
     if case == "one":
         # Published, with a distance kept at the nodes only: 35.254. For the plan alone, in between costs little.
-        of_plan = rcp.solve(example.build(case), equations=False)
-        assert of_plan.safe
+        m = example.build(case)
+        m.drive.avoid.equations = False
+        of_plan = rcp.solve(m)
+        assert of_plan.solved
         assert 35.2 < of_plan.objective < 36
 
 

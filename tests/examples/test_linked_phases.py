@@ -107,11 +107,13 @@ def test_the_best_faces_are_those_that_solving_one_by_one_finds() -> None:
         ["left", "bottom"], range(1, 3), allowed=lambda before, after: before != after
     )
     times = {sequence: rcp.solve(pushing.build(sequence, elements=6), mesh_tolerance=None) for sequence in sequences}
-    ranking = rcp.studies.solve_sequences(lambda sequence: pushing.build(sequence, elements=6), sequences)
+    found = rcp.sweep(lambda sequence: pushing.build(sequence, elements=6), sequences, start_from=None)
     best = min((s for s in sequences if times[s].solved), key=lambda s: times[s].objective)
-    assert ranking[0].sequence == best
-    assert pyo.value(ranking.best_model.total_time) == pytest.approx(times[best].objective, rel=1e-9)
-    for phase in ranking.best_model.pushes.values():
+    assert found.best.case.data == best
+    assert found.result.objective == pytest.approx(times[best].objective, rel=1e-9)
+    solved = pushing.build(best, elements=6)
+    rcp.solve(solved, mesh_tolerance=None)
+    for phase in solved.pushes.values():
         assert phase.trajectory().verify().largest_violation < 1e-6
 
 

@@ -62,4 +62,4 @@ def test_the_car_takes_the_minimal_time_and_switches_at_its_thresholds(case: str
     assert v[on] == pytest.approx(example["ON"], abs=1e-7)
     assert v[off] == pytest.approx(example["ON"] if case == "turbo" else example["OFF"], abs=1e-7)
     assert boundaries[on] == pytest.approx(example["ON"] / example["PLAIN"], abs=1e-6)
-    assert found.verify().horizon_error < 1e-6
+    assert found.verify().horizon_error is None  # its pairs stand beside the phase, at points alone

@@ -97,7 +97,7 @@ def test_the_team_shares_what_its_models_have(sphere: ModuleType) -> None:
 def test_three_quadrotors_catch_the_ball(sphere: ModuleType) -> None:
     """Strict by physics, its pairs met, and its rotations rotations."""
     m = sphere.build(1)
-    result = rcp.solve(m, strategies="barrier", polish=False, exploration=0, backend="vectorised")
+    result = rcp.solve(m, strategies=rcp.Strategy("barrier", polish=False, exploration=0), backend="vectorised")
     assert result.solved
     assert result.largest_product < 1e-7
     score = m.score(sphere.plans_of(m))

@@ -11,12 +11,11 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.complementarity import BarrierSchedule, Grouping, KeepsBounds, Relaxation, Schedule
+from pyrobocop_pyomo.complementarity import BarrierSchedule, Grouping, Relaxation, Schedule
 
 from .barrier_schedule import PowerOfBarrier
 from .collocation_scheme import chebyshev
 from .grouping import PerComponent
-from .learning_relaxation import Reluctant
 from .relaxation import FischerBurmeister
 from .schedule import Superlinear
 
@@ -68,28 +67,12 @@ def test_relaxation_accepts_the_same_points_as_the_product(a, b, delta):
 def test_relaxation_solves():
     assert isinstance(FischerBurmeister(), Relaxation)
     m = corner()
-    result = rcp.solve(m, relaxation=FischerBurmeister(), schedule=rcp.relaxations.Geometric(), backend="casadi")
+    result = rcp.solve(
+        m,
+        strategies=rcp.Strategy(schedule=rcp.relaxations.Geometric(), relaxation=FischerBurmeister()),
+        backend="casadi",
+    )
     assert result.largest_product < 1e-7
-    assert result.objective == pytest.approx(2.0, abs=1e-5)
-
-
-def test_a_relaxation_keeps_numbers_between_solves():
-    assert isinstance(Reluctant(), KeepsBounds)
-    m = corner()
-    relax = pyo.TransformationFactory("pyrobocop.relax_complementarity")
-    relax.apply_to(m, relaxation=Reluctant(), delta=0.5)
-    first, second = relax.relaxation_rows_of(m)
-    m.a[1].set_value(0.0)  # its product vanishes by itself
-    relax.update_parameters(m, 0.1, {first: 0.0, second: -1.0})  # of either sign
-    assert [pyo.value(row.upper) for row in (first, second)] == [0.5, 0.1]
-    relax.reset_parameters(m, 0.5)
-    assert [pyo.value(row.upper) for row in (first, second)] == [0.5, 0.5]
-
-
-@pytest.mark.casadi
-def test_a_relaxation_that_keeps_numbers_solves():
-    result = rcp.solve(corner(), relaxation=Reluctant(), schedule=rcp.relaxations.Geometric(), backend="casadi")
-    result.raise_for_status()
     assert result.objective == pytest.approx(2.0, abs=1e-5)
 
 
@@ -105,7 +88,7 @@ def test_schedule_never_increases_and_meets_its_last_value():
 
 @pytest.mark.casadi
 def test_schedule_solves():
-    result = rcp.solve(corner(), schedule=Superlinear(), backend="casadi", polish=False)
+    result = rcp.solve(corner(), strategies=rcp.Strategy(schedule=Superlinear(), polish=False), backend="casadi")
     result.raise_for_status()
     # After the schedule the nearest branch is solved, which has no delta.
     relaxed = [step.delta for step in result.steps if step.delta is not None]
@@ -125,7 +108,7 @@ def test_a_schedule_says_by_its_methods_whether_it_follows_the_barrier_parameter
 )
 def test_a_schedule_that_follows_the_barrier_parameter_solves(backend):
     schedule = PowerOfBarrier(last=1e-9)
-    result = rcp.solve(corner(), schedule=schedule, backend=backend, polish=False)
+    result = rcp.solve(corner(), strategies=rcp.Strategy(schedule=schedule, polish=False), backend=backend)
     result.raise_for_status()
     assert result.objective == pytest.approx(2.0, abs=1e-4)
     assert result.steps[-1].delta == pytest.approx(1e-9)
@@ -155,6 +138,6 @@ def test_grouping_keeps_every_pair_once():
 
 @pytest.mark.casadi
 def test_grouping_solves():
-    result = rcp.solve(corner(), grouping=PerComponent(), backend="casadi")
+    result = rcp.solve(corner(), strategies=rcp.Strategy(grouping=PerComponent()), backend="casadi")
     result.raise_for_status()
     assert result.objective == pytest.approx(2.0, abs=1e-5)

@@ -77,10 +77,3 @@ def test_distances_agree_with_a_quadratic_program_and_depths_with_enumeration(di
             overlapping += 1
             assert found.distance == pytest.approx(depth_by_enumeration(first, second), abs=1e-9)
     assert 0.1 * PAIRS < overlapping < 0.9 * PAIRS
-
-
-def test_distances_in_the_plane_agree_with_shapely() -> None:
-    shapely = pytest.importorskip("shapely")
-    for first, second in pairs(2, seed=20):
-        expected = shapely.distance(shapely.Polygon(first.vertices), shapely.Polygon(second.vertices))
-        assert max(signed_distance(first, second).distance, 0.0) == pytest.approx(expected, abs=1e-9)

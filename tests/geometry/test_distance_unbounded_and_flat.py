@@ -10,7 +10,7 @@ from harness.random_bodies import random_body, random_pose
 from hypothesis import given
 from hypothesis import strategies as some
 
-from pyrobocop_pyomo.errors import GeometryError
+from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, distance_of_points, gap, planar_pose, signed_distance, spatial_pose
 
 seeds = some.integers(0, 2**32 - 1)
@@ -116,11 +116,11 @@ def test_answers_are_the_same_each_time() -> None:
 def test_bodies_that_have_no_distance_are_named() -> None:
     floor = Polytope.from_halfspaces([[0, 1]], [0], bounded=False, name="floor")
     wall = Polytope.from_halfspaces([[1, 0]], [0], bounded=False, name="wall")
-    with pytest.raises(GeometryError, match=r"'floor' and 'wall' overlap without end"):
+    with pytest.raises(ObstacleError, match=r"'floor' and 'wall' overlap without end"):
         signed_distance(floor, wall)
-    with pytest.raises(GeometryError, match=r"'floor' has 2 dimensions and 'box' 3"):
+    with pytest.raises(ObstacleError, match=r"'floor' has 2 dimensions and 'box' 3"):
         signed_distance(floor, Polytope.box(1, 1, 1))
-    with pytest.raises(GeometryError, match=r"'floor' has 2 dimensions and its pose 3"):
+    with pytest.raises(ObstacleError, match=r"'floor' has 2 dimensions and its pose 3"):
         signed_distance(floor, wall, spatial_pose((0, 0, 0)))
 
 

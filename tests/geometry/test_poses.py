@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as some
 from pyomo.core.expr.visitor import identify_variables
 
-from pyrobocop_pyomo.errors import GeometryError
+from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose, check_pose, planar_pose, spatial_pose
 
 angle = some.floats(-7.0, 7.0)
@@ -95,7 +95,7 @@ def test_expressions_follow_their_variables() -> None:
 def test_a_variable_without_a_value_is_named() -> None:
     m = pyo.ConcreteModel()
     m.theta = pyo.Var()
-    with pytest.raises(GeometryError, match=r"'car': the pose's entry .*theta.* has no value"):
+    with pytest.raises(ObstacleError, match=r"'car': the pose's entry .*theta.* has no value"):
         check_pose(planar_pose(0, 0, m.theta), "car")
 
 
@@ -111,7 +111,7 @@ def test_a_variable_without_a_value_is_named() -> None:
     ],
 )
 def test_rotations_that_are_none(pose: Pose, message: str) -> None:
-    with pytest.raises(GeometryError, match=message):
+    with pytest.raises(ObstacleError, match=message):
         check_pose(pose, "car")
 
 
@@ -134,5 +134,5 @@ def test_degrees_are_noticed(caplog: pytest.LogCaptureFixture) -> None:
     ],
 )
 def test_poses_that_are_none(make: Any, message: str) -> None:
-    with pytest.raises(GeometryError, match=message):
+    with pytest.raises(ObstacleError, match=message):
         make()

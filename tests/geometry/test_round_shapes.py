@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as some
 
-from pyrobocop_pyomo.errors import GeometryError
+from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, spatial_pose
 
 lengths = some.floats(0.05, 20.0)
@@ -92,5 +92,5 @@ def test_the_excess_stays_with_a_shape_that_is_padded_named_or_placed() -> None:
     ],
 )
 def test_lengths_that_are_none_are_refused(make) -> None:
-    with pytest.raises(GeometryError, match="'(cylinder|cone|ellipsoid)'"):
+    with pytest.raises(ObstacleError, match="'(cylinder|cone|ellipsoid)'"):
         make()

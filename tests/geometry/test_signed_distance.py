@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pyrobocop_pyomo.geometry import Polytope, distance_of_points, gap, planar_pose, signed_distance, spatial_pose
+from pyrobocop_pyomo.geometry import Polytope, distance_of_points, planar_pose, signed_distance, spatial_pose
 
 
 def test_a_turned_asymmetric_body_has_the_footprint_that_is_drawn() -> None:
@@ -41,18 +41,3 @@ def test_flat_bodies() -> None:
     assert distance_of_points(segment + np.array([2.0, 0.0]), segment).distance == 0.0
     assert distance_of_points(segment + np.array([5.0, 0.0]), segment).distance == pytest.approx(1.0)
     assert distance_of_points(point, point).distance == 0.0
-
-
-def test_the_gap_along_the_normal_is_the_distance() -> None:
-    random = np.random.default_rng(1)
-    for dimension in (2, 3):
-        for _ in range(100):
-            p, q = (
-                random.normal(size=(6, dimension)),
-                random.normal(size=(5, dimension)) + random.normal(size=dimension),
-            )
-            found = distance_of_points(p, q)
-            assert np.linalg.norm(found.normal) == pytest.approx(1.0)
-            assert gap(found.normal, p, q) == pytest.approx(found.distance, abs=1e-12)
-            apart = found.first_point - found.second_point
-            assert apart == pytest.approx(found.distance * found.normal, abs=1e-12)

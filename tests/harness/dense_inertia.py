@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import SingularMatrix
+from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.linear_solver import SymmetricFactorisation
 
 from .random_matrices import Matrix
@@ -28,7 +28,7 @@ def check(matrix: Matrix, solver: SymmetricFactorisation, rng: np.random.Generat
     eigenvalues = equilibrated_eigenvalues(full)
     try:
         found = solver.factor(matrix.values)
-    except SingularMatrix:
+    except EvaluationError:
         assert eigenvalues is None or np.abs(eigenvalues).min() < ROUNDED
         return "singular"
     assert eigenvalues is not None

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import functools
-import inspect
 import itertools
-import sys
 import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -14,7 +12,8 @@ import pytest
 from pyomo.contrib.solver.solvers.ipopt import Ipopt
 
 from pyrobocop_pyomo.ipopt import ipopt_run
-from pyrobocop_pyomo.mpcc import linear_programs, mixed_integer
+from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.mpcc import linear_programs
 from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch
 
 Options = dict[str, Any]
@@ -79,10 +78,9 @@ def before_linear_programs(monkeypatch: pytest.MonkeyPatch, act: Callable[[Linea
 
     def acting(old: Callable[..., Any]) -> Callable[..., Any]:
         @functools.wraps(old)
-        def act_and_solve(*arguments: Any, **rest: Any) -> Any:
-            limit = inspect.signature(old).bind(*arguments, **rest).arguments["time_limit"]
-            act(LinearProgram(next(numbers), limit, exploring[0]))
-            return old(*arguments, **rest)
+        def act_and_solve(self: Any, deadline: Deadline, *arguments: Any) -> Any:
+            act(LinearProgram(next(numbers), deadline.left, exploring[0]))
+            return old(self, deadline, *arguments)
 
         return act_and_solve
 
@@ -102,10 +100,10 @@ def slow_linear_programs(monkeypatch: pytest.MonkeyPatch, longest: float) -> Non
 
     def sleeping(old: Callable[..., Any]) -> Callable[..., Any]:
         @functools.wraps(old)
-        def sleep(*arguments: Any, **rest: Any) -> tuple[Any, ...]:
-            limit = inspect.signature(old).bind(*arguments, **rest).arguments["time_limit"]
-            time.sleep(max(0.0, min(limit, longest)))
-            return (None, False, 1) if old.__name__ == "minimise" else (linear_programs.LinearStatus.STOPPED, None)
+        def sleep(_program: Any, deadline: Deadline, *_arguments: Any) -> Any:
+            time.sleep(max(0.0, min(deadline.left, longest)))
+            stopped = linear_programs.LinearAnswer(linear_programs.LinearStatus.STOPPED, None)
+            return None if old.__name__ == "solve_with_duals" else stopped
 
         return sleep
 
@@ -113,12 +111,9 @@ def slow_linear_programs(monkeypatch: pytest.MonkeyPatch, longest: float) -> Non
 
 
 def _replace_solvers(monkeypatch: pytest.MonkeyPatch, new: Callable[[Callable[..., Any]], Callable[..., Any]]) -> None:
-    """Replace what solves linear programs, with binaries and without, in every module that has imported it."""
-    old = mixed_integer.minimise
-    for name, module in list(sys.modules.items()):
-        if name.startswith("pyrobocop_pyomo") and getattr(module, "minimise", None) is old:
-            monkeypatch.setattr(module, "minimise", new(old))
-    monkeypatch.setattr(linear_programs.LinearProgram, "solve", new(linear_programs.LinearProgram.solve))
+    program = linear_programs.LinearProgram
+    for name in ("solve", "solve_with_duals"):
+        monkeypatch.setattr(program, name, new(getattr(program, name)))
 
 
 def use_processor_time(monkeypatch: pytest.MonkeyPatch) -> None:

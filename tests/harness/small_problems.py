@@ -92,7 +92,6 @@ BACKENDS = {
     "ipopt": pytest.mark.executable,
     "ipopt_v2": pytest.mark.executable,
     "asl": pytest.mark.asl,
-    "casadi": pytest.mark.casadi,
     "vectorised": pytest.mark.casadi,
 }
 
@@ -101,7 +100,6 @@ every_derivative = pytest.mark.parametrize(
     "derivatives",
     [
         pytest.param("asl", marks=pytest.mark.asl),
-        pytest.param("casadi", marks=pytest.mark.casadi),
         pytest.param("vectorised", marks=pytest.mark.casadi),
     ],
 )
@@ -109,7 +107,7 @@ every_derivative = pytest.mark.parametrize(
 
 def solver(backend: str) -> object:
     """The solver of a backend, in Pyomo's older interface, which all of them have."""
-    if backend in ("asl", "casadi", "vectorised"):
+    if backend in ("asl", "vectorised"):
         return pyo.SolverFactory("pyrobocop.ipopt", derivatives=backend)
     if backend == "ipopt_v2":
         return pyo.SolverFactory(backend, writer_config={"linear_presolve": False, "scale_model": False})

@@ -16,7 +16,7 @@ from known_mpccs import mpcc_problem
 from known_mpccs.generated import _crossed
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import HomotopyStalled, SensitivityError
+from pyrobocop_pyomo.errors import EvaluationError, SolveFailed
 
 from .belt_drive import belt_drive
 
@@ -86,15 +86,15 @@ def _solve(model: Any, limit: float) -> Sequence[Any]:
 def _solve_and_differentiate(model: Any, limit: float) -> Sequence[Any]:
     result = rcp.solve(model, time_limit=limit, progress=False)
     if result.quality is not rcp.Quality.INFEASIBLE:
-        with contextlib.suppress(SensitivityError):
+        with contextlib.suppress(EvaluationError):
             rcp.studies.sensitivity(model, result, model.weight)
     return [result]
 
 
 def _sequences(build: Any, limit: float) -> Sequence[Any]:
     sequences = rcp.studies.mode_sequences(["soft", "hard"], [2])
-    ranking = rcp.studies.solve_sequences(build, sequences, time_limit=limit, progress=False)
-    return [outcome.result for outcome in ranking if outcome.result is not None]
+    found = rcp.sweep(build, sequences, start_from=None, time_limit=limit, progress=False)
+    return [outcome.result for outcome in found if outcome.result is not None]
 
 
 def _starts(model: Any, limit: float) -> Sequence[Any]:
@@ -105,7 +105,7 @@ def _starts(model: Any, limit: float) -> Sequence[Any]:
 def _path(model: Any, limit: float) -> Sequence[Any]:
     try:
         found = rcp.studies.homotopy(model, {"weight": (0.01, 1.0)}, 30, time_limit=limit, progress=False)
-    except HomotopyStalled as stalled:
+    except SolveFailed as stalled:
         found = stalled.result
     return [step.result for step in found if step.result is not None]
 

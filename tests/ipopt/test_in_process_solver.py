@@ -14,7 +14,6 @@ from pyomo.contrib.solver.common.results import SolutionStatus, TerminationCondi
 from pyomo.contrib.solver.common.util import NoOptimalSolutionError, NoSolutionError
 from pyomo.opt import SolverStatus
 
-import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 
 OPTIMUM = 17.0140172891520542
@@ -22,7 +21,7 @@ pytestmark = pytest.mark.casadi
 
 
 def new(**options):
-    return NewSolverFactory("pyrobocop.ipopt", derivatives="casadi", **options)
+    return NewSolverFactory("pyrobocop.ipopt", derivatives="vectorised", **options)
 
 
 def test_both_factories_know_it():
@@ -51,9 +50,9 @@ def test_results_tell_what_was_done(derivatives):
 
 def test_which_ipopt_is_used_is_logged(caplog):
     with caplog.at_level(logging.INFO, logger="pyrobocop_pyomo"):
-        new().solve(hock_schittkowski_71()[0])
+        NewSolverFactory("pyrobocop.ipopt").solve(hock_schittkowski_71()[0])
     assert "'hs71': Ipopt 3." in caplog.text
-    assert "derivatives by CasADi" in caplog.text
+    assert "derivatives by CasADi on vectorised expressions" in caplog.text
 
 
 def test_tee_reaches_standard_output_and_nothing_else_does(capsys):
@@ -196,21 +195,3 @@ def test_tee_reaches_a_notebook(monkeypatch, capfd):
     monkeypatch.undo()
     assert "EXIT: Optimal Solution Found." in stream.text
     assert "EXIT" not in capfd.readouterr().out
-
-
-def test_models_on_a_mesh_are_differentiated_by_shapes_of_terms_as_solve_does_it():
-    def swing():
-        m = pyo.ConcreteModel()
-        m.b = b = rcp.PhaseBlock(duration=1.0, elements=20)
-        b.angle, b.speed = rcp.State(initial=0, final=1), rcp.State(initial=0)
-        b.push = rcp.Control()
-        b.ode(lambda b, t: {b.angle: b.speed[t], b.speed: b.push[t] - pyo.sin(b.angle[t])})
-        m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.push[t] ** 2))
-        return m
-
-    model, same = swing(), swing()
-    result, other = NewSolverFactory("pyrobocop.ipopt").solve(model), rcp.solve(same, progress=False)
-    assert result.extra_info.derivatives == other.derivatives == "CasADi on vectorised expressions"
-    assert result.incumbent_objective == pytest.approx(other.objective, rel=1e-6)
-    small = NewSolverFactory("pyrobocop.ipopt").solve(hock_schittkowski_71()[0])
-    assert small.extra_info.derivatives != result.extra_info.derivatives

@@ -9,7 +9,7 @@ import pytest
 from harness.small_problems import hock_schittkowski_71
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import SolverNotFoundError, SolverOptionError
+from pyrobocop_pyomo.errors import ModelError, SolverNotFoundError
 from pyrobocop_pyomo.ipopt import ipopt_run, linear_solver_options, linear_solvers
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.ipopt.linear_solvers import predicted_factor, suits, with_linear_solver
@@ -155,7 +155,7 @@ def test_without_the_solver_nothing_changes_and_asking_for_it_is_refused(monkeyp
     assert with_linear_solver({"tol": 1e-6}) == ({"tol": 1e-6}, False)
     with pytest.raises(SolverNotFoundError, match="C compiler"):
         with_linear_solver({"linear_solver": "ldl"})
-    with pytest.raises(SolverOptionError, match="Leave one of both out"):
+    with pytest.raises(ModelError, match="Leave one of both out"):
         with_linear_solver({"linear_solver": "ldl", "hsllib": "libhsl.so"})
 
 
@@ -170,7 +170,7 @@ def test_without_the_solver_nothing_changes_and_asking_for_it_is_refused(monkeyp
 )
 @pytest.mark.parametrize("backend", ["casadi", pytest.param("executable", marks=pytest.mark.executable)])
 def test_a_linear_solver_whose_library_is_missing_is_named_with_the_library(options, named, backend):
-    with pytest.raises(SolverOptionError, match=f"'{options['linear_solver']}' is in the library '{named}'.*'mumps'"):
+    with pytest.raises(ModelError, match=f"'{options['linear_solver']}' is in the library '{named}'.*'mumps'"):
         rcp.solve(hock_schittkowski_71()[0], options=options, backend=backend)
 
 
@@ -183,6 +183,7 @@ def test_the_log_begins_with_what_its_names_and_numbers_stand_for():
     assert f"the objective divided by {result.scaling.objective:.3g}" in head
     assert "'ma27' below stands for the one of this package ('ldl')" in head
     plain = io.StringIO()
-    rcp.solve(hock_schittkowski_71()[0], options={"linear_solver": "mumps"}, scaling=False, tee=[plain])
+    options = {"linear_solver": "mumps", "nlp_scaling_method": "gradient-based"}
+    rcp.solve(hock_schittkowski_71()[0], options=options, tee=[plain])
     assert "stands for" not in plain.getvalue()
     assert "divided" not in plain.getvalue()

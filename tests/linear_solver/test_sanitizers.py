@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from pyrobocop_pyomo.linear_solver.library import linear_solver_sources
-from pyrobocop_pyomo.native.shared_library import find_compiler
+from pyrobocop_pyomo.linear_solver.library import LINEAR_SOLVER_NAME
+from pyrobocop_pyomo.native.shared_library import find_compiler, library_sources
 
 PROGRAM = Path(__file__).parent / "native" / "stress.c"
 FLAGS = ["-O1", "-g", "-std=c99", "-Wall", "-Wextra", "-Werror", "-fno-omit-frame-pointer", "-pthread"]
@@ -37,7 +37,7 @@ def test_nothing_is_read_or_written_beside_the_arrays(tmp_path):
     empty.write_text("int main(void) { return 0; }\n")
     if compiled(tmp_path, "empty", [empty], SANITIZERS) is None:
         pytest.skip("no C compiler with sanitizers is found")
-    program = compiled(tmp_path, "stress", [PROGRAM, *linear_solver_sources()], FLAGS + SANITIZERS)
+    program = compiled(tmp_path, "stress", [PROGRAM, *library_sources(LINEAR_SOLVER_NAME)], FLAGS + SANITIZERS)
     assert program is not None, "the sources do not compile, or not without warnings"
     ended = subprocess.run([program], capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stdout + ended.stderr

@@ -59,21 +59,6 @@ def rotated(vector: tuple, by: float) -> tuple:
     return (c * vector[0] - s * vector[1], s * vector[0] + c * vector[1])
 
 
-@given(theta=angles, contact=places, force=forces, turn=angles)
-def test_turning_the_scene_turns_the_velocity(theta: float, contact: tuple, force: tuple, turn: float) -> None:
-    v_x, v_y, omega = SLIDER.velocity(theta, contact, force)
-    turned = SLIDER.velocity(theta + turn, contact, force)
-    assert turned[:2] == close(rotated((v_x, v_y), turn))
-    assert turned[2] == omega
-
-
-@given(theta=angles, contact=places, force=forces)
-def test_a_mirror_mirrors_the_motion(theta: float, contact: tuple, force: tuple) -> None:
-    v_x, v_y, omega = SLIDER.velocity(theta, contact, force)
-    mirrored = SLIDER.velocity(-theta, (contact[0], -contact[1]), (force[0], -force[1]))
-    assert mirrored == close((v_x, -v_y, -omega))
-
-
 @given(theta=angles, contact=places, force=forces)
 def test_a_push_never_takes_energy_out(theta: float, contact: tuple, force: tuple) -> None:
     v_x, v_y, omega = SLIDER.velocity(theta, contact, force)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pyomo.core.expr.calculus.derivatives import Modes, differentiate
 from scipy.linalg import expm
 
-from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.mechanics.rotations import (
     cross_product,
     inner_product,
@@ -101,7 +101,7 @@ def test_vectors_and_matrices_are_the_same_rotations(turn: tuple) -> None:
 
 def test_what_is_no_rotation_vector_is_refused() -> None:
     for wrong in ((0.0, 1.0), (0.0, 0.0, math.nan), (None, 0.0, 0.0)):
-        with pytest.raises(DeclarationError, match=r"rotation vector .*: expected three finite numbers"):
+        with pytest.raises(ModelError, match=r"rotation vector .*: expected three finite numbers"):
             rotation_matrix(wrong)
 
 

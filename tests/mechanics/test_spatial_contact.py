@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from pyomo.core.expr.calculus.derivatives import Modes, differentiate
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import DeclarationError, GeometryError
+from pyrobocop_pyomo.errors import ModelError, ObstacleError
 from pyrobocop_pyomo.mechanics.rotations import cross_product, inner_product, rotation_matrix, rotation_vector
 from pyrobocop_pyomo.mechanics.spatial_bodies import ROTATION, SPIN
 from pyrobocop_pyomo.mechanics.spatial_contacts import slip_vector, spatial_wrench_on_body
@@ -96,15 +96,8 @@ def test_the_normal_of_a_sphere_is_the_gradient_of_its_gap(place: tuple, pose: t
         assert q + p + n * (at.gap + 0.1) == pytest.approx(x, abs=1e-9)
 
 
-def test_impossible_shapes_are_refused() -> None:
-    for make, lengths in (
-        (spatial.Sphere, {"radius": -0.1}),
-        (spatial.Capsule, {"radius": 0.1, "half_length": 0.0}),
-        (spatial.RoundedBox, {"radius": 0.1, "half_length": 1.0, "half_width": math.nan, "half_height": 1.0}),
-    ):
-        with pytest.raises(GeometryError, match="expected a positive length"):
-            make(**lengths)
-    with pytest.raises(GeometryError, match="its gap needs the rotation of the body"):
+def test_a_box_has_a_rotation() -> None:
+    with pytest.raises(ObstacleError, match="its gap needs the rotation of the body"):
         SHAPES["box"].gap_to_sphere(0.1, (1, 0, 0), (0, 0, 0))
 
 
@@ -259,32 +252,20 @@ def test_a_copy_follows_its_velocities() -> None:
 # ----------------------------------------------------------------- contact
 
 
-def touching(
-    friction: float, lifted: bool, body: Any = AFLOAT, start: float = -0.3 - 1e-6, **contact: Any
-) -> pyo.ConcreteModel:
+def touching(friction: float, body: Any = AFLOAT, start: float = -0.3 - 1e-6) -> pyo.ConcreteModel:
     """A robot that touches a ball from the left, for one step of 0.01 s; both start at rest."""
     m, grid = pyo.ConcreteModel(), {**GRID, "duration": 0.01, "elements": 1}
     m.push = rcp.PhaseBlock(rule=body.state_wrench, **grid)
     m.body, m.me = rcp.PhaseBlock(**grid), rcp.PhaseBlock(**grid)
     body.state_motion(m.body, [m.push], start=REST)
     DRONE.state_motion(m.me, m.push, start=(start, 0.0, 0.0), rest_at_end=False)
-    spatial.Contact(body.shape, DRONE.shape, friction=friction, **contact).state(m.me, m.body, m.push, lifted=lifted)
+    spatial.Contact(body.shape, DRONE.shape, friction=friction).state(m.me, m.body, m.push)
     return m
 
 
-@pytest.mark.parametrize("body", [AFLOAT, spatial.RigidBody(SHAPES["box"], mass=1.0, inertia=0.1)], ids=["ball", "box"])
-def test_the_phases_are_complete(body: Any) -> None:
-    for lifted in (True, False):
-        m = touching(0.5, lifted, body, start=-0.6)
-        for phase in (m.body, m.me):
-            phase.check()
-
-
-@pytest.mark.parametrize(
-    ("case", "lifted"), [("push", True), ("leave", True), ("roll", True), ("slide", True), ("slide", False)]
-)
+@pytest.mark.parametrize("case", ["push", "leave", "roll", "slide"])
 @pytest.mark.ipopt
-def test_stick_slide_and_separate(case: str, lifted: bool) -> None:
+def test_stick_slide_and_separate(case: str) -> None:
     """Analytic cases of a robot of 1 kg, driven by given forces at the side of a floating ball.
 
     Straight on, they move as one. Held back, the robot leaves. Driven along the surface, friction makes the ball move
@@ -292,7 +273,7 @@ def test_stick_slide_and_separate(case: str, lifted: bool) -> None:
     above what it can pass on, it passes that.
     """
     normal, tangential = {"push": (4.0, 0.0), "leave": (-4.0, 0.0), "roll": (4.0, 1.0), "slide": (4.0, 6.0)}[case]
-    m, h, mass = touching(0.4, lifted), 0.01, 0.6
+    m, h, mass = touching(0.4), 0.01, 0.6
     end = m.me.points.last()
     m.me.tau_x[end].fix(normal)
     # Along the first tangent at this normal, an edge of the pyramid.
@@ -302,7 +283,7 @@ def test_stick_slide_and_separate(case: str, lifted: bool) -> None:
     m.me.tau_y[end].fix(tangential * along[1])
     m.me.tau_z[end].fix(tangential * along[2])
     m.cost = pyo.Objective(expr=m.me.c[end] + m.me.slip[end])
-    assert rcp.solve(m, exploration=0.0).solved
+    assert rcp.solve(m, strategies=rcp.Strategy(exploration=0.0)).solved
     c = pyo.value(m.me.c[end])
     robot = np.array([pyo.value(v[end]) for v in (m.me.vx, m.me.vy, m.me.vz)])
     ball = np.array([pyo.value(v[end]) for v in (m.body.ux, m.body.uy, m.body.uz)])
@@ -324,40 +305,17 @@ def test_stick_slide_and_separate(case: str, lifted: bool) -> None:
     np.testing.assert_allclose(spin, h * friction * np.cross([-0.2, 0, 0], along) / BALL.inertia, atol=2e-3)
 
 
-@pytest.mark.ipopt
-def test_restitution_keeps_momentum_and_returns_its_share_of_the_speed() -> None:
-    """A robot flies into a resting ball of the same mass: with e = 1/2 it keeps a quarter of its speed."""
-    body = spatial.RigidBody(spatial.Sphere(0.2), mass=1.0, inertia=0.016, gravity=0.0)
-    m = pyo.ConcreteModel()
-    m.push = rcp.PhaseBlock(rule=body.state_wrench, **GRID)
-    m.body, m.me = rcp.PhaseBlock(**GRID), rcp.PhaseBlock(**GRID)
-    body.state_motion(m.body, [m.push], start=REST)
-    # With a speed of 1 m/s it touches at the end of the first element: the impact falls into the second.
-    DRONE.state_motion(m.me, m.push, start=(-0.4, 0.0, 0.0), rest_at_end=False)
-    m.me.vx[0].fix(1.0)
-    contact = spatial.Contact(body.shape, DRONE.shape, friction=0.5, restitution=0.5, tolerance=1e-6)
-    contact.state(m.me, m.body, m.push)
-    for t in m.me.points:
-        for force in (m.me.tau_x, m.me.tau_y, m.me.tau_z):
-            force[t].fix(0.0)
-    m.cost = pyo.Objective(expr=m.me.integral(lambda b, t: b.slip[t] ** 2))
-    assert rcp.solve(m, exploration=0.0).solved
-    end = m.me.points.last()
-    assert pyo.value(m.me.vx[end]) == pytest.approx(0.25, abs=1e-3)
-    assert pyo.value(m.body.ux[end]) == pytest.approx(0.75, abs=1e-3)
-
-
 @pytest.mark.parametrize("body", [AFLOAT, spatial.RigidBody(SHAPES["box"], mass=1.0, inertia=0.1)], ids=["ball", "box"])
 def test_all_ways_of_writing_a_contact_say_the_same(body: Any) -> None:
-    """Lifted or not, the wrench as variables or as expressions: evaluated by simulation and set values."""
+    """The wrench as variables or as expressions."""
     wrenches = []
-    for lifted, as_expressions in ((True, False), (False, False), (True, True), (False, True)):
+    for as_expressions in (False, True):
         m, grid = pyo.ConcreteModel(), {**GRID, "duration": 0.1, "elements": 1}
         m.push, m.body, m.me = (rcp.PhaseBlock(**grid) for _ in range(3))
         body.state_wrench(m.push, as_expressions=as_expressions)
         body.state_motion(m.body, [m.push], start=(0, 0, 0, 0.2, 0.3, -0.1))
         QUAD.state_motion(m.me, m.push, start=(0.3, -0.6, -0.2))
-        spatial.Contact(body.shape, QUAD.shape, friction=0.5).state(m.me, m.body, m.push, lifted=lifted)
+        spatial.Contact(body.shape, QUAD.shape, friction=0.5).state(m.me, m.body, m.push)
         t = m.me.points.last()
         for i, name in enumerate(("c", "alpha_1", "alpha_2", "alpha_3", "alpha_4")):
             m.me.component(name)[t].set_value(1.0 + i**2)
@@ -379,41 +337,29 @@ def test_all_ways_of_writing_a_contact_say_the_same(body: Any) -> None:
 
 def test_what_cannot_be_is_refused_before_anything_is_stated() -> None:
     ball = spatial.Sphere(0.1)
-    with pytest.raises(DeclarationError, match="mass = 0"):
+    with pytest.raises(ModelError, match="mass = 0"):
         spatial.RigidBody(ball, mass=0, inertia=1.0)
     for inertia in (0.0, (1.0, 2.0), (1.0, math.nan, 1.0)):
-        with pytest.raises(DeclarationError, match=r"inertia = .*; expected a positive number or three"):
+        with pytest.raises(ModelError, match=r"inertia = .*; expected a positive number or three"):
             spatial.RigidBody(ball, mass=1, inertia=inertia)
-    with pytest.raises(DeclarationError, match="no body has a principal moment above the sum of the others"):
+    with pytest.raises(ModelError, match="no body has a principal moment above the sum of the others"):
         spatial.RigidBody(ball, mass=1, inertia=(1.0, 1.0, 2.1))
-    with pytest.raises(DeclarationError, match="gravity = inf"):
+    with pytest.raises(ModelError, match="gravity = inf"):
         spatial.RigidBody(ball, mass=1, inertia=1.0, gravity=math.inf)
-    with pytest.raises(DeclarationError, match=r"force_limits = \(\(1, 0\), .* a pair \(lowest, highest\)"):
+    with pytest.raises(ModelError, match=r"force_limits = \(\(1, 0\), .* a pair \(lowest, highest\)"):
         spatial.SphereRobot(ball, 1.0, ((1, 0), (0, 1), (0, 1)), 1.0)
-    with pytest.raises(DeclarationError, match="restitution = 1.5"):
-        spatial.Contact(ball, ball, friction=0.5, restitution=1.5)
-    with pytest.raises(DeclarationError, match=r"never_normal = \(0, 0, 2\); expected a direction of length one"):
+    with pytest.raises(ModelError, match=r"never_normal = \(0, 0, 2\); expected a direction of length one"):
         spatial.Contact(ball, ball, friction=0.5, never_normal=(0, 0, 2))
-    m = touching(0.5, lifted=True)
-    with pytest.raises(DeclarationError, match="'qx' is there already"):
-        AFLOAT.state_copy(m.body, start=REST)
-    with pytest.raises(DeclarationError, match="'c' is there already"):
-        spatial.Contact(ball, ball, friction=0.5).state(m.me, m.body, m.push)
+    m = pyo.ConcreteModel()
     m.free = rcp.PhaseBlock(duration=rcp.Duration(bounds=(1, 2)), elements=2, scheme="implicit_euler")
     m.late = rcp.PhaseBlock(**GRID)
     before = [list(phase.component_map()) for phase in (m.free, m.late)]
-    with pytest.raises(DeclarationError, match="durations are numbers"):
+    with pytest.raises(ModelError, match="durations are numbers"):
         AFLOAT.state_motion(m.free, [], start=REST)
-    with pytest.raises(DeclarationError, match="durations are numbers"):
+    with pytest.raises(ModelError, match="durations are numbers"):
         AFLOAT.state_copy(m.free, start=REST)
-    with pytest.raises(DeclarationError, match=r"goal = \(0, 0\); expected \(x, y, z, r_x, r_y, r_z\)"):
+    with pytest.raises(ModelError, match=r"goal = \(0, 0\); expected \(x, y, z, r_x, r_y, r_z\)"):
         AFLOAT.state_motion(m.late, [], start=REST, goal=(0, 0))
-    with pytest.raises(DeclarationError, match="different grids, 4 and 1 collocation points"):
-        AFLOAT.state_motion(m.late, [m.push], start=REST)
-    with pytest.raises(DeclarationError, match="is to read 'fx' of phase 'body'"):
-        QUAD.state_motion(m.late, m.body, start=(0.0, 0.0, 0.0))
-    with pytest.raises(DeclarationError, match="is to read 'x' of phase 'late'"):
-        spatial.Contact(ball, ball, friction=0.5).state(m.late, m.body, m.push)
     assert [list(phase.component_map()) for phase in (m.free, m.late)] == before
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import copy
 import math
-import pickle
-import time
 from dataclasses import replace
 from typing import Any
 
@@ -15,8 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.mechanics.physical_score import STRICT
 from pyrobocop_pyomo.mechanics.rotations import rotation_matrix, tangents_across
 from pyrobocop_pyomo.mechanics.spatial_bodies import ROTATION
 from pyrobocop_pyomo.mechanics.spatial_score import PlannedBody
@@ -65,7 +61,7 @@ def lifting() -> Plans:
 
 def test_a_plan_made_by_hand_passes() -> None:
     score = SCORE(lifting())
-    assert score.misses(STRICT) == []
+    assert score.misses("strict") == []
     assert score.practical
     assert max(score.object_force, score.object_moment, score.robot_force, score.product) < 1e-9
     assert max(score.goal_distance, score.goal_angle, score.gap_at_force, score.simulated_penetration) < 1e-6
@@ -131,34 +127,13 @@ def test_every_fault_is_found(name: str) -> None:
     score = SCORE(plans)
     assert not score.strict
     assert score.practical is practical
-    assert any(found in miss for miss in score.misses(STRICT)), str(score)
+    assert any(found in miss for miss in score.misses("strict")), str(score)
 
 
-def test_limits_and_rest_are_part_of_the_score() -> None:
-    """Of robots, of the object, and bounds of the agents' variables."""
+def test_a_robot_has_a_limit_along_each_axis() -> None:
     weak = replace(QUAD, force_limits=((-8.5, 8.5), (-10, 10), (0, 20)))
-    slow = replace(QUAD, speed_limit=0.3)
-    # Cut off half-way, the ball is where it is wanted, and at its fastest.
-    half = {
-        a: {n: v[: (len(v) + 1) // 2 if len(v) > STEPS else STEPS // 2] for n, v in p.items()}
-        for a, p in lifting().items()
-    }
-    height = half["ball"]["body.qz"][-1]
-    bounds = {"ball": {"body.qz": (None, 0.3)}}
-    for changed, plans, found in (
-        ({"robot": weak}, lifting(), ["driving force beyond its limit (-): 0.5 N"]),
-        ({"robot": slow}, lifting(), ["speed of a robot beyond its limit (-): 0.09"]),
-        ({"bounds": bounds}, lifting(), ["variable outside its bounds (plan): 0.05"]),
-        (
-            {"goal": (0.0, 0.0, height, *START)},
-            half,
-            ["speed at the end (simulated): 0.39", "speed of a robot at the end (-): 0.39"],
-        ),
-    ):
-        score = replace(SCORE, **changed)(plans)
-        assert not score.practical
-        misses = score.misses(STRICT)
-        assert [m.startswith(f) for m, f in zip(misses, found, strict=True)] == [True] * len(found), misses
+    (miss,) = replace(SCORE, robot=weak)(lifting()).misses("strict")
+    assert miss.startswith("driving force beyond its limit (-): 0.5 N")
 
 
 def test_of_copies_only_their_mean_is_the_object() -> None:
@@ -196,33 +171,8 @@ def test_every_step_of_the_simulation_meets_the_laws_of_motion(
     moved = score.simulate(start, wrench)
     identity = moved.rotation.transpose(0, 2, 1) @ moved.rotation
     assert np.abs(identity - np.eye(3)).max() < 1e-12
-    missing = score._missing_wrench(moved.twist(STEP), moved.rotation, wrench)
+    missing = score._missing_wrench(moved, moved.twist(STEP), wrench)
     assert np.abs(missing).max() < 1e-8
-
-
-def test_a_score_takes_less_than_fifty_milliseconds_and_travels() -> None:
-    plans = lifting()
-    assert pickle.loads(pickle.dumps(SCORE)) == SCORE
-    seconds = []
-    for _ in range(5):
-        start = time.process_time()
-        SCORE(plans)
-        seconds.append(time.process_time() - start)
-    assert min(seconds) < 0.05
-
-
-def test_plans_that_cannot_be_read_are_refused() -> None:
-    plans = lifting()
-    with pytest.raises(TrajectoryError, match=r"none of the plans of 'ball' has 'me\.x'"):
-        SCORE({"ball": plans["ball"]})
-    del plans["left"]["me.alpha_4"]
-    with pytest.raises(TrajectoryError, match=r"the plan of 'left' has no 'me\.alpha_4'; it has me\.alpha_1"):
-        SCORE(plans)
-    plans = lifting()
-    for name in ("x", "y", "z"):
-        plans["left"][f"me.{name}"] = plans["left"][f"me.{name}"][:-1]
-    with pytest.raises(TrajectoryError, match="has 21 poses, 'left' has 20 positions and 20 forces"):
-        SCORE(plans)
 
 
 def test_what_is_read_is_said_and_drawn() -> None:

@@ -64,19 +64,13 @@ def a_name_of_a_namespace(m: Any, followed: bool) -> None:
     _ = rcp.studies.multistart if followed else rcp.multistart
 
 
-@fails("Ipopt option 'maxiter'", "not a valid option")
-def an_option_that_ipopt_does_not_know(m: Any, followed: bool) -> Any:
-    driven(m)
-    return {"options": {"max_iter" if followed else "maxiter": 50}}
-
-
 @fails("time_limit = '10'", "expected seconds")
 def a_limit_in_words(m: Any, followed: bool) -> Any:
     driven(m)
     return {"time_limit": 10 if followed else "10"}
 
 
-@fails("feasibility_tolerance = 0", "a number above 0")
+@fails("'feasibility' is 0", "a number above 0")
 def a_tolerance_of_zero(m: Any, followed: bool) -> Any:
     driven(m)
-    return {"feasibility_tolerance": 1e-6 if followed else 0}
+    return {"tolerances": {"feasibility": 1e-6 if followed else 0}}

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import ExpressionArrayError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_arrays import ArrayEntry, ExpressionArray, plain_expressions
 from pyrobocop_pyomo.modeling.expression_functions import FUNCTIONS
 
@@ -65,24 +65,14 @@ def test_arctan2_gives_the_angle_in_every_quadrant(angle, radius):
 
 COMPUTATIONS = {
     "sum": lambda x, a: np.sum(x) + x.sum(),
-    "mean": lambda x, a: np.mean(x),
     "mean of columns": lambda x, a: np.mean(np.vstack([x, 2 * x]), axis=0),
-    "dot": lambda x, a: a.dot(x),
     "dot of both": lambda x, a: np.dot(x, x) + x.dot(x),
     "matrix product": lambda x, a: a @ x,
     "from the left": lambda x, a: x @ a @ x,
-    "outer": lambda x, a: np.outer(x, x) @ a,
     "cross": lambda x, a: np.cross(x, a[0]),
-    "norm": lambda x, a: np.linalg.norm(x - a[1]),
     "norms of rows": lambda x, a: np.linalg.norm(x - a, axis=1),
     "radial functions": lambda x, a: np.exp(-0.5 * np.sum((x - a) ** 2, axis=1)) @ a[2],
     "broadcasting": lambda x, a: x[:, None] * a / (1 + x),
-    "slices": lambda x, a: x[::-1][:2] - x[1:],
-    "stack": lambda x, a: np.stack([x, a[0]]) @ x,
-    "concatenate": lambda x, a: np.concatenate([x, a[0]]) ** 2,
-    "rotation": lambda x, a: (
-        np.array([[np.cos(x[0]), -np.sin(x[0])], [np.sin(x[0]), np.cos(x[0])]]) @ np.array([x[1], 2.0])
-    ),
     "power": lambda x, a: np.power(x, 3) + x**0.5 + 2.0**x + np.power(2.0, x),
     "cumulated": lambda x, a: np.cumsum(x) + np.prod(x) - np.diff(x).sum(),
     "determinant": lambda x, a: np.linalg.det(a + np.outer(x, x)),
@@ -117,7 +107,7 @@ def test_arrays_are_made_of_all_that_a_model_has():
     assert rcp.array([[m.s, 0], x[:2]]).shape == (2, 2)
     assert rcp.array(m.s).shape == ()
     assert rcp.array(x) is x
-    with pytest.raises(ExpressionArrayError, match=r"shapes \(\), \(2,\)"):
+    with pytest.raises(ModelError, match=r"shapes \(\), \(2,\)"):
         rcp.array([m.s, [1, 2]])
 
 
@@ -165,8 +155,6 @@ def test_results_of_rules_become_plain_rows():
 
 REFUSED = {
     "a maximum": (lambda x: np.maximum(x, 0), "complementarity"),
-    "the largest": (lambda x: np.max(x), "complementarity"),
-    "a clip": (lambda x: np.clip(x, 0, 1), "complementarity"),
     "a choice": (lambda x: np.where(x > 0, x, 0), "complementarity"),
     "a sign": (lambda x: np.sign(x[0]), "phases of their own"),
     "a remainder": (lambda x: np.mod(x, 1), "phases of their own"),
@@ -183,7 +171,7 @@ REFUSED = {
 @pytest.mark.parametrize(("computation", "remedy"), REFUSED.values(), ids=REFUSED)
 def test_what_has_no_formula_is_refused_with_a_remedy(computation, remedy):
     _m, x = variables([1, 2])
-    with pytest.raises(ExpressionArrayError, match=remedy):
+    with pytest.raises(ModelError, match=remedy):
         computation(x)
 
 
@@ -255,9 +243,9 @@ def test_rules_that_return_arrays_where_one_row_is_meant_are_refused():
     m.b = b = rcp.PhaseBlock(duration=1, elements=2)
     b.x = rcp.State(initial=0)
     pair = lambda b, t: rcp.array([b.x[t], 1.0])  # noqa: E731
-    with pytest.raises(ExpressionArrayError, match=r"phase 'b': the integrand.*shape \(2,\).*Sum it"):
+    with pytest.raises(ModelError, match=r"phase 'b': the integrand.*shape \(2,\).*Sum it"):
         b.integral(pair)
-    with pytest.raises(ExpressionArrayError, match="derivative of 'x' at t = 0.07"):
+    with pytest.raises(ModelError, match="derivative of 'x' at t = 0.07"):
         b.ode(lambda b, t: {b.x: pair(b, t)})
 
 

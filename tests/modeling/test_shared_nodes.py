@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyomo.core.expr.visitor import identify_variables
 
-from pyrobocop_pyomo.modeling.shared_nodes import NodeValues, nodes_of, shared_value, variables_in
+from pyrobocop_pyomo.modeling.shared_nodes import NodeValues, nodes_of, shared_value, variables_in, variables_in_any
 from pyrobocop_pyomo.modeling.straight_line import StraightLine
 
 
@@ -54,6 +54,7 @@ def test_the_same_variables_values_and_lines_as_pyomo(graph):
     for include_fixed in (True, False):
         expected = [id(v) for v in identify_variables(expression, include_fixed=include_fixed)]
         assert [id(v) for v in variables_in(expression, include_fixed=include_fixed)] == expected
+    assert set(variables_in_any(nodes)) == {id(v) for node in nodes for v in variables_in(node)}
     expected = pyo.value(expression)
     assert shared_value(expression) == pytest.approx(expected, rel=1e-13, abs=1e-13)
     known = NodeValues()

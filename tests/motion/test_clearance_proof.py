@@ -30,11 +30,11 @@ def check_against_samples(report: Any, distances: np.ndarray, clearance: float) 
     assert max(pair.proven, 0.0) <= closest + 1e-9
     assert pair.proven <= pair.distance + 1e-12
     if closest < pair.clearance - pair.tolerance - 1e-9:
-        assert not report.safe
+        assert report.safe is False
     if closest > clearance * 1.01:  # sampling this densely misses far less
-        assert report.safe
+        assert report.safe is not False
         assert not report.undecided
-    assert report.safe == (pair.verdict == "clear")
+    assert (report.safe is not False) == (pair.verdict == "clear")
     if pair.violated:
         assert closest <= clearance * 1.01
 
@@ -100,18 +100,6 @@ def test_random_motions_in_space(seed: int, clearance: float, offset: float) -> 
     moved = np.array([shape.placed(spatial_pose(row[:3], euler=row[3:])).vertices for row in q])
     found, _ = distances_of_points(moved, np.broadcast_to(wall.vertices, (len(at), *wall.vertices.shape)))
     check_against_samples(report, np.maximum(found, 0.0), clearance)
-
-
-def test_a_thin_wall_between_two_nodes_is_found() -> None:
-    """Both nodes are four metres from the wall, which the body passes through in between."""
-    m = on_points([(-5, 0, 0), (5, 0, 0)])
-    report = check(m, CAR, [Polytope.box(0.01, 3)], 0.1)
-    pair = report.body_pairs[0]
-    assert not report.safe
-    assert pair.verdict == "overlap"
-    assert pair.distance == pytest.approx(-0.505)
-    assert pair.time == pytest.approx(0.5)
-    assert pair.violated == (0,)
 
 
 @settings(max_examples=20)
@@ -304,7 +292,7 @@ def test_a_jump_over_an_obstacle_is_no_safe_motion(scheme: str, stages: int | No
         clearance=0.05,
     )
     report = b.avoid.verify(equations=False)
-    assert report.safe == (jump < 1.0)
+    assert report.safe is (None if jump < 1.0 else False)  # of the plan alone
     pair = report.body_pairs[0]
     assert pair.verdict in ({"clear"} if jump < 1.0 else {"undecided", "overlap"})
     assert set(pair.undecided) | set(pair.violated) == {
@@ -351,7 +339,7 @@ def test_a_rod_that_shrinks_between_the_nodes_is_no_proof(elements: int, rigid: 
 
     rod = Polytope.capsule((0, 0, 0), (2, 0, 0), 0.05)
     report = check(m, rod, [Polytope.box(0.1, 0.1, 0.1, center=(0, 3, 0))], 0.1, points=b.time, pose=pose)
-    assert report.safe == rigid
+    assert (report.safe is not False) == rigid
 
 
 def test_what_has_no_pose_does_not_hide_an_overlap() -> None:
@@ -388,7 +376,7 @@ def test_undecided_is_not_safe() -> None:
     assert check(m, CAR, [wall], 0.1, tolerance=1e-7, max_subintervals=3).undecided
     proven = check(m, CAR, [wall], 0.1, tolerance=1e-7)
     assert proven.safe
-    assert str(proven).startswith("clear: 1 body pair keeps its clearance at all times")
+    assert str(proven).startswith("safe along straight lines: 1 body pair keeps its clearance at all times")
     assert "array" not in repr(proven)
     assert "NOT SAFE: 0 of 1 body pairs too close, 1 undecided" in str(report)
 

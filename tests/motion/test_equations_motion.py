@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from pyomo.dae import ContinuousSet, DerivativeVar
 from scipy.integrate import solve_ivp
 
 import pyrobocop_pyomo as rcp
@@ -113,60 +112,6 @@ def test_on_a_fine_mesh_both_motions_are_proven() -> None:
     assert "at most" in str(report).splitlines()[1]
 
 
-def test_points_without_equations_are_about_the_plan_alone_and_say_so() -> None:
-    m = pyo.ConcreteModel()
-    m.x = pyo.Var([0.0, 1.0, 2.0], initialize=lambda m, t: t)
-    m.avoid = rcp.ObstacleAvoidanceBlock(
-        [0.0, 1.0, 2.0],
-        body=BODY,
-        pose=lambda m, t: rcp.planar_pose(m.x[t], 0.0),
-        obstacles={"post": rcp.Polytope.box(0.1, 0.1, center=(0.0, 2.0))},
-        clearance=0.1,
-    )
-    report = m.avoid.verify()
-    assert report.safe
-    assert report.body_pairs[0].deviation == 0.0
-    assert report.equations == ""
-
-
-def test_what_one_phase_leaves_behind_the_next_starts_with() -> None:
-    """Two linked phases on a coarse mesh drift as one phase with the same elements does."""
-
-    def states(b: Any, start: Any) -> None:
-        b.x, b.y = rcp.State(initial=start[0]), rcp.State(initial=start[1])
-        b.ode(lambda b, t: {b.x: 0.3 * b.y[t], b.y: pyo.cos(2 * b.time_at(t)) - 0.2 * b.y[t]})
-
-    whole = pyo.ConcreteModel()
-    whole.move = rcp.PhaseBlock(duration=2.0, elements=8, scheme="implicit_euler")
-    states(whole.move, (0.0, 1.0))
-    whole.move.initialize(whole.move.simulate(method="scheme"))
-    halves = pyo.ConcreteModel()
-    halves.one = rcp.PhaseBlock(duration=1.0, elements=4, scheme="implicit_euler")
-    halves.two = rcp.PhaseBlock(duration=1.0, elements=4, scheme="implicit_euler", start=halves.one)
-    states(halves.one, (0.0, 1.0))
-    states(halves.two, (None, None))
-    halves.link = rcp.Link(halves.one, halves.two)
-    halves.one.initialize(halves.one.simulate(method="scheme"))
-    halves.two.initialize(
-        halves.two.simulate(method="scheme", initial=halves.link.start_after(halves.one.trajectory()))
-    )
-
-    def deviation(m: Any, phase: Any) -> Any:
-        phase.avoid = rcp.ObstacleAvoidanceBlock(
-            phase.time,
-            body=BODY,
-            pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t]),
-            obstacles={"post": rcp.Polytope.box(0.1, 0.1, center=(9.0, 9.0))},
-            clearance=0.1,
-        )
-        return phase.avoid.verify().body_pairs[0].interval_deviation
-
-    expected = deviation(whole, whole.move)
-    found = np.concatenate([deviation(halves, halves.one), deviation(halves, halves.two)])
-    np.testing.assert_allclose(found, expected, rtol=1e-6)
-    assert expected[4] > 1.2 * expected[0]
-
-
 def test_a_periodic_motion_starts_at_the_plan() -> None:
     m = car(6)
     m.drive.initialize(m.drive.simulate())
@@ -174,18 +119,40 @@ def test_a_periodic_motion_starts_at_the_plan() -> None:
     assert posts(m, 3.0, 0.1).verify().safe
 
 
-def test_what_pyomo_dae_holds_is_about_the_plan_alone_and_says_so() -> None:
-    m = pyo.ConcreteModel()
-    m.t = ContinuousSet(bounds=(0, 1))
-    m.x = pyo.Var(m.t, initialize=0.0)
-    m.rate = DerivativeVar(m.x, wrt=m.t)
-    m.move = pyo.Constraint(m.t, rule=lambda m, t: m.rate[t] == 1)
-    pyo.TransformationFactory("dae.collocation").apply_to(m, nfe=3, ncp=2)
-    m.avoid = rcp.ObstacleAvoidanceBlock(
-        m.t,
-        body=BODY,
-        pose=lambda m, t: rcp.planar_pose(m.x[t], 0.0),
-        obstacles={"post": rcp.Polytope.box(0.1, 0.1, center=(0.0, 2.0))},
-        clearance=0.1,
+@pytest.mark.parametrize("kind", ["residual", "constraint"])
+def test_a_wall_that_is_never_touched_hides_nothing_of_the_motion(kind: str) -> None:
+    """A force field through accelerations as Algebraic: the plan keeps clear of a post that the true motion hits."""
+    m = pyo.ConcreteModel(name="field")
+    m.drive = b = rcp.PhaseBlock(duration=2.0, elements=5, stages=2)
+    b.x, b.y, b.v, b.w = (rcp.State(initial=start) for start in (0.0, 0.1, 0.0, 0.0))
+    b.a, b.b, b.push = rcp.Algebraic(), rcp.Algebraic(), rcp.Algebraic(bounds=(0, None))
+    b.ode(lambda b, t: {b.x: b.v[t], b.y: b.w[t], b.v: b.a[t], b.w: b.b[t]})
+    b.complementarity(lambda b, t: rcp.complements(b.push[t] >= 0, b.push[t] / 50 + b.x[t] + 5.0 >= 0))
+
+    def field(b: Any, t: Any) -> Any:
+        return [b.a[t] == 1 + 8 * pyo.sin(3 * b.y[t]) + b.push[t], b.b[t] == 8 * pyo.sin(3 * b.x[t])]
+
+    getattr(b, kind)(field)
+    for variable in b.component_data_objects(pyo.Var):
+        variable.set_value(0.0)
+    b.y[0.0].set_value(0.1)
+    motion = b.reintegrate()
+    exact = solve_ivp(
+        lambda t, s: [s[2], s[3], 1 + 8 * np.sin(3 * s[1]), 8 * np.sin(3 * s[0])], (0, 2), [0, 0.1, 0, 0],
+        rtol=1e-10, atol=1e-11, dense_output=True,
+    )  # fmt: skip
+    times = (np.arange(5)[:, None] + motion.fractions) * 0.4
+    x, y = exact.sol(times.ravel())[:2]
+    np.testing.assert_allclose(motion.states["x"].ravel(), x, atol=1e-4)
+    np.testing.assert_allclose(motion.states["y"].ravel(), y, atol=1e-4)
+    b.avoid = rcp.ObstacleAvoidanceBlock(
+        b.time,
+        body=rcp.Polytope.hull([(0.0, 0.0)], radius=0.05, allow_flat=True),
+        pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t]),
+        obstacles={"post": rcp.Polytope.hull([(float(x[-1]), float(y[-1]))], radius=0.05, allow_flat=True)},
+        clearance=0.01,
     )
-    assert "the motion of the equations is not known" in str(m.avoid.verify())
+    report = b.avoid.verify()
+    assert report.body_pairs[0].distance > 0.01  # of the plan
+    assert not report.safe
+    assert "simulated with contact" in str(report)

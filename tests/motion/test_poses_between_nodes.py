@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.moving import by_states, check, on_a_phase, on_points
+from harness.moving import by_states, on_a_phase, on_points
 from pyomo.dae import ContinuousSet, DerivativeVar
 
 import pyrobocop_pyomo as rcp
@@ -170,6 +170,8 @@ def free_fall(**options: Any) -> pyo.ConcreteModel:
     pyo.TransformationFactory(transformation).apply_to(m, **options)
     for t in m.t:
         m.x[t], m.v[t] = t**2, 2 * t
+    for t in m.dx:
+        m.dx[t] = 2 * t
     return m
 
 
@@ -228,15 +230,6 @@ def test_parts_are_numbered_within_their_body() -> None:
     assert [name for name, _ in both.named_parts("car")] == ["car[1]", "car[2]"]
     assert [name for name, _ in Body(Polytope.box(1, 1)).named_parts("car")] == ["car"]
     assert not both.moves
-
-
-def test_a_clone_is_checked_with_its_own_values() -> None:
-    m = on_points([(0, 0, 0), (1, 0, 0)])
-    other = m.clone()
-    other.x[1] = 5.0
-    wall = Polytope.box(1, 1, center=(4.0, 0))
-    assert check(m, Polytope.box(1, 1), [wall], 0.1).safe
-    assert not check(other, Polytope.box(1, 1), [wall], 0.1).safe
 
 
 def test_phases_over_an_index_set_are_told_apart() -> None:

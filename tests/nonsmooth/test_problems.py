@@ -97,7 +97,9 @@ def test_the_car_takes_the_minimal_time(name: str, closed_form: Any) -> None:
 def test_the_grouping_detects_switches_where_elements_move() -> None:
     problem = PROBLEMS["turbo car"]
     model = problem.build(20, moving=True)
-    rcp.solve(model, grouping=rcp.relaxations.Crossed(left_end="first"), progress=False).raise_for_status()
+    rcp.solve(
+        model, strategies=rcp.Strategy(grouping=rcp.relaxations.Crossed(left_end="first")), progress=False
+    ).raise_for_status()
     assessment = problem.assess(model)
     assert abs(assessment.objective_error) < 1e-7
     assert assessment.deviation < 1e-7

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.motion.expression_values import ExpressionValues
 from pyrobocop_pyomo.numerics.bernstein import bernstein_matrix, derivative_coefficients, restrict
 from pyrobocop_pyomo.numerics.interval_arithmetic import Interval
@@ -173,18 +172,3 @@ def test_constants_have_no_slope() -> None:
     form = TaylorForm.constant(2.5, 3)
     assert form.value.low.tolist() == [2.5] * 3
     assert form.first.magnitude.max() == form.second.magnitude.max() == 0.0
-
-
-@pytest.mark.parametrize(
-    ("make", "word"),
-    [
-        (lambda m: abs(m.a), "'abs'"),
-        (lambda m: pyo.asin(m.a), "'asin'"),
-        (lambda m: 2.0**m.a, "exponent"),
-        (lambda m: pyo.Expr_if(m.a >= 0, m.a, 0.0), "Expr_if"),
-    ],
-)
-def test_unsupported_functions_are_refused(make: object, word: str) -> None:
-    m = model()
-    with pytest.raises(ObstacleError, match=word):
-        ExpressionValues({id(m.a): np.zeros(3)}).of(make(m))

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pyrobocop_pyomo.errors import MeshError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.numerics import Grid, Mesh, gauss_legendre, radau
 
 
@@ -43,5 +43,5 @@ def test_a_grid_has_its_counts_and_its_weights_sum_to_the_duration(elements: int
     ],
 )
 def test_what_is_no_mesh_is_refused(make, message: str) -> None:
-    with pytest.raises(MeshError, match=message):
+    with pytest.raises(ModelError, match=message):
         make()

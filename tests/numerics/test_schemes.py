@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from pyrobocop_pyomo.errors import SchemeError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.numerics import (
     Scheme,
     differentiation_matrix,
@@ -59,14 +61,6 @@ def test_differential_and_integral_forms_are_inverses(stages: int) -> None:
         np.testing.assert_allclose(scheme.end_weights[1:] @ scheme.A, scheme.b, atol=1e-9)
 
 
-@pytest.mark.parametrize("stages", STAGES)
-def test_gauss_points_are_symmetric_and_radau_ends_in_one(stages: int) -> None:
-    gauss = gauss_legendre(stages)
-    np.testing.assert_allclose(gauss.c + gauss.c[::-1], 1.0, atol=1e-15)
-    assert not gauss.stiffly_accurate
-    assert radau(stages).stiffly_accurate
-
-
 def test_one_stage_members_are_the_euler_and_midpoint_rules() -> None:
     euler, midpoint = find_scheme("implicit_euler"), find_scheme("implicit_midpoint")
     assert (euler.c[0], euler.A[0, 0], euler.b[0]) == (1.0, 1.0, 1.0)
@@ -108,15 +102,15 @@ def test_next_to_a_node_its_value_is_the_value(gap: float) -> None:
     ],
 )
 def test_a_scheme_that_does_not_exist_is_refused(arguments: tuple, message: str) -> None:
-    with pytest.raises(SchemeError, match=message):
+    with pytest.raises(ModelError, match=message):
         find_scheme(*arguments)
 
 
 def test_an_inconsistent_tableau_is_refused() -> None:
     good = radau(2)
-    with pytest.raises(SchemeError, match="row 1 of A sums to"):
+    with pytest.raises(ModelError, match="row 1 of A sums to"):
         Scheme("mine", A=good.A + np.array([[0, 0], [0.1, 0]]), b=good.b, c=good.c)
-    with pytest.raises(SchemeError, match="must strictly increase"):
+    with pytest.raises(ModelError, match="must strictly increase"):
         Scheme.from_points("mine", [0.5, 0.2])
 
 
@@ -155,9 +149,25 @@ def test_named_members_are_the_textbook_ones() -> None:
 def test_a_stage_at_the_end_that_is_not_the_end_is_refused() -> None:
     # The classical order-four method: its last stage lies at 1, beside the end value.
     A = np.array([[0, 0, 0, 0], [1 / 3, 0, 0, 0], [-1 / 3, 1, 0, 0], [1, -1, 1, 0]])
-    with pytest.raises(SchemeError, match="its last stage lies at the element end but is not the end value"):
+    with pytest.raises(ModelError, match="its last stage lies at the element end but is not the end value"):
         Scheme("three-eighths", A=A, b=np.array([1, 3, 3, 1]) / 8, c=A.sum(axis=1))
-    with pytest.raises(SchemeError, match="explicit: stages = 4; there are one to three"):
+    with pytest.raises(ModelError, match="explicit: stages = 4; there are one to three"):
         find_scheme("explicit", 4)
-    with pytest.raises(SchemeError, match="lobatto: stages = 1; expected an integer of at least 2"):
+    with pytest.raises(ModelError, match="lobatto: stages = 1; expected an integer of at least 2"):
         lobatto(1)
+
+
+@pytest.mark.parametrize("matrix", ["D", "F", "end_weights"])
+@pytest.mark.parametrize("build", [lambda: radau(3), lambda: gauss_legendre(2)])
+def test_rows_that_were_changed_are_refused_and_own_ones_are_not(build: Callable[[], Scheme], matrix: str) -> None:
+    made = build()
+    scheme = Scheme(made.name, made.A, made.b, made.c)
+    scheme.check_rows()
+    getattr(scheme, matrix)[..., 0] += 0.01
+    with pytest.raises(ModelError, match="no mesh would be fine enough"):
+        scheme.check_rows()
+
+
+def test_a_gauss_scheme_keeps_its_order_in_costs_and_a_radau_scheme_too() -> None:
+    assert [radau(s).order_of_costs for s in (1, 2, 3)] == [1, 3, 5]
+    assert [gauss_legendre(s).order_of_costs for s in (1, 2, 3)] == [2, 4, 6]

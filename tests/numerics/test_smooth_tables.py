@@ -116,15 +116,6 @@ def test_monotone_data_make_a_monotone_curve(steps):
     assert (np.diff(curve) >= -1e-12 * (1 + values[-1])).all()
 
 
-def test_constants_and_sums_are_kept():
-    """Splines depend linearly on the values, and B-splines add up to one."""
-    x = np.linspace(0, 3, 50)
-    one, two = np.sin(GRID), GRID**2
-    assert np.allclose(rcp.Table(GRID, np.ones_like(GRID))(x), 1.0)
-    both = rcp.Table(GRID, 2 * one - two)(x)
-    assert np.allclose(both, 2 * rcp.Table(GRID, one)(x) - rcp.Table(GRID, two)(x))
-
-
 def test_beyond_the_edges():
     table = rcp.Table(GRID, GRID**3, inputs=["mach"], name="thrust")
     with pytest.raises(EvaluationError, match=r"'thrust': mach = 3.5 is outside of the table, from 0 to 3"):
@@ -180,31 +171,23 @@ def test_expressions_copies_and_pickles():
 
 
 @pytest.mark.ipopt
-@pytest.mark.parametrize(
-    "backend", [pytest.param(None, id="default"), pytest.param("asl", marks=pytest.mark.asl),
-                pytest.param("casadi", marks=pytest.mark.casadi)],
-)  # fmt: skip
-def test_a_table_in_a_solve(backend):
+def test_a_table_in_a_solve():
     table = rcp.Table(GRID, OTHER, np.outer((GRID - 1.2) ** 2 + 1, (OTHER - 0.7) ** 2 + 1))
     m = pyo.ConcreteModel()
     m.x = pyo.Var(bounds=(0, 3), initialize=2.5)
     m.y = pyo.Var(bounds=(-1, 2.5), initialize=2.0)
     m.cost = pyo.Objective(expr=table(m.x, m.y))
     m.row = pyo.Constraint(expr=m.x + m.y >= -5)
-    rcp.solve(m, **({} if backend is None else {"backend": backend}))
+    rcp.solve(m)
     assert (m.x.value, m.y.value) == pytest.approx((1.2, 0.7), abs=1e-6)
 
 
 @pytest.mark.ipopt
-@pytest.mark.parametrize(
-    "backend", [pytest.param(None, id="default"), pytest.param("asl", marks=pytest.mark.asl),
-                pytest.param("casadi", marks=pytest.mark.casadi), "vectorised"],
-)  # fmt: skip
-def test_where_the_derivative_of_a_table_is_zero_the_table_has_its_least_value(backend):
+def test_where_the_derivative_of_a_table_is_zero_the_table_has_its_least_value():
     table = rcp.Table(GRID, (GRID - 1.2) ** 2 * (1 + 0.1 * GRID), kind="quintic")
     m = pyo.ConcreteModel()
     m.x = pyo.Var(bounds=(0, 3), initialize=2.5)
     m.row = pyo.Constraint(expr=table.derivative(m.x) == 0)
     m.cost = pyo.Objective(expr=(m.x - 2.0) ** 2)
-    assert rcp.solve(m, **({} if backend is None else {"backend": backend})).solved
+    assert rcp.solve(m).solved
     assert m.x.value == pytest.approx(1.2, abs=1e-6)

@@ -19,11 +19,10 @@ def effort_of(m):
 
 
 @pytest.mark.executable
-@pytest.mark.parametrize("formulation", ["plane", "dual", "mixed", "offset"])
 @pytest.mark.parametrize("how", ["clone", "pickle"])
-def test_copies_live_on_their_own(formulation, how):
+def test_copies_live_on_their_own(how):
     m = turning_move()
-    avoiding(m, formulation=formulation, between=None)
+    avoiding(m)
     copy = m.clone() if how == "clone" else pickle.loads(pickle.dumps(m))
     copy.move.avoid.initialize()
     assert all(variable.value is None for variable in m.move.avoid.component_data_objects(pyo.Var))
@@ -129,7 +128,7 @@ def test_on_a_discretised_continuous_set(transformation):
     )
     m.avoid.initialize()
     assert len(m.avoid.separations) == 4
-    assert m.avoid.verify(equations=False).safe
+    assert m.avoid.verify().safe is None  # its rows say nothing between the points
 
 
 def test_any_set_point_by_point():

@@ -95,5 +95,5 @@ def test_a_pose_that_reads_a_control_is_drawn_at_the_points_only() -> None:
 def test_without_values_the_body_is_named() -> None:
     m = model("fixed duration")
     m.drive.x[m.drive.final_time].clear()
-    with pytest.raises(rcp.errors.GeometryError, match="no value"):
+    with pytest.raises(rcp.errors.ObstacleError, match="no value"):
         rcp.scenes.draw_avoidance(m.drive.avoid)

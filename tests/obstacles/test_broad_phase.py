@@ -19,7 +19,9 @@ box = Polytope.box
 CART = box(0.6, 0.3)
 
 
-def field(obstacles: Any, elements: int = 20, height: float = 0.0, side: float = 10.0, **options: Any) -> Any:
+def field(
+    obstacles: Any, elements: int = 20, height: float = 0.0, side: float = 10.0, clearance: Any = 0.05, **options: Any
+) -> Any:
     """From left to right; the initial guess is an arc of the given height."""
     m = pyo.ConcreteModel(name="field")
     m.move = b = rcp.PhaseBlock(duration=5.0, elements=elements, stages=1)
@@ -33,7 +35,7 @@ def field(obstacles: Any, elements: int = 20, height: float = 0.0, side: float =
         b.time,
         bodies={"cart": rcp.Body(CART, pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t]))},
         obstacles=obstacles,
-        clearance=0.05,
+        clearance=clearance,
         **options,
     )
     return m
@@ -103,9 +105,11 @@ def test_a_block_without_a_guess_is_not_built_in_full() -> None:
     assert len(m.few.separations) == 24 * 50
 
 
-def test_nothing_is_left_out_where_more_than_the_clearance_counts() -> None:
+def test_nothing_is_left_out_where_the_clearance_is_to_be_found() -> None:
     far = [box(1, 1, center=(5, 50 + k)) for k in range(11)]
-    m = field(far, soft_clearance=(0.5, 1.0))
+    room = pyo.Var(bounds=(0.05, None), initialize=0.05)
+    room.construct()
+    m = field(far, clearance=room)
     assert len(m.move.avoid.separations) == 220
 
 

@@ -1,4 +1,4 @@
-"""A clearance may be a number, a parameter, a variable, an expression or a rule; it may be free, or preferred."""
+"""A clearance may be a number, a parameter, a variable, an expression or a rule."""
 
 from __future__ import annotations
 
@@ -107,81 +107,22 @@ def test_a_clearance_that_grows_with_speed_is_kept_all_along() -> None:
 
 
 @pytest.mark.ipopt
-@pytest.mark.parametrize("given", ["variable", "free"])
-def test_the_largest_clearance_between_walls_is_half_of_what_is_free(given: str) -> None:
-    m = between_walls((lambda m: m.room) if given == "variable" else rcp.FreeClearance(bounds=(0.02, 2.0)))
-    kept = m.room if given == "variable" else m.move.avoid.least_clearance
-    m.goal.set_value(-kept + 1e-3 * m.cost)  # of all ways through the middle, a quiet one
+def test_the_largest_clearance_between_walls_is_half_of_what_is_free() -> None:
+    m = between_walls(lambda m: m.room)
+    m.goal.set_value(-m.room + 1e-3 * m.cost)  # of all ways through the middle, a quiet one
     result = rcp.solve(m)
     assert result.safe
-    assert kept.value == pytest.approx(HALF_WIDTH - HALF_BODY, abs=1e-5)
-    assert result.safety.worst.proven >= 0.99 * kept.value
-
-
-@pytest.mark.ipopt
-def test_a_preferred_clearance_costs_between_nothing_and_the_hard_one() -> None:
-    hard, harder = between_walls(0.1), between_walls(0.25)
-    least, most = rcp.solve(hard).objective, rcp.solve(harder).objective
-    costs, missed = [], []
-    for weight in (1e-2, 0.5, 1e4):
-        m = between_walls(0.1, soft_clearance=(0.25, weight))
-        m.goal.set_value(m.cost + m.move.avoid.soft_clearance_cost)
-        result = rcp.solve(m)
-        assert result.safe
-        assert {pair.preferred for pair in result.safety.body_pairs} == {0.25}
-        assert "0.25 preferred" in str(result.safety)
-        costs.append(pyo.value(m.cost))
-        missed.append(max(0.0, 0.25 - result.safety.worst.distance))
-    assert least - 1e-6 <= costs[0] <= costs[1] + 1e-6 <= costs[2] + 2e-6
-    assert costs[2] == pytest.approx(most, rel=1e-3)
-    assert missed[0] == pytest.approx(0.15, abs=5e-3)
-    assert missed[0] >= missed[1] >= missed[2] - 1e-4
-    assert missed[2] == pytest.approx(0.0, abs=1e-3)
-
-
-@pytest.mark.ipopt
-def test_a_preference_without_cost_is_warned_of(caplog: pytest.LogCaptureFixture) -> None:
-    m = between_walls(0.1, soft_clearance=(0.2, 1.0))
-    rcp.solve(m)
-    assert "Add move.avoid.soft_clearance_cost to the objective" in caplog.text
-    caplog.clear()
-    m.goal.set_value(m.cost + m.move.avoid.soft_clearance_cost)
-    rcp.solve(m)
-    assert "soft_clearance_cost" not in caplog.text
-
-
-def test_the_cost_of_what_is_missed_does_not_depend_on_splits() -> None:
-    m = between_walls(0.1, soft_clearance=(0.5, 2.0))
-    avoid = m.move.avoid
-    avoid.initialize()
-    for index in list(avoid.separations):
-        avoid.missed[index].set_value(0.3)
-    assert pyo.value(avoid.soft_clearance_cost) == pytest.approx(2.0 * 0.3 * 2)  # two pairs of parts
-    halves = avoid.split(*next(iter(avoid.separations)))
-    for half in halves:
-        avoid.missed[half].set_value(0.3)
-    assert pyo.value(avoid.soft_clearance_cost) == pytest.approx(2.0 * 0.3 * 2)
+    assert m.room.value == pytest.approx(HALF_WIDTH - HALF_BODY, abs=1e-5)
+    assert result.safety.worst.proven >= 0.99 * m.room.value
 
 
 @pytest.mark.parametrize(
     ("clearance", "message"),
     [
-        (lambda m: 0.0, "between 'body' and 'low' is 0.0; it must be a length > 0"),
-        (lambda m: "wide", "is 'wide'; it must be a length"),
-        (lambda m: float("nan"), "is nan; it must be a length"),
         (lambda m: -m.gap, "between 'body' and 'low' is '- gap' = -0.1"),
         (lambda m: lambda b, t: -0.1, "between 'body' and 'low' at t = 0.0 is -0.1"),
         (lambda m: lambda b, t: "wide", "at t = 0.0 is 'wide'; its rule must return a length"),
         (lambda m: lambda b, t: 0.1 + b.vy[t] ** 2, "has no value at t = 0.0"),
-        (lambda m: {("body", "low"): 0.1, ("body", "hihg"): 0.1}, "names 'hihg'"),
-        (lambda m: {("body", "low"): 0.1}, r"says nothing about \('body', 'high'\)"),
-        (
-            lambda m: {
-                ("body", "low"): rcp.FreeClearance(bounds=(0.1, None)),
-                ("body", "high"): rcp.FreeClearance(bounds=(0.2, None)),
-            },
-            "2 different FreeClearance",
-        ),
     ],
 )
 def test_what_is_no_clearance_is_refused_by_name(clearance: Any, message: str) -> None:
@@ -189,18 +130,6 @@ def test_what_is_no_clearance_is_refused_by_name(clearance: Any, message: str) -
     with pytest.raises(rcp.errors.ObstacleError, match=message):
         m = between_walls(clearance)
     assert m.component("move") is None
-
-
-@pytest.mark.parametrize("given", [0.2, (0.2,), (0.05, 1.0), (0.2, 0.0), (0.2, "much")])
-def test_what_is_no_soft_clearance_is_refused(given: Any) -> None:
-    with pytest.raises(rcp.errors.ObstacleError, match="soft_clearance"):
-        between_walls(0.1, soft_clearance=given)
-
-
-@pytest.mark.parametrize("bounds", [(0.0, 1.0), (0.2, 0.1), 0.1, (None, 1.0)])
-def test_what_is_no_free_clearance_is_refused(bounds: Any) -> None:
-    with pytest.raises(rcp.errors.ObstacleError, match="FreeClearance"):
-        rcp.FreeClearance(bounds=bounds)
 
 
 def test_a_variable_without_value_is_named_before_any_solve() -> None:

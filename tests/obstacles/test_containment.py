@@ -68,6 +68,7 @@ def test_copies_and_indexed_blocks():
 BAD = {
     "no pose": ({"pose": None}, "no pose"),
     "no region": ({"region": None}, "region is None"),
+    "two regions": ({"region": [ROOM, ROOM]}, "expected a Polytope"),
     "region in space": ({"region": rcp.Polytope.box(1, 1, 1)}, "'box' has dimension 3"),
     "rounded region": ({"region": rcp.Polytope.box(9, 9).padded(1)}, "radius of 1"),
     "flat region": ({"region": rcp.Polytope.from_vertices([(0, 0), (1, 1)], allow_flat=True)}, "flat"),

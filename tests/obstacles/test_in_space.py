@@ -26,18 +26,16 @@ def by_quaternion(m, t):
     return rcp.spatial_pose([m.p[k, t] for k in range(3)], quaternion=[m.q[k, t] for k in range(4)])
 
 
-def flying(pose, formulation, between):
-    key = (pose, formulation, between)
+def flying(pose, between):
+    key = (pose, between)
     if key not in MODELS:
         m = pyo.ConcreteModel()
         m.p = pyo.Var(range(3), [0, 1], initialize=0)
         m.a = pyo.Var(range(3), [0, 1], initialize=0)
         m.q = pyo.Var(range(4), [0, 1], initialize=0.5)
         m.length = pyo.Constraint([0, 1], rule=lambda m, t: sum(m.q[k, t] ** 2 for k in range(4)) == 1)
-        # Half-spaces ask for shapes with an inside.
-        obstacles = FRAME if formulation in ("plane", "optimality") else FRAME[:1]
         m.avoid = rcp.ObstacleAvoidanceBlock(
-            [0, 1], body=WEDGE, pose=pose, obstacles=obstacles, clearance=0.1, formulation=formulation, between=between
+            [0, 1], body=WEDGE, pose=pose, obstacles=FRAME, clearance=0.1, between=between
         )
         MODELS[key] = m
     return MODELS[key]
@@ -47,10 +45,9 @@ def flying(pose, formulation, between):
 @given(
     numbers=st.lists(NUMBER, min_size=14, max_size=14),
     pose=st.sampled_from([by_angles, by_quaternion]),
-    formulation=st.sampled_from(["plane", "dual", "mixed", "offset", "optimality"]),
 )
-def test_started_separations_prove_the_distance_in_space(numbers, pose, formulation):
-    m = flying(pose, formulation, None)
+def test_started_separations_prove_the_distance_in_space(numbers, pose):
+    m = flying(pose, None)
     numbers = np.array(numbers).reshape(2, 7)
     for t in (0, 1):
         for k in range(3):
@@ -76,11 +73,9 @@ def test_started_separations_prove_the_distance_in_space(numbers, pose, formulat
 
 
 @pytest.mark.executable
-@pytest.mark.parametrize(
-    ("formulation", "between"), [("plane", "plane"), ("plane", None), ("dual", None), ("mixed", None)]
-)
-def test_the_nearest_place_beside_a_box_is_at_the_clearance(formulation, between):
-    m = flying(by_angles, formulation, between).clone()
+@pytest.mark.parametrize("between", ["plane", None])
+def test_the_nearest_place_beside_a_box_is_at_the_clearance(between):
+    m = flying(by_angles, between).clone()
     m.length.deactivate()
     m.a.fix(0.3)
     for t in (0, 1):

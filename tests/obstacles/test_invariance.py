@@ -12,7 +12,7 @@ import pyrobocop_pyomo as rcp
 pytestmark = pytest.mark.executable
 
 
-def plan(angle=0.0, shift=(0.0, 0.0), unit=1.0, formulation="plane"):
+def plan(angle=0.0, shift=(0.0, 0.0), unit=1.0):
     """The same move and wall in a world that is turned, shifted and measured in another unit."""
     world = rcp.planar_pose(*shift, angle)
     rotation, translation = world.numbers()
@@ -38,7 +38,6 @@ def plan(angle=0.0, shift=(0.0, 0.0), unit=1.0, formulation="plane"):
         bodies={"arrow": rcp.Body(shape(ARROW), pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t], b.theta[t]))},
         obstacles={"wall": rcp.Polytope.from_vertices([point(*corner) for corner in WALL.vertices])},
         clearance=0.05 * unit,
-        formulation=formulation,
     )
     b.avoid.initialize()
     solve_once(m)
@@ -47,20 +46,19 @@ def plan(angle=0.0, shift=(0.0, 0.0), unit=1.0, formulation="plane"):
 
 @pytest.fixture(scope="module")
 def reference():
-    return {name: plan(formulation=name) for name in ("plane", "dual")}
+    return plan()
 
 
-@pytest.mark.parametrize("formulation", ["plane", "dual"])
 @pytest.mark.parametrize(
     "world", [{"angle": 2.0, "shift": (3.0, -7.0)}, {"angle": -0.7}, {"unit": 1000.0}, {"unit": 0.01}], ids=str
 )
-def test_the_plan_does_not_depend_on_the_world(formulation, world, reference):
-    effort, gap = plan(**world, formulation=formulation)
-    assert effort == pytest.approx(reference[formulation][0], rel=1e-5)
-    assert gap == pytest.approx(reference[formulation][1], abs=2e-6)
+def test_the_plan_does_not_depend_on_the_world(world, reference):
+    effort, gap = plan(**world)
+    assert effort == pytest.approx(reference[0], rel=1e-5)
+    assert gap == pytest.approx(reference[1], abs=2e-6)
 
 
-def two_bodies(order, formulation, between):
+def two_bodies(order, between):
     m = pyo.ConcreteModel()
     m.x = pyo.Var(
         ["a", "b"], range(3), initialize={(n, t): s * (1 + t) for n, s in (("a", 1), ("b", -1)) for t in range(3)}
@@ -74,7 +72,6 @@ def two_bodies(order, formulation, between):
         [0, 1, 2],
         bodies={name: rcp.Body(shapes[name], pose=poses[name]) for name in order},
         clearance=0.1,
-        formulation=formulation,
         between=between,
     )
     m.avoid.initialize()
@@ -83,12 +80,9 @@ def two_bodies(order, formulation, between):
     return m
 
 
-@pytest.mark.parametrize(
-    ("formulation", "between"),
-    [("plane", "plane"), ("plane", None), ("dual", None), ("mixed", None), ("offset", None)],
-)
-def test_bodies_may_be_named_in_either_order(formulation, between):
-    one, other = two_bodies("ab", formulation, between), two_bodies("ba", formulation, between)
+@pytest.mark.parametrize("between", ["plane", None])
+def test_bodies_may_be_named_in_either_order(between):
+    one, other = two_bodies("ab", between), two_bodies("ba", between)
     assert pyo.value(one.near) == pytest.approx(pyo.value(other.near), rel=1e-6)
     forth, back = one.avoid.separation_gaps(), other.avoid.separation_gaps()
     assert {("b", "a", t) for _, _, t in forth} == set(back)

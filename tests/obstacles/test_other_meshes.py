@@ -10,8 +10,8 @@ import pyomo.environ as pyo
 import pytest
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import RemeshingError
-from pyrobocop_pyomo.solving.starts import copy_with_fewer_elements
+from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.solving.starts import coarser_copy
 
 COARSE, FINE = (0.0, 0.25, 0.5, 0.75, 1.0), (0.0, 0.125, 0.25, 0.5, 0.6, 0.75, 1.0)
 SQUARE, WALL = rcp.Polytope.box(0.5, 0.5), rcp.Polytope.box(1, 2, center=(2, 0.4))
@@ -35,7 +35,7 @@ def around_a_wall(mesh: Any, *, on_model: bool = False, **options: Any) -> Any:
     )
     home.inside = rcp.Containment(b.time, body=SQUARE, pose=pose, region=rcp.Polytope.box(8, 6, center=(2, 0)))
     home.avoid.initialize()
-    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2 + b.v[t] ** 2) + home.avoid.softness)
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2 + b.v[t] ** 2))
     return m
 
 
@@ -63,8 +63,6 @@ def rows_at(m: Any, seed: int) -> dict[str, Any]:
         {"on_model": True},
         {"between": None},
         {"broad_phase": 1.0},
-        {"formulation": "dual"},
-        {"formulation": "optimality"},
     ],
     ids=str,
 )
@@ -89,17 +87,13 @@ def test_splits_and_margins_start_again_and_numbers_of_the_user_stay() -> None:
     avoid.set_margin(*first, 0.2)
     avoid.split(*first)
     avoid.clearance["body", "wall"] = 0.08
-    avoid.scale_clearance(0.5)
     m.move.inside.set_margin(1, 0.1)
-    softness = avoid.softness
     m.move.remesh(FINE)
     assert len(avoid.separations) == len(FINE) - 1
     assert {pyo.value(avoid.margin[index]) for index in avoid.separations} == {0.0}
     assert {pyo.value(margin) for margin in m.move.inside.margin.values()} == {0.0}
     assert pyo.value(avoid.clearance["body", "wall"]) == 0.08
-    assert pyo.value(avoid.clearance_scale) == 0.5
     assert m.move.avoid is avoid
-    assert avoid.softness is softness
 
 
 def test_nothing_has_changed_where_something_cannot_follow() -> None:
@@ -108,7 +102,7 @@ def test_nothing_has_changed_where_something_cannot_follow() -> None:
     avoid.split(*next(iter(avoid.separations)))
     m.culprit = pyo.Constraint(expr=m.move.u[m.move.points.first()] <= 9)
     before, gaps = text(m), avoid.separation_gaps()
-    with pytest.raises(RemeshingError, match="'culprit' reads"):
+    with pytest.raises(ModelError, match="'culprit' reads"):
         m.move.remesh(FINE)
     assert text(m) == before
     assert avoid.separation_gaps() == gaps
@@ -129,14 +123,12 @@ def test_a_plan_is_safe_on_the_finer_mesh_and_no_longer_than_one_that_started_th
     assert again.objective == pytest.approx(direct.objective, rel=1e-4)
 
 
-@pytest.mark.parametrize("options", [{}, {"soft_clearance": (0.3, 10.0)}], ids=str)
-def test_a_copy_on_fewer_elements_is_that_of_the_whole_model_and_the_model_stays(options: dict[str, Any]) -> None:
-    m = around_a_wall(FINE, **options)
-    m.preferred = pyo.Objective(expr=m.move.avoid.soft_clearance_cost if options else 0.0)
+def test_a_copy_on_fewer_elements_is_that_of_the_whole_model_and_the_model_stays() -> None:
+    m = around_a_wall(FINE)
     before, parts = text(m), [id(part) for part in m.component_data_objects()]
     whole = m.clone()
-    whole.move.remesh(4)
-    copy = copy_with_fewer_elements(m, {m.move: 4})
+    whole.move.remesh(1)
+    copy = coarser_copy(m, 1)
     assert (text(m), [id(part) for part in m.component_data_objects()]) == (before, parts)
     assert copy.move.avoid.separation_gaps() == whole.move.avoid.separation_gaps()
     assert text(copy) == text(whole)
@@ -152,9 +144,9 @@ def test_separations_are_copied_only_where_something_else_reads_them(monkeypatch
         return made
 
     monkeypatch.setattr(type(m), "clone", noted)
-    assert copy_with_fewer_elements(m, {m.move: 4}) is not None
+    assert coarser_copy(m, 1) is not None
     assert copied == [0]
     index = next(iter(m.move.avoid.normal))
     m.upright = pyo.Constraint(expr=m.move.avoid.normal[index] >= -0.9)
-    assert copy_with_fewer_elements(m, {m.move: 4}) is None  # no such separation on the other mesh
+    assert coarser_copy(m, 1) is None  # no such separation on the other mesh
     assert copied == [0, 0, len(m.move.avoid.normal)]

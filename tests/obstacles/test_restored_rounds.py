@@ -10,7 +10,7 @@ import pytest
 from harness.scenes import avoiding, turning_move
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import GeometryError, ObstacleError
+from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import check_pose
 from pyrobocop_pyomo.planning import recovery
 from pyrobocop_pyomo.planning.planning_round import way_back
@@ -42,7 +42,7 @@ def test_poses_between_nodes_are_not_judged_when_a_round_is_restored() -> None:
     first, second, start = next(iter(block.separations))
     _, right = block.split(first, second, start)
     between = block.record.poses[first, right[2]]
-    with pytest.raises(GeometryError, match="differs from the identity"):
+    with pytest.raises(ObstacleError, match="differs from the identity"):
         check_pose(between, "body")
     m.fly.x[0.0] = 7.0
     restore()

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
 
-FORMULATIONS = ["plane", "dual", "mixed", "offset", "optimality"]
 NUMBER = st.floats(-3, 3)
 SHAPES = {
     "box": rcp.Polytope.box(1, 2, center=(2, 0)),
@@ -22,14 +21,14 @@ SHAPES = {
 MODELS = {}
 
 
-def model(formulation, shape, between=None, elements=2):
+def model(shape, between=None, elements=2):
     """Built once per kind: only values change between examples."""
-    key = (formulation, shape, between)
+    key = (shape, between)
     if key not in MODELS:
         m = turning_move(elements=elements)
         for state in (m.move.x, m.move.y, m.move.theta):
             state.unfix()
-        avoiding(m, obstacles={"wall": SHAPES[shape]}, formulation=formulation, between=between)
+        avoiding(m, obstacles={"wall": SHAPES[shape]}, between=between)
         MODELS[key] = m
     return MODELS[key]
 
@@ -41,18 +40,11 @@ def poses_of(m, numbers):
 
 @settings(max_examples=40)
 @given(
-    formulation=st.sampled_from(FORMULATIONS),
     shape=st.sampled_from(sorted(SHAPES)),
     poses=st.lists(NUMBER, min_size=15, max_size=15),
 )
-def test_started_separations_prove_the_exact_distance_wherever_shapes_are_apart(formulation, shape, poses):
-    needs_end = formulation == "optimality" and shape == "wedge"
-    needs_inside = formulation in ("dual", "mixed", "offset") and shape == "ball"
-    if needs_end or needs_inside:
-        with pytest.raises(rcp.errors.ObstacleError, match="'wall'"):
-            model(formulation, shape)
-        return
-    m = model(formulation, shape)
+def test_started_separations_prove_the_exact_distance_wherever_shapes_are_apart(shape, poses):
+    m = model(shape)
     poses_of(m, poses)
     m.move.avoid.initialize()
     gaps = m.move.avoid.separation_gaps()
@@ -73,7 +65,7 @@ def test_started_separations_prove_the_exact_distance_wherever_shapes_are_apart(
     length=st.floats(1e-3, 1.2),
 )
 def test_no_normal_of_a_plane_proves_more_than_the_distance(between, shape, poses, angle, length):
-    m = model("plane", shape, between)
+    m = model(shape, between)
     poses_of(m, poses)
     avoid = m.move.avoid
     for index in avoid.separations:
@@ -84,20 +76,19 @@ def test_no_normal_of_a_plane_proves_more_than_the_distance(between, shape, pose
 
 
 def test_a_normal_of_zero_proves_nothing():
-    avoid = model("plane", "box").move.avoid
+    avoid = model("box").move.avoid
     for entry in avoid.normal.values():
         entry.set_value(0.0)
     assert set(avoid.separation_gaps().values()) == {-float("inf")}
 
 
 @settings(max_examples=30)
-@given(poses=st.lists(NUMBER, min_size=15, max_size=15), margin=st.floats(0, 0.3), scale=st.floats(0.1, 1))
-def test_rows_agree_with_the_corners(poses, margin, scale):
-    m = model("plane", "triangle", "plane")
+@given(poses=st.lists(NUMBER, min_size=15, max_size=15), margin=st.floats(0, 0.3))
+def test_rows_agree_with_the_corners(poses, margin):
+    m = model("triangle", "plane")
     avoid = m.move.avoid
     poses_of(m, poses)
     avoid.initialize()
-    avoid.scale_clearance(scale)
     try:
         for index in avoid.separations:
             avoid.set_margin(*index, margin)
@@ -107,7 +98,7 @@ def test_rows_agree_with_the_corners(poses, margin, scale):
                 corners = ARROW.placed(placed(m.move, time)).vertices
                 for number, corner in enumerate(corners):
                     row = avoid.first_shape[(*index, time, number)]
-                    wanted = normal @ corner - offset - 0.05 * scale - margin
+                    wanted = normal @ corner - offset - 0.05 - margin
                     assert pyo.value(row.body) == pytest.approx(wanted, abs=1e-12)
                     assert (row.lb, row.ub) == (0, None)
             start = avoid.record.segments[index].times[0]
@@ -116,21 +107,8 @@ def test_rows_agree_with_the_corners(poses, margin, scale):
                 assert pyo.value(row.body) == pytest.approx(normal @ corner - offset, abs=1e-12)
                 assert (row.lb, row.ub) == (None, 0)
     finally:
-        avoid.scale_clearance(1)
         for index in avoid.separations:
             avoid.set_margin(*index, 0)
-
-
-def test_a_clear_guess_with_room_to_spare_satisfies_every_row():
-    for formulation in FORMULATIONS:
-        m = turning_move(height=3)
-        avoid = avoiding(m, formulation=formulation, between=None)
-        avoid.initialize()
-        assert min(exact(m.move, ARROW, WALL, m.move.time)) > 0.05
-        for row in avoid.component_data_objects(pyo.Constraint, active=True):
-            body = pyo.value(row.body)
-            assert row.lb is None or body >= row.lb - 1e-9, (formulation, row.name)
-            assert row.ub is None or body <= row.ub + 1e-9, (formulation, row.name)
 
 
 def test_poses_at_a_moving_obstacle_and_between_bodies_are_both_turned():

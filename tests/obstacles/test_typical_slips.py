@@ -16,24 +16,19 @@ from pyrobocop_pyomo.errors import ModelError
 
 POSES: dict[str, tuple[Any, list[str]]] = {
     "np.cos of a state": (lambda b, t: rcp.planar_pose(np.cos(b.theta[t]), 0), ["np.cos", "pyo.cos"]),
-    "np.arctan of a state": (lambda b, t: rcp.planar_pose(np.arctan(b.theta[t]), 0), ["np.arctan", "pyo.atan"]),
     "math.cos of a state": (lambda b, t: rcp.planar_pose(math.cos(b.theta[t]), 0), ["math.cos", "pyo.cos"]),
     "float of a state": (lambda b, t: rcp.planar_pose(float(b.x[t]), 0), ["float()", "Pyomo's functions"]),
     "math.cos of t": (lambda b, t: rcp.planar_pose(b.x[t] + math.cos(t), 0), ["math.cos", "pyo.cos"]),
     "one argument too few": (lambda t: rcp.planar_pose(t, 0), ["rule(b, t)", "lambda b, t", "phase 'move'"]),
     "one argument too many": (lambda m, b, t: rcp.planar_pose(t, 0), ["rule(b, t)", "lambda b, t"]),
     "no index": (lambda b, t: rcp.planar_pose(b.x, b.y[t]), ["index missing", "[t]"]),
-    "no index in a sum": (lambda b, t: rcp.planar_pose(b.x + 1, b.y[t]), ["index missing", "[t]"]),
-    "no index of an angle": (lambda b, t: rcp.planar_pose(b.x[t], b.y[t], b.theta), ["index missing", "[t]"]),
     "called, not indexed": (lambda b, t: rcp.planar_pose(b.x(t), 0), ["[t]"]),
     "a tuple": (lambda b, t: (b.x[t], b.y[t], b.theta[t]), ["a tuple", "planar_pose"]),
-    "a list": (lambda b, t: [b.x[t], b.y[t]], ["a list", "planar_pose"]),
     "no return": (lambda b, t: None, ["return statement", "planar_pose"]),
     "planar_pose itself": (rcp.planar_pose, ["first argument", "b.x[t]"]),
     "a name that does not exist": (lambda b, t: rcp.planar_pose(b.X[t], 0), ["'X'", "phase 'move'", "first argument"]),
     "a name that is nearly one": (lambda b, t: rcp.planar_pose(b.thetta[t], 0), ["Did you mean 'theta'"]),
     "the value of a state": (lambda b, t: rcp.planar_pose(pyo.value(b.x[t]), 0), ["pyo.value"]),
-    "a state's .value": (lambda b, t: rcp.planar_pose(b.x[t].value, 0), ["pyo.value"]),
     "the value of t": (lambda b, t: rcp.planar_pose(b.x[t] + pyo.value(t), 0), ["pyo.value"]),
     "a question": (lambda b, t: rcp.planar_pose(max(b.x[t], 0.5), 0), ["'if'", "min, max"]),
 }
@@ -109,8 +104,6 @@ OUTLINE = [(0, 0), (1, 0), (1, 1)]
         ({"obstacles": [np.array(OUTLINE)]}, ["'obstacle 1'", "Polytope.from_vertices"]),
         ({"obstacles": {"wall": OUTLINE}}, ["'wall'", "Polytope.from_vertices"]),
         ({"obstacles": "wall"}, ["obstacles=", "dict of names"]),
-        ({"body": OUTLINE}, ["Polytope", "from_vertices"]),
-        ({"clearance": None}, ["clearance= is missing", "length > 0"]),
         ({"points": lambda m: m.move}, ["'move.time'"]),
         ({"points": lambda m: [m.move.time, m.move.points]}, ["list of sets", "one block for each phase"]),
         ({"body": None, "pose": None, "bodies": {"car": (ARROW, None)}}, ["'car'", "Body(shape, pose=rule)"]),
@@ -123,53 +116,11 @@ def test_in_a_scene(options: Any, words: list[str]) -> None:
     says(words, stated(**options))
 
 
-def test_degrees_are_told(caplog: pytest.LogCaptureFixture) -> None:
-    m = turning_move(elements=2, turn=90.0, height=3.0)
-    m.move.avoid = rcp.ObstacleAvoidanceBlock(
-        m.move.time,
-        bodies={"arrow": rcp.Body(ARROW, lambda b, t: rcp.planar_pose(b.x[t], b.y[t], b.theta[t]))},
-        obstacles={"wall": WALL},
-        clearance=0.05,
-    )
-    m.move.avoid.initialize()
-    assert "radians, not in degrees" in caplog.text
-
-
-RULES: dict[str, tuple[Any, list[str]]] = {
-    "np.sin": (lambda b, t: np.sin(b.theta[t]), ["np.sin", "pyo.sin"]),
-    "math.sin": (lambda b, t: math.sin(b.theta[t]), ["math.cos", "pyo.cos"]),
-    "one argument too few": (lambda t: t, ["rule(b, t)", "lambda b, t", "phase 'move'"]),
-    "no index": (lambda b, t: 2 * b.x, ["index missing", "[t]"]),
-    "no such name": (lambda b, t: b.xx[t], ["'xx'", "phase 'move'"]),
-    "a question": (lambda b, t: b.x[t] if b.x[t] > 0 else 0.0, ["'if'"]),
-}
-
-
-@pytest.mark.parametrize("slip", RULES)
-@pytest.mark.parametrize("kind", ["ode", "constraint", "residual", "integral"])
-def test_in_the_rules_of_a_phase(kind: str, slip: str) -> None:
-    formula, words = RULES[slip]
-    m = pyo.ConcreteModel()
-    m.move = b = rcp.PhaseBlock(duration=1.0, elements=2)
-    b.x, b.theta = rcp.State(initial=0), rcp.State(initial=0)
-
-    def right_hand_side(b: Any, t: Any) -> Any:
-        return {b.x: formula(b, t)}
-
-    def relation(b: Any, t: Any) -> Any:
-        return formula(b, t) <= 1 if kind == "constraint" else formula(b, t) == 1
-
-    few = slip == "one argument too few"
-    rule = formula if few or kind == "integral" else right_hand_side if kind == "ode" else relation
-    says(["'move'", *words], lambda: getattr(b, kind)(rule))
-    assert not any(b.component_objects(pyo.Constraint))
-
-
 def test_other_errors_of_a_rule_are_the_users_own() -> None:
     m = turning_move(elements=2)
 
     def broken(b: Any, t: Any) -> Any:
-        raise ZeroDivisionError("mine")
+        raise RuntimeError("mine")
 
-    with pytest.raises(ZeroDivisionError, match="mine"):
+    with pytest.raises(RuntimeError, match="mine"):
         m.move.ode(broken)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ import pytest
 from harness.phases import contents, free_variables, rank, rows
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import DeclarationError, InitialGuessError, MeshError, SchemeError, TranscriptionError
+from pyrobocop_pyomo.errors import InitialGuessError, ModelError
 from pyrobocop_pyomo.phases import Declaration
 
 NAN, INF = float("nan"), float("inf")
@@ -44,27 +43,17 @@ DECLARATIONS = {
     "state, bounds, initial above": (rcp.State(bounds=(0, 1), initial=2), "initial value 2 lies outside its bounds"),
     "state, bounds, final below": (rcp.State(bounds=(0, 1), final=-1), "final value -1 lies outside its bounds"),
     "initial is nan": (rcp.State(initial=NAN), "its initial value is nan; expected a finite number"),
-    "initial is a list": (rcp.State(initial=[0, 1]), r"its initial value is \[0, 1\]; expected .* a tuple"),
-    "final is infinite": (rcp.State(final=INF), "its final value is inf"),
     "initial crosses": (rcp.State(initial=(2, 1)), "lower of its initial bounds, 2, exceeds the upper, 1"),
     "final leaves nothing": (rcp.State(bounds=(0, 1), final=(2, 3)), "leave nothing of its bounds"),
-    "bounds cross": (rcp.Control(bounds=(1, -1)), "lower of its bounds, 1, exceeds the upper, -1"),
     "bounds hold nan": (rcp.Algebraic(bounds=(NAN, 1)), "hold a NaN. Give numbers"),
     "bounds exclude all": (rcp.Control(bounds=(INF, None)), "exclude every number"),
-    "bounds exclude all from above": (rcp.Control(bounds=(0, -INF)), "exclude every number"),
     "bounds are three": (rcp.Control(bounds=(0, 1, 2)), r"expected a pair \(lower, upper\)"),
-    "bounds of a derivative later": (rcp.Parameter(bounds="ab"), r"bounds = 'ab'"),
     "bounds cross in time": (rcp.Control(bounds=lambda t: (t, 0.5)), "exceeds the upper, 0.5"),
     "piecewise constant bounds cross": (
         rcp.Control(bounds=lambda t: (10 * t, 10 * t + 0.1), parametrization="piecewise_constant"),
         "lower of its bounds between",
     ),
-    "guess too short": (rcp.State(initial_guess=[1, 2]), "has 2 values; 4 element boundaries need 4 or 10"),
     "guess of a control too long": (rcp.Control(initial_guess=[0.0] * 7), "has 7 values; 3 elements need 3 or 6"),
-    "guess with nan": (rcp.State(initial_guess=[0, 1, NAN, 0]), "value 2 of the initial guess is nan"),
-    "guess function gives nan": (rcp.Control(initial_guess=lambda t: NAN), "value 0 of the initial guess is nan"),
-    "guess is text": (rcp.State(initial_guess="fast"), "the initial guess is not made of numbers"),
-    "guess is a dict": (rcp.State(initial_guess={0: 1}), "the initial guess is not made of numbers"),
     "guess is a matrix": (rcp.Control(initial_guess=np.zeros((2, 3))), r"has shape \(2, 3\)"),
     "guess function of a parameter": (
         rcp.Parameter(initial_guess=abs),
@@ -80,29 +69,23 @@ def test_a_declaration_that_contradicts_itself_is_refused_whole(case: str) -> No
     declaration, message = DECLARATIONS[case]
     m, b = started()
     before = contents(m)
-    with pytest.raises((DeclarationError, InitialGuessError), match=message) as caught:
+    with pytest.raises((ModelError, InitialGuessError), match=message) as caught:
         b.z = declaration
     assert "phase 'p'" in str(caught.value)
     assert contents(m) == before
     complete(m)
 
 
-def test_a_message_points_at_the_line_of_the_declaration() -> None:
-    _, b = started()
-    with pytest.raises(DeclarationError, match=r"test_bad_input\.py:\d+"):
-        b.z = rcp.State(initial=2, bounds=(0, 1))
-
-
 def test_a_class_in_place_of_a_declaration_is_refused() -> None:
     m, b = started()
-    with pytest.raises(DeclarationError, match=r"phase 'p': 'z' was given the class; write Algebraic\(\)"):
+    with pytest.raises(ModelError, match=r"phase 'p': 'z' was given the class; write Algebraic\(\)"):
         b.z = rcp.Algebraic
     complete(m)
 
 
 def test_an_unknown_parametrization_is_refused() -> None:
     with pytest.raises(
-        DeclarationError,
+        ModelError,
         match="'linear' is unknown; choose one of 'collocated', 'piecewise_constant', 'piecewise_linear'",
     ):
         rcp.Control(parametrization="linear")
@@ -112,7 +95,7 @@ def test_an_unknown_parametrization_is_refused() -> None:
 def test_a_taken_name_is_refused(name: str) -> None:
     m, b = started()
     before = contents(m)
-    with pytest.raises(DeclarationError, match=f"the name '{name}' .* is taken. Choose another"):
+    with pytest.raises(ModelError, match=f"the name '{name}' .* is taken. Choose another"):
         setattr(b, name, rcp.Control())
     assert contents(m) == before
     complete(m)
@@ -126,7 +109,7 @@ def test_a_name_that_a_declaration_generates_must_be_free(mine: str, needing: An
     m, b = started()
     setattr(b, mine, rcp.Control())
     before = contents(m)
-    with pytest.raises(DeclarationError, match=f"the name '{mine}' is needed for what is generated"):
+    with pytest.raises(ModelError, match=f"the name '{mine}' is needed for what is generated"):
         b.y = needing
     assert contents(m) == before
 
@@ -138,7 +121,7 @@ def test_a_name_that_an_ode_generates_must_be_free(mine: str) -> None:
     m.p.x = rcp.State(derivative_bounds=(0, 1))
     setattr(m.p, mine, rcp.Control())
     before = contents(m)
-    with pytest.raises(DeclarationError, match=f"the name '{mine}' is needed for what is generated"):
+    with pytest.raises(ModelError, match=f"the name '{mine}' is needed for what is generated"):
         m.p.ode(lambda b, t: {b.x: 1.0})
     assert contents(m) == before
 
@@ -146,7 +129,7 @@ def test_a_name_that_an_ode_generates_must_be_free(mine: str) -> None:
 def test_a_state_named_like_a_derivative_is_not_taken_for_one() -> None:
     _, b = started()
     b.x_derivative = rcp.State(initial=0)
-    with pytest.raises(DeclarationError, match="'x_derivative' is needed"):
+    with pytest.raises(ModelError, match="'x_derivative' is needed"):
         b.derivative(b.x)
     assert b.component("x_collocation") is None
 
@@ -171,26 +154,16 @@ def bare(b: Any, t: float) -> Any:
     return b.x[t]
 
 
-def strict(b: Any, t: float) -> Any:
-    return b.x[t] < 1
-
-
 STATEMENTS = {
-    "ode returns None": ("ode", returns_none, "returned nothing at t = .* Is the return statement missing"),
-    "ode names no state": ("ode", lambda b, t: {b.u: 1.0}, "'u' is no state; its states are x"),
     "ode names what is not": ("ode", lambda b, t: {"q": 1.0}, "'q' is no state"),
     "ode at some points": ("ode", lambda b, t: {b.x: 1.0} if t < 0.5 else {}, "gives no derivative of 'x' at t = 0"),
     "ode gives None": ("ode", lambda b, t: {b.x: None}, "gives 'None' as the derivative of 'x'"),
-    "ode forgets the index": ("ode", lambda b, t: {b.x: b.u}, r"gives 'p.u' as .* Is an index \[t\] missing"),
     "ode gives a relation": ("ode", lambda b, t: {b.x: b.u[t] == 1}, "expected a number or an expression"),
-    "ode at an earlier time": ("ode", lambda b, t: {b.x: b.x[t - 0.1]}, r"reads 'p.x' at .*x.delayed\(t, delay\)"),
     "residual returns None": ("residual", returns_none, "residual 'returns_none' returned None at t = "),
     "residual is an inequality": ("residual", inequality, "states the inequality .* Write ==, or use 'constraint'"),
     "residual is a number": ("residual", number, "returned 3.0 at t = .* expected an equality in variables"),
     "residual at some points": ("residual", equation_for_some, "states 0 equations at t = .* and 1 at t = "),
-    "constraint returns None": ("constraint", returns_none, "constraint 'returns_none' returned None"),
     "constraint is bare": ("constraint", bare, "expected a relation such as 'expression <= 1'"),
-    "pair returns None": ("complementarity", returns_none, "complementarity 'returns_none' returned None"),
 }
 
 
@@ -205,14 +178,6 @@ def test_a_statement_that_cannot_be_rows_is_refused_whole(case: str) -> None:
     complete(m)
 
 
-def test_a_strict_inequality_leaves_nothing_behind() -> None:
-    m, b = started()
-    before = contents(m)
-    with pytest.raises(TranscriptionError, match=r"constraint 'strict' is strict .*Write '<='"):
-        b.constraint(strict)
-    assert contents(m) == before
-
-
 def test_a_second_equation_for_a_state_is_refused_and_names_the_first() -> None:
     m, b = started()
     b.y = rcp.State(initial=0)
@@ -222,7 +187,7 @@ def test_a_second_equation_for_a_state_is_refused_and_names_the_first() -> None:
     def second(b, t):
         return {b.y: 1.0, b.x: 2.0}
 
-    with pytest.raises(TranscriptionError, match=f"second equation for state 'x'; '{first.__name__}' has given one"):
+    with pytest.raises(ModelError, match=f"second equation for state 'x'; '{first.__name__}' has given one"):
         b.ode(second)
     assert contents(m) == before
     assert "y" not in b.record.equation_of
@@ -237,11 +202,11 @@ def test_a_cell_that_is_run_again_is_answered_by_which_cells_to_run() -> None:
         return {b.x: b.u[t]}
 
     b.ode(motion)
-    with pytest.raises(DeclarationError, match="cell that is run again"):
+    with pytest.raises(ModelError, match="cell that is run again"):
         b.x = rcp.State(initial=0)
-    with pytest.raises(TranscriptionError, match="cell that is run again"):
+    with pytest.raises(ModelError, match="cell that is run again"):
         b.ode(motion)
-    with pytest.raises(DeclarationError) as of_every_phase:
+    with pytest.raises(ModelError) as of_every_phase:
         b.time = rcp.State(initial=0)
     assert "again" not in str(of_every_phase.value)
 
@@ -272,7 +237,7 @@ def test_a_rule_named_like_a_component_is_refused() -> None:
         return b.x[t] <= 1
 
     before = contents(m)
-    with pytest.raises(DeclarationError, match=r"the name 'u' is taken or no identifier. Rename the function"):
+    with pytest.raises(ModelError, match=r"the name 'u' is taken or no identifier. Rename the function"):
         b.constraint(u)
     assert contents(m) == before
 
@@ -302,55 +267,43 @@ def test_rules_may_be_named_like_methods() -> None:
 def test_a_name_for_rows_that_is_none_is_refused(name: Any) -> None:
     m, b = started()
     before = contents(m)
-    with pytest.raises(DeclarationError, match=f"{name}.*no identifier"):
+    with pytest.raises(ModelError, match=f"{name}.*no identifier"):
         b.constraint(lambda b, t: b.x[t] <= 1, name=name)
     assert contents(m) == before
 
 
 def test_a_function_assigned_states_nothing_and_is_refused() -> None:
     m, b = started()
-    with pytest.raises(DeclarationError, match=r"'path', which states nothing.*constraint\(rule, name='path'\)"):
+    with pytest.raises(ModelError, match=r"'path', which states nothing.*constraint\(rule, name='path'\)"):
         b.path = lambda b, t: b.x[t] <= 1
     complete(m)
 
 
-def test_a_partial_can_be_an_ode() -> None:
-    _, b = started()
-    b.ode(partial(lambda factor, b, t: {b.x: factor * b.u[t]}, 3.0))
-    b.check()
-
-
 OPTIONS = {
-    "zero": ({"duration": 0}, DeclarationError, "duration = 0; expected a positive number"),
-    "negative": ({"duration": -2.0}, DeclarationError, "duration = -2.0"),
-    "nan": ({"duration": NAN}, DeclarationError, "duration = nan"),
-    "infinite": ({"duration": INF}, DeclarationError, "duration = inf"),
-    "text": ({"duration": "long"}, DeclarationError, "duration = 'long'"),
-    "truth": ({"duration": True}, DeclarationError, "duration = True"),
-    "no bounds": ({"duration": rcp.Duration()}, DeclarationError, "lower bound of the duration is None"),
-    "bounds from 0": ({"duration": rcp.Duration(bounds=(0, 1))}, DeclarationError, "is 0.0; it must be positive"),
-    "bounds cross": ({"duration": rcp.Duration(bounds=(2, 1))}, DeclarationError, "duration bounds, 2, exceeds"),
+    "zero": ({"duration": 0}, ModelError, "duration = 0; expected a positive number"),
+    "text": ({"duration": "long"}, ModelError, "duration = 'long'"),
+    "no bounds": ({"duration": rcp.Duration()}, ModelError, "lower bound of the duration is None"),
+    "bounds from 0": ({"duration": rcp.Duration(bounds=(0, 1))}, ModelError, "is 0.0; it must be positive"),
     "bad guess": (
         {"duration": rcp.Duration(bounds=(1, 2), initial_guess=-1)},
         InitialGuessError,
         "the initial guess is -1; it must be pos",
     ),
-    "elements": ({"elements": 0}, MeshError, "elements = 0; expected an integer of at least 1"),
-    "half elements": ({"elements": 1.5}, MeshError, "elements = 1.5"),
-    "mesh falls": ({"mesh": [0, 0.6, 0.5, 1]}, MeshError, "must increase, but boundary 1 is 0.6 and boundary 2 is 0.5"),
-    "mesh is a number": ({"mesh": 5}, MeshError, "mesh = 5 is no sequence of element boundaries"),
-    "mesh is text": ({"mesh": "fine"}, MeshError, "mesh = 'fine' is no sequence"),
-    "mesh too long": ({"mesh": [0, 1, 2]}, DeclarationError, "mesh runs from 0 to 2, the phase from 0 to 1"),
-    "mesh and elements": ({"mesh": [0, 1], "elements": 3}, DeclarationError, "elements = 3, but the given mesh has 1"),
+    "mesh falls": (
+        {"mesh": [0, 0.6, 0.5, 1]},
+        ModelError,
+        "must increase, but boundary 1 is 0.6 and boundary 2 is 0.5",
+    ),
+    "mesh is text": ({"mesh": "fine"}, ModelError, "mesh = 'fine' is no sequence"),
+    "mesh too long": ({"mesh": [0, 1, 2]}, ModelError, "mesh runs from 0 to 2, the phase from 0 to 1"),
+    "mesh and elements": ({"mesh": [0, 1], "elements": 3}, ModelError, "elements = 3, but the given mesh has 1"),
     "mesh of a free duration": (
         {"mesh": [0, 2], "duration": rcp.Duration(bounds=(1, 2))},
-        DeclarationError,
+        ModelError,
         "or with free element widths, takes a mesh from 0 to 1",
     ),
-    "scheme": ({"scheme": "euler"}, SchemeError, "unknown scheme 'euler'; known are 'radau'"),
-    "stages": ({"stages": 0}, SchemeError, "stages = 0; expected an integer"),
-    "too many stages": ({"scheme": "implicit_euler", "stages": 2}, SchemeError, "'implicit_euler' has 1 stage"),
-    "start": ({"start": NAN}, DeclarationError, "start = nan; expected a finite number"),
+    "stages": ({"stages": 0}, ModelError, "stages = 0; expected an integer"),
+    "too many stages": ({"scheme": "implicit_euler", "stages": 2}, ModelError, "'implicit_euler' has 1 stage"),
 }
 
 
@@ -382,7 +335,7 @@ def test_a_phase_whose_own_rule_fails_is_not_added(indexes: tuple) -> None:
 
 
 def check_fails(b: Any, message: str) -> None:
-    with pytest.raises(TranscriptionError, match=message):
+    with pytest.raises(ModelError, match=message):
         b.check()
 
 
@@ -431,29 +384,10 @@ def test_an_algebraic_that_appears_nowhere_is_named() -> None:
     check_fails(b, "algebraic 'z' .* appears in no equation")
 
 
-def test_a_pair_may_determine_an_algebraic() -> None:
-    _, b = started()
-    b.z = rcp.Algebraic(bounds=(0, None))
-    b.ode(lambda b, t: {b.x: b.u[t] + b.z[t]})
-
-    def contact(b, t):
-        return rcp.complements(b.z[t] >= 0, b.x[t] + 1 >= 0)
-
-    b.complementarity(contact)
-    b.check()
-
-
 def test_declaring_on_many_phases_at_once_is_refused() -> None:
     m = pyo.ConcreteModel()
     m.p = rcp.PhaseBlock([1, 2])
-    with pytest.raises(DeclarationError, match=r"phases 'p': 'x' .* is declared on one phase at a time"):
+    with pytest.raises(ModelError, match=r"phases 'p': 'x' .* is declared on one phase at a time"):
         m.p.x = rcp.State()
     m.p[1].x = rcp.State()
     assert m.p[2].component("x") is None
-
-
-def test_declaring_before_construction_is_refused() -> None:
-    m = pyo.AbstractModel()
-    m.p = rcp.PhaseBlock()
-    with pytest.raises(TranscriptionError, match="phase 'p' is not constructed yet"):
-        m.p.x = rcp.State()

@@ -195,37 +195,6 @@ def test_stick_and_slip_on_a_belt_at_the_order_of_the_steps() -> None:
     assert error(30, 2) < 1e-3 * coarse * 3  # the switch is at an element boundary
 
 
-def walled(elements: int) -> Any:
-    """A ball of speed 1 between springs of stiffness 100 at distance 1/2."""
-    b = phase(elements, 3.0, scheme="radau", stages=2)
-    b.x, b.v = rcp.State(initial=0.0), rcp.State(initial=1.0)
-    b.left, b.right = rcp.Algebraic(bounds=(0, None)), rcp.Algebraic(bounds=(0, None))
-    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.left[t] - b.right[t]})
-
-    def springs(b: Any, t: float) -> Any:
-        return [
-            rcp.complements(b.left[t] >= 0, b.x[t] + 0.5 + b.left[t] / 100 >= 0),
-            rcp.complements(b.right[t] >= 0, 0.5 - b.x[t] + b.right[t] / 100 >= 0),
-        ]
-
-    b.complementarity(springs)
-    return b
-
-
-def test_a_ball_between_soft_walls() -> None:
-    def exact(t: float) -> float:
-        within, half = (t + 0.5) % (2 + math.pi / 5), 1 + math.pi / 10
-        sign, within = (1, within) if within < half else (-1, within - half)
-        return sign * (within - 0.5 if within < 1 else 0.5 + math.sin(10 * (within - 1)) / 10)
-
-    errors = []
-    for elements in (60, 120):
-        trajectory = walled(elements).simulate()
-        errors.append(np.abs(trajectory.x - [exact(t) for t in trajectory.time]).max())
-    assert errors[1] < 0.01
-    assert errors[1] < 0.6 * errors[0]
-
-
 def test_two_balls_and_two_walls_meet_at_once() -> None:
     b = phase(60, 1.4)
     b.left, b.right = rcp.State(initial=0.0), rcp.State(initial=1.0)
@@ -303,9 +272,7 @@ def test_a_step_without_a_solution_is_named_and_what_came_before_is_kept() -> No
         return rcp.complements(b.x[t] >= 0, b.f[t] >= 0)
 
     b.complementarity(floor)
-    with pytest.raises(
-        SimulationFailed, match=r"t = 0.4: the contact problem of element 4 was not solved \(residual"
-    ) as caught:
+    with pytest.raises(SimulationFailed, match=r"t = 0.4: the rows of element 4 were not solved \(residual") as caught:
         b.simulate()
     assert caught.value.time == pytest.approx(0.4)
     np.testing.assert_allclose(caught.value.trajectory.x, 0.45 - caught.value.trajectory.time, atol=1e-9)
@@ -358,7 +325,7 @@ def test_linked_phases_are_simulated_one_after_the_other_through_their_impacts()
 def test_a_link_that_does_not_give_the_start_says_so() -> None:
     m = flights(1)
     m.other = rcp.Link(m.flights[0], m.flights[1], states=["x"], jump=lambda pre, post: post.v**2 == -1 - pre.x**2)
-    with pytest.raises(rcp.errors.LinkError, match="its relations have no solution for the start of 'flights.1.'"):
+    with pytest.raises(rcp.errors.ModelError, match="its relations have no solution for the start of 'flights.1.'"):
         m.other.start_after(m.flights[0].simulate())
     m.third = rcp.Link(m.flights[0], m.flights[1], states=["x"], jump=lambda pre, post: post.v + post.x >= 0)
     assert set(m.third.start_after(m.flights[0].simulate())) == {"x"}  # an inequality gives nothing
@@ -381,17 +348,14 @@ def test_a_plan_is_played_back_to_where_it_is_and_a_wrong_one_is_not() -> None:
 
 def test_contact_laws_are_simulated_as_they_are_declared() -> None:
     b = phase(60, 1.2)
-    b.x, b.y = rcp.State(initial=1.0), rcp.State(initial=-0.5)
+    b.x = rcp.State(initial=1.0)
     b.height, b.rise = rcp.State(initial=0.2), rcp.State(initial=0.0)
     b.floor = rcp.mechanics.HardWall(b.height)
-    b.drag = rcp.mechanics.SlidingFriction((b.x, b.y), 8.0, (0.5, 0.5))
+    b.drag = rcp.mechanics.CoulombFriction(b.x, 8.0, 0.5)
     b.motor = rcp.mechanics.Saturation(lambda b, t: 3.0 * b.rise[t], lower=-1.0, upper=1.0)
-    b.ode(lambda b, t: {b.x: b.drag_1[t], b.y: b.drag_2[t], b.height: b.rise[t], b.rise: b.floor[t] - G - b.motor[t]})
+    b.ode(lambda b, t: {b.x: b.drag[t], b.height: b.rise[t], b.rise: b.floor[t] - G - b.motor[t]})
     trajectory = b.simulate(restitution={"floor": 0.5})
-    speed = np.hypot(trajectory.x, trajectory.y)
-    np.testing.assert_allclose(speed, np.maximum(math.sqrt(1.25) - 4 * trajectory.time, 0), atol=1e-6)
-    moving = speed > 1e-6
-    np.testing.assert_allclose(trajectory.x[moving], -2 * trajectory.y[moving], rtol=1e-6)  # against the motion
+    np.testing.assert_allclose(trajectory.x, np.maximum(1.0 - 4 * trajectory.time, 0), atol=1e-6)
     np.testing.assert_allclose(trajectory.motor, np.clip(3 * trajectory.rise[1:], -1, 1), atol=1e-9)
     assert trajectory.height.min() >= -1e-9
     assert trajectory.rise.max() > 0.5

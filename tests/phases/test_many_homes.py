@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import io
 import pickle
 from typing import Any
 
 import pyomo.environ as pyo
 import pytest
-from harness.phases import contents, exact_x, oscillate, oscillators, rows, solve
+from harness.phases import contents, exact_x, oscillate, rows, solve
 from pyomo.core.expr.visitor import identify_variables
 
 import pyrobocop_pyomo as rcp
@@ -28,7 +27,7 @@ def ramp(t: float) -> float:
 
 
 def wide(t: float) -> tuple[float, float]:
-    return (-100 - t, 100)
+    return (-100, 100)
 
 
 def pushed(b: Any, t: float) -> Any:
@@ -118,7 +117,7 @@ def test_a_pickle_with_rules_of_a_module_comes_back_whole() -> None:
 
 
 @pytest.mark.casadi
-def test_a_pickle_with_lambdas_survives_and_says_what_it_cannot_verify() -> None:
+def test_a_pickle_with_lambdas_comes_back_with_what_they_said() -> None:
     def build(b):
         b.x = rcp.State(initial=1, initial_guess=lambda t: 1 + t)
         b.y = rcp.State(initial=1, initial_guess=1)
@@ -126,12 +125,9 @@ def test_a_pickle_with_lambdas_survives_and_says_what_it_cannot_verify() -> None
 
     m = pyo.ConcreteModel()
     m.p = rcp.PhaseBlock(rule=build)
-    back = solved(pickle.loads(pickle.dumps(m)))
-    assert end(back.p) == pytest.approx(exact_x(1.0), abs=1e-6)
-    with pytest.raises(TrajectoryError, match=r"rule '<lambda>' did not survive pickling. Define it at the top level"):
-        back.p.trajectory().verify()
-    solved(m)
-    assert m.p.trajectory().verify().largest_violation < 1e-10
+    for model in (solved(pickle.loads(pickle.dumps(m))), solved(m)):
+        assert end(model.p) == pytest.approx(exact_x(1.0), abs=1e-6)
+        assert model.p.trajectory().verify().largest_violation < 1e-10
 
 
 def test_a_pickle_that_lost_its_bounds_in_time_says_so() -> None:
@@ -147,41 +143,3 @@ def test_a_pickle_that_lost_its_bounds_in_time_says_so() -> None:
 
 def still(b: Any, t: float) -> Any:
     return {b.x: 0.0}
-
-
-def test_a_deactivated_phase_keeps_its_answers() -> None:
-    m = oscillators(elements=2)
-    m.swing.deactivate()
-    assert list(m.component_data_objects(pyo.Constraint, active=True)) == []
-    m.swing.check()
-    assert m.swing.trajectory().x.tolist() == [1.0] * 7
-
-
-@pytest.mark.casadi
-def test_an_abstract_model_makes_instances() -> None:
-    a = pyo.AbstractModel()
-    a.I = pyo.Set()
-    a.p = rcp.PhaseBlock(rule=state_oscillators)
-    a.many = rcp.PhaseBlock(a.I, rule=state_oscillators)
-    m = a.create_instance({None: {"I": {None: ["a", "b"]}}})
-    other = a.create_instance({None: {"I": {None: []}}})
-    solved(m)
-    assert end(m.p) == end(m.many["a"]) == pytest.approx(exact_x(1.0), abs=1e-6)
-    assert end(other.p) == 2.0
-    assert len(other.many) == 0
-
-
-def test_pyomo_can_print_a_phase() -> None:
-    m = oscillators(elements=2)
-    text = io.StringIO()
-    m.pprint(ostream=text)
-    m.swing.display(ostream=text)
-    assert "x_collocation" in text.getvalue()
-
-
-def test_constraints_of_the_users_own_sit_on_a_phase_like_on_any_block() -> None:
-    m = oscillators(elements=2)
-    m.swing.limit = pyo.Constraint(m.swing.points, rule=lambda b, t: b.x[t] + b.y[t] <= 5)
-    m.swing.x[:].setub(7)
-    assert len(m.swing.limit) == 6
-    assert all(variable.ub == 7 for variable in m.swing.x.values())

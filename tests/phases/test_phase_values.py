@@ -9,7 +9,6 @@ import pyomo.environ as pyo
 import pytest
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
 
 KNOTS = (0.0, 0.5, 2.0)
@@ -48,14 +47,6 @@ def test_values_are_read_set_and_sampled_where_they_live() -> None:
     np.testing.assert_allclose(b.trajectory()([0.1, 1.1, 1.9])["linear"], np.interp([0.1, 1.1, 1.9], KNOTS, [0, 1, -2]))
 
 
-def test_a_missing_value_is_named() -> None:
-    m = model()
-    b = m.p
-    b.linear_at_knots[1].set_value(None)
-    with pytest.raises(TrajectoryError, match=r"'p.linear_at_knots\[1\]' has no value"):
-        PhaseValues(b).read()
-
-
 @pytest.mark.parametrize(("scheme", "stages"), [("radau", 1), ("radau", 3), ("gauss", 2)])
 def test_nodes_know_what_a_signal_is_at_any_time(scheme: str, stages: int) -> None:
     m = model(scheme, stages)
@@ -67,25 +58,3 @@ def test_nodes_know_what_a_signal_is_at_any_time(scheme: str, stages: int) -> No
         for time in (0.0, 0.1, 0.3, 0.5, 0.9, 1.2, 2.0):
             value = sum(weight * variables[i].value for i, weight in nodes.weights_at(time))
             assert value == pytest.approx(trajectory(time)[name], abs=1e-9)
-
-
-def test_a_linear_control_is_measured_between_its_knots() -> None:
-    m = model("radau", 1)
-    b = m.p
-    rcp.label_measurements(m, b, {"time": [0.25, 1.25], "linear": [0.5, -0.5]})
-    assert [pyo.value(b.linear_measured[t]) for t in (0.25, 1.25)] == pytest.approx([0.5, -0.5])
-
-
-def test_rules_may_read_expressions_and_other_times() -> None:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(elements=2, stages=2)
-    b.x = rcp.State(initial=1, initial_guess=lambda t: 1 + t)
-    b.doubled = pyo.Expression(b.points, rule=lambda b, t: 2 * b.x[t])
-
-    @b.ode
-    def grows(b: Any, t: float) -> Any:
-        return {b.x: 0.5 * b.doubled[t] - b.x[t] + b.x[0.0]}
-
-    report = b.trajectory().verify()
-    assert report.defect < 1e-12
-    assert report.horizon_error == pytest.approx(0.0, abs=1e-9)

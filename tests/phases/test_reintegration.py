@@ -75,72 +75,114 @@ def test_inside_elements_the_error_falls_with_the_degree_of_the_polynomial(schem
     assert np.log2(coarse / fine) == pytest.approx(min(stages + 1, 2 * stages - (scheme == "radau")), abs=0.35)
 
 
-def test_a_rule_that_is_no_formula_is_integrated_by_instants() -> None:
-    """An `if` on the time cannot be asked for all times at once; the answer is the same."""
-    formula, instants = pendulum(4), pendulum(4)
+def test_a_rule_that_has_to_know_the_time_says_nothing_between_the_points() -> None:
     m = pyo.ConcreteModel()
     m.p = b = rcp.PhaseBlock(duration=2.0, elements=4)
-    b.angle, b.rate = rcp.State(initial=1.0), rcp.State(initial=0.0)
-    b.torque = rcp.Control()
-
-    def rule(b: Any, t: Any) -> Any:
-        factor = 2.0 if t < 5.0 else 0.0
-        return {b.angle: b.rate[t], b.rate: -factor * pyo.sin(b.angle[t]) + b.torque[t] * pyo.cos(3 * t)}
-
-    b.ode(rule)
-    trajectory = formula.trajectory()
-    b.initialize({name: trajectory.states[name] for name in trajectory.states})
-    b.initialize(torque=trajectory.torque)
-    expected, found = instants.reintegrate(), b.reintegrate()
-    common = np.isin(expected.fractions, found.fractions)  # formulas are looked at after some of their steps, too
-    for name in ("angle", "rate"):
-        np.testing.assert_allclose(found.open_loop[name], expected.open_loop[name][:, common], atol=1e-8)
-        np.testing.assert_allclose(found.local[name], expected.local[name][:, common], atol=1e-8)
+    b.x = rcp.State(initial=1.0)
+    b.ode(lambda b, t: {b.x: -b.x[t] if t < 5.0 else 0.0})
+    b.initialize(b.simulate(method="scheme"))
+    for asked in (b.reintegrate, b.simulate):
+        with pytest.raises(TrajectoryError, match=r"the rule of its ode '<lambda>' \(.*\) has to know the time"):
+            asked()
+    assert "has to know the time" in str(b.trajectory().verify())
 
 
-def test_stiff_equations_are_left_to_scipy() -> None:
+@pytest.mark.parametrize("kind", ["residual", "constraint"])
+@pytest.mark.parametrize("pairs", ["none", "never read", "never active"])
+def test_what_equations_determine_is_no_part_of_the_plan(kind: str, pairs: str) -> None:
+    """x' = y with y = -20 x^2 is x' = -20 x^2, however y is stated, and whatever pairs stand beside it."""
     m = pyo.ConcreteModel()
     m.p = b = rcp.PhaseBlock(duration=1.0, elements=2)
-    b.x = rcp.State(initial=1.0)
-    b.ode(lambda b, t: {b.x: -20_000.0 * (b.x[t] - pyo.cos(t))})
-    b.initialize(b.simulate(method="scheme"))
+    b.x, b.y, b.force = rcp.State(initial=1.0), rcp.Algebraic(), rcp.Algebraic()
+    b.ode(lambda b, t: {b.x: b.y[t] + (b.force[t] if pairs == "never active" else 0.0)})
+    getattr(b, kind)(lambda b, t: b.y[t] == -20 * b.x[t] ** 2, name="law")
+    if pairs == "none":
+        b.residual(lambda b, t: b.force[t] == 0, name="none")
+    else:
+        b.complementarity(lambda b, t: (b.force[t] >= 0, b.x[t] + b.force[t] + 1.0 >= 0), name="wall")
+    b.initialize(x=lambda t: 1.0 / (1.0 + 3.0 * t), y=lambda t: -20.0 / (1.0 + 3.0 * t) ** 2, force=0.0)
     motion = b.reintegrate()
-    assert motion.open_loop["x"][-1, -1] == pytest.approx(np.cos(1.0), abs=1e-4)
+    assert motion.contact == (pairs == "never active")
+    assert motion.states is motion.open_loop
+    times = (np.arange(2)[:, None] + motion.fractions) / 2
+    np.testing.assert_allclose(motion.open_loop["x"], 1.0 / (1.0 + 20.0 * times), atol=1e-5)
+    assert b.trajectory().verify().motion_error > 0.2
 
 
-def test_algebraics_are_found_again() -> None:
+def ball(floor: Any, elements: int, scheme: str, stages: int | None) -> Any:
     m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=1.0, elements=3, scheme="implicit_euler")
-    b.x, b.y = rcp.State(initial=1.0), rcp.Algebraic(initial_guess=1.0)
-    b.ode(lambda b, t: {b.x: -b.y[t]})
-
-    def algebraic(b: Any, t: Any) -> Any:
-        return b.y[t] == b.x[t]
-
-    b.residual(algebraic)
-    b.initialize(b.simulate(method="scheme"))
-    motion = b.reintegrate()
-    assert motion.open_loop["x"][-1, -1] == pytest.approx(np.exp(-1.0), abs=1e-5)
-    assert motion.planned["x"][-1, -1] == pytest.approx(0.75**3)
-
-
-def test_with_contacts_each_element_counts_from_its_own_start() -> None:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=1.0, elements=4, scheme="implicit_euler")
-    b.x = rcp.State(initial=1.0)
-    b.force = rcp.Algebraic()
-    b.ode(lambda b, t: {b.x: -1.5 * b.x[t] + b.force[t]})
-
-    def wall(b: Any, t: Any) -> Any:
-        return (b.x[t] >= 0, b.force[t] >= 0)
-
-    b.complementarity(wall)
+    m.p = b = rcp.PhaseBlock(duration=1.2, elements=elements, scheme=scheme, stages=stages)
+    b.h, b.v, b.force = rcp.State(initial=1.0), rcp.State(initial=0.0), rcp.Algebraic(bounds=(0, None))
+    b.ode(lambda b, t: {b.h: b.v[t], b.v: b.force[t] - 9.81})
+    b.complementarity(lambda b, t: rcp.complements(b.force[t] >= 0, b.h[t] + b.force[t] / floor >= 0))
     b.initialize(b.simulate())
+    return b
+
+
+@pytest.mark.parametrize(("scheme", "stages"), [("implicit_euler", None), ("radau", 2)])
+@pytest.mark.parametrize("stiffness", [2000.0, np.inf])
+def test_a_contact_inside_an_element_is_simulated_from_the_start_of_the_plan(
+    scheme: str, stages: int | None, stiffness: float
+) -> None:
+    """A ball falls on a spring, and on a rigid floor, where it stays; the plan has neither at the right time."""
+    b = ball(stiffness, 7, scheme, stages)
     motion = b.reintegrate()
-    assert motion.contact
-    assert motion.states is motion.local
-    np.testing.assert_allclose(motion.local["x"][:, 0], motion.planned["x"][:, 0], atol=1e-14)
-    assert np.abs(motion.open_loop["x"] - motion.planned["x"]).max() > motion.errors.max()
+    assert "simulated with contact" in motion.how
+    times = (np.arange(7)[:, None] + motion.fractions) * 1.2 / 7
+    if np.isinf(stiffness):
+        expected = np.maximum(1.0 - 9.81 / 2 * times**2, 0.0)
+    else:
+        exact = solve_ivp(
+            lambda t, s: [s[1], max(0.0, -stiffness * s[0]) - 9.81], (0, 1.2), [1.0, 0.0], rtol=1e-9, atol=1e-10,
+            max_step=1e-3, dense_output=True,
+        )  # fmt: skip
+        expected = exact.sol(times.ravel())[0].reshape(times.shape)
+    np.testing.assert_allclose(motion.open_loop["h"], expected, atol=5e-3)
+    assert motion.errors.max() > 0.2
+
+
+def tied(rows: Any) -> Any:
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(duration=1.0, elements=3, stages=2)
+    b.x, b.y, b.u, b.w = rcp.State(initial=1.0), rcp.State(initial=0.0), rcp.Control(), rcp.Control()
+    b.ode(lambda b, t: {b.x: b.u[t], b.y: b.w[t]})
+    b.constraint(rows)
+    b.initialize(x=1.0, y=0.0, u=-1.0, w=lambda t: t)
+    return m
+
+
+def test_an_equality_that_determines_a_control_leaves_none_of_it_to_the_plan() -> None:
+    """u = -3 x is a feedback: x = exp(-3 t). Of u x = w it is not said which of the two follows."""
+    motion = tied(lambda b, t: b.u[t] == -3 * b.x[t]).p.reintegrate()
+    times = (np.arange(3)[:, None] + motion.fractions) / 3
+    np.testing.assert_allclose(motion.open_loop["x"], np.exp(-3 * times), atol=1e-6)
+    np.testing.assert_allclose(motion.open_loop["y"], times**2 / 2, atol=1e-6)
+    linear = tied(lambda b, t: b.u[t] + b.w[t] == 0).p.reintegrate()  # holds between the points as well
+    assert linear.open_loop["y"][-1, -1] == pytest.approx(0.5)
+    with pytest.raises(TrajectoryError, match="'u', 'w'"):
+        tied(lambda b, t: b.u[t] * b.x[t] == b.w[t]).p.reintegrate()
+
+
+def test_what_pairs_leave_open_is_no_known_motion() -> None:
+    """At the edge of the friction cone forces do not say how fast a finger slips; inside it does not."""
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(duration=1.0, elements=3)
+    b.x, b.force, b.slip = rcp.State(initial=0.0), rcp.Control(), rcp.Algebraic(bounds=(0, None))
+    b.ode(lambda b, t: {b.x: b.slip[t]})
+    b.complementarity(lambda b, t: rcp.complements(b.slip[t] >= 0, 1.0 - b.force[t] >= 0))
+    b.initialize(x=0.0, force=0.5, slip=0.0)
+    assert b.reintegrate().open_loop["x"][-1, -1] == pytest.approx(0.0, abs=1e-9)
+    b.initialize(force=1.0)
+    with pytest.raises(TrajectoryError, match="leave open what happens"):
+        b.reintegrate()
+
+
+def test_rows_beside_the_phase_may_determine_what_nobody_knows_between_the_points() -> None:
+    m = tied(lambda b, t: b.u[t] <= 5)
+    assert m.p.reintegrate().open_loop["x"][-1, -1] == pytest.approx(0.0, abs=1e-9)
+    m.brake = pyo.Constraint(m.p.points, rule=lambda m, t: m.p.u[t] == -(m.p.x[t] ** 2))
+    with pytest.raises(TrajectoryError, match="'brake' may determine 'u'"):
+        m.p.reintegrate()
 
 
 def test_another_start_is_followed() -> None:
@@ -194,15 +236,6 @@ def test_an_unstable_motion_is_followed_far_from_its_plan() -> None:
     np.testing.assert_allclose(flows.whole[:, -1, :], exact.y.T, atol=1e-3)
 
 
-def test_what_cannot_be_integrated_is_explained() -> None:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(elements=2, scheme="implicit_euler")
-    b.x = rcp.State(initial=0)
-    b.step_map(lambda b, t, previous: {b.x: previous.x + 1.0})
-    with pytest.raises(TrajectoryError, match="Step maps lead them"):
-        b.reintegrate()
-
-
 def test_an_integrand_may_read_the_model_otherwise_than_through_its_first_argument() -> None:
     m = pyo.ConcreteModel()
     m.cart = b = rcp.PhaseBlock(duration=1.0, elements=3)
@@ -216,3 +249,20 @@ def test_an_integrand_may_read_the_model_otherwise_than_through_its_first_argume
     verification = b.trajectory().verify()
     assert verification.integral_error == pytest.approx(0.0, abs=1e-12)
     assert verification.element_error == pytest.approx(0.0, abs=1e-12)
+
+
+def test_errors_that_cannot_be_estimated_are_explained() -> None:
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(elements=2)
+    b.u = rcp.Control()
+    with pytest.raises(TrajectoryError, match="has no states: there is no error to estimate"):
+        b.element_errors()
+    b.x, b.f, b.g = rcp.State(), rcp.Algebraic(), rcp.Algebraic()
+    b.ode(lambda b, t: {})
+    b.residual(half)
+    with pytest.raises(TrajectoryError, match="the motion depends on .*, of which 'half' can determine only some"):
+        b.element_errors()
+
+
+def half(b: Any, t: float) -> Any:
+    return [b.derivative(b.x)[t] == b.u[t] + b.f[t], b.f[t] == b.g[t]]

@@ -84,13 +84,6 @@ def test_steps_of_the_scheme_solve_its_rows(scheme: Any, implicit: bool) -> None
         assert abs(pyo.value(row.body) - row.lower) < 1e-9
 
 
-@each_scheme
-def test_implicit_and_explicit_statements_move_alike(scheme: Any) -> None:
-    explicit, implicit = (pendulum(each, scheme=scheme).simulate(method="scheme") for each in (False, True))
-    np.testing.assert_allclose(implicit.theta, explicit.theta, atol=1e-9)
-    np.testing.assert_allclose(implicit.pull, -9.81 * np.sin(implicit(implicit.points)["theta"]), atol=1e-7)
-
-
 def test_controls_are_given_or_as_the_phase_holds_them() -> None:
     b = pendulum()
     b.initialize(torque=3.0)  # moved onto its bound
@@ -196,10 +189,6 @@ def test_equations_without_a_value_stop_a_simulation() -> None:
     b = explosion(lambda b, t: {b.x: 1 + pyo.sqrt(1.2 - b.x[t])})
     with pytest.raises(SimulationFailed, match=r"the equations have no value \(.*Kept in .*: nothing before"):
         b.simulate()
-    b = explosion(lambda b, t: {b.x: 1 / (b.x[t] - 1.1)})
-    with pytest.raises(SimulationFailed) as caught:
-        b.simulate(method="scheme")
-    assert caught.value.trajectory is None or len(caught.value.trajectory.time) > 0
 
 
 def test_equations_without_a_root_stop_a_simulation() -> None:
@@ -212,7 +201,7 @@ def test_equations_without_a_root_stop_a_simulation() -> None:
     m.q = q = rcp.PhaseBlock(elements=2, scheme=rcp.schemes.lobatto(2))
     q.f = rcp.Algebraic()
     q.residual(no_root)
-    with pytest.raises(SimulationFailed, match="no consistent values at the start"):
+    with pytest.raises(SimulationFailed, match="the rows of element 0 were not solved"):
         q.simulate()
 
 
@@ -222,7 +211,7 @@ def test_a_rule_that_needs_the_grid_can_be_stepped() -> None:
     b.demand = pyo.Param(b.points, initialize=lambda b, t: 2.0)
     b.x = rcp.State(initial=0)
     b.ode(lambda b, t: {b.x: b.demand[t]})
-    with pytest.raises(TrajectoryError, match="cannot be asked at t = "):
+    with pytest.raises(TrajectoryError, match="no rule says it at all times"):
         b.simulate()
     assert b.simulate(method="scheme").x[-1] == pytest.approx(2.0)
 

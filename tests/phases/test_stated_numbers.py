@@ -8,7 +8,7 @@ import pyomo.environ as pyo
 import pytest
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.errors import ModelError
 
 metre = pyo.units.m
 
@@ -62,12 +62,6 @@ def test_a_copy_follows_its_own_param_also_on_another_mesh() -> None:
         assert rcp.solve(model).objective == pytest.approx((1 - start) ** 2)
         assert model.go.trajectory().verify().largest_violation < 1e-7
         assert model.go.simulate({"v": 0.0}).states["x"][0] == start
-
-
-def test_a_simulation_starts_where_the_param_says() -> None:
-    m = cart(lambda m: m.x0, None)
-    m.x0.set_value(7.0)
-    assert m.go.simulate({"v": 1.0}).states["x"] == pytest.approx([7 + t for t in m.go.time])
 
 
 @pytest.mark.ipopt
@@ -137,6 +131,6 @@ def test_what_never_changes_is_a_number() -> None:
 def test_what_cannot_be_meant_is_refused(declared: Any, message: str) -> None:
     m = cart()
     m.many, m.empty = pyo.Param([1, 2], initialize=1, mutable=True), pyo.Var()
-    with pytest.raises(DeclarationError, match=message):
+    with pytest.raises(ModelError, match=message):
         m.go.y = declared(m)
     assert m.go.component("y") is None

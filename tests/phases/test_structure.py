@@ -74,15 +74,6 @@ def test_a_simulation_is_square_and_of_full_rank(scheme: rcp.schemes.Scheme) -> 
     assert len(free_variables(m)) == len(rows(m)) == rank(m)
 
 
-def test_a_kept_derivative_adds_as_many_rows_as_variables() -> None:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(elements=4, scheme="gauss", stages=2)
-    b.x = rcp.State(initial=0, derivative_bounds=(-1, 3))
-    b.ode(lambda b, t: {b.x: -(b.x[t] ** 2)})
-    assert [variable.bounds for variable in b.x_derivative.values()] == [(-1, 3)] * 8
-    assert len(free_variables(m)) == len(rows(m)) == rank(m) == 4 * 2 + 4 + 4 * 2
-
-
 def test_a_held_control_is_one_variable_seen_at_each_point_of_its_element() -> None:
     b = plant(rcp.schemes.radau(3), "piecewise_constant").p
     for t, element in b.grid.element_of.items():

@@ -10,7 +10,7 @@ import pyomo.environ as pyo
 import pytest
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.errors import ModelError
 
 
 def phase(duration: Any = 2.0, **options: Any) -> Any:
@@ -46,7 +46,7 @@ def test_expressions_and_rules_are_followed_as_they_are() -> None:
     assert pyo.value(b.tracking(b.x, b.u, weight=m.goal)) == pytest.approx(3 * 2 / 3)  # integral of 3 (t - 1)^2
     assert pyo.value(b.tracking(b.u, 3, weight=([0, 2], [0, 2]))) == pytest.approx(4 * 2)
     b.first = pyo.Expression([0.0], rule=lambda b, t: b.x[t])
-    with pytest.raises(DeclarationError, match=r"the reference 'p.first' has no value at t = .* Index it by the time"):
+    with pytest.raises(ModelError, match=r"the reference 'p.first' has no value at t = .* Index it by the time"):
         b.tracking(b.x, b.first)
 
 
@@ -69,7 +69,7 @@ def test_a_free_duration_takes_functions_of_pyomo() -> None:
     b.initialize(x=0)
     assert pyo.value(b.tracking(b.x, lambda t: pyo.sin(t))) == pytest.approx(1 - math.sin(4) / 4, abs=1e-4)
     with pytest.raises(
-        DeclarationError, match="data need times that are numbers, but something of the horizon is to be found"
+        ModelError, match="data need times that are numbers, but something of the horizon is to be found"
     ):
         b.tracking(b.x, ([0, 3], [0, 1]))
 
@@ -87,17 +87,17 @@ def test_a_free_duration_takes_functions_of_pyomo() -> None:
 )
 def test_what_is_no_reference_is_refused(reference: Any, message: str) -> None:
     b = phase()
-    with pytest.raises(DeclarationError, match=message):
+    with pytest.raises(ModelError, match=message):
         b.tracking(b.x, reference)
 
 
 def test_only_what_changes_in_time_on_this_phase_is_tracked() -> None:
     b, other = phase(), phase()
     for variable in (b.k, other.x, "z", b.points):
-        with pytest.raises(DeclarationError, match="it is no state, algebraic or control of this phase"):
+        with pytest.raises(ModelError, match="it is no state, algebraic or control of this phase"):
             b.tracking(variable, 0)
     m = pyo.ConcreteModel()
     m.p = rcp.PhaseBlock(duration=2.0)
     m.p.y = rcp.State()
-    with pytest.raises(DeclarationError, match="trajectory 'p' has no 'x'"):
+    with pytest.raises(ModelError, match="trajectory 'p' has no 'x'"):
         b.tracking(b.x, m.p.trajectory())

@@ -44,7 +44,7 @@ def test_a_coarse_mesh_is_named():
     m, motion = falling(-3.0, elements=3, scheme="implicit_euler")
     verdict = motion.verify(m.p).verdict
     assert "the mesh is coarse" in verdict
-    assert "solve_refined" in verdict
+    assert "Take more elements." in verdict
 
 
 def test_an_error_that_grows_over_the_horizon_is_explained():

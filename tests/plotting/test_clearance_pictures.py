@@ -30,7 +30,7 @@ def test_intervals_carry_their_times() -> None:
     assert pair.time == pair.interval_times[pair.interval]
 
 
-@pytest.mark.parametrize(("height", "title"), [(0.0, "clear"), (0.5, "NOT SAFE")])
+@pytest.mark.parametrize(("height", "title"), [(0.0, "safe along straight lines"), (0.5, "NOT SAFE")])
 def test_the_line_is_what_is_proven_and_the_dots_are_what_was_found(height: float, title: str) -> None:
     found = report(height)
     (pair,) = found.body_pairs

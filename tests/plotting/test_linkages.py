@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import pyrobocop_pyomo as rcp
-
 pytest.importorskip("matplotlib")
 
 from matplotlib.figure import Figure
+from mechanism_pictures import draw_linkage, draw_planar_pushing
 
 from pyrobocop_pyomo.plotting.time_colours import evenly_moved, time_colours
 
@@ -36,9 +35,9 @@ def test_a_given_figure_is_drawn_onto() -> None:
     joints = np.stack([np.zeros((5, 2)), np.stack([np.sin(time), -np.cos(time)], axis=-1)], axis=1)
     figure = Figure(layout="constrained")
     left, right = figure.subfigures(1, 2)
-    assert rcp.scenes.draw_linkage(time, joints, cart=(0.3, 0.2), title="linkage", figure=left) is left
+    assert draw_linkage(time, joints, cart=(0.3, 0.2), title="linkage", figure=left) is left
     pose, contact = np.column_stack([time, 0 * time, time]), np.tile([-0.1, 0.0], (5, 1))
     forces = np.tile([1.0, 0.0], (5, 1))
-    assert rcp.scenes.draw_planar_pushing(time, pose, contact, half_side=0.1, force=forces, figure=right) is right
+    assert draw_planar_pushing(time, pose, contact, half_side=0.1, force=forces, figure=right) is right
     figure.canvas.draw()
     assert left.axes[0].get_title() == "linkage"

@@ -10,7 +10,7 @@ import pytest
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.plotting import draw_planar_pushing, plot_signals
+from pyrobocop_pyomo.plotting import plot_signals
 
 pytest.importorskip("matplotlib")
 
@@ -72,37 +72,3 @@ def test_signals_can_be_drawn_without_a_trajectory() -> None:
     time = np.linspace(0, 1, 5)
     figure = plot_signals("mine", time, {"a": time}, {"a": (time, time)}, set())
     assert len(figure.axes) == 1
-
-
-@pytest.mark.parametrize("with_force", [False, True])
-def test_a_pushed_slider_is_drawn_at_each_snapshot(with_force: bool) -> None:
-    time = np.linspace(0, 10, 21)
-    pose = np.column_stack([0.1 * time, 0 * time, 0.3 * time])
-    contact = np.column_stack([np.full(21, -0.045), 0 * time])  # snapshots are spaced by motion: here it is even
-    force = np.column_stack([np.full(21, 0.5), 0 * time]) if with_force else None
-    figure = draw_planar_pushing(time, pose, contact, half_side=0.045, snapshots=5, title="push", force=force)
-    axis = figure.axes[0]
-    outlines = [patch for patch in axis.patches if len(patch.get_path().vertices) == 5]
-    assert len(outlines) == 5
-    np.testing.assert_allclose(outlines[0].get_xy()[:4], 0.045 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]))
-    centres = [patch.get_xy()[:4].mean(axis=0) for patch in outlines]
-    np.testing.assert_allclose(centres, pose[[0, 5, 10, 15, 20], :2], atol=1e-12)
-    assert (axis.get_title(), axis.get_xlabel(), axis.get_ylabel()) == ("push", "x [m]", "y [m]")
-    assert len(axis.texts) == (5 if with_force else 0)
-    figure.canvas.draw()
-
-
-def test_the_pusher_touches_the_slider_from_outside() -> None:
-    contact = np.array([[-0.045, 0.02], [0.01, 0.045]])
-    figure = draw_planar_pushing(
-        np.array([0.0, 1.0]), np.zeros((2, 3)), contact, half_side=0.045, pusher_radius=0.005, snapshots=2
-    )
-    circles = [patch for patch in figure.axes[0].patches if hasattr(patch, "radius")]
-    np.testing.assert_allclose([c.center for c in circles], [[-0.05, 0.02], [0.01, 0.05]], atol=1e-15)
-
-
-def test_a_single_instant_without_a_force_can_be_drawn() -> None:
-    figure = draw_planar_pushing(
-        np.array([0.0]), np.zeros((1, 3)), np.array([[-0.045, 0.0]]), half_side=0.045, force=np.zeros((1, 2))
-    )
-    figure.canvas.draw()

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import GeometryError
+from pyrobocop_pyomo.errors import ObstacleError
 
 pytest.importorskip("matplotlib")
 
@@ -118,18 +118,20 @@ def test_an_animation_has_its_frames_and_shows_motion(body: rcp.scenes.BodyPath,
     ],
 )
 def test_what_does_not_fit_together_is_refused(arguments: tuple, message: str, tmp_path: Path) -> None:
-    with pytest.raises(GeometryError, match=message):
+    with pytest.raises(ObstacleError, match=message):
         rcp.scenes.draw_scene(TIME, *arguments)
-    with pytest.raises(GeometryError, match=message):
+    with pytest.raises(ObstacleError, match=message):
         rcp.scenes.animate_scene(TIME, *arguments, *([()] if len(arguments) == 1 else []), tmp_path / "a.gif")
     assert not list(tmp_path.iterdir())
 
 
 def test_poses_of_the_wrong_shape_and_empty_animations_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(GeometryError, match=r"body 'car': .* rotations of shape \(41, 3, 3\)"):
+    with pytest.raises(ObstacleError, match=r"body 'car': .* rotations of shape \(41, 3, 3\)"):
         rcp.scenes.BodyPath(CAR, np.tile(np.eye(3), (41, 1, 1)), np.zeros((41, 2)), "car")
-    with pytest.raises(GeometryError, match="an animation of 1 frames in 2 s"):
+    with pytest.raises(ObstacleError, match="an animation of 1 frames in 2 s"):
         rcp.scenes.animate_scene(TIME, [car()], [], tmp_path / "a.gif", frames=1, seconds=2)
+    with pytest.raises(ObstacleError, match=r"a\.html': pages are not written any more"):
+        rcp.scenes.animate_scene(TIME, [car()], [], tmp_path / "a.html", frames=2, seconds=2)
 
 
 def test_an_animation_plays_where_a_notebook_shows_it(tmp_path: Path) -> None:
@@ -174,11 +176,11 @@ def test_a_temporary_animation_is_removed_when_python_ends(tmp_path: Path) -> No
 
 def test_a_film_needs_ffmpeg_and_says_so_before_drawing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("matplotlib.animation.FFMpegWriter.isAvailable", lambda: False)
-    with pytest.raises(GeometryError, match=r"ffmpeg.*\.gif"):
+    with pytest.raises(ObstacleError, match=r"ffmpeg.*\.gif"):
         rcp.scenes.animate_scene(TIME, [car()], [], tmp_path / "a.mp4")
     assert not list(tmp_path.iterdir())
     gif = rcp.scenes.animate_scene(TIME, [car()], [], tmp_path / "a.gif", frames=2, seconds=1)
-    with pytest.raises(GeometryError, match=r"ffmpeg.*\.gif"):
+    with pytest.raises(ObstacleError, match=r"ffmpeg.*\.gif"):
         gif.save(tmp_path / "a.mp4")
     assert list(tmp_path.iterdir()) == [gif]
 

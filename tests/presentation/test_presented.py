@@ -8,7 +8,6 @@ from html.parser import HTMLParser
 from typing import Any
 from xml.etree import ElementTree
 
-import numpy as np
 import pyomo.environ as pyo
 import pytest
 from hypothesis import given
@@ -20,10 +19,7 @@ from pyrobocop_pyomo.presentation import (
     Presented,
     disclosed_text,
     facts_table,
-    outline_picture,
     page,
-    path_picture,
-    sparkline,
     table,
 )
 
@@ -79,54 +75,22 @@ def test_a_long_table_says_how_many_rows_it_leaves_out() -> None:
     assert "40" not in texts
 
 
-@given(st.lists(NUMBERS, min_size=1, max_size=300), st.booleans())
-def test_a_sparkline_stays_within_its_box(values: list[float], steps: bool) -> None:
-    picture = sparkline(np.arange(len(values)), values, steps=steps, width=100, height=20)
-    svg = ElementTree.fromstring(picture)
-    places = np.array([list(map(float, point.split(","))) for point in svg[0].attrib["points"].split()])
-    assert (places >= 0).all()
-    assert (places <= [100, 20]).all()
-    assert len(picture) < 4000
-
-
-@pytest.mark.parametrize("values", [[], [np.nan, np.nan]])
-def test_without_a_finite_value_there_is_no_curve(values: list[float]) -> None:
-    assert sparkline(range(len(values)), values) == ""
-
-
-@given(st.lists(st.tuples(NUMBERS, NUMBERS), min_size=1, max_size=20), st.floats(0, 100))
-def test_outlines_and_paths_stay_within_their_pictures(corners: list[tuple[float, float]], radius: float) -> None:
-    for picture in (outline_picture([corners], [radius]), path_picture(corners)):
-        svg = ElementTree.fromstring(picture)
-        box = [float(svg.attrib["width"]), float(svg.attrib["height"])]
-        for shape in svg.iter():
-            if "points" in shape.attrib:
-                places = np.array([list(map(float, point.split(","))) for point in shape.attrib["points"].split()])
-                assert (places >= -0.1).all()
-                assert (places <= np.array(box) + 0.2).all()
-
-
 @pytest.mark.parametrize(
     "shape",
     [
         rcp.Polytope.box(1, 2, name="<a & b>"),
-        rcp.Polytope.box(1, 2, 3),
-        rcp.Polytope.ball(0.3),
         rcp.Polytope.ball(0.3, (1, 2, 3)),
-        rcp.Polytope.capsule((0, 0), (1, 1), 0.2),
-        rcp.Polytope.ellipsoid((1.0, 0.5, 0.2)),
         rcp.Polytope.from_halfspaces([[0.0, 1.0]], [0.0], bounded=False),
         rcp.Polytope.point((1e3, 0.0)),
     ],
     ids=lambda shape: str(shape)[:12],
 )
-def test_shapes_show_a_picture(shape: rcp.Polytope) -> None:
-    assert "<svg" in shape._repr_html_()
+def test_shapes_show_their_name_and_extent(shape: rcp.Polytope) -> None:
     assert escape(shape.name) in shape._repr_html_()
     in_order(shape._repr_html_())
     assert len(repr(shape)) < LONGEST_LINE
     assert shape.name in repr(shape)
-    assert "<svg" in rcp.Body([shape, shape])._repr_html_()
+    in_order(rcp.Body([shape, shape])._repr_html_())
 
 
 def test_a_phase_shows_its_declarations_and_rules() -> None:
@@ -142,13 +106,12 @@ def test_a_phase_shows_its_declarations_and_rules() -> None:
 def test_a_trajectory_shows_each_signal_with_its_numbers() -> None:
     trajectory = cart().cart.trajectory()
     html = trajectory._repr_html_()
-    assert html.count("<svg") == len(trajectory.names)
     texts = in_order(html)
     for name, values in {**trajectory.states, **trajectory.signals}.items():
         assert texts[texts.index(name) + 3] == f"{values[-1]:.6g}"
     assert len(repr(trajectory)) < LONGEST_LINE
     joined = rcp.join_trajectories([trajectory])
-    assert joined._repr_html_().count("<svg") == len(trajectory.names)
+    assert set(trajectory.names) <= set(in_order(joined._repr_html_()))
 
 
 def test_completion_finds_what_was_declared() -> None:
@@ -187,9 +150,9 @@ def test_results_and_reports_are_short_lines_and_small_tables() -> None:
         in_order(html)
         assert len(html) < 30_000
         for word in ("color:", "background", "<script", "<style"):
-            assert word not in html.replace("currentColor", "")
-    assert f"objective {result.objective:.8g}" in repr(result)
-    assert f"{result.objective:.8g}" in in_order(result._repr_html_())
+            assert word not in html
+    for text in (repr(result), result._repr_html_()):
+        assert f"objective {result.objective:.6g}" in text
     assert all(hasattr(result, name) for name in dir(result))
 
 

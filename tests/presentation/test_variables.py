@@ -23,17 +23,15 @@ def model() -> pyo.ConcreteModel:
     return m
 
 
-def test_a_variable_over_time_shows_its_range_and_its_curve() -> None:
+def test_a_variable_over_time_shows_its_range() -> None:
     m = model()  # a block does not keep its model alive
     b = m.go
     b.force = rcp.Control()
     b.force.set_values(dict.fromkeys(b.force))
     assert repr(b.force).endswith("times, no values yet>")
-    assert "<svg" not in b.force._repr_html_()
     for t in b.x:
         b.x[t].set_value(2.0 * t - 1.0, skip_validation=True)
     assert repr(b.x) == f"<SignalVar: 'go.x' at {len(b.x)} times, -1 .. 3>"
-    assert "<svg" in b.x._repr_html_()
     assert str(b.x) == "go.x"
 
 
@@ -62,7 +60,7 @@ def test_declarations_hide_defaults() -> None:
 @pytest.mark.casadi
 @pytest.mark.parametrize(
     ("reason", "words"),
-    [(StopReason.INTERRUPTED, "optimal when interrupted,"), (StopReason.TIME_LIMIT, "optimal at the time limit,")],
+    [(StopReason.INTERRUPTED, "solved when interrupted."), (StopReason.TIME_LIMIT, "solved at the time limit.")],
 )
 def test_a_run_that_was_cut_short_says_so_in_its_line(reason: StopReason, words: str) -> None:
     m = pyo.ConcreteModel(name="cut")

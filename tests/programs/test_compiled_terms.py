@@ -12,8 +12,6 @@ import casadi
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
 from pyrobocop_pyomo.native.shared_library import SWITCH_VARIABLE
@@ -158,19 +156,6 @@ def test_all_functions_of_a_program_are_those_of_numpy(instances: int, monkeypat
         ours.update(), theirs.update()
 
 
-@settings(max_examples=20, deadline=None)
-@given(st.lists(st.floats(-5, 5), min_size=3, max_size=3), st.floats(0.1, 10.0))
-def test_values_are_those_of_the_model(values: list[float], rate: float) -> None:
-    m = model(2)
-    m.rate[0] = rate
-    compiled = CompiledModel(m, "vectorised")
-    x = np.array(values)
-    compiled.load_point(x)
-    rows = np.array([pyo.value(row.body) for row in compiled.constraints])
-    assert compiled.nlp.constraints(x) == pytest.approx(rows, rel=1e-12, abs=1e-12)
-    assert compiled.nlp.objective(x) == pytest.approx(pyo.value(m.cost), rel=1e-12)
-
-
 def test_ipopt_runs_alike_with_and_without_python(monkeypatch: pytest.MonkeyPatch) -> None:
     m = model(40)
     nlp, slow = (program(m, switch, monkeypatch).nlp for switch in ("on", "off"))
@@ -183,19 +168,6 @@ def test_ipopt_runs_alike_with_and_without_python(monkeypatch: pytest.MonkeyPatc
         assert ours.x == pytest.approx(theirs.x, abs=1e-9)
         assert ours.g == pytest.approx(fast.constraints(ours.x), abs=1e-12)
         assert ours.evaluation_seconds > 0.0
-
-
-def test_where_something_does_not_exist_a_shorter_step_is_taken() -> None:
-    m = pyo.ConcreteModel()
-    m.x = pyo.Var(initialize=10.0)
-    m.cost = pyo.Objective(expr=m.x - pyo.log(m.x))
-    nlp = CompiledModel(m, "vectorised").nlp
-    assert called_directly(nlp) == set(EVALUATIONS)
-    outcome = run_ipopt(nlp, {})
-    assert outcome.status.solved
-    assert outcome.x == pytest.approx([1.0], abs=1e-6)
-    assert outcome.undefined_at is not None
-    assert outcome.undefined_at[0] <= 0.0
 
 
 def test_what_is_put_around_a_program_is_evaluated_by_python() -> None:

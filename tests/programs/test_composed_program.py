@@ -16,11 +16,7 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import FunctionError, ModelError
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 
-BACKENDS = [
-    pytest.param("vectorised", marks=pytest.mark.casadi),
-    pytest.param("asl", marks=pytest.mark.asl),
-    pytest.param("casadi", marks=pytest.mark.casadi),
-]
+pytestmark = pytest.mark.casadi
 
 
 def value(X: np.ndarray) -> np.ndarray:
@@ -102,11 +98,11 @@ def assert_same(first: CompiledModel, second: CompiledModel, seed: int = 0) -> N
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.asl
 @pytest.mark.parametrize("sense", [1, -1])
-def test_values_and_derivatives_are_those_of_the_model_in_pyomo(backend: str, sense: int) -> None:
+def test_values_and_derivatives_are_those_of_the_model_in_pyomo(sense: int) -> None:
     called, written_out = chain(F, sense=sense), chain(in_pyomo, sense=sense)
-    first, second = CompiledModel(called, backend), CompiledModel(written_out, backend)
+    first, second = CompiledModel(called), CompiledModel(written_out, "asl")
     assert_same(first, second)
     for m in (called, written_out):
         m.p, m.x[3].ub = 0.9, 2.0
@@ -141,9 +137,9 @@ def formulas(draw: Any, depth: int = 3) -> Any:
 
 
 @pytest.mark.asl
-@given(st.lists(formulas(), min_size=1, max_size=3), st.sampled_from(["vectorised", "asl"]), st.integers(0, 99))
+@given(st.lists(formulas(), min_size=1, max_size=3), st.integers(0, 99))
 @settings(max_examples=25)
-def test_formulas_at_random_have_the_derivatives_of_pyomo(rows: list[Any], backend: str, seed: int) -> None:
+def test_formulas_at_random_have_the_derivatives_of_pyomo(rows: list[Any], seed: int) -> None:
     def build(f: Any) -> pyo.ConcreteModel:
         m = pyo.ConcreteModel()
         m.x = pyo.Var(range(4), initialize=0.5)
@@ -151,10 +147,9 @@ def test_formulas_at_random_have_the_derivatives_of_pyomo(rows: list[Any], backe
         m.row = pyo.Constraint(range(len(rows)), rule=lambda m, i: rows[i](f, m.x) + m.x[i] <= 1.0)
         return m
 
-    assert_same(CompiledModel(build(F), backend), CompiledModel(build(in_pyomo), backend), seed)
+    assert_same(CompiledModel(build(F)), CompiledModel(build(in_pyomo), "asl"), seed)
 
 
-@pytest.mark.casadi
 def test_each_function_is_called_once_for_all_points() -> None:
     counts: list[tuple[int, ...]] = []
 
@@ -162,9 +157,7 @@ def test_each_function_is_called_once_for_all_points() -> None:
         counts.append(X.shape)
         return value(X)
 
-    nlp = CompiledModel(
-        chain(rcp.Function(counted, jacobian, hessian, outputs=2, check_derivatives=False)), "vectorised"
-    ).nlp
+    nlp = CompiledModel(chain(rcp.Function(counted, jacobian, hessian, outputs=2, check_derivatives=False))).nlp
     counts.clear()
     x = np.full(nlp.n, 0.4)
     nlp.objective(x), nlp.constraints(x), nlp.gradient(x), nlp.jacobian(x), nlp.hessian(x, 1.0, np.ones(nlp.m))
@@ -172,57 +165,39 @@ def test_each_function_is_called_once_for_all_points() -> None:
     assert counts == [(31, 2), (14, 2)]
 
 
-@pytest.mark.ipopt
-def test_the_same_optimum_is_found_in_the_same_iterations() -> None:
-    for backend in ("vectorised", "asl"):
-        first = rcp.solve(chain(F), backend=backend)
-        second = rcp.solve(chain(in_pyomo), backend=backend)
-        assert first.solved
-        assert second.solved
-        assert first.objective == pytest.approx(second.objective, abs=1e-9)
-        assert first.steps[0].iterations == second.steps[0].iterations
-
-
-@pytest.mark.casadi
 def test_rows_without_free_variables_are_checked() -> None:
     m = pyo.ConcreteModel()
     m.x, m.fixed = pyo.Var(initialize=0.5), pyo.Var(initialize=0.5)
     m.fixed.fix()
     m.cost = pyo.Objective(expr=m.x**2 + F(1.0, m.fixed)[0])
     m.row = pyo.Constraint(expr=F(m.fixed, 1.0)[0] <= 2.0)
-    for backend in ("vectorised", "casadi"):
-        m.fixed.set_value(0.5)
-        compiled = CompiledModel(m, backend)
-        assert compiled.nlp.m == 0
-        assert compiled.nlp.objective(np.array([2.0])) == pytest.approx(4.0 + in_pyomo(1.0, 0.5)[0])
-        m.fixed.set_value(2.0)
-        with pytest.raises(InfeasibleConstraintException):
-            compiled.update()
+    compiled = CompiledModel(m)
+    assert compiled.nlp.m == 0
+    assert compiled.nlp.objective(np.array([2.0])) == pytest.approx(4.0 + in_pyomo(1.0, 0.5)[0])
+    m.fixed.set_value(2.0)
+    with pytest.raises(InfeasibleConstraintException):
+        compiled.update()
 
 
-@pytest.mark.casadi
 def test_derivatives_are_checked_when_a_model_is_compiled_and_only_once() -> None:
     wrong = rcp.Function(value, lambda X: 2 * jacobian(X), outputs=["first", "second"], name="wrong")
     with pytest.raises(FunctionError, match=r"'wrong\.first': jacobian gives"):
-        CompiledModel(chain(wrong), "vectorised")
+        CompiledModel(chain(wrong))
     trusted = rcp.Function(value, lambda X: 2 * jacobian(X), outputs=2, check_derivatives=False)
-    assert CompiledModel(chain(trusted), "vectorised").nlp.n > 0
+    assert CompiledModel(chain(trusted)).nlp.n > 0
 
 
-@pytest.mark.asl
 def test_where_derivatives_come_from_is_said() -> None:
     without = rcp.Function(value, jacobian, outputs=2, name="drag")
-    for backend, words in (("vectorised", "vectorised expressions"), ("asl", "ASL")):
-        text = CompiledModel(chain(without), backend).nlp.derivatives
-        assert words in text
-        assert "'drag' (second derivatives by differences) in Python" in text
+    text = CompiledModel(chain(without)).nlp.derivatives
+    assert text == "CasADi on vectorised expressions, with 'drag' (second derivatives by differences) in Python"
 
 
 # ---------------------------------------------------------------- refusals
 
 
 @pytest.mark.parametrize("attached", [True, False])
-@pytest.mark.parametrize("backend", ["asl", "casadi", "vectorised", "executable", None])
+@pytest.mark.parametrize("backend", ["asl", "vectorised", "executable", None])
 @pytest.mark.executable
 def test_a_python_function_of_pyomo_is_refused_wherever_it_was_made(attached: bool, backend: str | None) -> None:
     function = pyo.ExternalFunction(lambda x: x**2, lambda x, fixed: [2 * x[0]], lambda x, fixed: [2.0])
@@ -237,10 +212,12 @@ def test_a_python_function_of_pyomo_is_refused_wherever_it_was_made(attached: bo
         rcp.solve(m, **({} if backend is None else {"backend": backend}))
 
 
+@pytest.mark.asl
 @pytest.mark.executable
-def test_the_executable_refuses_a_function_by_the_row_that_calls_it() -> None:
+@pytest.mark.parametrize("backend", ["asl", "executable"])
+def test_programs_from_files_refuse_a_function_by_the_row_that_calls_it(backend: str) -> None:
     m = chain(F)
     components = len(list(m.component_objects()))
     with pytest.raises(FunctionError, match=r"'\w+.*': the Python function 'F\[\d\]' is called, .* in this process"):
-        rcp.solve(m, backend="executable")
+        rcp.solve(m, backend=backend)
     assert len(list(m.component_objects())) == components

@@ -133,6 +133,5 @@ def test_components_that_a_solver_would_not_see_are_refused():
     m.x = pyo.Var([1, 2], initialize=1.0)
     m.row = pyo.Constraint(expr=m.x[1] * m.x[2] <= 1)
     m.one = pyo.SOSConstraint(var=m.x, sos=1)
-    for derivatives in ("vectorised", "casadi"):
-        with pytest.raises(ModelError, match=r"'one' \(SOSConstraint\)"):
-            CompiledModel(m, derivatives)
+    with pytest.raises(ModelError, match=r"'one' \(SOSConstraint\)"):
+        CompiledModel(m)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from pyrobocop_pyomo.native.shared_library import CACHE_VARIABLE
+import pyrobocop_pyomo
 
 GCC = shutil.which("gcc")
 
@@ -29,12 +29,17 @@ def test_no_block_reads_or_writes_outside_of_its_arrays(tmp_path: Path) -> None:
     if None in libraries:
         pytest.skip("gcc has no sanitizers here")
     laws = Path(__file__).with_name("test_compiled_terms.py")
+    # A copy of the package, imported from the working folder.
+    compiled = shutil.ignore_patterns("__pycache__", "*.so")
+    shutil.copytree(Path(pyrobocop_pyomo.__file__).parent, tmp_path / "pyrobocop_pyomo", ignore=compiled)
+    compiler = f"{GCC} -fsanitize=address,undefined -fno-sanitize-recover=all -g"
+    command = [sys.executable, "-m", "pyrobocop_pyomo", "build-native"]
+    subprocess.run(command, cwd=tmp_path, env={**os.environ, "CC": compiler}, check=True)
     ended = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", laws, "-k", "129 or ipopt_runs"],
+        cwd=tmp_path,
         env={
             **os.environ,
-            "CC": f"{GCC} -fsanitize=address,undefined -fno-sanitize-recover=all -g",
-            CACHE_VARIABLE: str(tmp_path / "cache"),
             # Ipopt loads it in a way that sanitizers refuse; it has a test of its own.
             "PYROBOCOP_LINEAR_SOLVER": "none",
             # Python itself frees not all that it takes; the library is loaded into a process without the runtimes.

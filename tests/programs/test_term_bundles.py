@@ -82,8 +82,8 @@ def group_of(number: int, columns: list[tuple[int, ...]]) -> TermGroup:
     size = len(columns[0])
     group = TermGroup((SUM + size + 1, *(-1 - k for k in range(size)), NUMBER, number), size, 1)
     for row, several in enumerate(columns):
-        parameters = [(0, [row])] if (row + number) % 3 == 0 else []
-        group.add([row], [1.0 + row], [[column] for column in several], [[float(row)]], parameters)
+        parameters = [(0, row)] if (row + number) % 3 == 0 else []
+        group.add(row, 1.0 + row, several, [float(row)], parameters)
     return group
 
 
@@ -148,15 +148,3 @@ def test_numpy_and_the_virtual_machine_give_the_same_numbers(build, monkeypatch)
         found.append([nlp.constraints(x), nlp.jacobian(x), nlp.hessian(x, 0.7, multipliers), nlp.gradient(x)])
     for ours, theirs in zip(*found, strict=True):
         assert ours == pytest.approx(theirs, rel=1e-13, abs=1e-13)
-
-
-@pytest.mark.casadi
-def test_parameters_of_bundled_terms_are_read_again():
-    m = sliding_disc(30)
-    compiled = CompiledModel(m, "vectorised")
-    for k in m.steps:
-        m.scale[k] = 2.0 - k / 30
-    compiled.update()
-    values = compiled.nlp.constraints(compiled.current_point())
-    slips = [compiled.row_of[m.slip[k]] for k in m.steps]
-    assert values[slips] == pytest.approx([pyo.value(m.slip[k].body) for k in m.steps])

@@ -187,7 +187,7 @@ def test_solving_verifying_simulating_and_reintegrating_ask_no_rule_again() -> N
     "backend",
     [
         pytest.param("asl", marks=pytest.mark.asl),
-        *(pytest.param(b, marks=pytest.mark.casadi) for b in ("casadi", "vectorised")),
+        pytest.param("vectorised", marks=pytest.mark.casadi),
     ],
 )
 def test_a_choice_by_the_time_is_the_side_that_holds_at_each_point(backend):

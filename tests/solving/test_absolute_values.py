@@ -8,6 +8,7 @@ import numpy as np
 import pyomo.environ as pyo
 import pytest
 from complementarity.harness import nl_text, state
+from harness.routes import every_backend
 from mpcc_catalogue.point_check import check_point
 
 import pyrobocop_pyomo as rcp
@@ -57,15 +58,7 @@ def test_the_optimum_does_not_depend_on_who_splits(scheme: str) -> None:
     assert results[0].objective == pytest.approx(results[1].objective, rel=1e-6)
 
 
-BACKENDS = [
-    pytest.param("asl", marks=pytest.mark.asl),
-    pytest.param("casadi", marks=pytest.mark.casadi),
-    pytest.param("vectorised", marks=pytest.mark.casadi),
-    pytest.param("executable", marks=pytest.mark.executable),
-]
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
+@every_backend
 @pytest.mark.parametrize("start", [-3.0, 0.5, 2.0])
 def test_a_distance_as_objective(start: float, backend: str) -> None:
     m = pyo.ConcreteModel()
@@ -75,19 +68,6 @@ def test_a_distance_as_objective(start: float, backend: str) -> None:
     assert result.solved, str(result)
     assert m.x.value == pytest.approx(0.5, abs=1e-6)
     assert result.objective == abs(m.x.value - 0.5)
-
-
-def test_a_distance_in_a_cost_over_time() -> None:
-    """The state goes to 0.5 as fast as it can, and stays: the integral is 1/8."""
-    m = pyo.ConcreteModel()
-    m.b = b = rcp.PhaseBlock(duration=2.0, elements=20)
-    b.x, b.u = rcp.State(initial=0), rcp.Control(bounds=(-1, 1))
-    b.ode(lambda b, t: {b.x: b.u[t]})
-    m.cost = pyo.Objective(expr=b.integral(lambda b, t: abs(b.x[t] - 0.5)))
-    result = rcp.solve(m, progress=False)
-    assert result.solved, str(result)
-    assert result.objective == pytest.approx(0.125, abs=1e-6)
-    assert any("no derivative at zero" in remark for remark in result.remarks)
 
 
 def test_rows_that_say_more_than_a_derivative_can() -> None:

@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.routes import every_backend
 from harness.scenes import ARROW, WALL, avoiding, placed, turning_move
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import SolveFailed
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
-from pyrobocop_pyomo.planning.recovery import Recovery, softened
+from pyrobocop_pyomo.planning.recovery import Recovery
 from pyrobocop_pyomo.solving.solve_result import StopReason
 
 pytestmark = pytest.mark.ipopt
@@ -63,44 +64,6 @@ def components(m: pyo.ConcreteModel) -> set[str]:
     return {each.name for each in m.component_objects()}
 
 
-@pytest.mark.parametrize("sense", [pyo.minimize, pyo.maximize], ids=str)
-def test_the_model_is_afterwards_as_it_was(sense: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    # Through the one step that has an objective of its own for a while.
-    monkeypatch.setattr(Recovery, "steps", lambda self: iter([self._from_initial_guess, self._giving_way]))
-    m = around_a_tall_wall()
-    if sense == pyo.maximize:
-        m.effort.set_value(-m.effort.expr)
-        m.effort.sense = sense
-    text, before = str(m.effort.expr), components(m)
-    result = rcp.solve(m)
-    assert result.safe
-    assert "planes that give way" in {each.purpose for each in result.rounds}
-    assert (m.effort.active, m.effort.sense, str(m.effort.expr)) == (True, sense, text)
-    assert [each.name for each in m.component_data_objects(pyo.Objective)] == ["effort"]
-    assert components(m) == before
-    assert_hard(m.move.avoid)
-    assert result.objective == pytest.approx(pyo.value(m.effort))
-    assert closest(m, [box(0.8, 6, center=(2, 2))]) > 0.0495
-
-
-def assert_hard(avoid: ObstacleAvoidanceBlockData) -> None:
-    """All of the clearance is asked, and without slack."""
-    assert pyo.value(avoid.clearance_scale) == 1.0
-    assert len(avoid.slack) == 0
-    assert pyo.value(avoid.softness) == 0.0
-    assert not avoid.record.soft
-
-
-def test_an_objective_of_the_same_name_is_left_alone() -> None:
-    m = around_a_tall_wall()
-    m.move.avoid.softened_objective = pyo.Expression(expr=1.0)
-    with softened(m, [m.move.avoid], 100.0):
-        assert len(list(m.component_data_objects(pyo.Objective, active=True))) == 1
-        assert not m.effort.active
-    assert m.move.avoid.softened_objective.expr == 1.0
-    assert m.effort.active
-
-
 def test_rounds_are_told_and_the_last_rows_hold_at_the_answer() -> None:
     m = curved()
     result = rcp.solve(m)
@@ -132,9 +95,10 @@ def test_copies_after_a_solve_with_split_planes(how: str) -> None:
     m.move.x[inside].set_value(99.0)
     result = rcp.solve(copy)
     # A lambda does not survive pickling: its equations are rows of the copy, and what they say in between is not known.
-    assert result.safe is (how == "clone")
+    assert result.safe is (True if how == "clone" else None)
     assert ("did not survive pickling" in str(result.safety)) is (how == "pickle")
-    assert rcp.solve(copy, equations=False).safe
+    copy.move.avoid.equations = False
+    assert rcp.solve(copy).solved
     assert closest(copy, [WALL]) > 0.0495
     assert m.move.x[inside].value == 99.0
 
@@ -148,14 +112,13 @@ def test_without_time_the_point_is_kept_and_not_called_safe() -> None:
     result = rcp.solve(m, time_limit=0.05)
     assert (result.safe, result.stop_reason) == (False, StopReason.TIME_LIMIT)
     assert_best_is_on_the_model(m, result, before)
-    with pytest.raises(SolveFailed, match="time limit"):
+    with pytest.raises(SolveFailed, match="(?i)time limit"):
         result.raise_for_status()
 
 
 def assert_best_is_on_the_model(m: pyo.ConcreteModel, result: Any, before: set[str]) -> None:
     assert m.effort.active
     assert components(m) == before
-    assert_hard(m.move.avoid)
     assert pyo.value(m.effort) == pytest.approx(result.objective, rel=1e-9)
     worst = m.move.avoid.verify().worst
     assert worst.distance == pytest.approx(result.safety.worst.distance, abs=1e-9)
@@ -173,12 +136,10 @@ def failing_verify(monkeypatch: pytest.MonkeyPatch, calls: int, error: BaseExcep
     monkeypatch.setattr(ObstacleAvoidanceBlockData, "verify", failing)
 
 
-@pytest.mark.parametrize("step", ["_new_planes", "_growing_clearance", "_giving_way"])
-def test_ctrl_c_between_runs_ends_with_the_best_round(step: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    # In the middle of a step: of the clearance, a fraction is asked then, or planes give way at a price.
+def test_ctrl_c_between_runs_ends_with_the_best_round(monkeypatch: pytest.MonkeyPatch) -> None:
     m = around_a_tall_wall(4)
     before = components(m)
-    monkeypatch.setattr(Recovery, "steps", lambda self: iter([self._from_initial_guess, getattr(self, step)]))
+    monkeypatch.setattr(Recovery, "steps", lambda self: iter([self._from_initial_guess, self._new_planes]))
     failing_verify(monkeypatch, 1, KeyboardInterrupt())
     result = rcp.solve(m, options={"max_iter": 60})
     monkeypatch.undo()
@@ -193,20 +154,18 @@ def test_ctrl_c_in_the_first_round_is_passed_on(monkeypatch: pytest.MonkeyPatch)
     with pytest.raises(KeyboardInterrupt):
         rcp.solve(m)
     assert components(m) == before
-    assert_hard(m.move.avoid)
 
 
 def test_an_error_is_passed_on_with_the_best_point_on_the_model(monkeypatch: pytest.MonkeyPatch) -> None:
     m = around_a_tall_wall(4)
     before = components(m)
-    monkeypatch.setattr(Recovery, "steps", lambda self: iter([self._from_initial_guess, self._giving_way]))
+    monkeypatch.setattr(Recovery, "steps", lambda self: iter([self._from_initial_guess, self._new_planes]))
     failing_verify(monkeypatch, 1, ArithmeticError("lost"))
     with pytest.raises(ArithmeticError, match="lost"):
         rcp.solve(m, options={"max_iter": 60})
     monkeypatch.undo()
     assert components(m) == before
     assert m.effort.active
-    assert_hard(m.move.avoid)
     once = around_a_tall_wall(4)
     monkeypatch.setattr(Recovery, "steps", lambda self: iter([self._from_initial_guess]))
     rcp.solve(once, options={"max_iter": 60})
@@ -216,30 +175,21 @@ def test_an_error_is_passed_on_with_the_best_point_on_the_model(monkeypatch: pyt
 # ---------------------------------------------------------------- where blocks may be
 
 
-def test_two_blocks_in_one_model() -> None:
-    m = turning_move(height=0)
-    other = box(0.5, 1.5, center=(2.0, 2.4))
-    avoiding(m)
-    m.move.second = rcp.ObstacleAvoidanceBlock(
-        m.move.time, bodies={"arrow": rcp.Body(ARROW, pose=placed)}, obstacles={"other": other}, clearance=0.05
-    )
-    result = rcp.solve(m)
-    assert result.safe
-    assert {pair.second for pair in result.safety.body_pairs} == {"wall", "other"}
-    assert closest(m, [WALL, other]) > 0.0495
-    for avoid in (m.move.avoid, m.move.second):
-        assert_hard(avoid)
-
-
-def test_indexed_blocks() -> None:
+@pytest.mark.parametrize("indexed", [False, True])
+def test_two_blocks_in_one_model(indexed: bool) -> None:
     m = turning_move(height=0)
     obstacles = {"low": WALL, "high": box(0.5, 1.5, center=(2.0, 2.4))}
+    body = {"arrow": rcp.Body(ARROW, pose=placed)}
 
     def each(block: Any, name: str) -> None:
-        body = {"arrow": rcp.Body(ARROW, pose=placed)}
         block.build(m.move.time, bodies=body, obstacles={name: obstacles[name]}, clearance=0.05)
 
-    m.move.avoid = rcp.ObstacleAvoidanceBlock(list(obstacles), rule=each)
+    if indexed:
+        m.move.avoid = rcp.ObstacleAvoidanceBlock(list(obstacles), rule=each)
+    else:
+        for name, obstacle in obstacles.items():
+            block = rcp.ObstacleAvoidanceBlock(m.move.time, bodies=body, obstacles={name: obstacle}, clearance=0.05)
+            m.move.add_component(name, block)
     result = rcp.solve(m)
     assert result.safe
     assert {pair.second for pair in result.safety.body_pairs} == set(obstacles)
@@ -265,10 +215,7 @@ def test_blocks_that_are_switched_off_take_no_part() -> None:
     assert m.x.value == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize(
-    "backend",
-    [pytest.param(name, marks=getattr(pytest.mark, name)) for name in ("executable", "casadi", "asl")],
-)
+@every_backend
 def test_every_backend_plans_safely(backend: str) -> None:
     m = curved()
     result = rcp.solve(m, backend=backend)
@@ -310,9 +257,6 @@ def test_progress_shows_every_round(monkeypatch: pytest.MonkeyPatch) -> None:
 
 NEEDED = {  # elements of the tall wall with which the guess fails and the step succeeds
     "_new_planes": 4,
-    "_other_norm": 6,
-    "_growing_clearance": 6,
-    "_giving_way": 4,
     180.0: 6,
     90.0: 6,
     -90.0: 6,
@@ -331,7 +275,6 @@ def test_each_step_of_recovery_helps_where_the_guess_fails(step: Any, monkeypatc
     assert result.rounds[0].quality is rcp.Quality.INFEASIBLE
     assert result.safe
     assert closest(m, [box(0.8, 6, center=(2, 2))]) > 0.0495
-    assert_hard(m.move.avoid)
 
 
 def closed_in(**options: Any) -> pyo.ConcreteModel:
@@ -364,21 +307,19 @@ def narrow(**options: Any) -> pyo.ConcreteModel:
     return m
 
 
-@pytest.mark.parametrize("formulation", ["plane", "dual", "optimality"])
 @pytest.mark.parametrize("state", [closed_in, narrow])
-def test_where_there_is_no_way_none_is_claimed(state: Callable[..., Any], formulation: str) -> None:
-    m = state(formulation=formulation)
+def test_where_there_is_no_way_none_is_claimed(state: Callable[..., Any]) -> None:
+    m = state()
     before = components(m)
     result = rcp.solve(m, time_limit=4, options={"max_iter": 60})
     assert result.safe is False
     assert not result.solved
     assert not any(each.safe and each.quality is not rcp.Quality.INFEASIBLE for each in result.rounds)
-    with pytest.raises(SolveFailed, match=r"(?s)'turning move'.*No motion was found.*'arrow' and .*required clearance"):
+    with pytest.raises(SolveFailed, match=r"(?s)turning move: .*No motion was found.*'arrow' and .*required clearance"):
         result.raise_for_status()
     assert "NOT SAFE" in str(result)
     assert "solved" not in str(result)
     assert components(m) == before
-    assert_hard(m.move.avoid)
     assert m.effort.active
 
 
@@ -411,11 +352,10 @@ def test_recovery_ends_where_no_obstacle_takes_part() -> None:
 # ---------------------------------------------------------------- pruned pairs
 
 
-@pytest.mark.parametrize("formulation", ["plane", "dual"])
-def test_a_pair_left_out_that_becomes_dangerous_comes_back(formulation: str, no_recovery: None) -> None:
+def test_a_pair_left_out_that_becomes_dangerous_comes_back(no_recovery: None) -> None:
     # Guessed on an arc high above the wall, which is then out of sight; the cheapest motion runs through it.
     m = turning_move(elements=24, height=6)
-    avoid = avoiding(m, broad_phase=0.6, formulation=formulation)
+    avoid = avoiding(m, broad_phase=0.6)
     avoid.initialize()
     assert avoid.record.pruned
     result = rcp.solve(m)
@@ -423,7 +363,6 @@ def test_a_pair_left_out_that_becomes_dangerous_comes_back(formulation: str, no_
     assert not result.rounds[0].safe
     report = result.safety
     assert report.safe is (closest(m, [WALL]) >= 0.0495)
-    # Certificates of single times cannot promise what is between; planes do.
-    assert result.safe or formulation != "plane"
+    assert result.safe
     nodes = [rcp.scenes.signed_distance(ARROW, WALL, placed(m.move, t)).distance for t in m.move.time]
     assert min(nodes) >= 0.05 - 1e-6

@@ -10,7 +10,7 @@ import pytest
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
-from pyrobocop_pyomo.planning import coarse_start, safe_planning
+from pyrobocop_pyomo.planning import safe_planning
 
 pytestmark = [pytest.mark.ipopt, pytest.mark.slow]
 
@@ -38,30 +38,28 @@ def field(elements: int) -> Any:
 def test_a_start_on_fewer_elements_leads_to_the_same_plan_and_keeps_the_users_variables(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(coarse_start, "LEAST_ELEMENTS", 40)
-    monkeypatch.setattr(coarse_start, "LEAST_SEPARATIONS", 50)
-    m = field(40)
+    monkeypatch.setattr(safe_planning, "LEAST_SEPARATIONS", 50)
+    m = field(80)
     held = dict(m.move.x.items())
     result = rcp.solve(m)
     assert result.safe
     assert any(made.purpose.startswith("fewer elements: ") for made in result.rounds)
     assert any(made.purpose == "from a plan on 20 elements" for made in result.rounds)
-    assert m.move.grid.mesh.elements == 40
+    assert m.move.grid.mesh.elements == 80
     assert all(m.move.x[t] is variable for t, variable in held.items())
-    monkeypatch.setattr(coarse_start, "LEAST_ELEMENTS", 10**6)
-    directly = rcp.solve(field(40))
+    monkeypatch.undo()
+    directly = rcp.solve(field(80))
     assert directly.safe
     assert result.objective == pytest.approx(directly.objective, rel=2e-2)
     assert np.isfinite(result.objective)
 
 
-@pytest.mark.parametrize(("many", "verified"), [(50, {20, 40}), (500, {40})])
+@pytest.mark.parametrize(("many", "verified"), [(50, {20, 80}), (10**6, {80})])
 def test_a_coarse_plan_is_verified_where_margins_are_cheaper_there_and_equations_on_the_users_mesh_alone(
     many: int, verified: set[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(safe_planning, "LEAST_SEPARATIONS", many)
-    monkeypatch.setattr(coarse_start, "LEAST_ELEMENTS", 40)
-    monkeypatch.setattr(coarse_start, "LEAST_SEPARATIONS", 50)
+    monkeypatch.setattr(safe_planning, "LEAST_PAIRS", 50)
     asked: list[tuple[int, bool]] = []
     verify = ObstacleAvoidanceBlockData.verify
 
@@ -70,7 +68,7 @@ def test_a_coarse_plan_is_verified_where_margins_are_cheaper_there_and_equations
         return verify(block, equations=equations)
 
     monkeypatch.setattr(ObstacleAvoidanceBlockData, "verify", noted)
-    result = rcp.solve(field(40))
+    result = rcp.solve(field(80))
     assert result.safe
     assert {elements for elements, _ in asked} == verified
-    assert all(equations == (elements == 40) for elements, equations in asked)
+    assert all(equations == (elements == 80) for elements, equations in asked)

@@ -27,7 +27,7 @@ def two_stages() -> pyo.ConcreteModel:
 def test_the_polish_keeps_what_is_crossed(grouping: Crossed) -> None:
     assert rcp.solve(two_stages(), progress=False).objective == pytest.approx(0.0, abs=1e-7)
     m = two_stages()
-    result = rcp.solve(m, grouping=grouping, progress=False)
+    result = rcp.solve(m, strategies=rcp.Strategy(grouping=grouping), progress=False)
     result.raise_for_status()
     assert result.objective == pytest.approx(1.0, abs=1e-7)  # a_1 has to be zero beside b_2 = 2
     assert m.a[1].value == pytest.approx(0.0, abs=1e-9)
@@ -84,7 +84,9 @@ def sliding(elements: int) -> pyo.ConcreteModel:
 def test_a_list_of_pairs_is_crossed_statement_by_statement(left_end: str | None) -> None:
     m = sliding(20)
     grouping = Crossed(left_end=left_end)
-    result = rcp.solve(m, grouping=grouping, schedule=rcp.relaxations.Geometric(first=1.0), progress=False)
+    result = rcp.solve(
+        m, strategies=rcp.Strategy(schedule=rcp.relaxations.Geometric(first=1.0), grouping=grouping), progress=False
+    )
     assert result.quality is rcp.Quality.OPTIMAL
     assert result.objective == pytest.approx(2.8, rel=1e-7)
     b, ends = m.phase, {}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
+import math
 import pathlib
 import subprocess
 import sys
@@ -14,13 +14,13 @@ from typing import Any
 import pyomo.environ as pyo
 import pytest
 from harness.belt_drive import belt_drive
-from harness.observed_runs import LinearProgram, before_linear_programs, interrupt_run, observe_options
+from harness.observed_runs import interrupt_run, observe_options
 from known_mpccs import mpcc_problem
-from test_interruptions import swing
+from test_finer_meshes import forced
 from test_robust_procedure import LOOSE, RANK, Broken, without_derivative
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import HomotopyStalled
+from pyrobocop_pyomo.errors import SolveFailed
 from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable
 
 solve = partial(rcp.solve, progress=False)
@@ -30,8 +30,8 @@ solve = partial(rcp.solve, progress=False)
 @pytest.mark.parametrize(("elements", "duration"), [(10, 6.0), (10, 3.0), (8, 6.0)])
 def test_a_failed_polish_keeps_the_better_point_before_it(elements: int, duration: float) -> None:
     """Where the belt touches the pulley, the distance has no derivative, and the polish ends without multipliers."""
-    rough = solve(belt_drive(elements, duration), strategies="barrier", polish=False, backend="asl")
-    polished = solve(belt_drive(elements, duration), strategies="barrier", backend="asl", exploration=0)
+    rough = solve(belt_drive(elements, duration), strategies=rcp.Strategy("barrier", polish=False), backend="asl")
+    polished = solve(belt_drive(elements, duration), strategies=rcp.Strategy("barrier", exploration=0), backend="asl")
     assert rough.quality is rcp.Quality.OPTIMAL
     assert RANK[polished.quality] >= RANK[rough.quality], str(polished)
     assert polished.objective <= rough.objective + 1e-4 * abs(rough.objective)
@@ -84,10 +84,10 @@ def test_a_python_function_does_not_end_the_interpreter(backend: str) -> None:
     "error", [ValueError("not finite"), ZeroDivisionError()], ids=lambda error: type(error).__name__
 )
 def test_an_error_of_other_code_leaves_the_best_point_on_the_model(error: Exception) -> None:
-    first = solve(mpcc_problem("bard1").build(), strategies=LOOSE, polish=False)
+    first = solve(mpcc_problem("bard1").build(), strategies=LOOSE)
     model = mpcc_problem("bard1").build()
     with contextlib.suppress(type(error)):
-        solve(model, strategies=[LOOSE, rcp.Strategy("broken", Broken(error))], polish=False)
+        solve(model, strategies=[LOOSE, rcp.Strategy("broken", Broken(error))])
     (cost,) = model.component_data_objects(pyo.Objective)
     assert pyo.value(cost) == pytest.approx(first.objective)
 
@@ -122,66 +122,46 @@ def weighted() -> pyo.ConcreteModel:
     return m
 
 
-def press(monkeypatch: pytest.MonkeyPatch, number: int) -> list[int]:
-    """Press Ctrl-C in a linear program; returns the numbers of those that were begun."""
-    begun: list[int] = []
-
-    def act(program: LinearProgram) -> None:
-        begun.append(program.number)
-        if program.number == number:
-            raise KeyboardInterrupt
-
-    before_linear_programs(monkeypatch, act)
-    return begun
-
-
-def count_solves(monkeypatch: pytest.MonkeyPatch, name: str) -> list[Any]:
-    """The results of all solves that a module makes."""
-    module = importlib.import_module(name)
-    results: list[Any] = []
-    solve = module.solve
-
-    def counting(*arguments: Any, **options: Any) -> Any:
-        results.append(solve(*arguments, **options))
-        return results[-1]
-
-    monkeypatch.setattr(module, "solve", counting)
-    return results
-
-
 @pytest.mark.casadi
 @pytest.mark.parametrize("run", [0, 3, 7])
 def test_a_path_of_data_ends_where_it_was_interrupted(run: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    results = count_solves(monkeypatch, "pyrobocop_pyomo.studies.outcomes")
     runs = interrupt_run(monkeypatch, run)
-    m = weighted()
-    with pytest.raises(HomotopyStalled, match="Ctrl-C"):
-        rcp.studies.homotopy(m, {"weight": (0.5, 1.0)}, 4, progress=False)
-    assert len(runs) == run + 1
-    assert [result.stop_reason is rcp.StopReason.INTERRUPTED for result in results] == [False] * (len(results) - 1) + [
-        True
-    ]
-
-
-@pytest.mark.casadi
-@pytest.mark.parametrize("number", [0, 2])
-def test_a_path_of_data_ends_where_a_linear_program_was_interrupted(
-    number: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    begun = press(monkeypatch, number)
-    with pytest.raises(HomotopyStalled, match="Ctrl-C"):
+    with pytest.raises(SolveFailed, match="Ctrl-C") as failed:
         rcp.studies.homotopy(weighted(), {"weight": (0.5, 1.0)}, 4, progress=False)
-    assert len(begun) <= number + 2
+    assert len(runs) == run + 1
+    *others, last = [step.result.stop_reason is rcp.StopReason.INTERRUPTED for step in failed.value.result]
+    assert (any(others), last) == (False, True)
 
 
 @pytest.mark.casadi
-@pytest.mark.parametrize("run", [1])
-def test_refinement_ends_with_the_mesh_that_was_interrupted(run: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert len(rcp.studies.solve_refined(swing, 1e-7, elements=5, exploration=0, progress=False)) > 2
-    runs = interrupt_run(monkeypatch, run)
-    found = rcp.studies.solve_refined(swing, 1e-7, elements=5, exploration=0, progress=False)
-    assert len(runs) == run + 1
-    assert len(found) == run + 1
-    assert found.end is rcp.studies.RefinementEnd.INTERRUPTED
-    assert found.outcomes[-1].result.stop_reason is rcp.StopReason.INTERRUPTED
-    assert found.result.quality is not rcp.Quality.INFEASIBLE
+def test_refinement_ends_with_the_mesh_that_was_interrupted(monkeypatch: pytest.MonkeyPatch) -> None:
+    options: Any = {"strategies": rcp.Strategy(exploration=0), "mesh_tolerance": 1e-8}
+    assert len(rcp.solve(forced(), **options).steps) > 2
+    runs = interrupt_run(monkeypatch, 1)
+    found = rcp.solve(forced(), **options)
+    assert len(runs) == 2
+    assert found.stop_reason is rcp.StopReason.INTERRUPTED
+    assert found.quality is not rcp.Quality.INFEASIBLE
+
+
+@pytest.mark.casadi
+def test_an_infinite_guess_is_no_guess_and_nothing_is_to_be_built(caplog: pytest.LogCaptureFixture) -> None:
+    m = pyo.ConcreteModel(name="far")
+    m.x = pyo.Var(initialize=math.inf)
+    m.row = pyo.Constraint(expr=m.x >= 0)
+    m.cost = pyo.Objective(expr=(m.x - 1) ** 2)
+    result = rcp.solve(m, progress=False)
+    assert result.solved
+    assert m.x.value == pytest.approx(1.0, abs=1e-6)
+    assert "build-asl" not in result.report() + caplog.text
+
+
+@pytest.mark.casadi
+def test_a_power_of_a_negative_state_is_named() -> None:
+    m = pyo.ConcreteModel(name="drag")
+    m.p = b = rcp.PhaseBlock(duration=1.0, elements=2)
+    b.v, b.u = rcp.State(initial=-1), rcp.Control(bounds=(-5, 5))
+    b.ode(lambda b, t: {b.v: b.u[t] - b.v[t] ** 1.5})
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
+    text = str(rcp.solve(m, progress=False, time_limit=5))
+    assert "= -1 to the power 1.5, in right-hand side of 'v' of phase 'p'" in text

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pyomo.environ as pyo
 import pytest
 from hypothesis import given, settings
@@ -11,7 +13,7 @@ from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import EvaluationError
-from pyrobocop_pyomo.planning.finer_meshes import FinerMeshes
+from pyrobocop_pyomo.planning.finer_meshes import MeshLoop
 
 pytestmark = pytest.mark.ipopt
 
@@ -150,7 +152,7 @@ def test_what_cannot_be_solved_on_a_finer_mesh_leaves_the_answer(monkeypatch: py
     def fails(*_: Any) -> Any:
         raise EvaluationError("no value there")
 
-    monkeypatch.setattr(FinerMeshes, "_solved", fails)
+    monkeypatch.setattr(MeshLoop, "_on", fails)
     result = rcp.solve(m)
     assert result.solved
     assert m.p.grid.mesh.elements == 5
@@ -159,15 +161,104 @@ def test_what_cannot_be_solved_on_a_finer_mesh_leaves_the_answer(monkeypatch: py
     assert len(m.dual) >= len(list(m.p.x_collocation))
 
 
-def test_as_a_pyomo_solver(exact: float) -> None:
-    refined, kept = forced(), forced()
-    pyo.SolverFactory("pyrobocop.mpcc").solve(refined)
-    pyo.SolverFactory("pyrobocop.mpcc", mesh_tolerance=None).solve(kept)
-    assert pyo.value(refined.cost) == pytest.approx(exact, rel=1e-3)
-    assert kept.p.grid.mesh.elements == 4
-
-
 @pytest.mark.parametrize("wrong", [0.0, -1.0, "small", float("nan")])
 def test_a_wrong_tolerance_is_refused(wrong: Any) -> None:
     with pytest.raises(ValueError, match="mesh_tolerance"):
         rcp.solve(forced(), mesh_tolerance=wrong)
+
+
+def braked(elements: int) -> Any:
+    """Three carts in a loop, each below a limit of its own."""
+    m = pyo.ConcreteModel(name="braked")
+    m.b = b = rcp.PhaseBlock(duration=6.0, elements=elements)
+    b.x, b.v, b.u = rcp.State(index=3, initial=0), rcp.State(index=3, initial=2, final=0), rcp.Control(index=3)
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] - b.v[t] ** 3})
+    for i, limit in enumerate((0.05, 0.08, 0.1)):
+        b.constraint(lambda b, t: b.u[i, t] <= limit, name=f"limit_{i}")  # noqa: B023
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] @ b.u[t] + b.x[t] @ b.x[t]))
+    return m
+
+
+def test_limits_of_a_loop_are_those_of_the_loop_on_any_mesh() -> None:
+    m, fine = braked(5), braked(60)
+    result, exact = rcp.solve(m), rcp.solve(fine, mesh_tolerance=None)
+    assert result.solved
+    assert m.b.grid.mesh.elements > 5
+    assert result.objective == pytest.approx(exact.objective, rel=2e-3)
+    for i, limit in enumerate((0.05, 0.08, 0.1)):
+        assert max(m.b.u[i, t].value for t in m.b.points) == pytest.approx(limit, abs=1e-6)
+
+
+def _own_limit(m: Any) -> None:
+    m.culprit = pyo.Constraint(m.b.points, rule=lambda m, t: m.b.u[0, t] >= -9)
+
+
+def _own_ramp(m: Any) -> None:
+    points = list(m.b.points)
+    m.culprit = pyo.Constraint(
+        range(1, len(points)), rule=lambda m, k: m.b.u[0, points[k]] - m.b.u[0, points[k - 1]] <= 9
+    )
+
+
+def _other_row(m: Any) -> None:
+    m.b.constraint(lambda b, t: b.u[0, t] <= 9, name="culprit")
+    m.b.culprit[m.b.points.last()].set_value(m.b.u[0, m.b.points.last()] <= 8)
+
+
+@pytest.mark.parametrize("add", [_own_limit, _own_ramp, _other_row])
+def test_the_first_lines_say_what_keeps_a_coarse_mesh(add: Callable[[Any], None]) -> None:
+    m = braked(5)
+    add(m)
+    result = rcp.solve(m)
+    assert m.b.grid.mesh.elements == 5
+    assert any("The mesh stays as it is" in line and "culprit" in line for line in str(result).splitlines()[:4])
+
+
+def test_boundary_layers_take_less_than_half_of_a_uniform_mesh() -> None:
+    """Layers of width one at both ends of a long, dull horizon."""
+
+    def layers(elements: int) -> Any:
+        m = pyo.ConcreteModel()
+        m.p = b = rcp.PhaseBlock(duration=50.0, elements=elements)
+        b.x, b.u = rcp.State(initial=1, final=1.5), rcp.Control()
+        b.ode(lambda b, t: {b.x: b.u[t] - b.x[t] ** 3})
+        m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] ** 2 + b.u[t] ** 2))
+        return m
+
+    refined = layers(10)
+    rcp.solve(refined, mesh_tolerance=1e-6).raise_for_status()
+    error = refined.p.trajectory().verify().element_error
+    assert error <= 1.5e-5
+    uniform = layers(2 * refined.p.grid.mesh.elements)
+    rcp.solve(uniform, mesh_tolerance=None).raise_for_status()
+    assert uniform.p.trajectory().verify().element_error > error
+
+
+def test_a_boundary_moves_to_where_a_control_switches() -> None:
+    """Faster up than down: the switch is after a third of the square root of three."""
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.1, 10), initial_guess=2), elements=4)
+    b.x, b.v = rcp.State(initial=0, final=1), rcp.State(initial=0, final=0)
+    b.u = rcp.Control(bounds=(-1, 2))
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
+    m.cost = pyo.Objective(expr=b.duration)
+    assert rcp.solve(m, mesh_tolerance=1e-9).objective == pytest.approx(3**0.5, rel=1e-6)
+    assert abs(np.array(b.trajectory().grid.mesh.boundaries) - 3**0.5 / 3).min() < 1e-5
+
+
+def test_a_better_objective_of_a_motion_that_is_none_is_not_kept() -> None:
+    """Nishida's problem: the smallest distance from the origin at the end, by one control that switches."""
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(duration=4.2)
+    b.x, b.u = rcp.State(index=4, initial=10), rcp.Control(bounds=(-1, 1))
+
+    @b.ode
+    def oscillators(b: Any, t: float) -> Any:
+        x, u = b.x[t], b.u[t]
+        slow = [-0.5 * x[0] + 5 * x[1], -5 * x[0] - 0.5 * x[1] + u]
+        return {b.x: [*slow, -0.6 * x[2] + 10 * x[3], -10 * x[2] - 0.6 * x[3] + u]}
+
+    m.cost = pyo.Objective(expr=sum(b.x[i, b.final_time] ** 2 for i in range(4)))
+    result = rcp.solve(m, mesh_tolerance=1e-4)
+    assert "the first answer, 0." in str(result.remarks)  # ten elements, whose motion is wrong by a quarter
+    assert result.objective == pytest.approx(1.003475, rel=2e-3)

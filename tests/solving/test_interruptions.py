@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import pyomo.environ as pyo
 import pytest
 from harness.observed_runs import interrupt_run
-from harness.timed_models import sequence_of_pushes
 from known_mpccs import mpcc_problem
 from pyomo.contrib.solver.common.factory import SolverFactory
 from pyomo.contrib.solver.common.results import TerminationCondition
@@ -29,37 +26,6 @@ def test_several_starts_end_where_they_were_interrupted(run: int, monkeypatch: p
     assert len(found.remaining) >= 1
     (cost,) = m.component_data_objects(pyo.Objective)
     assert pyo.value(cost) == pytest.approx(found.best.objective)
-
-
-def swing(mesh: Any) -> pyo.ConcreteModel:
-    """A smooth motion whose error needs several meshes."""
-    m = pyo.ConcreteModel(name="swing")
-    m.phase = b = rcp.PhaseBlock(duration=3.0, mesh=mesh)
-    b.q, b.v = rcp.State(initial=2.0), rcp.State(initial=0.0)
-    b.u = rcp.Control(bounds=(-1, 1))
-    b.ode(lambda b, t: {b.q: b.v[t], b.v: b.u[t] - 9.81 * pyo.sin(b.q[t])})
-    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.q[t] ** 2 + 0.1 * b.u[t] ** 2))
-    return m
-
-
-@pytest.mark.parametrize("run", [0])
-def test_refinement_ends_with_the_mesh_that_was_interrupted(run: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert len(rcp.studies.solve_refined(swing, 1e-7, elements=5, progress=False)) > 2
-    runs = interrupt_run(monkeypatch, run)
-    found = rcp.studies.solve_refined(swing, 1e-7, elements=5, progress=False)
-    assert len(runs) == run + 1
-    assert len(found) == run + 1
-    assert found.result.stop_reason is rcp.StopReason.INTERRUPTED
-
-
-@pytest.mark.parametrize("run", [0, 2, 5])
-def test_sequences_of_phases_end_where_they_were_interrupted(run: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    runs = interrupt_run(monkeypatch, run)
-    sequences = rcp.studies.mode_sequences(["soft", "hard"], [2])
-    ranking = rcp.studies.solve_sequences(sequence_of_pushes, sequences, exploration=0, progress=False)
-    assert len(runs) == run + 1
-    assert all(outcome.result.stop_reason is not rcp.StopReason.INTERRUPTED for outcome in ranking)
-    assert len(ranking) < len(sequences)
 
 
 def test_a_persistent_program_goes_on_after_an_interruption(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-import importlib.util
 import io
+import re
 
 import pyomo.environ as pyo
 import pytest
-from pyomo.contrib.pynumero.asl import AmplInterface
+from harness.routes import every_backend
 from pyomo.contrib.solver.common.factory import SolverFactory
 from pyomo.contrib.solver.common.results import SolutionStatus, TerminationCondition
 from pyomo.contrib.solver.common.util import NoOptimalSolutionError, NoSolutionError
 from pyomo.mpec import Complementarity, ComplementarityList, complements
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import SolverNotFoundError
-from pyrobocop_pyomo.ipopt import ipopt_executable, ipopt_library
+from pyrobocop_pyomo.errors import KeywordError, SolverNotFoundError
+from pyrobocop_pyomo.ipopt import backends
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
+from pyrobocop_pyomo.planning.solve import RETIRED_WORDS
 
 pytestmark = pytest.mark.casadi
 ITERATION_LIMIT = {"max_iter": 1}
@@ -91,19 +92,7 @@ def test_the_older_interface_reports_as_pyomo_expects():
     assert results.problem.upper_bound == pytest.approx(0.25, abs=1e-6)
 
 
-def test_nothing_generated_stays_on_the_model():
-    m = two_corners()
-    m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
-    before = components(m)
-    solver().solve(m)
-    assert components(m) == before
-    assert [each.name for each in m.dual] == ["row"]
-
-
-ROUTES = [pytest.param(word, marks=getattr(pytest.mark, word)) for word in ("asl", "casadi", "executable")]
-
-
-@pytest.mark.parametrize("backend", ROUTES)
+@every_backend
 def test_duals_and_reduced_costs_are_prices(backend):
     m = two_corners()
     m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
@@ -218,19 +207,12 @@ def test_the_log_goes_to_the_streams_that_are_given_and_nowhere_else(capfd):
     assert "EXIT: Optimal Solution Found" in capfd.readouterr().out
 
 
-@pytest.mark.parametrize("strategy", ["barrier", "tight", "continuation", "elastic"])
-def test_a_strategy_can_be_chosen_alone(strategy):
-    results = solver().solve(two_corners(), strategies=strategy)
-    assert results.extra_info.result.strategy == strategy
-    assert results.incumbent_objective == pytest.approx(0.25, abs=1e-6)
-
-
 def test_choices_are_made_at_the_factory_for_the_older_interface():
     m = two_corners()
-    chosen = legacy(strategies="continuation", polish=False)
+    chosen = legacy(strategies=rcp.Strategy("continuation", polish=False))
     pyo.assert_optimal_termination(chosen.solve(m))
     assert 0.0 < m.x.value < 1e-6, "without polish the pair is met as its relaxation has it"
-    chosen.config.polish = True
+    chosen.config.strategies = "continuation"
     chosen.solve(m)
     assert m.x.value == 0.0
 
@@ -241,6 +223,19 @@ def test_choices_are_made_at_the_factory_for_the_older_interface():
 def test_what_is_misspelt_is_refused(choice, words):
     with pytest.raises(ValueError, match=words):
         solver().solve(two_corners(), **choice)
+
+
+@pytest.mark.parametrize("name", RETIRED_WORDS)
+def test_a_keyword_of_earlier_versions_is_refused_with_what_to_write(name):
+    doors = (
+        lambda: rcp.solve(two_corners(), **{name: False}),
+        lambda: rcp.studies.multistart(two_corners(), 2, **{name: False}),
+        lambda: solver().solve(two_corners(), **{name: False}),
+        lambda: legacy().set_options(f"{name}=False"),
+    )
+    for door in doors:
+        with pytest.raises(KeywordError, match=re.escape(f"Write {RETIRED_WORDS[name]}")):
+            door()
 
 
 def test_models_of_pyomo_mpec_are_solved_as_they_are():
@@ -281,32 +276,15 @@ def test_a_block_of_a_model_is_solved_alone():
     assert m.other_pair.active
 
 
-def test_without_ipopt_it_says_so_with_remedies(monkeypatch, tmp_path):
-    find_spec = importlib.util.find_spec
-    monkeypatch.setattr(
-        importlib.util, "find_spec", lambda name, *rest: None if name == "casadi" else find_spec(name, *rest)
-    )
-    for variable in ("PYROBOCOP_IPOPT_LIBRARY", "PYROBOCOP_IPOPT_EXECUTABLE"):
-        monkeypatch.delenv(variable, raising=False)
-    monkeypatch.setattr(ipopt_library.ctypes.util, "find_library", lambda name: None)
-    monkeypatch.setattr("sys.prefix", str(tmp_path))
-    monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.setattr(AmplInterface, "libname", None)
-    monkeypatch.setattr(ipopt_executable, "Executable", lambda name: NoExecutable())
+def test_without_ipopt_it_says_so_with_remedies(monkeypatch):
+    assert solver().available()
+    assert legacy().available()
+    assert legacy().license_is_valid()
+    for name in ("find_ipopt_library", "find_ipopt_executable"):
+        monkeypatch.setattr(backends, name, lambda: None)
     assert not solver().available()
     assert not legacy().available(exception_flag=False)
     m = two_corners()
     with pytest.raises(SolverNotFoundError, match=r"pip install 'pyrobocop_pyomo\[ipopt\]'"):
         legacy().solve(m)
     assert m.pair.active
-
-
-class NoExecutable:
-    def path(self) -> None:
-        return None
-
-
-def test_it_is_available_here():
-    assert solver().available()
-    assert legacy().available()
-    assert legacy().license_is_valid()

@@ -10,12 +10,11 @@ import pyomo.environ as pyo
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pyomo.contrib.solver.common.factory import SolverFactory
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.solving import procedure
-from pyrobocop_pyomo.solving.convexity import is_convex
+from pyrobocop_pyomo.solving.curvature import is_convex
 from pyrobocop_pyomo.solving.ipopt_options import IpoptOptions
 from pyrobocop_pyomo.solving.polish import plain_work
 
@@ -82,7 +81,7 @@ def labels(result: rcp.SolveResult) -> list[str]:
 @pytest.mark.parametrize("sense", [pyo.minimize, pyo.maximize])
 def test_a_guess_beside_the_worse_optimum_ends_at_the_better_one(sense: Any) -> None:
     near, far = round_a_hill(sense=sense), round_a_hill(sense=sense)
-    before, result = rcp.solve(near, exploration=0), rcp.solve(far)
+    before, result = rcp.solve(near, strategies=rcp.Strategy(exploration=0)), rcp.solve(far)
     assert labels(before) == ["solve"]
     assert before.remarks == ()
     assert before.solved
@@ -95,7 +94,7 @@ def test_a_guess_beside_the_worse_optimum_ends_at_the_better_one(sense: Any) -> 
 
 @pytest.mark.slow
 def test_a_motion_under_random_controls_leaves_a_well() -> None:
-    before, result = rcp.solve(two_wells(), exploration=0), rcp.solve(two_wells())
+    before, result = rcp.solve(two_wells(), strategies=rcp.Strategy(exploration=0)), rcp.solve(two_wells())
     assert result.solved
     assert result.objective < before.objective - 1.0
 
@@ -110,7 +109,7 @@ def test_the_same_model_has_the_same_answer_again() -> None:
 @pytest.mark.parametrize("power", [1, 2])
 @pytest.mark.parametrize("exploration", [None, float("inf")])
 def test_a_convex_problem_is_solved_once(power: int, exploration: float | None) -> None:
-    assert labels(rcp.solve(to_rest(power), exploration=exploration)) == ["solve"]
+    assert labels(rcp.solve(to_rest(power), strategies=rcp.Strategy(exploration=exploration))) == ["solve"]
 
 
 def test_what_is_no_convex_quadratic_is_looked_at_further() -> None:
@@ -119,7 +118,7 @@ def test_what_is_no_convex_quadratic_is_looked_at_further() -> None:
 
 def test_a_fine_mesh_is_explored_on_a_coarser_one() -> None:
     m = round_a_hill(elements=80)
-    before = rcp.solve(round_a_hill(elements=80), exploration=0)
+    before = rcp.solve(round_a_hill(elements=80), strategies=rcp.Strategy(exploration=0))
     result = rcp.solve(m)
     assert result.solved
     assert result.strategy == "other optimum"
@@ -145,14 +144,6 @@ def test_where_the_guess_is_in_the_way_a_start_from_its_side_follows_soon() -> N
     assert result.solved
     assert result.objective == pytest.approx(4.0, rel=1e-4)
     assert result.iterations < 1500
-
-
-def test_pyomo_s_solver_looks_as_well_unless_it_is_told_not_to() -> None:
-    for factory in (SolverFactory, pyo.SolverFactory):
-        near, far = round_a_hill(), round_a_hill()
-        factory("pyrobocop.mpcc", exploration=0).solve(near)
-        factory("pyrobocop.mpcc").solve(far)
-        assert pyo.value(far.cost) < pyo.value(near.cost) - 10.0
 
 
 @pytest.mark.executable

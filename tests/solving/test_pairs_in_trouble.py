@@ -52,20 +52,6 @@ def test_pairs_without_a_value_are_reported_as_not_met():
     assert violation.name == "pair"
 
 
-@pytest.mark.parametrize("kind", ["mpec", "own"])
-def test_bounds_that_make_both_sides_positive_are_an_infeasible_problem(kind: str):
-    m = plane(bounds=(1, 2))
-    if kind == "mpec":
-        m.pair = Complementarity(expr=complements(m.x >= 0, m.y >= 0))
-    else:
-        m.pair = rcp.Complementarity(expr=rcp.complements(m.x >= 0, m.y >= 0))
-    m.cost = pyo.Objective(expr=m.x + m.y)
-    result = rcp.solve(m)
-    assert result.quality is Quality.INFEASIBLE
-    assert result.stop_reason is StopReason.INFEASIBLE
-    assert "pair 'pair': its sides are 1 and 1" in result.report()
-
-
 def two_variables(m):
     m.pair = rcp.Complementarity(expr=rcp.complements(m.x >= 0, m.y >= 0))
 

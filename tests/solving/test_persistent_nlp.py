@@ -47,15 +47,6 @@ def test_a_changed_initial_state_solves_as_a_model_built_anew():
     assert kept.preparations == 1
 
 
-def test_a_warm_start_takes_fewer_iterations_than_a_cold_one():
-    kept = PersistentNLP(cart_pole(10))
-    first = kept.solve()
-    at_start(kept.model, 0.02, 0.0)
-    assert kept.solve().iterations < first.iterations
-    values = [v.value for v in kept.model.component_data_objects(pyo.Var)]
-    assert None not in values
-
-
 def test_a_change_of_structure_prepares_the_model_again():
     kept = PersistentNLP(parameters_everywhere())
     kept.solve()

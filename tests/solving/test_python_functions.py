@@ -9,6 +9,8 @@ import pyomo.environ as pyo
 import pytest
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 
 
 def pull(X: np.ndarray) -> np.ndarray:
@@ -131,3 +133,14 @@ def test_a_fixed_end_beyond_a_table_is_told_in_the_result_and_nowhere_else(caplo
     assert "wind" in result.report()
     assert "derivatives by ." not in result.report()
     assert not caplog.records
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("place", ["row", "argument"])
+def test_discrete_variables_beside_a_function_are_named(place: str) -> None:
+    m = pyo.ConcreteModel(name="steps")
+    m.x, m.n = pyo.Var(initialize=1), pyo.Var(domain=pyo.Integers, initialize=1)
+    m.row = pyo.Constraint(expr=SQUARE(m.x) + m.n == 2 if place == "row" else SQUARE(m.x + m.n) == 2)
+    m.cost = pyo.Objective(expr=m.x**2)
+    with pytest.raises(ModelError, match=r"'steps' has 1 discrete variables \('n'\)"):
+        CompiledModel(m)

@@ -14,7 +14,7 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo import optional_imports
 from pyrobocop_pyomo.complementarity import PairResidual
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
-from pyrobocop_pyomo.solving.pair_report import pair_reports, split_name
+from pyrobocop_pyomo.solving.pair_report import PairReport, pair_reports, split_name
 from pyrobocop_pyomo.solving.result_text import pair_table
 
 sizes = st.floats(0.0, 10.0).filter(lambda size: size == 0.0 or size > 1e-5)
@@ -85,7 +85,7 @@ def test_tables_hold_what_the_reports_hold(result):
 
 @pytest.mark.casadi
 def test_without_a_certificate_there_are_no_multipliers():
-    found = rcp.solve(three_kinds(), polish=False)
+    found = rcp.solve(three_kinds(), strategies=rcp.Strategy(polish=False))
     assert {(each.first_multiplier, each.second_multiplier) for each in found.pairs} == {(None, None)}
     assert " - " in found.table()
     worst = max(found.pairs, key=lambda each: abs(each.natural))
@@ -108,7 +108,7 @@ def test_a_model_without_pairs_has_a_report_as_well():
 
 @given(a=sizes, b=sizes)
 def test_the_zero_side_is_the_one_that_is_zero(a, b):
-    pair = rcp.PairReport("p", a, b)
+    pair = PairReport("p", a, b)
     expected = {(True, False): "first", (False, True): "second", (True, True): "biactive", (False, False): "neither"}
     assert pair.active.value == expected[a == 0, b == 0]
     assert (pair.natural, pair.product) == (min(a, b), a * b)
@@ -130,7 +130,7 @@ def test_names_are_split_at_their_own_index(name, component, index):
 
 
 def test_a_long_table_says_what_it_leaves_out():
-    pairs = [rcp.PairReport(f"p[{i}]", 0.0, math.pi) for i in range(9)]
+    pairs = [PairReport(f"p[{i}]", 0.0, math.pi) for i in range(9)]
     assert pair_table(pairs, 4).splitlines()[-1] == "... and 5 more"
     assert len(pair_table(pairs).splitlines()) == 10
 

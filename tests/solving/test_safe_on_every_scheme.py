@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pyomo.dae as dae
 import pyomo.environ as pyo
 import pytest
 
@@ -79,44 +78,6 @@ def test_a_free_duration_and_moving_elements(moving: tuple[float, float] | None)
     m = build(duration=rcp.Duration(bounds=(1, 10), initial_guess=4), stages=2, free_element_widths=moving)
     rcp.solve(m, progress=False).raise_for_status()
     assert closest(m) >= 0.99 * CLEARANCE - 1e-9
-
-
-@pytest.mark.parametrize("transformation", ["pyrobocop.collocation", "dae.collocation", "dae.finite_difference"])
-def test_a_continuous_set(transformation: str) -> None:
-    m = pyo.ConcreteModel(name="continuous")
-    m.t = dae.ContinuousSet(bounds=(0, 4))
-    for name, first, last in (("x", -1.5, 1.5), ("y", 0.0, 0.0), ("theta", 0.0, 2.0)):
-        state = pyo.Var(m.t, initialize=lambda m, t, a=first, b=last: a + (b - a) * t / 4)
-        m.add_component(name, state)
-        m.add_component(f"{name}_dot", dae.DerivativeVar(state, wrt=m.t, initialize=0))
-        m.add_component(f"{name}_rate", pyo.Var(m.t, bounds=(-3, 3), initialize=0))
-        m.add_component(
-            f"{name}_ode",
-            pyo.Constraint(m.t, rule=lambda m, t, n=name: getattr(m, f"{n}_dot")[t] == getattr(m, f"{n}_rate")[t]),
-        )
-        state[0].fix(first)
-        state[4].fix(last)
-    options = {"nfe": 12} if transformation == "dae.finite_difference" else {"nfe": 12, "ncp": 2}
-    pyo.TransformationFactory(transformation).apply_to(m, wrt=m.t, **options)
-    for name in ("x", "y", "theta"):
-        for t in m.t:
-            variable = m.component(name)[t]
-            if variable.value is None:
-                first, last = m.component(name)[0].value, m.component(name)[4].value
-                variable.set_value(first + (last - first) * t / 4)
-    m.effort = pyo.Objective(
-        expr=sum(each[t] ** 2 for each in (m.x_rate, m.y_rate, m.theta_rate) for t in m.t if each[t].value is not None)
-    )
-    m.avoid = rcp.ObstacleAvoidanceBlock(
-        m.t, bodies={"body": rcp.Body(BODY, pose=pose)}, obstacles=[WALL], clearance=CLEARANCE
-    )
-    result = rcp.solve(m, progress=False, equations=False)
-    result.raise_for_status()
-    assert result.safe
-    if transformation != "dae.finite_difference":  # rows at points alone; differences are lines, which is assumed
-        result = rcp.solve(m, progress=False)
-        assert not result.safe
-        assert "rows at its points" in result.report()
 
 
 @pytest.mark.asl

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from itertools import pairwise
 from typing import Any
 
@@ -12,6 +13,8 @@ from scipy.integrate import solve_ivp
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.motion.equations_motion import needed_reductions
+from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
+from pyrobocop_pyomo.planning import safety_meshes
 from pyrobocop_pyomo.planning.planning_point import PlanningPoint
 
 pytestmark = [pytest.mark.ipopt]
@@ -75,6 +78,30 @@ def test_a_mesh_that_is_too_coarse_is_refined_and_the_rounds_say_so() -> None:
     assert m.move.x[m.move.final_time] is final
     assert closest(m) >= 0.99 * CLEARANCE
     assert m.move.trajectory().verify().largest_violation < 1e-6
+
+
+def in_a_field(elements: int) -> Any:
+    """Past a post in a field of forces that drives the motion away from a plan on few elements."""
+    m = pyo.ConcreteModel(name="field")
+    m.move = b = rcp.PhaseBlock(duration=4.0, elements=elements)
+    b.p, b.v = rcp.State(index=2, initial=0, final=[2, 0.2]), rcp.State(index=2, initial=0)
+    b.a = rcp.Control(index=2, bounds=(-20, 20))
+    b.ode(lambda b, t: {b.p: b.v[t], b.v: b.a[t] + 8 * np.array([pyo.sin(3 * b.p[1, t]), pyo.sin(3 * b.p[0, t])])})
+    b.avoid = rcp.ObstacleAvoidanceBlock(
+        b.time, body=rcp.Polytope.box(0.2, 0.1), pose=lambda b, t: rcp.planar_pose(b.p[0, t], b.p[1, t], 0.0),
+        obstacles={"post": rcp.Polytope.hull([POST], radius=0.2, allow_flat=True)}, clearance=CLEARANCE,
+    )  # fmt: skip
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.a[t] @ b.a[t]))
+    b.initialize(p=lambda t: [t / 2, 0.4 * np.sin(np.pi * t / 4)])
+    return m
+
+
+def test_few_elements_to_start_with_are_no_limit_to_how_many_there_may_be() -> None:
+    m = in_a_field(4)
+    result = rcp.solve(m)
+    assert result.safe
+    assert len(result.rounds) <= 10
+    assert m.move.grid.mesh.elements > 32
 
 
 def in_two_phases() -> Any:
@@ -152,3 +179,24 @@ def test_a_planning_point_goes_back_to_its_mesh() -> None:
     assert {index: variable.value for index, variable in m.move.x.items()} == before
     assert m.move.grid.mesh.elements == 5
     assert not point.restore()
+
+
+@pytest.mark.parametrize("limit", [40.0, 60.0, 100.0, 130.0, 160.0, 220.0])
+def test_a_round_that_could_not_be_verified_in_time_is_not_begun(limit: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Here only verifying takes time, and integrating again for a finer mesh as well: one second for each element."""
+    clock, m = [0.0], unicycle(6)
+    monkeypatch.setattr(time, "perf_counter", lambda: clock[0])
+
+    def slow(old: Any) -> Any:
+        def slowly(*arguments: Any, **options: Any) -> Any:
+            clock[0] += m.move.grid.mesh.elements
+            return old(*arguments, **options)
+
+        return slowly
+
+    monkeypatch.setattr(ObstacleAvoidanceBlockData, "verify", slow(ObstacleAvoidanceBlockData.verify))
+    monkeypatch.setattr(safety_meshes, "reintegrate", slow(safety_meshes.reintegrate))
+    result = rcp.solve(m, time_limit=limit)
+    assert clock[0] <= limit
+    assert result.safe or result.stop_reason is rcp.StopReason.TIME_LIMIT
+    assert result.quality is not rcp.Quality.INFEASIBLE

@@ -6,17 +6,15 @@ import math
 
 import pyomo.environ as pyo
 import pytest
+from harness.routes import every_backend
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
+from pyrobocop_pyomo.solving.iterates import Iterate
+from pyrobocop_pyomo.solving.second_tries import SecondTries
+from pyrobocop_pyomo.solving.settings import Settings
 
 pytestmark = pytest.mark.casadi
-
-BACKENDS = [
-    pytest.param("asl", marks=pytest.mark.asl),
-    "casadi",
-    "vectorised",
-    pytest.param("executable", marks=pytest.mark.executable),
-]
 
 
 def _goddard(elements: int = 12) -> pyo.ConcreteModel:
@@ -38,12 +36,12 @@ def _goddard(elements: int = 12) -> pyo.ConcreteModel:
     return m
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
+@every_backend
 def test_a_start_without_a_value_is_moved_and_named(backend: str) -> None:
     m = _goddard()
     m.climb.initialize({"height": 0.0})
     # From there Ipopt comes to one of two local optima, by its last digits.
-    result = rcp.solve(m, backend=backend, exploration=float("inf"))
+    result = rcp.solve(m, backend=backend, strategies=rcp.Strategy(exploration=float("inf")))
     assert result.solved
     assert result.objective == pytest.approx(1.01283, abs=2e-4)
     assert "could not be evaluated: division by climb.height" in result.report()
@@ -63,16 +61,6 @@ def test_what_cannot_be_moved_ends_in_a_result_that_names_it() -> None:
     assert m.x.value == -1.0
     with pytest.raises(rcp.errors.SolveFailed, match=r"log\(\.\.\.\) of x = -1"):
         result.raise_for_status()
-
-
-def test_a_solve_that_succeeds_is_followed_by_nothing() -> None:
-    m = pyo.ConcreteModel()
-    m.x = pyo.Var(initialize=3.0)
-    m.cost = pyo.Objective(expr=(m.x - 1) ** 2)
-    result = rcp.solve(m)
-    assert [step.label for step in result.steps] == ["solve"]
-    assert result.strategy == "solve"
-    assert result.remarks == ()
 
 
 def test_what_has_no_solution_ends_after_a_few_tries() -> None:
@@ -108,3 +96,28 @@ def test_a_limit_of_the_caller_is_the_end() -> None:
     result = rcp.solve(_goddard(), options={"max_iter": 3})
     assert result.stop_reason is rcp.StopReason.ITERATION_LIMIT
     assert result.iterations == 3
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e3])
+@pytest.mark.parametrize("kink", [0.0, 1.0], ids=["smooth", "with an absolute value"])
+def test_one_run_solves_where_a_large_state_lies_at_zero(kink: float, unit: float) -> None:
+    """A climb stays on the ground for half of its time: by what Ipopt loosens that bound no row is violated."""
+    m = pyo.ConcreteModel(name="late climb")
+    m.b = b = rcp.PhaseBlock(duration=100, elements=20)
+    b.height = rcp.State(initial=0, final=5e4 * unit, bounds=(0, 2.5e5 * unit))
+    b.path = rcp.Control(bounds=(-1.5, 1.5))
+    b.ode(lambda b, t: {b.height: 1e3 * unit * pyo.sin(b.path[t])})
+    cost = b.integral(lambda b, t: b.height[t] + kink * 0.1 * abs(b.height[t] - 3e4 * unit))
+    m.cost = pyo.Objective(expr=cost / (1e3 * unit) + b.integral(lambda b, t: b.path[t] ** 2))
+    result = rcp.solve(m, strategies=rcp.Strategy(exploration=0), mesh_tolerance=None)
+    assert [step.label for step in result.steps] == ["solve"]
+    assert result.solved, str(result)
+    assert min(b.trajectory().height) >= 0.0
+
+
+@pytest.mark.parametrize(("status", "first"), [("SOLVED", "tighter"), ("STEP_FAILED", "absolute values as pairs")])
+def test_a_run_that_converged_met_no_kink(status: str, first: str) -> None:
+    """Smaller tolerances take a few iterations, absolute values in two parts hundreds."""
+    ended = Iterate.of_run("solve", IpoptStatus[status], iterations=26, seconds=0.1, delta=None, mu=None)
+    settings = Settings("scholtes", "pair", rcp.ipopt.available_backends()[0])
+    assert next(iter(SecondTries(settings, ended, scaled=True))).name == first

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 import math
 import re
@@ -17,8 +18,8 @@ from hypothesis import strategies as st
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.modeling import deadline as deadlines
 from pyrobocop_pyomo.presentation import percent
-from pyrobocop_pyomo.solving.least_violation import least_violation
-from pyrobocop_pyomo.solving.short_text import MOST_CHARACTERS, MOST_LINES
+from pyrobocop_pyomo.solving.least_violation import Least, LeastViolation, least_violation
+from pyrobocop_pyomo.solving.result_text import CLEAR_START, MOST_CHARACTERS, MOST_LINES
 
 pytestmark = pytest.mark.ipopt
 
@@ -63,27 +64,14 @@ def test_where_no_error_of_the_mesh_is_known_the_report_says_what_to_write() -> 
     b.residual(lambda b, t: 2 * b.derivative(b.v)[t] == b.u[t] + b.floor[t])
     m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
     result = rcp.solve(m)
-    assert str(result).splitlines()[0].endswith("mesh error not known: result.report() says why")
-    assert "Without explicit equation: v." in result.report()
-    assert "state it in an ode: {b.v: b.rate[t]}, with b.rate = rcp.Algebraic()" in str(b.trajectory().verify())
+    assert "mesh error not known: phase 'p': error of the " in str(result).splitlines()[0]
+    assert "error of the objective not estimated. It has pairs" in result.report()
+    assert b.trajectory().verify().motion_error is not None  # the residual and the pairs are followed step by step
 
 
 def test_pairs_are_counted_and_certified_in_a_second_line() -> None:
     _, line = str(rcp.solve(pair(2.0))).splitlines()
     assert line == "1 complementarity pair exact, no better choice of zero sides nearby"
-
-
-def test_where_the_error_of_the_objective_is_not_known_the_line_says_so() -> None:
-    m = pyo.ConcreteModel(name="touch")
-    m.p = b = rcp.PhaseBlock(duration=1.0, elements=4, scheme="implicit_euler")
-    b.gap, b.force, b.u = rcp.State(initial=1, final=0), rcp.Algebraic(), rcp.Control(bounds=(-2, 2))
-    b.ode(lambda b, t: {b.gap: b.u[t] + b.force[t]})
-    b.complementarity(lambda b, t: rcp.complements(b.gap[t] >= 0, b.force[t] >= 0))
-    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
-    first, second = str(rcp.solve(m, mesh_tolerance=None, exploration=0)).splitlines()[:2]
-    assert "mesh error of the motion " in first
-    assert "of the objective not known" in first
-    assert second.startswith("4 complementarity pairs ")
 
 
 def winch() -> Any:
@@ -127,8 +115,8 @@ def arm(fastest: float) -> Any:
                 "Try first to widen the bounds 'p.u' ",
             ],
         ),
-        (cart, {"options": {"max_iter": 0}}, ["the iteration limit was reached", "max_iter"]),
-        (winch, {}, ["cart: NOT SOLVED: variables grow without end", "'p.u'", "Bound what grows", "the objective."]),
+        (cart, {"options": {"max_iter": 0}}, ["NOT SOLVED: Ipopt reached its iteration limit. ", "max_iter"]),
+        (winch, {}, ["cart: NOT SOLVED: Variables grow without end", "'p.u'", "Bound what grows", "the objective."]),
         (lambda: tank(0.2), {}, ["expressions have no value", "which is fixed", "needs another value", "'gauss'"]),
         (
             lambda: arm(fastest=1.5),
@@ -145,6 +133,41 @@ def test_a_failure_says_why_and_what_to_do_in_eight_lines(model: Any, options: A
     assert len(lines) <= MOST_LINES
     assert all(len(line) <= MOST_CHARACTERS for line in lines)
     assert all(word in str(result) for word in words)
+
+
+def out_of_reach() -> Any:
+    """A value that no control has, squared so that linear programs prove nothing."""
+    m = cart()
+    m.reach = pyo.Constraint(expr=m.p.u[2.0] ** 2 == 900)
+    return m
+
+
+def test_an_iteration_limit_gives_way_to_the_row_that_stands_against_a_solution() -> None:
+    result = failed()
+    assert result.stop_reason is rcp.StopReason.ITERATION_LIMIT
+    assert str(result).splitlines()[-1].startswith("Try first to ")
+    assert any("'reach'" in finding.message for finding in result.diagnose().errors)
+    texts = [str(result), result.report(), str(result.diagnose())]
+    assert not any("max_iter" in text for text in texts)
+
+
+@pytest.mark.parametrize("kind", Least)
+@pytest.mark.parametrize("reason", rcp.StopReason)
+def test_no_text_says_both_that_points_nearby_violate_less_and_that_none_does(reason: Any, kind: Least) -> None:
+    least = LeastViolation(kind, False, 1.0)
+    found = dataclasses.replace(failed(), stop_reason=reason, least_violation=least)
+    with pytest.raises(rcp.errors.SolveFailed) as raised:
+        found.raise_for_status()
+    for text in (str(found), found.report(), str(found.diagnose()), str(raised.value)):
+        none = re.search(r"no point near(by| it) violates less", text, re.IGNORECASE)
+        some = re.search(r"points nearby violate less|rows can be met", text, re.IGNORECASE)
+        assert not (none and some)
+        assert not (none and kind in (Least.UNKNOWN, Least.NONE))
+
+
+@functools.cache
+def failed() -> Any:
+    return rcp.solve(out_of_reach(), options={"max_iter": 5})
 
 
 def too_far() -> Any:
@@ -176,17 +199,15 @@ def test_an_end_out_of_reach_is_named_and_not_the_obstacles_on_the_way() -> None
     assert len(str(result).splitlines()) <= MOST_LINES
 
 
-def test_what_is_said_of_a_guess_that_collides_is_not_cut_off() -> None:
+def test_what_a_motion_lacks_is_not_cut_off() -> None:
     m = too_far()
     m.p.x[2.0].fix(4)
     m.p.y.setlb(-0.1)
     m.p.y.setub(0.1)
     lines = str(rcp.solve(m, time_limit=20)).splitlines()
-    (guess,) = [line for line in lines if line.startswith("The initial guess collides: 'body' with 'wall'")]
-    assert guess.endswith("speed=...)).")
     (motion,) = [line for line in lines if line.startswith("No motion was found")]
     assert re.search(r"'body' and 'wall' overlap by [\d.]+ at t = [\d.]+, required clearance 0\.1 \(in", motion)
-    assert lines.index(motion) < lines.index(guess) == len(lines) - 1
+    assert lines.index(motion) < lines.index(CLEAR_START) == len(lines) - 1
     assert not any("first_shape" in line or "second_shape" in line for line in lines)
 
 
@@ -229,19 +250,12 @@ def test_what_stands_against_a_solution_does_not_depend_on_how_busy_the_machine_
 
 def test_a_path_constraint_that_is_passed_between_the_points_is_doubtful() -> None:
     m = arm(fastest=30)
-    result = rcp.solve(m, mesh_tolerance=None, exploration=0)
+    result = rcp.solve(m, mesh_tolerance=None, strategies=rcp.Strategy(exploration=0))
     assert result.solved
     assert max(math.sin(angle) for angle in m.p.trajectory()(np.linspace(0, 2, 200))["q"]) > 0.95
     (doubt,) = [line for line in str(result).splitlines() if line.startswith("COARSE MESH: ")]
     assert "a limit of states is passed between the points by " in doubt
     assert doubt.endswith("take more elements")
-
-
-def test_everything_else_is_in_the_report() -> None:
-    result = rcp.solve(cart())
-    assert result.solver in result.report()
-    assert result.steps_table() in result.report()
-    assert result.solver not in str(result)
 
 
 @given(st.floats(0.0, 1.0))

@@ -114,6 +114,6 @@ def test_bounds_that_are_given_by_the_time_of_a_point_cannot_move() -> None:
     m.phase = b = rcp.PhaseBlock(duration=1.0, elements=3)
     b.x = rcp.State(bounds=lambda t: (0, 1 + t))
     b.ode(lambda b, t: {b.x: 1 - b.x[t]})
-    with pytest.raises(rcp.errors.RemeshingError, match="bounds of 'x'"):
+    with pytest.raises(rcp.errors.ModelError, match="bounds of 'x'"):
         free_element_widths([b], (0.5, 2.0))
     assert not b.record.free_widths

@@ -7,17 +7,13 @@ from typing import Any
 import pyomo.environ as pyo
 import pytest
 from harness.observed_runs import Options, observe_options
+from harness.routes import every_backend
 from harness.scenes import avoiding, turning_move
 from known_mpccs import mpcc_problem
+from test_failures import weighted
 
 import pyrobocop_pyomo as rcp
 
-BACKENDS = [
-    pytest.param("asl", marks=pytest.mark.asl),
-    pytest.param("casadi", marks=pytest.mark.casadi),
-    pytest.param("vectorised", marks=pytest.mark.casadi),
-    pytest.param("executable", marks=pytest.mark.executable),
-]
 USERS: Options = {"tol": 1e-9, "max_iter": 407, "mu_init": 0.05, "mu_strategy": "monotone"}
 STRATEGIES = ["barrier", "tight", "continuation", "elastic", ("barrier", "projection")]
 
@@ -36,7 +32,7 @@ def own_path(backend: str, step: Any) -> bool:
     return backend == "executable" and step.label.startswith("delta")
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
+@every_backend
 @pytest.mark.parametrize("strategy", STRATEGIES, ids=str)
 @pytest.mark.parametrize("name", ["bard1", "crossed qpec 2x4"])
 def test_every_run_of_every_strategy_uses_what_the_user_gave(
@@ -47,7 +43,7 @@ def test_every_run_of_every_strategy_uses_what_the_user_gave(
     check(result, seen, backend)
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
+@every_backend
 def test_the_whole_sequence_on_a_problem_without_solution(backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
     m = mpcc_problem("bard1").build()
     m.never = pyo.Constraint(expr=sum(v**2 for v in m.component_data_objects(pyo.Var)) <= -1)
@@ -75,7 +71,7 @@ def check(result: Any, seen: list[Options], backend: str, users: Options = USERS
         assert all(options == as_numbers(users) for options in received)
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
+@every_backend
 def test_a_model_without_pairs(backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
     m = pyo.ConcreteModel()
     m.x = pyo.Var(initialize=3.0)
@@ -97,9 +93,9 @@ def test_every_round_of_planning_around_obstacles(monkeypatch: pytest.MonkeyPatc
 @pytest.mark.casadi
 def test_options_of_a_strategy_win_over_ours_and_lose_to_the_users() -> None:
     options = {"tol": 1e-7, "max_iter": 88, "mu_init": 0.02}
-    strategy = rcp.Strategy("own", rcp.relaxations.Geometric(last=1e-8), options=options)
+    strategy = rcp.Strategy("own", rcp.relaxations.Geometric(last=1e-8), options=options, polish=False)
     for users in ({}, {"tol": 1e-9}, {"max_iter": 90}):
-        result = rcp.solve(mpcc_problem("bard1").build(), strategies=strategy, polish=False, options=users)
+        result = rcp.solve(mpcc_problem("bard1").build(), strategies=strategy, options=users)
         expected = as_numbers({**options, **users})
         for step in steps_of_ipopt(result):
             assert as_numbers(step.options) == expected
@@ -117,10 +113,7 @@ def test_options_that_are_also_set_here_are_the_users(name: str, monkeypatch: py
 
 @pytest.mark.casadi
 def test_several_starts_and_paths_pass_the_options_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    m = mpcc_problem("bard1").build()
-    m.weight = pyo.Param(initialize=1.0, mutable=True)
-    (cost,) = m.component_data_objects(pyo.Objective)
-    cost.set_value(m.weight * cost.expr)
+    m = weighted()
     seen = observe_options(monkeypatch)
     for outcome in rcp.studies.multistart(m, 3, options=USERS):
         check(outcome.result, seen, "asl")

@@ -8,17 +8,19 @@ from functools import partial
 from pathlib import Path
 
 import pyrobocop_pyomo as rcp
-from tests.studies.test_studies_on_engines import PULLS, put_and_die, read, sequenced, spring, started, swept
+from tests.studies.test_studies_on_engines import PULLS, numbers, put_and_die, spring, started, swept
 
 
 def main(folder: Path) -> None:
     """Write what each rank knows."""
     engine = rcp.teams.MpiEngine()
-    told = [swept(engine), started(engine), sequenced(engine)]
+    told = [swept(engine), started(engine)]
     file = folder / "outcomes.jsonl"
     put = partial(put_and_die, None, 0)
-    found = rcp.sweep(spring, PULLS, put=put, read=read, engine=engine, file=file, time_limit=100.0)
-    told.append([[o.name, o.verdict, o.objective, o.numbers, o.values, o.iterations, o.started_from] for o in found])
+    found = rcp.sweep(spring, PULLS, put=put, read=numbers, engine=engine, file=file, time_limit=100.0)
+    told.append(
+        [[o.name, o.verdict, o.objective, o.numbers, o.values, o.iterations, o.started_from, o.reason] for o in found]
+    )
     (folder / f"rank{engine.communicator.rank}.json").write_text(json.dumps(told))
 
 

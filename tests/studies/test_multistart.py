@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import io
 import itertools
 import re
 from dataclasses import replace
@@ -16,15 +15,12 @@ from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import EvaluationError, ModelError, SolveFailed
-from pyrobocop_pyomo.execution import sending, tasks
+from pyrobocop_pyomo.execution import tasks
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.motion import SafetyReport
-from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.random_starts import RandomStarts
 from pyrobocop_pyomo.studies.multistart import spreads
 
-# The function of the same name hides its module from an import statement.
-module = importlib.import_module("pyrobocop_pyomo.studies.multistart")
 solving_module = importlib.import_module("pyrobocop_pyomo.studies.outcomes")
 
 
@@ -56,7 +52,7 @@ def test_a_better_valley_than_that_of_the_guess_is_found(sense):
     sign = 1 if sense == pyo.minimize else -1
     objectives = [sign * outcome.result.objective for outcome in found if outcome.feasible]
     assert objectives == pytest.approx(sorted(objectives), rel=1e-5)
-    assert {outcome.start for outcome in found} == set(range(8))
+    assert {outcome.case.number for outcome in found} == set(range(8))
     worst = found.load(len(found) - 1)
     assert pyo.value(m.cost) == pytest.approx(worst.objective)
 
@@ -67,7 +63,7 @@ def test_a_seed_fixes_the_outcome():
     for seed in (3, 3, 4):
         m = two_valleys()
         found = rcp.studies.multistart(m, 4, seed=seed, **QUICK)
-        runs.append(([(outcome.start, outcome.result.objective) for outcome in found], m.x.value))
+        runs.append(([(outcome.case.number, outcome.result.objective) for outcome in found], m.x.value))
     assert runs[0] == runs[1]
     assert runs[0] != runs[2]
 
@@ -128,18 +124,18 @@ def test_errors_and_infeasible_starts_are_ranked_last(monkeypatch):
         if isinstance(outcome, Exception):
             raise outcome
         if outcome == 0:
-            return solved(model, **{**options, "options": {"max_iter": 0}, "polish": False})
+            return solved(model, **{**options, "options": {"max_iter": 0}, "strategies": rcp.Strategy(polish=False)})
         return solved(model, **options)
 
     monkeypatch.setattr(solving_module, "solve", flaky)
     m = two_valleys()
     found = rcp.studies.multistart(m, 4, **QUICK)
-    assert [outcome.start for outcome in found][2:] == [3, 2]
+    assert [outcome.case.number for outcome in found][2:] == [3, 2]
     assert (found[2].feasible, found[3].result, found[3].error) == (False, None, "EvaluationError: no value")
-    with pytest.raises(SolveFailed, match="start 2 has no point. EvaluationError"):
+    with pytest.raises(SolveFailed, match="case 2 has no point. EvaluationError"):
         found.load(3)
     frame = found.to_pandas()
-    assert list(frame["start"]) == [outcome.start for outcome in found]
+    assert list(frame["start"]) == [outcome.case.number for outcome in found]
     assert re.search(r"error .* EvaluationError: no value", str(found))
 
 
@@ -188,17 +184,6 @@ def test_a_time_limit_leaves_starts_undone():
     assert f"{len(found.remaining)} starts were left undone" in str(found)
 
 
-@pytest.mark.casadi
-def test_progress_has_a_line_per_start(monkeypatch):
-    stream = io.StringIO()
-    monkeypatch.setattr(module, "Progress", lambda show: Progress(show, stream))
-    rcp.studies.multistart(two_valleys(), 3, progress=True, **QUICK)
-    lines = [line.rpartition("\r")[2] for line in stream.getvalue().split("\n")]
-    assert len([line for line in lines if line.startswith("start")]) == 3
-    assert "\r1 of 3 starts done, two valleys: iteration 0" in stream.getvalue()
-    assert not lines[-1].strip()
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -219,30 +204,6 @@ def test_arguments_that_make_no_sense(arguments, message):
 
 
 # ------------------------------------------------------------------------------------------------- processes
-
-
-@pytest.mark.casadi
-def test_a_model_that_cannot_be_sent_is_solved_here_and_the_log_says_why(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    monkeypatch.setattr(sending, "cloudpickle_available", False)
-    model = two_valleys()
-    model.note = lambda: None
-    found = rcp.studies.multistart(model, starts=2, workers=2, progress=False, **QUICK)
-    assert len(found.outcomes) == 2
-    assert "the model cannot be sent to another process" in caplog.text
-    assert "cloudpickle" in caplog.text
-
-
-@pytest.mark.casadi
-def test_an_exception_names_the_start_that_raised_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(*arguments: object) -> None:
-        raise ZeroDivisionError("in a function of the user")
-
-    monkeypatch.setattr(module, "result_or_error", broken)
-    with pytest.raises(ZeroDivisionError) as raised:
-        rcp.studies.multistart(two_valleys(), starts=2, progress=False)
-    assert any("start 0" in note for note in getattr(raised.value, "__notes__", ["start 0"]))
 
 
 def test_all_means_the_cores_that_this_process_may_use(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,15 +8,15 @@ import pyomo.environ as pyo
 import pytest
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.studies.outcomes import COMMON_COLUMNS
+from pyrobocop_pyomo.studies.outcomes import COMMON_COLUMNS, StudyResult
 
 pytestmark = pytest.mark.casadi
 
 
-def build(mesh: Any = None) -> Any:
+def build() -> Any:
     m = pyo.ConcreteModel(name="push")
     m.p = pyo.Param(initialize=1.0, mutable=True)
-    m.leg = b = rcp.PhaseBlock(duration=1.0, mesh=mesh)
+    m.leg = b = rcp.PhaseBlock(duration=1.0)
     b.x, b.u = rcp.State(initial=0), rcp.Control(bounds=(-9, 9))
     b.ode(lambda b, t: {b.x: b.u[t]})
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2) + (b.x[b.final_time] - m.p) ** 2)
@@ -26,17 +26,16 @@ def build(mesh: Any = None) -> Any:
 STUDIES = {
     "multistart": lambda: rcp.studies.multistart(build(), 2),
     "homotopy": lambda: rcp.studies.homotopy(build(), {"p": (0.5, 1.0)}, steps=1),
-    "solve_refined": lambda: rcp.studies.solve_refined(build, 1e-6, elements=2),
-    "solve_sequences": lambda: rcp.studies.solve_sequences(lambda sequence: build(), [("a",), ("b",)]),
+    "sweep": lambda: rcp.sweep(build(), [{"p": 1.1}, {"p": 1.0}]),
 }
 
 
 @pytest.fixture(scope="module", params=STUDIES)
-def study(request: pytest.FixtureRequest) -> rcp.studies.StudyResult:
+def study(request: pytest.FixtureRequest) -> StudyResult:
     return STUDIES[request.param]()
 
 
-def test_the_best_outcome_answers_the_study(study: rcp.studies.StudyResult) -> None:
+def test_the_best_outcome_answers_the_study(study: StudyResult) -> None:
     assert study.best in list(study)
     assert study.result is study.best.result
     assert study.result.objective == pytest.approx(0.5, abs=1e-6)
@@ -45,7 +44,7 @@ def test_the_best_outcome_answers_the_study(study: rcp.studies.StudyResult) -> N
     study.raise_for_status()
 
 
-def test_a_sequence_of_outcomes_adds_up(study: rcp.studies.StudyResult) -> None:
+def test_a_sequence_of_outcomes_adds_up(study: StudyResult) -> None:
     assert [study[k] for k in range(len(study))] == list(study) == list(study.outcomes)
     assert study.iterations == sum(outcome.result.iterations for outcome in study)
     assert study.seconds >= 0.99 * sum(outcome.seconds for outcome in study)
@@ -53,7 +52,7 @@ def test_a_sequence_of_outcomes_adds_up(study: rcp.studies.StudyResult) -> None:
         assert (outcome.feasible, outcome.verdict, outcome.reason, outcome.cut_short) == (True, "optimal", "", False)
 
 
-def test_the_table_and_the_frame_have_a_row_per_outcome(study: rcp.studies.StudyResult) -> None:
+def test_the_table_and_the_frame_have_a_row_per_outcome(study: StudyResult) -> None:
     pytest.importorskip("pandas")
     header, *rows = study.table().splitlines()
     assert len(rows) == len(study)

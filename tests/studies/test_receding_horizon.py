@@ -62,33 +62,6 @@ def test_the_loop_settles_and_its_steps_are_short() -> None:
     assert step.seconds >= step.ipopt_seconds > 0
 
 
-@pytest.mark.parametrize("parametrization", PARAMETRIZATIONS)
-def test_moving_ahead_is_reading_the_plan_later(parametrization: str) -> None:
-    m = regulator(parametrization)
-    controller = rcp.studies.RecedingHorizon(m, m.ahead)
-    before = controller.step({"x": 0.5, "v": 0.0}).plan
-    values = controller._values
-    values.set(controller._moved.ahead(values.read(), 0.25))  # one element: held values move onto each other exactly
-    after = m.ahead.trajectory()
-    times = np.linspace(0.26, 2.74, 40)  # from the second element on: the first starts at the measured state
-    for name in ("x", "v", "u"):
-        np.testing.assert_allclose(after(times)[name], before(times + 0.25)[name], atol=1e-6)
-    assert after.x[-1] == pytest.approx(before.x[-1])
-    assert m.ahead.x[0.0].value == 0.5  # a fixed start is moved by the measurement only
-
-
-def test_a_failed_solve_leaves_the_rest_of_the_plan_before() -> None:
-    m = regulator()
-    controller = rcp.studies.RecedingHorizon(m, m.ahead, options={"max_iter": 30})
-    good = controller.step({"x": 0.5, "v": 0.0})
-    bad = controller.step({"x": 0.5, "v": 1e7}, advance=0.25)
-    assert good.solved
-    assert not bad.solved
-    times = np.linspace(0.3, 2.7, 9)
-    np.testing.assert_allclose(bad.plan(times)["u"], good.plan(times + 0.25)["u"], atol=1e-6)
-    assert controller.step({"x": 0.4, "v": 0.0}).solved
-
-
 WRONG_STEPS = {
     "missing": ({"x": 1.0}, 0.0, "phase 'ahead': 'v' has no value in the measured state; needed are v, x"),
     "unknown": ({"x": 1.0, "v": 0.0, "u": 1.0}, 0.0, "'u' has no fixed initial value"),

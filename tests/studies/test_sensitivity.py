@@ -11,7 +11,9 @@ from pyomo.mpec import Complementarity as MpecComplementarity
 from pyomo.mpec import complements as mpec_complements
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import ModelError, SensitivityError
+from pyrobocop_pyomo.errors import EvaluationError, ModelError
+from pyrobocop_pyomo.solving.pair_report import ActiveSide
+from pyrobocop_pyomo.studies.sensitivity import Sensitivity
 
 pytestmark = pytest.mark.asl
 
@@ -37,7 +39,7 @@ def everywhere(sense=pyo.minimize, least_z: float = 0.7) -> pyo.ConcreteModel:
     return m
 
 
-def compared_with_resolves(m: pyo.ConcreteModel, parameters, step: float = 1e-4) -> rcp.studies.Sensitivity:
+def compared_with_resolves(m: pyo.ConcreteModel, parameters, step: float = 1e-4) -> Sensitivity:
     """Every derivative against a central difference of solves from the solution."""
     result = rcp.solve(m, mesh_tolerance=None, options=TIGHT)
     result.raise_for_status()
@@ -142,7 +144,7 @@ def test_a_trajectory_with_contact():
     # Other branches are nearly as good here, and a new solve may end on one: the differences stay on this branch.
     m.held = pyo.ConstraintList()
     for pair, report in zip(rcp.active_pairs(m), result.pairs, strict=True):
-        m.held.add((pair.a if report.active is rcp.ActiveSide.FIRST else pair.b) == 0)
+        m.held.add((pair.a if report.active is ActiveSide.FIRST else pair.b) == 0)
     b.wall.deactivate()
     smooth = compared_with_resolves(m, ["target", "stiffness"])
     places = {variable.name: row for variable, row in zip(smooth.variables, smooth.matrix, strict=True)}
@@ -170,7 +172,7 @@ def test_multipliers_of_pairs_say_how_the_objective_gets_worse(a, b, coupling, m
     m.cost = pyo.Objective(expr=sign * cost, sense=pyo.maximize if maximise else pyo.minimize)
     result = rcp.solve(m, options=TIGHT)
     (pair,) = result.pairs
-    if pair.active is rcp.ActiveSide.BIACTIVE:
+    if pair.active is ActiveSide.BIACTIVE:
         return
     multiplier = pair.first_multiplier + pair.second_multiplier
     found = rcp.studies.sensitivity(m, result, m.lift)
@@ -226,7 +228,7 @@ def test_a_biactive_pair_is_refused_by_name():
     m.cost = pyo.Objective(expr=(m.x + m.p) ** 2 + (m.y + m.p) ** 2)
     result = rcp.solve(m)
     assert [pair.name for pair in result.biactive] == ["pair"]
-    with pytest.raises(SensitivityError, match=r"1 pairs are biactive .*'pair'"):
+    with pytest.raises(EvaluationError, match=r"1 pairs are biactive .*'pair'"):
         rcp.studies.sensitivity(m, result, m.p)
 
 
@@ -235,7 +237,7 @@ def test_a_bound_that_nothing_pushes_against_is_refused_by_name():
     m.p = pyo.Param(initialize=1.0, mutable=True)
     m.x = pyo.Var(bounds=(1, None), initialize=2)
     m.cost = pyo.Objective(expr=(m.x - m.p) ** 2)
-    with pytest.raises(SensitivityError, match="a bound of 'x'"):
+    with pytest.raises(EvaluationError, match="a bound of 'x'"):
         rcp.studies.sensitivity(m, rcp.solve(m), m.p)
 
 

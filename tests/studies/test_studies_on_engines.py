@@ -11,28 +11,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import pyomo.environ as pyo
 import pytest
+from test_sweep import PULLS, numbers, spring
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import EngineError, ModelError
 from pyrobocop_pyomo.execution.tasks import GIVEN_UP
 
 MPIEXEC = Path(sys.executable).with_name("mpiexec")
-PULLS = [0.2, 0.7, 1.4, 2.0]
 posix = pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL on Windows")
-
-
-def spring(pull: float = 1.0) -> pyo.ConcreteModel:
-    """A mass that is pulled against a wall at 1."""
-    m = pyo.ConcreteModel(name="spring")
-    m.pull = pyo.Param(initialize=pull, mutable=True, within=pyo.Reals)
-    m.x = pyo.Var(initialize=0.3, bounds=(-10, 10))
-    m.wall = pyo.Var(initialize=0.2, bounds=(0, None))
-    m.balance = pyo.Constraint(expr=m.x + m.wall == m.pull)
-    m.contact = rcp.Complementarity(expr=rcp.complements(m.wall >= 0, 1 - m.x >= 0))
-    m.cost = pyo.Objective(expr=(m.x - 0.5) ** 2)
-    return m
 
 
 def put_and_die(folder: str | None, times: int, m: Any, pull: float) -> None:
@@ -45,13 +32,13 @@ def put_and_die(folder: str | None, times: int, m: Any, pull: float) -> None:
             os.kill(os.getpid(), signal.SIGKILL)
 
 
-def read(m: Any, result: Any) -> dict[str, float]:
-    return {"x": m.x.value, "wall": m.wall.value}
-
-
 def swept(engine: Any, folder: str | None = None, deaths: int = 0) -> list[Any]:
-    found = rcp.sweep(spring, PULLS, put=partial(put_and_die, folder, deaths), read=read, engine=engine, progress=False)
-    return [[o.name, o.verdict, o.objective, o.numbers, o.values, o.iterations, o.started_from] for o in found]
+    found = rcp.sweep(
+        spring, PULLS, put=partial(put_and_die, folder, deaths), read=numbers, engine=engine, progress=False
+    )
+    return [
+        [o.name, o.verdict, o.objective, o.numbers, o.values, o.iterations, o.started_from, o.reason] for o in found
+    ]
 
 
 def started(engine: Any) -> list[Any]:
@@ -59,21 +46,12 @@ def started(engine: Any) -> list[Any]:
     found = rcp.studies.multistart(m, 3, seed=2, engine=engine, strategies="tight", progress=False)
     assert m.x.value == found.best.values[0]
     assert found.remaining == ()
-    return [[o.start, o.verdict, o.objective, o.values, o.iterations] for o in found]
-
-
-def built(sequence: tuple[str, ...]) -> pyo.ConcreteModel:
-    return spring(float(sequence[0]))
-
-
-def sequenced(engine: Any) -> list[Any]:
-    found = rcp.studies.solve_sequences(built, [("0.2",), ("0.9",), ("3.0",)], engine=engine, progress=False)
-    return [[o.name, o.verdict, o.objective, o.values, o.iterations] for o in found]
+    return [[o.case.number, o.verdict, o.objective, o.values, o.iterations] for o in found]
 
 
 @pytest.fixture(scope="module")
 def serial() -> list[Any]:
-    return [swept("serial"), started("serial"), sequenced("serial")]
+    return [swept("serial"), started("serial")]
 
 
 def engine_of(name: str) -> rcp.teams.Engine:
@@ -88,7 +66,7 @@ def engine_of(name: str) -> rcp.teams.Engine:
 @pytest.mark.parametrize("name", ["process", "dask"])
 def test_results_are_those_of_one_process(serial: list[Any], name: str) -> None:
     engine = engine_of(name)  # which starts anew for each study
-    assert [swept(engine), started(engine), sequenced(engine)] == serial
+    assert [swept(engine), started(engine)] == serial
 
 
 @posix
@@ -101,18 +79,10 @@ def test_the_death_of_a_worker_changes_nothing_and_deaths_without_end_one_case(
     assert swept(engine_of(name), str(tmp_path), deaths=1) == serial[0]
     (tmp_path / "second").mkdir()
     lost = swept(engine_of(name), str(tmp_path / "second"), deaths=1000)
+    assert lost[1][-1] == GIVEN_UP
+    assert len(list((tmp_path / "second").iterdir())) == 2
     assert [verdict for _, verdict, *_ in lost] == ["optimal", "error", "optimal", "optimal"]
     assert [row[:4] for row in lost[:1]] == [row[:4] for row in serial[0][:1]]
-
-
-@posix
-@pytest.mark.casadi
-@pytest.mark.slow
-def test_a_task_that_is_given_up_says_why(tmp_path: Path) -> None:
-    put = partial(put_and_die, str(tmp_path), 1000)
-    found = rcp.sweep(spring, PULLS[:2], put=put, workers=2, start_from=None, progress=False)
-    assert found[1].reason == GIVEN_UP
-    assert len(list(tmp_path.iterdir())) == 2
 
 
 @pytest.mark.casadi

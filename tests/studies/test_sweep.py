@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import os
+import signal
 import subprocess
 import sys
 import textwrap
@@ -19,8 +20,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import CheckpointError, ModelError, SolveFailed
-from pyrobocop_pyomo.studies.sweep_cases import LONGEST_CHAIN, key_of, read_cases, starting_cases
+from pyrobocop_pyomo.errors import ModelError, SolveFailed, TeamError
+from pyrobocop_pyomo.execution import sending
+from pyrobocop_pyomo.studies.sweep_cases import LONGEST_CHAIN, read_cases, starting_cases
 
 case_solver = importlib.import_module("pyrobocop_pyomo.studies.case_solver")
 
@@ -124,6 +126,27 @@ def test_a_case_that_raises_is_told_and_the_others_go_on() -> None:
 
 
 @pytest.mark.casadi
+@pytest.mark.parametrize(
+    ("top", "is_told"),
+    [
+        (lambda m: pyo.value(m.tilt), True),
+        (lambda m: m.tilt, False),
+    ],
+)
+def test_a_sweep_of_what_no_row_reads_says_so_first(top: Any, is_told: bool) -> None:
+    m = spring()
+    m.tilt = pyo.Param(initialize=1.0, mutable=True)
+    m.top = pyo.Expression(expr=top(m))
+    m.more = pyo.Constraint(expr=m.x <= 5 * m.top)
+    found = rcp.sweep(m, [{"pull": 0.2, "tilt": 1.0}, {"pull": 0.7, "tilt": 2.0}])
+    assert str(found).startswith("DOUBTFUL: no row, objective or bound reads 'tilt':") == is_told
+    assert ("DOUBTFUL" in repr(found)) == is_told
+    m.more.deactivate()
+    m.x.setub(3 * m.tilt)
+    assert not rcp.sweep(m, [{"tilt": 1.0}, {"tilt": 2.0}]).doubts
+
+
+@pytest.mark.casadi
 def test_a_builder_makes_the_model_of_each_case() -> None:
     found = rcp.sweep(spring, PULLS, read=numbers)
     assert [outcome.numbers["x"] for outcome in found] == pytest.approx([min(p, 1) for p in PULLS], abs=1e-6)
@@ -157,7 +180,7 @@ def test_a_free_variable_is_fixed_for_its_case_only() -> None:
         ([{"pull": 1.0}], {"start_from": "best"}, "start_from = 'best'"),
         ([{"pull": 1.0}] * 2, {"start_from": lambda number: 1 - number}, "case 0 would start from itself"),
         ([{"pull": 1.0}], {"start_from": lambda number: 7}, r"start_from\(0\) is 7"),
-        ([object()], {"file": "x", "put": print}, "a case holds a object"),
+        ([object()], {"file": "x", "put": print}, "a object has no fingerprint"),
     ],
 )
 def test_what_makes_no_sense_is_refused_before_any_solve(
@@ -204,13 +227,6 @@ def test_the_neighbour_is_the_nearest_case() -> None:
     assert parents == [None, 3, 4, 0, 0]
 
 
-def test_keys_of_cases_hold_what_they_say() -> None:
-    data = {"a": np.arange(3.0), "b": [1, 2.5, "x", None]}
-    assert key_of(data) == key_of({"a": np.arange(3.0), "b": (1, 2.5, "x", None)})
-    for other in ({**data, "a": np.arange(4.0)}, {**data, "b": [1, 2.5, "y", None]}, {"b": data["b"]}):
-        assert key_of(other) != key_of(data)
-
-
 # ---------------------------------------------------------------- a file of outcomes
 
 
@@ -238,11 +254,11 @@ def test_a_sweep_goes_on_behind_what_is_in_its_file(tmp_path: Path) -> None:
 def test_a_file_of_something_else_is_refused(tmp_path: Path) -> None:
     cases, file = [{"pull": 0.5}], tmp_path / "outcomes.jsonl"
     rcp.sweep(spring(), cases, file=file)
-    with pytest.raises(CheckpointError, match="is of another sweep: 'options'"):
+    with pytest.raises(TeamError, match="is of another sweep: 'options'"):
         rcp.sweep(spring(), cases, file=file, options={"tol": 1e-9})
     for content in ("a table\n", '{"kind": "something"}\n', "no line at all"):
         file.write_text(content)
-        with pytest.raises(CheckpointError, match=r"outcomes\.jsonl"):
+        with pytest.raises(TeamError, match=r"outcomes\.jsonl"):
             rcp.sweep(spring(), cases, file=file)
         assert file.read_text() == content
 
@@ -250,9 +266,14 @@ def test_a_file_of_something_else_is_refused(tmp_path: Path) -> None:
 # ---------------------------------------------------------------- several processes
 
 
-def test_what_cannot_be_sent_to_a_process_is_said() -> None:
+def test_what_cannot_be_sent_to_a_process_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sending, "cloudpickle_available", False)
     with pytest.raises(ModelError, match="put cannot be sent to another process"):
         rcp.sweep(spring, PULLS, put=lambda m, pull: None, workers=2)
+    model = spring()
+    model.note = lambda: None
+    with pytest.raises(ModelError, match="the model cannot be sent to another process.*cloudpickle"):
+        rcp.studies.multistart(model, starts=2, workers=2)
 
 
 SLOWLY = np.linspace(0, 2, 12).tolist()
@@ -294,3 +315,70 @@ def test_a_sweep_that_was_killed_gives_the_same_table(tmp_path: Path) -> None:
     assert len(lines) == 12
     whole = rcp.sweep(spring(), SLOWLY, put=put_slowly, read=numbers)
     assert after.strip() == str([(outcome.objective, outcome.numbers) for outcome in whole])
+
+
+# ---------------------------------------------------------------- stopping early
+
+
+@pytest.mark.casadi
+def test_ctrl_c_between_cases_keeps_what_is_done() -> None:
+    def pressed(pull: float) -> pyo.ConcreteModel:
+        if pull == 1.4:
+            raise KeyboardInterrupt
+        return spring(pull)
+
+    found = rcp.sweep(pressed, PULLS, start_from=None)
+    assert [outcome.name for outcome in found] == ["0.2", "0.7"]
+    assert found.remaining == ("1.4", "2")
+    assert "2 cases were left undone" in str(found)
+
+
+LONG = """
+    import pyomo.environ as pyo
+    import pyrobocop_pyomo as rcp
+
+    def build(name):
+        m = pyo.ConcreteModel()
+        size = 1 if name == "short" else 20000
+        m.x = pyo.Var(range(size), initialize=0)
+        m.cost = pyo.Objective(expr=sum(pyo.exp(-m.x[i]) for i in m.x) if size > 1 else m.x[0] ** 2)
+        return m
+
+    if __name__ == "__main__":
+        print("started", flush=True)
+        tight = {"tol": 1e-300, "dual_inf_tol": 1e-300, "acceptable_iter": 0}
+        found = rcp.sweep(build, ["short", "endless", "late", "later"], start_from=None, workers=WORKERS,
+                          options=tight, progress=True)
+        print([outcome.name for outcome in found], found.remaining, flush=True)
+"""
+
+
+@pytest.mark.casadi
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.ctrl_c
+def test_ctrl_c_during_a_solve_stops_every_process_soon(workers: int, tmp_path: Path) -> None:
+    script = tmp_path / "long.py"
+    script.write_text(textwrap.dedent(LONG).replace("WORKERS", str(workers)))
+    path = str(Path(__file__).parents[2])
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": path}
+    running = subprocess.Popen(
+        [sys.executable, script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+    )
+    try:
+        shown = ""
+        while "1/4" not in shown:  # how far it is after the first case, which is short
+            character = running.stderr.read(1)
+            assert character, "ended without showing progress"
+            shown += character
+        time.sleep(1.0)
+        pressed = time.perf_counter()
+        running.send_signal(signal.SIGINT)
+        out, errors = running.communicate(timeout=900)
+    finally:
+        running.kill()
+    assert running.returncode == 0, errors
+    assert "['short'" in out  # and what the interrupted solves have found
+    assert "'later'" in out.rpartition("]")[2]
+    assert "Traceback" not in errors
+    assert time.perf_counter() - pressed < 15

@@ -120,13 +120,6 @@ def test_a_plan_says_what_it_lacks(tmp_path: Path) -> None:
     assert len(rcp.JoinedTrajectory.load(m.a.trajectory().save(tmp_path / "one")).parts) == 1
 
 
-def test_one_phase_may_stand_several_times() -> None:
-    m = phases()
-    joined = rcp.join_trajectories([m.a, m.a, m.a])
-    assert joined.boundaries.tolist() == [1, 3, 5, 7]
-    assert joined.x.tolist() == 3 * m.a.trajectory().x.tolist()
-
-
 def test_a_name_that_is_a_state_in_one_phase_and_a_control_in_another() -> None:
     m = phases()
     m.c = rcp.PhaseBlock(duration=1, elements=1)

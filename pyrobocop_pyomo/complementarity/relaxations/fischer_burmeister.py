@@ -8,15 +8,10 @@ from typing import Any
 
 @dataclass(frozen=True)
 class FischerBurmeister:
-    """Bound ``a + b - sqrt(a^2 + b^2 + 2 delta)`` by zero, or fix it at zero.
+    """Bound ``a + b - sqrt(a^2 + b^2 + 2 delta)`` by zero.
 
-    For ``a + b >= 0`` this says ``a * b <= delta``, or ``a * b == delta``, as `Scholtes` does; the residual grows
-    linearly in the sides and not with their product. The rates are those of `Scholtes`.
-
-    Attributes
-    ----------
-    equality : bool
-        Whether the residual is zero, which makes both sides positive.
+    For ``a + b >= 0`` this says ``a * b <= delta``, as `Scholtes` does; the residual grows linearly in the sides and
+    not with their product. The rates are those of `Scholtes`.
 
     References
     ----------
@@ -24,8 +19,6 @@ class FischerBurmeister:
     with delta: Kanzow (1996), Some noninterior continuation methods for linear complementarity problems,
     SIAM J. Matrix Anal. Appl. 17:851-868
     """
-
-    equality: bool = False
 
     def residual(self, a: Any, b: Any, delta: Any) -> Any:
         """Return ``a + b - sqrt(a^2 + b^2 + 2 delta)``."""

@@ -5,36 +5,25 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from .augmented_lagrangian import AugmentedLagrangian
 from .elastic import Elastic
 from .fischer_burmeister import FischerBurmeister
-from .kadrani import Kadrani
 from .kanzow_schwartz import KanzowSchwartz
-from .lin_fukushima import LinFukushima
 from .penalty import Penalty
 from .protocol import ObjectiveTerm, Relaxation
 from .scholtes import Scholtes
 from .smoothed_minimum import ChenHarkerKanzowSmale
 from .steffensen_ulbrich import SteffensenUlbrich
-from .two_sided import TwoSided
 
 RELAXATIONS: dict[str, Callable[[], Any]] = {
     "scholtes": Scholtes,
-    "scholtes-equality": lambda: Scholtes(equality=True),
-    "lin-fukushima": LinFukushima,
-    "kadrani": Kadrani,
     "steffensen-ulbrich": SteffensenUlbrich,
     "kanzow-schwartz": KanzowSchwartz,
     "fischer-burmeister": FischerBurmeister,
-    "fischer-burmeister-equality": lambda: FischerBurmeister(equality=True),
     "chks": ChenHarkerKanzowSmale,
-    "chks-equality": lambda: ChenHarkerKanzowSmale(equality=True),
-    "two-sided": TwoSided,
     "penalty": Penalty,
     "l1": Penalty,
     "elastic": Elastic,
     "linf": Elastic,
-    "augmented-lagrangian": AugmentedLagrangian,
 }
 
 

@@ -1,4 +1,4 @@
-"""Bounding or fixing the product of a pair."""
+"""Bounding the product of a pair."""
 
 from __future__ import annotations
 
@@ -8,23 +8,16 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Scholtes:
-    """Bound the product: ``a * b <= delta``, or fix it: ``a * b == delta``.
+    """Bound the product: ``a * b <= delta``.
 
     At a solution where one side of each pair is positive, the relaxed solution is off by O(delta); at a biactive
     one, where both vanish, by O(sqrt(delta)).
-
-    Attributes
-    ----------
-    equality : bool
-        Whether the product equals delta, so that both sides are positive.
 
     References
     ----------
     Scholtes (2001), Convergence properties of a regularization scheme for mathematical programs with
     complementarity constraints, SIAM J. Optim. 11, doi:10.1137/S1052623499361233
     """
-
-    equality: bool = False
 
     def residual(self, a: Any, b: Any, delta: Any) -> Any:
         """Return ``a * b - delta``."""

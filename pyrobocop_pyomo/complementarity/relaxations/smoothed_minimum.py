@@ -8,15 +8,10 @@ from typing import Any
 
 @dataclass(frozen=True)
 class ChenHarkerKanzowSmale:
-    """Bound the smoothed natural residual ``a + b - sqrt((a - b)^2 + 4 delta)`` by zero, or fix it at zero.
+    """Bound the smoothed natural residual ``a + b - sqrt((a - b)^2 + 4 delta)`` by zero.
 
-    It is twice ``min(a, b)`` at ``delta = 0``. For ``a + b >= 0`` it says ``a * b <= delta``, or ``a * b == delta``, as
+    It is twice ``min(a, b)`` at ``delta = 0``. For ``a + b >= 0`` it says ``a * b <= delta``, as
     `Scholtes` does, but is nearly affine away from the corner. The rates are those of `Scholtes`.
-
-    Attributes
-    ----------
-    equality : bool
-        Whether the residual is zero, which makes both sides positive.
 
     References
     ----------
@@ -24,8 +19,6 @@ class ChenHarkerKanzowSmale:
     SIAM J. Matrix Anal. Appl. 14; Kanzow (1996), Some noninterior continuation methods for linear complementarity
     problems, SIAM J. Matrix Anal. Appl. 17:851-868
     """
-
-    equality: bool = False
 
     def residual(self, a: Any, b: Any, delta: Any) -> Any:
         """Return ``a + b - sqrt((a - b)^2 + 4 delta)``."""

@@ -1,0 +1,6 @@
+"""Problems written as classes with PyRoboCOP's methods, as models with a phase."""
+
+from .from_pyrobocop import from_pyrobocop
+from .solution_arrays import SolutionArrays, solution_arrays
+
+__all__ = ["SolutionArrays", "from_pyrobocop", "solution_arrays"]

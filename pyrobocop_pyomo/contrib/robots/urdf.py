@@ -1,0 +1,364 @@
+"""Robots from URDF: bodies with pose rules by forward kinematics, and the body pairs that need not be kept apart."""
+
+from __future__ import annotations
+
+import io
+import itertools
+import logging
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.geometry import Polytope, Pose, signed_distance
+from pyrobocop_pyomo.motion import Body
+from pyrobocop_pyomo.optional_imports import yourdfpy
+from pyrobocop_pyomo.presentation import Presented, table
+
+from .collision_shapes import MESHES, shapes_of_link
+from .kinematics import WITH_A_POSE, WITH_ONE_COORDINATE, Joint, KinematicTree
+
+logger = logging.getLogger(__name__)
+
+Follows = tuple[str, float, float]  # a joint that moves by itself, and the factor and offset of its coordinate
+
+
+@dataclass(frozen=True, eq=False)
+class DescribedRobot(Presented):
+    """A robot as bodies of a scene; made by `from_urdf`.
+
+    Attributes
+    ----------
+    name : str
+    bodies : dict of name of a link to Body
+        Links with collision geometry; those that no joint moves rest.
+    exclude : tuple of (str, str)
+        Pairs of links that need not be kept apart: fixed to each other, joined by one joint, or disabled by the SRDF.
+    limits : dict of name of a joint to (float, float)
+        Bounds of the coordinates of joints with one coordinate, mimicking ones left out; infinite where there are none.
+    pose_rules : dict of name of a link to callable
+        ``rule(block, t) -> Pose`` of every link, also of those without geometry, such as a tool's frame.
+    """
+
+    name: str
+    bodies: Mapping[str, Body]
+    exclude: tuple[tuple[str, str], ...]
+    limits: Mapping[str, tuple[float, float]]
+    pose_rules: Mapping[str, Callable[[Any, Any], Pose]] = field(repr=False)
+    _tree: KinematicTree = field(repr=False)
+    _mimics: Mapping[str, Follows] = field(repr=False)
+
+    def poses(self, coordinates: Mapping[str, Any], base: Pose | None = None) -> dict[str, Pose]:
+        """Poses of all links from coordinates (numbers, expressions, or poses) by the name of the joint.
+
+        Raises
+        ------
+        ObstacleError
+            Where the coordinate of a joint is missing.
+        """
+        known = _with_mimics(coordinates, self._mimics)
+        missing = [joint.name for joint in self._tree.joints.values() if joint.moves and joint.name not in known]
+        if missing:
+            raise ObstacleError(f"robot '{self.name}': no coordinate of {', '.join(map(repr, missing))}.")
+        return {link: self._tree.pose(link, known, base) for link in self.pose_rules}
+
+    def _summary(self) -> str:
+        return f"'{self.name}': {len(self.bodies)} bodies, {len(self.limits)} joints: {', '.join(self.limits)}"
+
+    def _html_parts(self) -> list[str]:
+        return [table(("joint", "lowest", "highest"), [(name, *map(float, of)) for name, of in self.limits.items()])]
+
+
+def from_urdf(
+    description: str | Path,
+    joints: Mapping[str, Any],
+    *,
+    base: Pose | Callable[[Any, Any], Pose] | None = None,
+    srdf: str | Path | None = None,
+    meshes: str = "hull",
+    sides: int = 16,
+    packages: Mapping[str, str | Path] | None = None,
+) -> DescribedRobot:
+    """Read a robot from a URDF: one body for each link with collision geometry.
+
+    Parameters
+    ----------
+    description : path, or text that begins with ``<``
+    joints : mapping of name of a joint to rule, name or number
+        The coordinate of each joint that moves, in radians or metres: ``rule(block, t)``, the name of a state such as
+        ``"q1"`` for ``block.q1[t]``, or a number. Floating and planar joints take a rule that returns a pose in
+        space, or a pose. Mimicking joints follow by themselves.
+    base : Pose or callable, optional
+        Pose of the root link: constant, or ``rule(block, t)`` for a robot that drives or flies; the world's frame by
+        default.
+    srdf : path or text, optional
+        Whose pairs of ``disable_collisions`` are excluded.
+    meshes : str
+        ``"hull"``: the convex hull of each mesh, ``"box"``: its box along the link's axes, with eight corners,
+        ``"parts"``: exact convex parts of a closed mesh. The first two contain the mesh.
+    sides : int
+        Of the prism around a cylinder; see `Polytope.cylinder` for its excess.
+    packages : mapping of str to path, optional
+        Folders for ``package://`` in the names of meshes.
+
+    Returns
+    -------
+    DescribedRobot
+
+    Raises
+    ------
+    ObstacleError
+        Naming the joint or the link: joints without coordinate, several roots, loops, unknown names.
+        Naming the link whose geometry cannot be read.
+    ModuleNotFoundError
+        If yourdfpy is not installed.
+    """
+    if meshes not in MESHES:
+        raise ObstacleError(f"from_urdf: meshes={meshes!r}; expected one of {', '.join(map(repr, MESHES))}.")
+    robot, folder = _read(description)
+    tree = _tree_of(robot)
+    mimics = _followed(tree)
+    rules = _coordinate_rules(robot.name, tree, joints, mimics)
+    of_base = _rule_of_base(base)
+    folders = {"": folder, **{name: Path(path) for name, path in (packages or {}).items()}}
+    links = {link.name: link for link in robot.links}
+    pose_rules = {name: _pose_rule(tree, name, rules, mimics, of_base) for name in links}
+    shapes = {name: shapes_of_link(link, sides, meshes, folders) for name, link in links.items()}
+    bodies: dict[str, Body] = {}
+    for name, link in links.items():
+        if not shapes[name]:
+            if link.visuals:
+                logger.warning(
+                    "'%s': link '%s' has no collision geometry, and is not kept clear of anything: pictures of it are "
+                    "not read.",
+                    robot.name,
+                    name,
+                )
+            continue
+        if tree.rigid_group(name) == tree.root and (base is None or isinstance(base, Pose)):
+            bodies[name] = Body([shape.placed(tree.pose(name, {}, base)) for shape in shapes[name]])
+        else:
+            bodies[name] = Body(shapes[name], pose_rules[name])
+    if not bodies:
+        raise ObstacleError(f"robot '{robot.name}': no link has collision geometry.")
+    limits = {
+        joint.name: joint.limits
+        for joint in tree.joints.values()
+        if joint.kind in WITH_ONE_COORDINATE and joint.mimics is None
+    }
+    exclude = _excluded(tree, list(bodies), _disabled(srdf))
+    found = DescribedRobot(robot.name, bodies, exclude, limits, pose_rules, tree, mimics)
+    _warn_of_overlaps(found, shapes)
+    return found
+
+
+def _read(description: str | Path) -> tuple[Any, Path]:
+    text = str(description).lstrip()
+    options = {"build_scene_graph": False, "load_meshes": False}
+    if text.startswith("<"):
+        return yourdfpy.URDF.load(io.BytesIO(text.encode()), **options).robot, Path()
+    path = Path(description)
+    if not path.is_file():
+        raise ObstacleError(f"from_urdf: there is no file '{path}'.")
+    return yourdfpy.URDF.load(str(path), **options).robot, path.parent
+
+
+def _tree_of(robot: Any) -> KinematicTree:
+    names = [link.name for link in robot.links]
+    joints: dict[str, Joint] = {}
+    for given in robot.joints:
+        for link in (given.parent, given.child):
+            if link not in names:
+                raise ObstacleError(f"joint '{given.name}' names the link '{link}', which does not exist.")
+        if given.child in joints:
+            raise ObstacleError(
+                f"link '{given.child}' is moved by '{joints[given.child].name}' and by '{given.name}': loops are not "
+                "supported. Cut the loop, and state its closing as a constraint."
+            )
+        joints[given.child] = _joint(given)
+    roots = [name for name in names if name not in joints]
+    if len(roots) != 1:
+        raise ObstacleError(f"robot '{robot.name}' has the root links {roots}; expected one that no joint moves.")
+    tree = KinematicTree(roots[0], joints)
+    for name in names:
+        link, seen = name, {name}
+        while link != tree.root:
+            link = joints[link].parent
+            if link in seen:
+                raise ObstacleError(f"robot '{robot.name}': link '{name}' is in a loop of joints.")
+            seen.add(link)
+    return tree
+
+
+def _joint(given: Any) -> Joint:
+    """A joint of a description; what it leaves out has the default of the format."""
+    if given.type not in ("fixed", *WITH_ONE_COORDINATE, *WITH_A_POSE):
+        raise ObstacleError(f"joint '{given.name}' is of type '{given.type}', which is none of URDF's.")
+    axis = np.array([1.0, 0.0, 0.0]) if given.axis is None else np.asarray(given.axis, dtype=float)
+    length = float(np.linalg.norm(axis))
+    if given.type in WITH_ONE_COORDINATE and not length > 0.0:
+        raise ObstacleError(f"joint '{given.name}' has the axis {axis.tolist()}, which is no direction.")
+    limits = (-math.inf, math.inf)
+    if given.limit is not None and given.type != "continuous":
+        low, high = given.limit.lower, given.limit.upper
+        limits = (-math.inf if low is None else float(low), math.inf if high is None else float(high))
+    mimics = None
+    if given.mimic is not None:
+        factor, offset = given.mimic.multiplier, given.mimic.offset
+        mimics = (given.mimic.joint, 1.0 if factor is None else float(factor), 0.0 if offset is None else float(offset))
+    origin = np.eye(4) if given.origin is None else np.asarray(given.origin, dtype=float)
+    return Joint(given.name, given.type, given.parent, given.child, origin, axis / (length or 1.0), limits, mimics)
+
+
+def _coordinate_rules(
+    name: str, tree: KinematicTree, joints: Mapping[str, Any], mimics: Mapping[str, Any]
+) -> dict[str, Callable[[Any, Any], Any]]:
+    movable = {joint.name: joint for joint in tree.joints.values() if joint.moves and joint.name not in mimics}
+    unknown = [joint for joint in joints if joint not in movable]
+    missing = [joint for joint in movable if joint not in joints]
+    if unknown or missing:
+        said = f"joints= names {', '.join(map(repr, unknown))}, which do not move by themselves; " if unknown else ""
+        said += f"joints= says nothing about {', '.join(map(repr, missing))}; " if missing else ""
+        raise ObstacleError(f"robot '{name}': {said}the joints that move are {', '.join(map(repr, movable))}.")
+    return {joint: _coordinate_rule(joint, given, movable[joint].kind) for joint, given in joints.items()}
+
+
+def _coordinate_rule(joint: str, given: Any, kind: str) -> Callable[[Any, Any], Any]:
+    if callable(given):
+        return given
+    if isinstance(given, str):
+
+        def of_state(block: Any, t: Any) -> Any:
+            return getattr(block, given)[t]
+
+        return of_state
+    fits = isinstance(given, Pose) if kind in WITH_A_POSE else isinstance(given, (int, float, np.number))
+    if not fits:
+        expected = "a pose" if kind in WITH_A_POSE else "a number"
+        raise ObstacleError(
+            f"joint '{joint}' ({kind}) is given {given!r}; expected a rule(block, t), the name of a state, or "
+            f"{expected}."
+        )
+
+    def constant(block: Any, t: Any) -> Any:
+        return given
+
+    return constant
+
+
+def _rule_of_base(base: Any) -> Callable[[Any, Any], Pose | None]:
+    if base is None or isinstance(base, Pose):
+        return lambda block, t: base
+    if not callable(base):
+        raise ObstacleError(f"from_urdf: base={base!r}; expected a Pose or a rule(block, t) that returns one.")
+    return base
+
+
+def _followed(tree: KinematicTree) -> dict[str, Follows]:
+    """Of every mimicking joint, the one that it follows in the end."""
+    direct = {joint.name: joint.mimics for joint in tree.joints.values() if joint.mimics is not None}
+    free = {joint.name for joint in tree.joints.values() if joint.moves} - set(direct)
+    found = {}
+    for joint in direct:
+        followed, factor, offset = joint, 1.0, 0.0
+        for _ in range(len(direct)):
+            if followed in direct:
+                followed, own_factor, own_offset = direct[followed]
+                factor, offset = factor * own_factor, factor * own_offset + offset
+        if followed not in free:
+            raise ObstacleError(f"joint '{joint}' mimics '{followed}', which does not move by itself.")
+        found[joint] = (followed, factor, offset)
+    return found
+
+
+def _with_mimics(coordinates: Mapping[str, Any], mimics: Mapping[str, Follows]) -> dict[str, Any]:
+    following = {
+        joint: factor * coordinates[followed] + offset
+        for joint, (followed, factor, offset) in mimics.items()
+        if followed in coordinates
+    }
+    return {**coordinates, **following}
+
+
+def _pose_rule(
+    tree: KinematicTree,
+    link: str,
+    rules: Mapping[str, Callable[[Any, Any], Any]],
+    mimics: Mapping[str, Follows],
+    of_base: Callable[[Any, Any], Pose | None],
+) -> Callable[[Any, Any], Pose]:
+    names = [joint.name for joint in tree.chain(link) if joint.moves]
+    needed = {name: rules[name] for name in (mimics[name][0] if name in mimics else name for name in names)}
+    following = {name: mimics[name] for name in names if name in mimics}
+
+    def pose(block: Any, t: Any) -> Pose:
+        coordinates = {name: rule(block, t) for name, rule in needed.items()}
+        return tree.pose(link, _with_mimics(coordinates, following), of_base(block, t))
+
+    return pose
+
+
+# ------------------------------------------------------------------------------------------------------- excluded pairs
+
+
+def _disabled(srdf: str | Path | None) -> list[tuple[str, str]]:
+    if srdf is None:
+        return []
+    text = str(srdf).lstrip()
+    try:
+        root = ElementTree.fromstring(text) if text.startswith("<") else ElementTree.parse(srdf).getroot()
+    except (ElementTree.ParseError, OSError) as error:
+        raise ObstacleError(f"from_urdf: the SRDF cannot be read: {error}.") from None
+    return [(entry.get("link1", ""), entry.get("link2", "")) for entry in root.iter("disable_collisions")]
+
+
+def _excluded(tree: KinematicTree, links: list[str], disabled: list[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
+    """Pairs that are fixed to each other or joined by one joint, links without geometry between them left out."""
+    groups = {link: tree.rigid_group(link) for link in links}
+    with_geometry = set(groups.values())
+    parents: dict[str, str] = {}
+    for group in with_geometry - {tree.root}:
+        above = tree.rigid_group(tree.joints[group].parent)
+        while above not in with_geometry and above != tree.root:
+            above = tree.rigid_group(tree.joints[above].parent)
+        parents[group] = above
+    pairs = {
+        (first, second)
+        for first, second in itertools.combinations(links, 2)
+        if groups[first] == groups[second]
+        or parents.get(groups[first]) == groups[second]
+        or parents.get(groups[second]) == groups[first]
+    }
+    for first, second in disabled:
+        if first in groups and second in groups and (second, first) not in pairs:
+            pairs.add((first, second))
+    order = {link: place for place, link in enumerate(links)}
+    return tuple(sorted(pairs, key=lambda pair: (order[pair[0]], order[pair[1]])))
+
+
+def _warn_of_overlaps(robot: DescribedRobot, shapes: Mapping[str, list[Polytope]]) -> None:
+    """Pairs that overlap with all joints at zero were most likely meant to be left out."""
+    joints = [joint for joint in robot._tree.joints.values() if joint.moves]
+    if any(joint.kind in WITH_A_POSE for joint in joints):
+        return
+    poses = robot.poses({name: min(max(0.0, low), high) for name, (low, high) in robot.limits.items()})
+    placed = {name: [shape.placed(poses[name]) for shape in shapes[name]] for name in robot.bodies}
+    excluded = {frozenset(pair) for pair in robot.exclude}
+    for first, second in itertools.combinations(robot.bodies, 2):
+        if frozenset((first, second)) in excluded:
+            continue
+        depth = min(signed_distance(p, q).distance for p in placed[first] for q in placed[second])
+        if depth < 0.0:
+            logger.warning(
+                "'%s': links '%s' and '%s' overlap by %.3g with all joints at zero. If that is by design, leave the "
+                "pair out by exclude=, or by disable_collisions of an SRDF.",
+                robot.name,
+                first,
+                second,
+                -depth,
+            )

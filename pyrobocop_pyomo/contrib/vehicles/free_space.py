@@ -1,0 +1,424 @@
+"""Whether a rigid body keeps its clearance: many poses, and the motions between them, in a few array operations.
+
+Two convex shapes in the plane are as far apart as the widest gap between them along the outward normal of a side of
+either, or along the line through their nearest corners: no other direction need be tried. Between two poses of a
+motion the gap along a *fixed* direction is at least the smaller one of both ends, less the deviation of the corners'
+arcs from their chords. One direction that is wide enough at both ends thus proves the whole motion, and no obstacle can
+be jumped over.
+
+Most steps are far from everything. Discs that cover the body and a grid of distances decide these, circles around
+body and obstacles most of the others.
+
+Gottschalk, Lin and Manocha, OBBTree: a hierarchical structure for rapid interference detection (1996), for the theorem
+of the separating axis.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from pyrobocop_pyomo.geometry import Polytope
+from pyrobocop_pyomo.numerics import Array, BoolArray, Indices
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
+
+from .car_kinematics import Trailer
+
+# An unbounded shape is cut off at this many scene sizes, for its corners only.
+FAR = 1e4
+MOST_DISCS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    """Lower bounds of what points have left of their distance to the nearest obstacle after the clearance.
+
+    Attributes
+    ----------
+    origin : (2,) array
+    cell : float
+    bounds : (nx, ny) array
+        For all points of each square cell; beyond the grid nothing is known.
+    """
+
+    origin: Array
+    cell: float
+    bounds: Array
+
+    def at(self, points: Array) -> Array:
+        """Bounds ``(...)`` of points ``(..., 2)``."""
+        place = np.floor((points - self.origin) / self.cell)
+        counts = np.array(self.bounds.shape)
+        known = np.asarray(((place >= 0) & (place < counts)).all(axis=-1))
+        inside = np.where(known[..., None], place, 0).astype(np.int64)
+        return np.where(known, self.bounds[inside[..., 0], inside[..., 1]], -np.inf)
+
+
+@dataclass(frozen=True, eq=False)
+class FreeSpace:
+    """Poses that a body may take among obstacles.
+
+    Attributes
+    ----------
+    corners : (v, 2) array
+        Of the body, in its own frame.
+    sides, reaches : (e, 2) and (e,) arrays
+        The body is ``{z : sides @ z <= reaches}``.
+    discs : (k, 2) array
+        Middles of discs that cover the body.
+    disc_radius : float
+    normals, offsets : (o, f, 2) and (o, f) arrays
+        Sides of each obstacle, the last one repeated.
+    points : (o, w, 2) array
+        Corners of each obstacle, the last one repeated.
+    middles, radii : (o, 2) and (o,) arrays
+        Of circles around the obstacles; infinite for those without end.
+    needed : (o,) array
+        Asked clearance and both paddings.
+    grid : _Grid or None
+    """
+
+    corners: Array
+    sides: Array
+    reaches: Array
+    discs: Array
+    disc_radius: float
+    normals: Array
+    offsets: Array
+    points: Array
+    middles: Array
+    radii: Array
+    needed: Array
+    grid: _Grid | None = None
+
+    @classmethod
+    def around(cls, body: Polytope, obstacles: Sequence[Polytope], clearance: float, scene: float) -> FreeSpace:
+        """Free space of a bounded body among obstacles, in a scene of a given size."""
+        sides, reaches = _sides(body)
+        every = [_sides(obstacle) for obstacle in obstacles]
+        corners = [_corners(obstacle, scene) for obstacle in obstacles]
+        middles = [0.5 * (obstacle.vertices.min(axis=0) + obstacle.vertices.max(axis=0)) for obstacle in obstacles]
+        radii = [
+            float(np.linalg.norm(obstacle.vertices - middle, axis=1).max()) if obstacle.is_bounded else np.inf
+            for obstacle, middle in zip(obstacles, middles, strict=True)
+        ]
+        discs, disc_radius = _covering_discs(np.array(body.vertices))
+        return cls(
+            corners=np.array(body.vertices),
+            sides=sides,
+            reaches=reaches,
+            discs=discs,
+            disc_radius=disc_radius,
+            normals=_padded([normals for normals, _ in every], (2,)),
+            offsets=_padded([offsets for _, offsets in every], ()),
+            points=_padded(corners, (2,)),
+            middles=np.array(middles).reshape(-1, 2),
+            radii=np.array(radii),
+            needed=np.array([clearance + body.radius + obstacle.radius for obstacle in obstacles]),
+        )
+
+    def with_grid(self, low: Array, high: Array, cell: float, enough: float) -> FreeSpace:
+        """The same with a grid of distances over a region, which need not be known beyond what is enough."""
+        counts = np.maximum(np.ceil((high - low) / cell).astype(int), 1)
+        found = np.full(counts.tolist(), enough)
+        for k, needed in enumerate(self.needed.tolist()):
+            window, places = self._near_obstacle(k, low, cell, counts, needed + enough)
+            if not places.size:
+                continue
+            # The gap along a side is exact beside it, and less than the distance elsewhere.
+            bound = (places @ self.normals[k].T - self.offsets[k]).max(axis=-1)
+            if math.isfinite(self.radii[k]):
+                away = places - self.middles[k]
+                bound = np.maximum(bound, np.hypot(away[..., 0], away[..., 1]) - self.radii[k])
+            found[window] = np.minimum(found[window], bound - needed)
+        bounds = found - math.sqrt(0.5) * cell
+        return replace(self, grid=_Grid(np.array(low, dtype=float), cell, bounds))
+
+    def _near_obstacle(
+        self, k: int, low: Array, cell: float, counts: Array, distance: float
+    ) -> tuple[tuple[slice, slice], Array]:
+        """The part of a grid that is no farther than a distance from the box of an obstacle, and its middles."""
+        points = self.points[k]
+        first = np.clip(np.floor((points.min(axis=0) - distance - low) / cell), 0, counts).astype(int)
+        last = np.clip(np.ceil((points.max(axis=0) + distance - low) / cell), 0, counts).astype(int)
+        axes = [low[i] + (np.arange(first[i], last[i]) + 0.5) * cell for i in range(2)]
+        window = (slice(int(first[0]), int(last[0])), slice(int(first[1]), int(last[1])))
+        return window, np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+
+    def distances(self, poses: Array) -> Array:
+        """Exact signed distance of the padded body at each pose to each obstacle less the clearance, ``(n, o)``."""
+        if not len(self.needed):
+            return np.zeros((len(poses), 0))
+        pose, obstacle = (found.ravel() for found in np.indices((len(poses), len(self.needed))))
+        return (self._distances(poses[pose], obstacle) - self.needed[obstacle]).reshape(len(poses), len(self.needed))
+
+    def are_free(self, poses: Array) -> BoolArray:
+        """Whether the body keeps its clearance at each of the poses ``(n, 3)``, up to rounding."""
+        free = np.ones(len(poses), dtype=bool)
+        if not len(self.needed):
+            return free
+        near = np.flatnonzero(~self._keeps_away(poses, np.zeros(len(poses))))
+        pose, obstacle = self._near(poses[near], np.zeros(len(near)))
+        pose = near[pose]
+        apart = self._distances(poses[pose], obstacle) >= self.needed[obstacle] - 100.0 * NEGLIGIBLE
+        free[pose[~apart]] = False
+        return free
+
+    def is_clear(self, motions: Array, curvatures: Array, spacings: Array) -> BoolArray:
+        """Whether the body keeps its clearance along whole motions, also between the given poses.
+
+        Parameters
+        ----------
+        motions : (m, s, 3) array
+            Poses along each motion, two or more; from one to the next the body follows an arc.
+        curvatures, spacings : (m,) arrays
+            Largest curvature (its size) of each motion, and the longest arc from one pose to the next.
+        """
+        clear = np.ones(len(motions), dtype=bool)
+        if not len(self.needed) or not len(motions):
+            return clear
+        farthest = float(np.linalg.norm(self.corners, axis=1).max())
+        # No point of the body is farther from where it is at one of the two poses.
+        moved = 0.5 * spacings * (1.0 + curvatures * farthest)
+        reach = np.repeat(moved, motions.shape[1])
+        away = self._keeps_away(motions.reshape(-1, 3), reach).reshape(motions.shape[:2])
+        motion, step = np.nonzero(~(away[:, :-1] & away[:, 1:]))
+        found, obstacle = self._near(motions[motion, step], 2.0 * moved[motion])
+        motion, step = motion[found], step[found]
+        if len(motion):
+            proven = self._are_clear(
+                motions[motion, step], motions[motion, step + 1], obstacle, curvatures[motion], spacings[motion]
+            )
+            clear[motion[~proven]] = False
+        return clear
+
+    def _keeps_away(self, poses: Array, moved: Array) -> BoolArray:
+        """Whether the grid proves that bodies keep their clearances when all points move by so much, ``(n,)``."""
+        if self.grid is None:
+            return np.zeros(len(poses), dtype=bool)
+        places = self._placed(poses, self.discs)
+        return np.asarray((self.grid.at(places) >= (self.disc_radius + moved + NEGLIGIBLE)[:, None]).all(axis=1))
+
+    def _near(self, poses: Array, moved: Array) -> tuple[Indices, Indices]:
+        """Pairs of a pose and an obstacle that circles around them do not keep apart."""
+        places = self._placed(poses, self.discs)
+        pose, obstacle = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+        for k, (middle, radius) in enumerate(zip(self.middles, (self.radii + self.needed).tolist(), strict=True)):
+            away = np.hypot(places[..., 0] - middle[0], places[..., 1] - middle[1]).min(axis=1)
+            close = np.flatnonzero(away <= radius + self.disc_radius + moved + NEGLIGIBLE)
+            pose.append(close)
+            obstacle.append(np.full(len(close), k))
+        pairs, other = np.concatenate(pose), np.concatenate(obstacle)
+        # The discs along the sides: what is beside a long obstacle is inside of its circle.
+        gaps = np.full(len(pairs), np.inf)
+        for k in range(places.shape[1]):
+            middle = places[pairs, k]
+            along = middle[:, :1] * self.normals[other, :, 0] + middle[:, 1:] * self.normals[other, :, 1]
+            gaps = np.minimum(gaps, (along - self.offsets[other]).max(axis=1))
+        kept = gaps <= self.needed[other] + self.disc_radius + moved[pairs] + NEGLIGIBLE
+        return pairs[kept], other[kept]
+
+    def _distances(self, poses: Array, obstacle: Indices) -> Array:
+        """Exact signed distances of the body at poses ``(p, 3)`` to one obstacle each, without paddings."""
+        corners, points = self._placed(poses, self.corners), self.points[obstacle]
+        widest = self._from_obstacles(corners, obstacle).max(axis=1)
+        widest = np.maximum(widest, self._from_body(poses, points).max(axis=1))
+        pair = np.flatnonzero(widest >= -NEGLIGIBLE)  # overlapping shapes have no nearest corners
+        if len(pair):
+            own, other = corners[pair], points[pair]
+            widest[pair] = np.maximum(widest[pair], _gap_along(_between_corners(own, other), own, other))
+        return np.asarray(widest)
+
+    def _are_clear(
+        self, before: Array, after: Array, obstacle: Indices, curvatures: Array, spacings: Array
+    ) -> BoolArray:
+        """Whether one direction is wide enough at both poses of a step, ``(p,)``."""
+        # The arc of a point at distance r of the centre of the turn deviates from its chord by r (1 - cos(angle / 2)).
+        # That distance is at most the distance to the body's origin plus the turning radius.
+        ratio = 0.125 * (curvatures * spacings) ** 2
+        of_origin = ratio / np.maximum(curvatures, 1e-12)
+        deviation = of_origin + ratio * float(np.linalg.norm(self.corners, axis=1).max())
+        needed = self.needed[obstacle] - NEGLIGIBLE
+        start, end = self._placed(before, self.corners), self._placed(after, self.corners)
+        gaps = np.minimum(self._from_obstacles(start, obstacle), self._from_obstacles(end, obstacle)).max(axis=1)
+        clear = np.asarray(gaps - deviation >= needed)
+        left = np.flatnonzero(~clear)
+        other = self.points[obstacle[left]]
+        gaps = np.minimum(*(self._from_body(poses[left], other, ratio[left]) for poses in (before, after))).max(axis=1)
+        clear[left] = gaps - of_origin[left] >= needed[left]
+        left = left[~clear[left]]
+        other = self.points[obstacle[left]]
+        for own in (start[left], end[left]) if len(left) else ():
+            along = _between_corners(own, other)
+            gaps = np.minimum(_gap_along(along, start[left], other), _gap_along(along, end[left], other))
+            clear[left] |= gaps - deviation[left] >= needed[left]
+        return clear
+
+    @property
+    def corners_reach(self) -> float:
+        """Distance of the farthest corner of the body from its origin."""
+        return float(np.linalg.norm(self.corners, axis=1).max())
+
+    def gaps_of_two(self, first: Array, second: Array) -> Array:
+        """Widest gap, ``(p,)``, along normals of two such bodies at poses ``(p, 3)``: at most their distance."""
+        ones, others = self._placed(first, self.corners), self._placed(second, self.corners)
+        gaps = [self._from_body(first, others).max(axis=1), self._from_body(second, ones).max(axis=1)]
+        return np.asarray(np.maximum(*gaps))
+
+    def cells_free_of_point(self, low: Array, cell: float, counts: Array) -> BoolArray:
+        """Which cells of a grid hold a place that is no nearer to any obstacle than the clearance; for points.
+
+        The body counts as a point with the radius that `needed` has.
+        """
+        free = np.ones(counts.tolist(), dtype=bool)
+        slack = math.sqrt(0.5) * cell
+        for k, needed in enumerate(self.needed.tolist()):
+            window, places = self._near_obstacle(k, low, cell, counts, needed)
+            if not places.size:
+                continue
+            gaps = (places @ self.normals[k].T - self.offsets[k]).max(axis=-1)
+            near = gaps < needed - slack
+            # Beside a corner the distance is that to the corner, and more than any gap.
+            unsure = near & (gaps > 0.0)
+            if unsure.any():
+                near[unsure] = _distances_to_ring(places[unsure], self.points[k]) < needed - slack
+            free[window] &= ~near
+        return free
+
+    def _placed(self, poses: Array, points: Array) -> Array:
+        """Points of the body in the world, ``(n, v, 2)``."""
+        cosine, sine = np.cos(poses[..., 2, None]), np.sin(poses[..., 2, None])
+        x, y = points.T
+        return np.stack([poses[..., 0, None] + cosine * x - sine * y, poses[..., 1, None] + sine * x + cosine * y], -1)
+
+    def _from_obstacles(self, corners: Array, obstacle: Indices) -> Array:
+        """Gap along the normal of each side of an obstacle, ``(p, f)``."""
+        normals = self.normals[obstacle]
+        least = np.full(normals.shape[:2], np.inf)
+        for k in range(corners.shape[1]):
+            least = np.minimum(least, corners[:, k, :1] * normals[..., 0] + corners[:, k, 1:] * normals[..., 1])
+        return np.asarray(least - self.offsets[obstacle])
+
+    def _from_body(self, poses: Array, points: Array, ratio: Array | float = 0.0) -> Array:
+        """Gap along the normal of each side of the body, ``(p, e)``, less ``ratio`` times distances of points.
+
+        Parameters
+        ----------
+        poses : (p, 3) array
+        points : (p, w, 2) array
+            Corners of an obstacle for each pose.
+        ratio : (p,) array or float
+        """
+        away = points - poses[:, None, :2]
+        cosine, sine = np.cos(poses[:, 2])[:, None], np.sin(poses[:, 2])[:, None]
+        own_x = cosine * away[..., 0] + sine * away[..., 1]
+        own_y = cosine * away[..., 1] - sine * away[..., 0]
+        lift = np.reshape(ratio, (-1, 1)) * np.hypot(own_x, own_y)
+        gaps = [(own_x * a + own_y * b - lift).min(axis=1) - reach
+                for (a, b), reach in zip(self.sides.tolist(), self.reaches.tolist(), strict=True)]  # fmt: skip
+        return np.stack(gaps, axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class FreeSpaceWithTrailer:
+    """Poses, with the angle of the trailer as a fourth number, that a car and its trailer may take among obstacles.
+
+    Attributes
+    ----------
+    of_car, of_trailer : FreeSpace
+    trailer : Trailer
+    """
+
+    of_car: FreeSpace
+    of_trailer: FreeSpace
+    trailer: Trailer
+
+    def are_free(self, poses: Array) -> BoolArray:
+        """As for `FreeSpace`, from poses ``(n, 4)``; the angle is within its limit as well."""
+        free = self.trailer.are_within(poses)
+        free[free] = self.of_car.are_free(poses[free])
+        free[free] = self.of_trailer.are_free(self.trailer.poses(poses[free]))
+        return free
+
+    def is_clear(self, motions: Array, curvatures: Array, spacings: Array) -> BoolArray:
+        """As for `FreeSpace`, from motions ``(m, s, 4)``."""
+        clear: BoolArray = np.asarray(self.trailer.are_within(motions).all(axis=1))
+        clear[clear] = self.of_car.is_clear(motions[clear, :, :3], curvatures[clear], spacings[clear])
+        arcs = self.trailer.as_arcs(curvatures[clear], spacings[clear])
+        clear[clear] = self.of_trailer.is_clear(self.trailer.poses(motions[clear]), *arcs)
+        return clear
+
+
+def _padded(rows: Sequence[Any], shape: tuple[int, ...]) -> Array:
+    """Arrays of different lengths as one, each with its last entry repeated."""
+    most = max((len(row) for row in rows), default=0)
+    padded = [np.concatenate([row, np.repeat(row[-1:], most - len(row), axis=0)]) for row in rows]
+    return np.array(padded, dtype=float).reshape(len(padded), most, *shape)
+
+
+def _covering_discs(corners: Array) -> tuple[Array, float]:
+    """Middles ``(k, 2)`` and the radius of discs that cover the box around some corners."""
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    size = high - low
+    axis = int(size.argmax())
+    count = int(np.clip(math.ceil(size[axis] / max(size[1 - axis], 1e-9 * size[axis], 1e-300)), 1, MOST_DISCS))
+    middles = np.tile(0.5 * (low + high), (count, 1))
+    middles[:, axis] = low[axis] + (np.arange(count) + 0.5) * size[axis] / count
+    return middles, 0.5 * math.hypot(size[axis] / count, size[1 - axis])
+
+
+def _sides(shape: Polytope) -> tuple[Array, Array]:
+    """Outward unit normals and offsets; of a segment its two sides and ends, of a point any four."""
+    if not shape.is_flat:
+        return shape.halfspaces
+    along = shape.vertices[-1] - shape.vertices[0] if shape.is_bounded else shape.rays[0]
+    length = float(np.linalg.norm(along))
+    along = along / length if length > 0.0 else np.array([1.0, 0.0])
+    across = np.array([-along[1], along[0]])
+    normals = np.array([across, -across] if not shape.is_bounded else [across, -across, along, -along])
+    return normals, (normals @ shape.vertices.T).max(axis=1)
+
+
+def _corners(shape: Polytope, scene: float) -> Array:
+    """Corners, and in place of rays corners far away."""
+    if shape.is_bounded:
+        return np.array(shape.vertices)
+    # The middle of two rays as well: without it the cut would pass close by a wedge that is nearly a half-plane.
+    rays = [*shape.rays, *(a + b for i, a in enumerate(shape.rays) for b in shape.rays[:i])]
+    directions = [ray / np.linalg.norm(ray) for ray in rays if np.linalg.norm(ray) > 1e-6]
+    return np.vstack([shape.vertices, *(shape.vertices + FAR * scene * ray for ray in directions)])
+
+
+def _between_corners(own: Array, other: Array) -> Array:
+    """Unit vectors to the nearest corner of one from that of the other, ``(k, 2)``; zero where they touch."""
+    apart = own[:, :, None, :] - other[:, None, :, :]
+    lengths = np.hypot(apart[..., 0], apart[..., 1]).reshape(len(own), -1)
+    nearest = lengths.argmin(axis=1)
+    rows = np.arange(len(own))
+    return np.asarray(
+        apart.reshape(len(own), -1, 2)[rows, nearest] / np.maximum(lengths[rows, nearest], 1e-300)[:, None]
+    )
+
+
+def _distances_to_ring(places: Array, ring: Array) -> Array:
+    """Distances ``(n,)`` of places outside of a convex shape to its nearest side, from its corners in any order."""
+    about = ring - ring.mean(axis=0)
+    ring = ring[np.argsort(np.arctan2(about[:, 1], about[:, 0]), kind="stable")]
+    hull = np.concatenate([ring, ring[:1]])
+    sides = hull[1:] - hull[:-1]
+    squares = np.maximum((sides**2).sum(axis=1), 1e-300)
+    found = np.full(len(places), np.inf)
+    for corner, side, square in zip(hull[:-1], sides, squares, strict=True):
+        away = places - corner
+        share = np.clip(away @ side / square, 0.0, 1.0)
+        found = np.minimum(found, np.hypot(*(away - share[:, None] * side).T))
+    return found
+
+
+def _gap_along(along: Array, own: Array, other: Array) -> Array:
+    least = np.einsum("kvd,kd->kv", own, along).min(axis=1)
+    return np.asarray(least - np.einsum("kwd,kd->kw", other, along).max(axis=1))

@@ -1,0 +1,55 @@
+"""Paths of cars as starts of plans: cars are recognised by their equations."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from typing import Any
+
+from pyrobocop_pyomo.errors import InitialGuessError
+from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.obstacles.rerouting import can_turn_at_both_ends, overlaps_deeply
+from pyrobocop_pyomo.planning.safe_planning import avoidance_blocks
+from pyrobocop_pyomo.planning.start_providers import PATH_CLEARANCES, Fit, register_starts
+
+from .recognised_car import RecognisedCar, recognised_car
+
+logger = logging.getLogger(__name__)
+
+
+class CarStarts:
+    """Paths that cars and their trailers can drive."""
+
+    def fits(self, model: Any) -> Fit | None:
+        """See `StartProvider`. A path on a grid is no start where a car has to manoeuvre."""
+        cars = _cars(model)
+        if not cars:
+            return None
+        # The path of a car comes close to obstacles, and is a good start nevertheless.
+        pulls = any(car.trailer is not None for _, car in cars)
+        blocks = avoidance_blocks(model)
+        free = not pulls and any(map(overlaps_deeply, blocks)) and all(map(can_turn_at_both_ends, blocks))
+        return Fit(may_be_led_around=free, obeys_equations=True)
+
+    def propose(self, model: Any, deadline: Deadline) -> Iterator[str]:
+        """See `StartProvider`. Where there is no path, there is none farther from everything either."""
+        cars = _cars(model)
+        for clearances in PATH_CLEARANCES:
+            found = False
+            for block, car in cars:
+                try:
+                    path = car.path(block, clearances, deadline.left)
+                except InitialGuessError as error:
+                    logger.info("'%s': no path for '%s': %s", block.name, car.bodies[0], error)
+                    continue
+                found = car.follow(path) or found
+            if not found:
+                return
+            yield f"along the path of a car, {clearances:g} clearances from obstacles"
+
+
+def _cars(model: Any) -> list[tuple[Any, RecognisedCar]]:
+    return [(block, car) for block in avoidance_blocks(model) if (car := recognised_car(block)) is not None]
+
+
+register_starts(CarStarts())

@@ -1,0 +1,89 @@
+"""Rules that have to know the time as a number: they were asked at each point of the mesh while the model was built.
+
+What they say at other times nobody has looked at. Such a phase keeps its mesh, and its errors between the points are
+not known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from pyrobocop_pyomo.errors import TrajectoryError
+
+from .declarations import FunctionOfTime
+from .record import Statement
+
+
+def asked_by_point(phase: Any) -> str | None:
+    """The first rule of a phase, or function for bounds, that is no template, in words; None where all are.
+
+    Parameters
+    ----------
+    phase : PhaseBlock
+    """
+    record = phase.record
+    found = next((each for each in record.rules if not each.is_template(phase)), None)
+    if found is not None:
+        return _in_words(phase, found)
+    for name, declaration in record.declarations.items():
+        given = {word: getattr(declaration, word, None) for word in ("bounds", "history")}
+        for word, function in given.items():
+            if isinstance(function, FunctionOfTime) and function.is_asked_by_point:
+                what = f"the function for the {word} of '{name}' (declared at {declaration.declared_at})"
+                return _reason(phase, what)
+    return None
+
+
+def refuse_asked_by_point(phase: Any, statements: Iterable[Statement], *more: Any) -> None:
+    """Refuse rules that say something at the points of the mesh only, given what they would get at one.
+
+    Raises
+    ------
+    TrajectoryError
+        Naming the first of them.
+    """
+    for statement in statements:
+        if not statement.is_template(phase, *more):
+            raise TrajectoryError(_in_words(phase, statement))
+
+
+def _in_words(phase: Any, statement: Statement) -> str:
+    if statement.rule is None:
+        return (
+            f"phase '{phase.name}': the rule of its {statement.kind} '{statement.name}' did not survive pickling. "
+            "Define it at the top level of a module."
+        )
+    return _reason(phase, f"the rule of its {statement.kind} '{statement.name}'{_line_of(statement)}")
+
+
+def _reason(phase: Any, what: str) -> str:
+    return (
+        f"phase '{phase.name}': {what} has to know the time as a number, and was asked at the points of the mesh: what "
+        "it says between them is not known. Write pyo.Expr_if for a branch, rcp.Table for data over time, pyo.sin for "
+        "math.sin, x.delayed(t, delay) for an earlier time."
+    )
+
+
+def read_inside_elements(phase: Any) -> str | None:
+    """The times inside elements at which statements read values, in words; None where all are element boundaries.
+
+    Parameters
+    ----------
+    phase : PhaseBlock
+    """
+    boundaries = phase.grid.mesh.boundaries
+    inside = [time for time in sorted(phase.record.named_times) if time not in boundaries]
+    if not inside:
+        return None
+    more = f" and at {len(inside) - 1} times more" if len(inside) > 1 else ""
+    return (
+        f"Statements read values of phase '{phase.name}' at t = {inside[0]:g}{more}, inside of elements, where the "
+        "polynomial is less exact than at their ends. Make these times element boundaries: PhaseBlock(mesh=...)."
+    )
+
+
+def _line_of(statement: Statement) -> str:
+    code = getattr(statement.rule, "__code__", None)
+    return "" if code is None else f" ({Path(code.co_filename).name}:{code.co_firstlineno})"

@@ -1,0 +1,138 @@
+"""`InstantsInside`: what a trajectory is at some places of its elements, and what rules say of it there."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.modeling.expression_nodes import ExpressionEvaluator
+from pyrobocop_pyomo.modeling.row_violations import number_or_nan
+from pyrobocop_pyomo.modeling.undefined_values import undefined_part
+from pyrobocop_pyomo.numerics import Array, Grid
+from pyrobocop_pyomo.numerics.lagrange import differentiation_matrix
+from pyrobocop_pyomo.trajectories import Trajectory
+
+from .delays import past_of
+from .record import PhaseRecord, Statement
+from .rule_formulas import ARRAY_FUNCTIONS, RuleFormulas
+
+
+class InstantsInside:
+    """All elements at some local fractions; arrays have the shape ``(q, N)``.
+
+    Parameters
+    ----------
+    record : PhaseRecord
+    trajectory : Trajectory
+    indices : Grid
+        Its grid in the time indices of the phase.
+    fractions : array, shape (q,)
+    formulas : RuleFormulas, optional
+        Of the rules that `evaluator` evaluates, all of which were asked.
+    rates : mapping of state name to array, shape (s, N)
+        Derivatives at the stages, where the values of a state do not determine its polynomial.
+
+    Attributes
+    ----------
+    index, clock : array
+        Time indices and times.
+    values : dict of name to array or number
+        States, algebraics, controls and parameters.
+    slopes : dict of state name to array
+    """
+
+    def __init__(
+        self,
+        record: PhaseRecord,
+        trajectory: Trajectory,
+        indices: Grid,
+        fractions: Array,
+        formulas: RuleFormulas | None = None,
+        rates: Mapping[str, Array] | None = None,
+    ) -> None:
+        scheme, widths = trajectory.grid.scheme, np.array(trajectory.grid.mesh.widths)
+        self._record, self._formulas, self.fractions = record, formulas, fractions
+        self.at_stages = scheme.stage_polynomial_at(fractions)
+        self.clock, self.index = (
+            np.array(mesh.boundaries[:-1]) + fractions[:, None] * np.array(mesh.widths)
+            for mesh in (trajectory.grid.mesh, indices.mesh)
+        )
+        states = {name: trajectory.element_states(name).T for name in trajectory.states}
+        at_nodes, slopes = scheme.state_at(fractions), differentiation_matrix(scheme.state_nodes, fractions)
+        self.values: dict[str, Any] = {name: at_nodes @ of for name, of in states.items()}
+        self.values |= {name: self.at_stages @ trajectory.element_signals(name).T for name in trajectory.signals}
+        self.values |= {name: np.interp(self.clock, *knots) for name, knots in trajectory.piecewise_linear.items()}
+        self.values |= trajectory.parameters
+        self.slopes = {name: slopes @ of / widths for name, of in states.items()}
+        for name, at in (rates or {}).items():
+            self.values[name] = states[name][0] + widths * (scheme.increments_at(fractions) @ at)
+            self.slopes[name] = self.at_stages @ at
+        self._past, self._widths, self._asked, self._others = past_of(trajectory), widths, (0, 0), dict[int, Array]()
+        self._starts = {name: np.zeros(self.index.shape) + of[0] for name, of in states.items()}
+
+    def _leaves(self, values: Mapping[str, Any]) -> dict[int, Any]:
+        formulas = self._formulas
+        assert formulas is not None
+        asked = len(formulas.delays), len(formulas.blocks_read)
+        if asked != self._asked:  # rules were asked since
+            self._asked, self._others = asked, formulas.of_companions(np.asarray(self.fractions))
+            places = enumerate(np.asarray(self.fractions).tolist())
+            earlier = [formulas.delayed_numbers(self._past, self.clock[i], self._widths, at) for i, at in places]
+            self._others |= {key: np.array([of[key] for of in earlier]) for key in earlier[0]}
+        return formulas.leaves(values, self.index, self.clock, self.slopes, self._starts) | self._others
+
+    def evaluator(self, values: Mapping[str, Any]) -> Any:
+        """A function that evaluates formulas with these values."""
+        return ExpressionEvaluator(self._leaves(values), ARRAY_FUNCTIONS).of
+
+    def value_of(self, expression: Any, statement: Statement, label: str) -> Array:
+        """The values of a formula of a statement.
+
+        Parameters
+        ----------
+        label : str
+            The phase, in words.
+
+        Raises
+        ------
+        TrajectoryError
+            When it has none somewhere: naming the part without value, the rule, the time and the element.
+        """
+        with np.errstate(all="ignore"):
+            found = np.zeros(self.index.shape) + self.evaluator(self.values)(expression)
+        for i, k in np.argwhere(~np.isfinite(found.T)).tolist():
+            if expression.__class__ is float:
+                break  # no bound
+            self._hold(k, i)
+            part = None if math.isfinite(number_or_nan(expression)) else undefined_part(expression)
+            what = "it has no value" if part is None else re.sub(r"declared\[([^]]*)\]", r"'\1'", part.what)
+            raise TrajectoryError(
+                f"{label}: {what}, in the {statement.kind} '{statement.name}' at time {self.clock[k, i]:g} (element "
+                f"{i}). The trajectory leaves the values for which it is defined; bound what it reads, or solve the "
+                "model first."
+            )
+        return found
+
+    def _hold(self, k: int, i: int) -> None:
+        """Give what stands for the phase in formulas the values of one instant."""
+        leaves = self._leaves(self.values)
+        assert self._formulas is not None
+        for variable in self._formulas.variables:
+            number = leaves.get(id(variable))
+            if number is not None:
+                variable.set_value(float(number if np.ndim(number) == 0 else number[k, i]), skip_validation=True)
+
+    def bound(self, name: str, side: int) -> Any:
+        """A declared bound, infinite where there is none; side 0 is the lower one."""
+        declaration = self._record.declarations[name]
+        none = (-np.inf, np.inf)[side]
+        if not callable(declaration.bounds):
+            bound = declaration.bounds_at(0.0, name)[side]
+            return none if bound is None else float(bound)
+        found = [declaration.bounds_at(time, name)[side] for time in self.index.ravel().tolist()]
+        return np.array([none if bound is None else bound for bound in found], dtype=float).reshape(self.index.shape)

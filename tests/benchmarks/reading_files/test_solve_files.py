@@ -1,0 +1,79 @@
+"""Files of a folder are solved to their known optima, kept, and checked by their statement."""
+
+from __future__ import annotations
+
+import importlib
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from solve_files import main, solve_files
+
+from pyrobocop_pyomo.studies.sweep import SweepResult
+
+from .points import COLLECTION, OPTIMA
+
+module = importlib.import_module("solve_files")
+
+
+def objectives(result: SweepResult) -> dict[str, float]:
+    return {outcome.name: outcome.numbers["checked"] for outcome in result}
+
+
+def folder_with(names: list[str], folder: Path) -> Path:
+    folder.mkdir()
+    for name in names:
+        shutil.copy(COLLECTION / f"{name}.nl", folder)
+    return folder
+
+
+@pytest.mark.ipopt
+def test_the_command_line_solves_a_folder_to_the_known_optima(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    results = tmp_path / "results.jsonl"
+    assert main([str(COLLECTION), "--results", str(results), "--time-limit", "60"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split()[:5] == ["case", "name", "checked", "violation", "natural"]
+    rows = {words[1].removesuffix(".nl"): words for words in map(str.split, lines[1:])}
+    assert rows.keys() == OPTIMA.keys()
+    for name, optimum in OPTIMA.items():
+        judged, violation, natural = map(float, rows[name][2:5])
+        assert judged == pytest.approx(optimum, abs=1e-6)
+        assert max(violation, natural) <= 1e-6
+        assert "optimal" in rows[name]
+        assert "proven" in rows[name]
+    # All of it again is read from the results.
+    assert main([str(COLLECTION), "--results", str(results), "--time-limit", "60"]) == 0
+    assert capsys.readouterr().out.splitlines() == lines
+
+
+@pytest.mark.ipopt
+@pytest.mark.slow
+def test_processes_find_the_same(tmp_path: Path) -> None:
+    alone = solve_files(COLLECTION)
+    together = solve_files(COLLECTION, workers=2, file=tmp_path / "results.jsonl")
+    assert objectives(together) == pytest.approx(objectives(alone), abs=1e-8)
+    assert objectives(solve_files(COLLECTION, file=tmp_path / "results.jsonl")) == objectives(together)
+
+
+@pytest.mark.ipopt
+def test_the_numbers_are_those_of_the_file_and_not_of_the_solver(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A solver that claims another point to be optimal is found out."""
+    folder = folder_with(["box"], tmp_path / "some")
+    sweep_module = importlib.import_module("pyrobocop_pyomo.studies.case_solver")
+    solve = sweep_module.solve_as_given
+
+    def lying(model: Any, **options: Any) -> Any:
+        result = solve(model, **options)
+        model.x["1"].set_value(0.0)  # y, while x stays at 2
+        return result
+
+    monkeypatch.setattr(sweep_module, "solve_as_given", lying)
+    (outcome,) = solve_files(folder)
+    assert outcome.verdict == "optimal"
+    assert outcome.numbers["natural"] == pytest.approx(0.5)
+    assert outcome.numbers["checked"] == pytest.approx(1.0)

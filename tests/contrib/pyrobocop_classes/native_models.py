@@ -1,0 +1,86 @@
+"""The same problems as in `problems`, stated with this package."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyomo.environ as pyo
+
+import pyrobocop_pyomo as rcp
+
+
+def phase(duration=1.0, elements=None, mesh=None, start=0.0, scheme="implicit_euler"):
+    m = pyo.ConcreteModel()
+    m.phase = rcp.PhaseBlock(duration=duration, elements=elements, mesh=mesh, start=start, scheme=scheme)
+    return m, m.phase
+
+
+def minimise(m, integrand, final=0.0):
+    m.cost = pyo.Objective(expr=m.phase.integral(integrand) + final)
+    return m
+
+
+def pendulum(scheme):
+    m, b = phase(3.0, 12, scheme=scheme)
+    b.a, b.w = rcp.State(initial=0, bounds=(-2 * np.pi, 2 * np.pi)), rcp.State(initial=0, bounds=(-10, 10))
+    b.u = rcp.Control(bounds=(-10, 10))
+    b.ode(lambda b, t: {b.a: b.w[t], b.w: (b.u[t] - 9.81 * pyo.sin(b.a[t]) - 0.1 * b.w[t]) / 2})
+    return minimise(m, lambda b, t: (b.a[t] - np.pi) ** 2 + b.w[t] ** 2 + 0.01 * b.u[t] ** 2)
+
+
+def quick_cart():
+    m, b = phase(rcp.Duration(bounds=(0.1, 10), initial_guess=3), 10)
+    b.x, b.v = rcp.State(initial=0, final=1, bounds=(-2, 2)), rcp.State(initial=0, final=0)
+    b.u = rcp.Control(bounds=(-1, 1))
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
+    m.cost = pyo.Objective(expr=b.duration)
+    return m
+
+
+def dead_zone():
+    m, b = phase(2.0, 12)
+    b.x, b.v, b.u = rcp.State(initial=0), rcp.State(initial=0), rcp.Control(bounds=(-3, 3))
+    b.force = rcp.Algebraic(bounds=(0, None))
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] - b.force[t]})
+    gap = {t: 0.5 if i < 6 else 0.8 for i, t in enumerate(b.points)}
+
+    @b.complementarity
+    def play(b, t):
+        return rcp.complements(b.force[t] >= 0, b.x[t] <= gap[t])
+
+    return minimise(m, lambda b, t: (b.x[t] - 1) ** 2 + b.v[t] ** 2 + 0.1 * b.u[t] ** 2)
+
+
+def car():
+    m, b = phase(5.0, 20)
+    for name, goal in (("x", 3), ("y", 3), ("a", np.pi / 2), ("v", 0)):
+        b.declare(name, rcp.State(initial=0, final=goal))
+    b.steer, b.push = rcp.Control(bounds=(-np.pi / 3, np.pi / 3)), rcp.Control(bounds=(-10, 10))
+
+    @b.ode
+    def motion(b, t):
+        return {
+            b.x: b.v[t] * pyo.sin(b.a[t]),
+            b.y: b.v[t] * pyo.cos(b.a[t]),
+            b.a: b.steer[t] * b.v[t],
+            b.v: b.push[t],
+        }
+
+    angle = np.pi / 2 / 5.0
+    b.initialize(x=lambda t: 3 - 3 * np.cos(angle * t), y=lambda t: 3 * np.sin(angle * t), v=1.0)
+    b.avoid = rcp.ObstacleAvoidanceBlock(
+        b.time,
+        bodies={"car": rcp.Body(rcp.Polytope.box(0.5, 0.5), lambda b, t: rcp.planar_pose(b.x[t], b.y[t], -b.a[t]))},
+        obstacles=[rcp.Polytope.box(1, 1, center=(2.0, 2.0))],
+        clearance=0.02,
+    )
+    return minimise(
+        m,
+        lambda b, t: (
+            (b.x[t] - 3) ** 2
+            + (b.y[t] - 3) ** 2
+            + (b.a[t] - np.pi / 3) ** 2
+            + b.v[t] ** 2
+            + b.steer[t] ** 2
+            + b.push[t] ** 2
+        ),
+    )

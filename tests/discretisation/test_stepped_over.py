@@ -1,0 +1,92 @@
+"""What lies between two points of the mesh is found, however thin it is, and nothing else is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pyomo.environ as pyo
+import pytest
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.discretisation.stepped_over import stepped_over
+
+Rule = Callable[[Any, float], Any]
+
+
+def along(rule: Rule, scheme: str = "radau") -> Any:
+    """A straight line from 0 to 1 in one second, with a rule that its points may keep."""
+    m = pyo.ConcreteModel(name="along")
+    m.p = b = rcp.PhaseBlock(duration=1.0, elements=10, scheme=scheme)
+    b.x, b.y = rcp.State(initial=0, final=1), rcp.State(initial=0, final=0)
+    b.u, b.v = rcp.Control(bounds=(-9, 9)), rcp.Control(bounds=(-9, 9))
+    b.ode(lambda b, t: {b.x: b.u[t], b.y: b.v[t]})
+    b.constraint(rule, name="limit")
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: (b.u[t] - 1) ** 2 + b.v[t] ** 2 + b.y[t] ** 2))
+    for t in b.time:
+        b.x[t].set_value(t), b.y[t].set_value(0.0)
+    for t in b.points:
+        b.u[t].set_value(1.0), b.v[t].set_value(0.0)
+    return m
+
+
+def post(radius: float, form: str) -> Rule:
+    """A round post that stands on the line, at 0.5251."""
+
+    def rule(b: Any, t: float) -> Any:
+        square = (b.x[t] - 0.5251) ** 2 + b.y[t] ** 2
+        return {
+            "square": square >= radius**2,
+            "difference": radius**2 - square <= 0,
+            "distance": pyo.sqrt(square + 1e-14) >= radius,
+            "range": (radius**2, square, 9),
+        }[form]
+
+    return rule
+
+
+@pytest.mark.parametrize("scheme", ["radau", "gauss", "implicit_euler"])
+@pytest.mark.parametrize("radius", [1e-2, 1e-4, 1e-6])
+@pytest.mark.parametrize("form", ["square", "difference", "distance", "range"])
+def test_a_post_between_two_points_is_found_whatever_its_radius_and_its_form(
+    form: str, radius: float, scheme: str
+) -> None:
+    ((name, amount, moment),) = stepped_over(along(post(radius, form), scheme).p)
+    assert name == "limit"
+    assert moment == pytest.approx(0.5251, abs=0.5 * radius)
+    assert amount == pytest.approx(radius if form == "distance" else radius**2, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    "rule",
+    [
+        lambda b, t: (b.x[t] - 0.5251) ** 2 + (b.y[t] - 0.0101) ** 2 >= 0.01**2,  # beside the line
+        lambda b, t: b.x[t] <= 1,  # kept at the end
+        lambda b, t: b.x[t] == b.time_at(t),
+        lambda b, t: pyo.tan(1.5 * b.x[t]) <= 15,
+        lambda b, t: b.x[t] <= 2 if t > 0.3 else pyo.Constraint.Skip,
+    ],
+)
+def test_nothing_is_said_of_what_is_kept_or_has_no_formula(rule: Rule) -> None:
+    assert list(stepped_over(along(rule).p)) == []
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("rule", [post(0.003, "square"), lambda b, t: pyo.tan(3.1 * b.x[t]) <= 300])
+def test_a_thin_post_or_a_pole_that_is_stepped_over_is_doubted_in_the_first_lines(rule: Rule) -> None:
+    result = rcp.solve(along(rule), progress=False, strategies=rcp.Strategy(exploration=0))
+    assert str(result).splitlines()[1].startswith("DOUBTFUL: phase 'p': constraint 'limit' holds at the points")
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("elements", [5, 10, 20])
+def test_a_limit_that_is_touched_is_no_limit_that_is_stepped_over(elements: int) -> None:
+    """Bryson and Denham: a body is thrown against a lid that it touches, with a known cost of 4."""
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(duration=1.0, elements=elements)
+    b.x, b.v, b.u = rcp.State(initial=0, final=0), rcp.State(initial=1, final=-1), rcp.Control()
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
+    b.constraint(lambda b, t: b.x[t] <= 1 / 9, name="lid")
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2 / 2))
+    assert rcp.solve(m, progress=False).objective == pytest.approx(4.0, rel=1e-3)
+    assert list(stepped_over(b)) == []

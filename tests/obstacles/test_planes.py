@@ -1,0 +1,56 @@
+"""Planes per interval and per node, on one scene and from one initial guess."""
+
+from __future__ import annotations
+
+import pyomo.environ as pyo
+import pytest
+from harness.scenes import ARROW, WALL, avoiding, exact, solve_once, turning_move
+
+import pyrobocop_pyomo as rcp
+
+pytestmark = pytest.mark.executable
+
+
+def solved(norm="sphere"):
+    m = turning_move()
+    avoid = avoiding(m, between=None)
+    avoid.initialize()
+    avoid.set_norm(norm)
+    solve_once(m)
+    return m, avoid
+
+
+@pytest.fixture(scope="module")
+def reference():
+    return pyo.value(solved()[0].effort)
+
+
+def test_both_norms_agree(reference):
+    m, avoid = solved("ball")
+    assert pyo.value(m.effort) == pytest.approx(reference, rel=1e-5)
+    closest = min(exact(m.move, ARROW, WALL, m.move.time))
+    # The wall is in the way: the clearance is used up, and kept up to the solver's tolerance.
+    assert closest == pytest.approx(0.05, abs=1e-6)
+    for (_, _, time), proven in avoid.separation_gaps().items():
+        assert 0.05 - 1e-6 <= proven <= exact(m.move, ARROW, WALL, [time])[0] + 1e-9
+
+
+def test_one_plane_per_interval_needs_as_many_rows_of_the_body_as_poses():
+    m = turning_move(elements=5, stages=1)
+    avoid = avoiding(m)
+    assert len(avoid.separations) == 5
+    assert len(avoid.first_shape) == 5 * 2 * 4
+    assert len(avoid.second_shape) == 5 * 4
+    assert len(avoid.unit) == 5
+
+
+def test_one_plane_per_interval_is_safe_between_the_nodes_where_nodes_alone_are_not():
+    wall = {"wall": rcp.Polytope.box(0.1, 2, center=(2, -0.5))}
+    safe = {}
+    for between in ("plane", None):
+        m = turning_move(elements=3, stages=1, turn=0.0)
+        avoid = avoiding(m, between=between, obstacles=wall)
+        avoid.initialize()
+        solve_once(m)
+        safe[between] = avoid.verify().safe
+    assert safe == {"plane": True, None: False}
