@@ -34,7 +34,7 @@ HUNDREDS = 0.1  # from 10 m/s to 100 m per second
 def build(case: str = "turbo", elements: int = 20, stages: int = 2) -> pyo.ConcreteModel:
     """Rest to rest in minimal time."""
     m = pyo.ConcreteModel(name="turbo car")
-    duration = rcp.Duration(bounds=(1, 40), initial_guess=12)
+    duration = rcp.Duration(bounds=(1, 40), initial_guess=15)
     m.drive = b = rcp.PhaseBlock(duration=duration, elements=elements, stages=stages, free_element_widths=(0.2, 3))
     b.x = rcp.State(initial=0, final=DISTANCE, initial_guess=lambda t: DISTANCE * t)
     b.v = rcp.State(initial=0, final=0, bounds=(0, FASTEST), initial_guess=2)

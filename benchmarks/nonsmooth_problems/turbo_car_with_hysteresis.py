@@ -23,7 +23,7 @@ def build(
 ) -> pyo.ConcreteModel:
     """Speeds in units of 10 m/s, distances in units of 100 m."""
     m = pyo.ConcreteModel(name="turbo car with hysteresis")
-    duration = rcp.Duration(bounds=(1, 40), initial_guess=12)
+    duration = rcp.Duration(bounds=(1, 40), initial_guess=15)
     m.phase = b = rcp.PhaseBlock(
         duration=duration,
         elements=elements,

@@ -76,7 +76,7 @@ def warning_about(
     return Finding(Severity.WARNING, subject, message, components, remedy, time)
 
 
-def quoted(names: Iterable[str], most: int = 4) -> str:
+def quoted(names: Iterable[object], most: int = 4) -> str:
     """Names in quotes, the first of many."""
     shown = list(map(repr, names))
     more = f" and {len(shown) - most} more" if len(shown) > most else ""

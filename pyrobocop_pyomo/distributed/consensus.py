@@ -81,7 +81,6 @@ class Consensus:
             for name, fact in facts.items()
         }
         self.group_names = [", ".join(entry.components) for entry in shared]
-        self.penalty_of = {name: fact.penalty for name, fact in facts.items()}
 
     @staticmethod
     def _refuse_other_units(facts: Mapping[str, ProblemFacts]) -> None:

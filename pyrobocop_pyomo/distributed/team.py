@@ -218,18 +218,6 @@ class Team:
             self.keep_apart.constrain(merged.model, [merged.parts[name] for name in self.names])
         return merged
 
-    def score_of(self, merged: MergedModel) -> Any:
-        """Physical score of the values that stand on a model of `central`.
-
-        Raises
-        ------
-        TeamError
-            When the team has no physics.
-        """
-        if self.physics is None:
-            raise TeamError("this team has no physics to score a plan by: give physics=... to Team.")
-        return self.physics(self.plans_of(merged))
-
     def plans_of(self, merged: MergedModel) -> dict[str, dict[str, Array]]:
         """Read the plans of all agents from a model of `central`: what the physics reads; without one, everything."""
         if self.physics is None:

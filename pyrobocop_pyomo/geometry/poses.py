@@ -69,7 +69,7 @@ class Pose:
                 f"a pose in {self.dimension} dimensions was applied to a point with {len(point)} coordinates. "
                 "Give both in the plane, or both in space."
             )
-        return tuple(_plus(_dot(row, point), shift) for row, shift in zip(self.rotation, self.translation, strict=True))
+        return tuple(_plus(dot(row, point), shift) for row, shift in zip(self.rotation, self.translation, strict=True))
 
     def __matmul__(self, other: Pose) -> Pose:
         """The pose of a body that has the pose `other` in a frame that has this pose: for arms and trailers."""
@@ -225,10 +225,11 @@ def _sized(entries: Sequence[Entry], size: int, label: str) -> tuple[Entry, ...]
 
 
 def _product(left: Sequence[Sequence[Entry]], right: Sequence[Sequence[Entry]]) -> tuple[tuple[Entry, ...], ...]:
-    return tuple(tuple(_dot(row, column) for column in zip(*right, strict=True)) for row in left)
+    return tuple(tuple(dot(row, column) for column in zip(*right, strict=True)) for row in left)
 
 
-def _dot(left: Sequence[Entry], right: Sequence[Entry]) -> Entry:
+def dot(left: Sequence[Entry], right: Sequence[Entry]) -> Entry:
+    """Sum of products, without terms that are zero and factors of one."""
     total: Entry = 0.0
     for a, b in zip(left, right, strict=True):
         total = _plus(total, _times(a, b))

@@ -34,7 +34,7 @@ FEW_ENTRIES, THIN = 20_000, 10
 FALL_BACK = {"linear_solver": "mumps"}
 # Predictions of the program's structures that were asked for last.
 _MOST_KEPT = 64
-_predicted: dict[bytes, FactorSize] = {}
+_predicted: dict[bytes, FactorSize | None] = {}
 # What records of a run say where that happened.
 FELL_BACK = "mumps, after ldl failed"
 # What Ipopt does not bring but loads: the library by its usual name, the option that says where it is, who has it.
@@ -145,7 +145,8 @@ def suits(nlp: NonlinearProgram) -> bool:
 
 
 def predicted_factor(nlp: NonlinearProgram) -> FactorSize | None:
-    """Size of the factor of Ipopt's linear systems, from the structure of the derivatives; None without the solver.
+    """Size of the factor of Ipopt's linear systems, from the structure of the derivatives; None without the solver
+    or where the factor is too large.
 
     Kept for further programs with the same structure.
     """

@@ -212,17 +212,18 @@ class SymmetricFactorisation:
         )  # fmt: skip
         return x
 
-    def size_of_factor(self, values: Any) -> FactorSize:
-        """What factoring a matrix with such entries costs, from its structure and its weak diagonal entries."""
+    def size_of_factor(self, values: Any) -> FactorSize | None:
+        """What factoring a matrix with such entries costs, from its structure and its weak diagonal entries.
+
+        None where the structure of the factor needs more memory than can be had.
+        """
         found, entries = np.zeros(3), np.ascontiguousarray(values, dtype=np.float64)
         if entries.shape != (self.entries,):
             raise ValueError(f"'values' has shape {entries.shape}; this matrix needs ({self.entries},).")
         failed = self._functions.pyrobocop_factor_size(
             self.n, self.entries, _address(self._rows), _address(self._columns), _address(entries), _address(found)
         )
-        if failed:
-            raise MemoryError(f"the factor of the matrix with {self.n} rows is too large to be counted.")
-        return FactorSize(float(found[0]), float(found[1]), int(found[2]))
+        return None if failed else FactorSize(float(found[0]), float(found[1]), int(found[2]))
 
 
 def _indices(n: int, values: Any, name: str) -> IntArray:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from pyrobocop_pyomo.complementarity import complements
 from pyrobocop_pyomo.errors import ModelError
@@ -55,9 +55,13 @@ class AbsoluteValue(SignalLaw):
 
 @dataclass(frozen=True, init=False)
 class _Extremum(SignalLaw):
-    """The greatest or the least of several: the one of the first two, then that and the third, and so on."""
+    """The greatest or the least of several: the one of the first two, then that and the third, and so on.
+
+    A subclass says which one it chooses, and how far its result is beyond another quantity.
+    """
 
     of: tuple[Quantity, ...]
+    _choose: ClassVar[Callable[..., float]]
 
     def __init__(self, *of: Quantity, **options: Any) -> None:
         # A frozen dataclass takes no positional arguments of any number by itself.
@@ -77,6 +81,9 @@ class _Extremum(SignalLaw):
             raise ModelError(f"{self._what}: {len(self.of)} quantities; give two or more, each as an argument.")
         super().__post_init__()
 
+    def _beyond(self, result: Any, quantity: Any) -> Any:
+        raise NotImplementedError
+
     @property
     def _steps(self) -> list[str]:
         """Names of the results after each further quantity; the last one is the signal."""
@@ -86,17 +93,17 @@ class _Extremum(SignalLaw):
         """The result, and those of the first two, three, ... quantities, ``<name>_of_2`` and so on."""
         return {step: Unknown(UNBOUNDED, lambda at: at.ask("of")[0]) for step in self._steps}
 
-    def _results(self, quantities: list[float], choose: Callable[..., float]) -> Mapping[str, float]:
-        return {step: choose(quantities[: i + 2]) for i, step in enumerate(self._steps)}
-
-    def _sides(self, at: Moment) -> dict[str, tuple[Any, Any, Any]]:
-        """(result, result before, next quantity) by the name of the step."""
-        quantities, before = at.ask("of"), at.ask("of")[0]
-        sides = {}
+    def pairs(self, at: Moment) -> Any:
+        """Each result is one of two: that before, and the next quantity."""
+        quantities, before, pairs = at.ask("of"), at.ask("of")[0], {}
         for step, following in zip(self._steps, quantities[1:], strict=True):
-            sides[step or "last"] = at[step], before, following
-            before = at[step]
-        return sides
+            sides = [self._beyond(at[step], other) >= 0 for other in (before, following)]
+            pairs[step or "last"], before = complements(*sides), at[step]
+        return pairs
+
+    def start(self, asked: Callable[[str], Any]) -> Mapping[str, float]:
+        """What is chosen of the first two, three, ... quantities."""
+        return {step: self._choose(asked("of")[: i + 2]) for i, step in enumerate(self._steps)}
 
 
 class Maximum(_Extremum):
@@ -117,13 +124,10 @@ class Maximum(_Extremum):
         When there are fewer.
     """
 
-    def pairs(self, at: Moment) -> Any:
-        """Each result is one of two."""
-        return {step: complements(v - a >= 0, v - b >= 0) for step, (v, a, b) in self._sides(at).items()}
+    _choose = staticmethod(max)
 
-    def start(self, asked: Callable[[str], Any]) -> Mapping[str, float]:
-        """The greatest."""
-        return self._results(asked("of"), max)
+    def _beyond(self, result: Any, quantity: Any) -> Any:
+        return result - quantity
 
 
 class Minimum(_Extremum):
@@ -142,13 +146,10 @@ class Minimum(_Extremum):
         When there are fewer.
     """
 
-    def pairs(self, at: Moment) -> Any:
-        """Each result is one of two."""
-        return {step: complements(a - v >= 0, b - v >= 0) for step, (v, a, b) in self._sides(at).items()}
+    _choose = staticmethod(min)
 
-    def start(self, asked: Callable[[str], Any]) -> Mapping[str, float]:
-        """The least."""
-        return self._results(asked("of"), min)
+    def _beyond(self, result: Any, quantity: Any) -> Any:
+        return quantity - result
 
 
 @dataclass(frozen=True)

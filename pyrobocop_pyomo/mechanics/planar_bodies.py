@@ -9,7 +9,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -166,9 +165,10 @@ class PlanarBody(PushedBody):
         check_free(phase, *POSE, *TWIST, "newton_euler")
         for wrench in wrenches:
             check_has(wrench, phase, *WRENCH)
-        for name, first, last, guess in zip(POSE, *_ends(start, goal), _lines(phase, start, goal), strict=True):
+        lines, speeds = _straight(phase, start, goal)
+        for name, first, last, guess in zip(POSE, *_ends(start, goal), lines, strict=True):
             phase.declare(name, State(initial=first, final=last, initial_guess=guess))
-        for name, speed in zip(TWIST, _mean_velocity(phase, start, goal), strict=True):
+        for name, speed in zip(TWIST, speeds, strict=True):
             phase.declare(name, State(initial=0.0, final=None if goal is None else 0.0, initial_guess=speed))
 
         @phase.ode
@@ -177,14 +177,9 @@ class PlanarBody(PushedBody):
             forces = [sum(getattr(wrench, name)[t] for wrench in wrenches) for name in WRENCH]
             if self.resistance is not None:
                 forces = [a + r for a, r in zip(forces, self.resistance.wrench(self.mass, *u), strict=True)]
-            return {
-                b.qx: u[0],
-                b.qy: u[1],
-                b.qth: u[2],
-                b.ux: forces[0] / self.mass,
-                b.uy: forces[1] / self.mass,
-                b.uth: forces[2] / self.inertia,
-            }
+            rates = dict(zip((b.qx, b.qy, b.qth), u, strict=True))
+            inertia = (self.mass, self.mass, self.inertia)
+            return rates | {getattr(b, n): f / i for n, f, i in zip(TWIST, forces, inertia, strict=True)}
 
     def state_copy(self, phase: Any, *, start: Place, goal: Place | None = None) -> None:
         """State a kinematic copy: the pose follows a velocity that is chosen freely. Where it goes, others decide.
@@ -204,9 +199,10 @@ class PlanarBody(PushedBody):
             When a name is taken.
         """
         check_free(phase, *POSE, *TWIST, "kinematic_copy")
-        for name, first, guess in zip(POSE, start, _lines(phase, start, goal), strict=True):
+        lines, speeds = _straight(phase, start, goal)
+        for name, first, guess in zip(POSE, start, lines, strict=True):
             phase.declare(name, State(initial=first, initial_guess=guess))
-        for name, speed in zip(TWIST, _mean_velocity(phase, start, goal), strict=True):
+        for name, speed in zip(TWIST, speeds, strict=True):
             phase.declare(name, Control(initial_guess=speed))
 
         @phase.ode
@@ -375,13 +371,9 @@ def check_no_overlap(phase: Any, body: Any, names: Sequence[str], gap: Any) -> N
     """Refuse a robot that starts inside a body, where the model fixes both."""
     start = phase.time.first()
     own = {name: getattr(phase, name)[start] for name in "xyz" if hasattr(phase, name)}
-    pose = {name: getattr(body, name)[start] for name in names}
-    if not all(entry.fixed for entry in [*own.values(), *pose.values()]):
+    if not all(entry.fixed for entry in [*own.values(), *entries_at(body, names, start)]):
         return
-    robot, at = (
-        SimpleNamespace(**{name: {start: value(entry)} for name, entry in entries.items()}) for entries in (own, pose)
-    )
-    distance = float(gap(robot, at, start).gap)
+    distance = float(gap(PhaseNumbers(phase), PhaseNumbers(body), start).gap)
     if distance < -_OVERLAP:
         place = ", ".join(f"{value(entry):.3g}" for entry in own.values())
         raise ModelError(
@@ -416,14 +408,9 @@ def middle_of_goal(first: float, last: Any) -> float:
     return float(np.mean(last)) if isinstance(last, tuple) else float(last)
 
 
-def _lines(phase: Any, start: Place, goal: Place | None) -> list[np.ndarray]:
-    times = np.array(list(phase.time))
-    share = (times - times[0]) / (times[-1] - times[0])
-    return [
-        first + share * (middle_of_goal(first, last) - first) for first, last in zip(*_ends(start, goal), strict=True)
-    ]
-
-
-def _mean_velocity(phase: Any, start: Place, goal: Place | None) -> list[float]:
+def _straight(phase: Any, start: Place, goal: Place | None) -> tuple[list[Array], list[float]]:
+    """Entries of the pose on a straight line to the goal, at the times of the phase, and their speeds."""
     seconds = phase.final_time - phase.initial_time
-    return [(middle_of_goal(first, last) - first) / seconds for first, last in zip(*_ends(start, goal), strict=True)]
+    share = (np.array(list(phase.time)) - phase.initial_time) / seconds
+    ways = [(first, middle_of_goal(first, last) - first) for first, last in zip(*_ends(start, goal), strict=True)]
+    return [first + share * way for first, way in ways], [way / seconds for _, way in ways]

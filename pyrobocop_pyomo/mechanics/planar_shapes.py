@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from .shapes import RoundedShape, cosine, root, sine
 
@@ -45,6 +45,7 @@ class PlanarShape(RoundedShape):
         Padding of the core, metres.
     """
 
+    dimension: ClassVar[int] = 2
     radius: float
 
     def gap_to_disc(
@@ -88,11 +89,6 @@ class PlanarShape(RoundedShape):
 class Disc(PlanarShape):
     """A disc around the origin of the body's frame."""
 
-    @property
-    def core(self) -> tuple[float, ...]:
-        """Half the length of the core along each axis of the body, metres."""
-        return 0.0, 0.0
-
 
 @dataclass(frozen=True)
 class Capsule(PlanarShape):
@@ -110,11 +106,6 @@ class Capsule(PlanarShape):
 
     half_length: float
     smoothing: float = 0.01
-
-    @property
-    def core(self) -> tuple[float, ...]:
-        """Half the length of the core along each axis of the body, metres."""
-        return self.half_length, 0.0
 
 
 @dataclass(frozen=True)
@@ -137,8 +128,3 @@ class RoundedBox(PlanarShape):
     half_length: float
     half_width: float
     smoothing: float = 0.01
-
-    @property
-    def core(self) -> tuple[float, ...]:
-        """Half the length of the core along each axis of the body, metres."""
-        return self.half_length, self.half_width

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from pyomo.core.expr import cos as expression_cos
@@ -14,9 +13,10 @@ from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope
 
 
-class RoundedShape(ABC):
+class RoundedShape:
     """What `PlanarShape` and `SpatialShape` have in common."""
 
+    dimension: ClassVar[int]
     radius: float
     smoothing: float
 
@@ -26,9 +26,10 @@ class RoundedShape(ABC):
                 raise ObstacleError(f"{type(self).__name__}: {name} = {value!r}; expected a positive length in metres.")
 
     @property
-    @abstractmethod
     def core(self) -> tuple[float, ...]:
-        """Half the length of the core along each axis of the body, metres."""
+        """Half the length of the core along each axis of the body, metres; 0 along those that a shape does not name."""
+        names = ("half_length", "half_width", "half_height")[: self.dimension]
+        return tuple(getattr(self, name, 0.0) for name in names)
 
     @property
     def is_round(self) -> bool:

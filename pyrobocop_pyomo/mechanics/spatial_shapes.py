@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from pyrobocop_pyomo.errors import ObstacleError
 
@@ -60,6 +60,7 @@ class SpatialShape(RoundedShape):
         Padding of the core, metres.
     """
 
+    dimension: ClassVar[int] = 3
     radius: float
 
     def gap_to_sphere(
@@ -94,7 +95,7 @@ class SpatialShape(RoundedShape):
                 raise ObstacleError(f"{type(self).__name__}: its gap needs the rotation of the body.")
             in_frame = self.nearest_of_core(*(inner_product(column, apart) for column in zip(*rotation, strict=True)))
             core = [inner_product(row, in_frame) for row in rotation]
-        apart = [d - k for d, k in zip(apart, core, strict=True)] if not self.is_round else apart
+            apart = [d - k for d, k in zip(apart, core, strict=True)]
         length = root(inner_product(apart, apart) + _SMALL_AREA)
         normal = [d / length for d in apart]
         point = [k + self.radius * n for k, n in zip(core, normal, strict=True)]
@@ -104,11 +105,6 @@ class SpatialShape(RoundedShape):
 @dataclass(frozen=True)
 class Sphere(SpatialShape):
     """A sphere around the origin of the body's frame."""
-
-    @property
-    def core(self) -> tuple[float, ...]:
-        """Half the length of the core along each axis of the body, metres."""
-        return 0.0, 0.0, 0.0
 
 
 @dataclass(frozen=True)
@@ -127,11 +123,6 @@ class SpatialCapsule(SpatialShape):
 
     half_length: float
     smoothing: float = 0.01
-
-    @property
-    def core(self) -> tuple[float, ...]:
-        """Half the length of the core along each axis of the body, metres."""
-        return self.half_length, 0.0, 0.0
 
 
 @dataclass(frozen=True)
@@ -155,8 +146,3 @@ class SpatialBox(SpatialShape):
     half_width: float
     half_height: float
     smoothing: float = 0.01
-
-    @property
-    def core(self) -> tuple[float, ...]:
-        """Half the length of the core along each axis of the body, metres."""
-        return self.half_length, self.half_width, self.half_height

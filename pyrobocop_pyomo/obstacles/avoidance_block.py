@@ -263,28 +263,6 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
                 start_one(self, Snapshot(record, self._what), half, normal)
         return left.index, right.index
 
-    def restore(self, first: str, second: str, interval: Hashable) -> list[SeparationIndex]:
-        """Add the separations that the broad phase left out, and never leave them out again.
-
-        Parameters
-        ----------
-        first, second : str
-            Names of bodies, in either order.
-        interval : int or float
-            Position of the interval; with ``between=None`` the time.
-
-        Returns
-        -------
-        list of indices
-            Of the separations added; empty where none were left out.
-        """
-        record, snapshot = self.record, Snapshot(self.record, self._what)
-        pair = record.scene.body_pair(self._what, first, second)
-        concerned = [segment for segment in record.pruned.values() if record.concerns(segment, pair, interval)]
-        record.pinned.update(segment.index for segment in concerned)
-        self._bring_back(snapshot, concerned)
-        return [segment.index for segment in concerned]
-
     def restore_near(self, missed: Iterable[tuple[str, str, Hashable]]) -> list[SeparationIndex]:
         """Add separations that the broad phase left out and that were missed, and others that the motion is near to.
 
@@ -306,18 +284,12 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
         asked = [segment for place in dict.fromkeys(missed) for segment in left_out.get(place, ())]
         added = near_the_motion(snapshot, asked)
         record.pinned.update(segment.index for segment in added)
-        self._bring_back(snapshot, added)
+        if added:
+            units = record.scene.unit_directions(self._what, record.directions)
+            with PauseGC():
+                add_back(self, record, added)
+                start_new(self, snapshot, added, units)
         return [segment.index for segment in added]
-
-    def _bring_back(self, snapshot: Snapshot, segments: list[MotionSegment]) -> None:
-        """Add separations that were left out, with start values at the current poses."""
-        record = self.record
-        if not segments:
-            return
-        units = record.scene.unit_directions(self._what, record.directions)
-        with PauseGC():
-            add_back(self, record, segments)
-            start_new(self, snapshot, segments, units)
 
     def set_margin(self, first: str, second: str, start: Hashable, margin: float) -> None:
         """Add a margin to the clearance of one separation, for the motion between its poses."""

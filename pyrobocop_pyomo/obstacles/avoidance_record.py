@@ -155,27 +155,14 @@ class AvoidanceRecord:
         """2 in the plane, 3 in space."""
         return next(iter(self.scene.parts.values())).shape.dimension
 
-    def segments_of(self, first: str, second: str) -> list[MotionSegment]:
-        """Segments of a pair of convex parts, along time."""
-        return self.along_time(
-            [segment for segment in self.segments.values() if (segment.first, segment.second) == (first, second)]
-        )
-
-    def along_time(self, segments: list[MotionSegment]) -> list[MotionSegment]:
-        """Segments of one pair of parts in the order of time."""
-        return sorted(segments, key=lambda one: (one.interval, one.fractions[0])) if self.per_interval else segments
-
     def by_part_pair(self) -> dict[tuple[str, str], list[MotionSegment]]:
-        """`segments_of` every pair of convex parts that has some."""
+        """Segments of every pair of convex parts that has some, along time."""
         found: dict[tuple[str, str], list[MotionSegment]] = {}
         for segment in self.segments.values():
             found.setdefault((segment.first, segment.second), []).append(segment)
-        return {pair: self.along_time(segments) for pair, segments in found.items()}
-
-    def concerns(self, segment: MotionSegment, pair: BodyPair, interval: Hashable) -> bool:
-        """True when a segment is one of a body pair, in an interval (or at a time, for a separation of one time)."""
-        bodies = (self.scene.parts[segment.first].body, self.scene.parts[segment.second].body)
-        return bodies == pair and interval == (segment.interval if self.per_interval else segment.times[0])
+        for segments in found.values() if self.per_interval else ():
+            segments.sort(key=lambda one: (one.interval, one.fractions[0]))
+        return found
 
 
 # ------------------------------------------------------------------------------------------------------------- options

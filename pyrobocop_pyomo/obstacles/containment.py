@@ -17,6 +17,7 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, Pose
+from pyrobocop_pyomo.geometry.poses import dot
 from pyrobocop_pyomo.modeling.blocks import Rule
 from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.motion.clearance_proof import verify_clearance
@@ -24,7 +25,6 @@ from pyrobocop_pyomo.motion.safety_report import BodyPairSafety, SafetyReport
 
 from .block_arguments import MotionBlock, MotionBlockData, set_of_points, sort_arguments
 from .clocks import check_rules
-from .planes import dot
 from .snapshot import variables_of
 
 

@@ -25,7 +25,7 @@ from pyomo.core.expr.numvalue import value
 from pyomo.core.expr.relational_expr import InequalityExpression
 
 from pyrobocop_pyomo.geometry import Polytope, Pose
-from pyrobocop_pyomo.geometry.poses import is_number
+from pyrobocop_pyomo.geometry.poses import dot, is_number
 from pyrobocop_pyomo.modeling.bulk_parts import new_row
 
 SeparationIndex = tuple[str, str, Hashable]
@@ -126,18 +126,6 @@ def start_plane(
 def set_norm(block: Any, index: SeparationIndex, norm: str) -> None:
     """Bound the length of the normal, or fix it."""
     block.unit[index].set_value(_norm_relation([block.normal[(*index, axis)] for axis in block.axes], norm))
-
-
-def dot(coefficients: Sequence[Any], entries: Sequence[Any]) -> Any:
-    """Sum of products, without the terms that are zero."""
-    total: Any = 0.0
-    for coefficient, entry in zip(coefficients, entries, strict=True):
-        if is_number(coefficient) and coefficient == 0:
-            continue
-        if is_number(entry) and entry == 0:
-            continue
-        total = total + coefficient * entry
-    return total
 
 
 def _state_side(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -41,7 +42,7 @@ class SolvedCopies:
 
     def __init__(self, state: SolveState, solve_copy: Callable[[Any, Settings], SolveResult]) -> None:
         self._model, self._values, self._settings = state.model, state.values, state.settings
-        self._log, self._found, self._solve_copy = state.log, state.found, solve_copy
+        self._log, self._found, self._started, self._solve_copy = state.log, state.found, state.started, solve_copy
 
     def start_on_fewer_elements(self) -> bool:
         """Solve a copy with fewer elements; its answer is put on the model, as a start. False where there is none."""
@@ -69,8 +70,12 @@ class SolvedCopies:
         Returns
         -------
         bool
-            Whether there is a better answer.
+            Whether there is a better answer. False where less time is left than has passed.
         """
+        left = self._settings.deadline.left
+        # Making a copy is not cut off. There is an answer already: its solve tells what another one would take.
+        if left is not None and left < time.perf_counter() - self._started:
+            return False
         copy = coarser_copy(self._model, EXPLORED_ELEMENTS)
         if copy is None:
             return False

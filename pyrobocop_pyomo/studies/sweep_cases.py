@@ -17,6 +17,7 @@ from pyomo.core.base.var import Var
 from pyomo.core.expr.visitor import identify_mutable_parameters
 
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
+from pyrobocop_pyomo.diagnosis.findings import quoted
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array
@@ -157,7 +158,7 @@ def _member_values(component: Any, given: Any) -> list[tuple[Any, float]]:
     if isinstance(given, Mapping):
         unknown = [index for index in given if index not in members]
         if unknown:
-            raise ModelError(f"'{name}': has no index {unknown[0]!r}; it has {_few(members)}.")
+            raise ModelError(f"'{name}': has no index {unknown[0]!r}; it has {quoted(members)}.")
         return [(members[index], _number(value, f"{name}[{index}]")) for index, value in given.items()]
     if np.ndim(given) == 0:
         number = _number(given, name)
@@ -176,11 +177,6 @@ def _number(given: Any, name: str) -> float:
     if not math.isfinite(number):
         raise ModelError(f"'{name}': a case gives it {given!r}; expected a finite number.")
     return number
-
-
-def _few(members: Mapping[Any, Any]) -> str:
-    names = [repr(index) for index in members]
-    return ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
 
 
 def starting_cases(cases: Sequence[SweepCase], start_from: Any) -> list[int | None]:

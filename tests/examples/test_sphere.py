@@ -89,7 +89,7 @@ def test_the_team_shares_what_its_models_have(sphere: ModuleType) -> None:
     plans = team.plans_of(merged)
     assert set(plans) == {"sphere", "a", "b", "c"}
     np.testing.assert_allclose(plans["a"]["me.z"], list(sphere.quadrotor(task, "a").me.z.extract_values().values()))
-    assert not team.score_of(merged).practical
+    assert not team.physics(plans).practical
 
 
 @pytest.mark.ipopt

@@ -13,7 +13,7 @@ from pyrobocop_pyomo.errors import ModelError, SolverNotFoundError
 from pyrobocop_pyomo.ipopt import ipopt_run, linear_solver_options, linear_solvers
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.ipopt.linear_solvers import predicted_factor, suits, with_linear_solver
-from pyrobocop_pyomo.linear_solver import find_linear_solver
+from pyrobocop_pyomo.linear_solver import SymmetricFactorisation, find_linear_solver
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.solving.executable_session import ExecutableSession
 
@@ -148,6 +148,10 @@ def test_the_size_of_the_factor_decides(monkeypatch):
     assert with_linear_solver({"tol": 1e-6}, nlp) == ({"tol": 1e-6}, False)
     for own in ({"linear_solver": "mumps"}, {"hsllib": "libhsl.so"}, {"linear_solver": "ma57", "hsllib": "libhsl.so"}):
         assert with_linear_solver(own, thin) == (own, False)
+    # A dense front of ten thousand rows has more entries than can be counted.
+    monkeypatch.setattr(linear_solvers, "_predicted", {})
+    monkeypatch.setattr(SymmetricFactorisation, "size_of_factor", lambda *arguments: None)
+    assert not suits(nlp)
 
 
 def test_without_the_solver_nothing_changes_and_asking_for_it_is_refused(monkeypatch):

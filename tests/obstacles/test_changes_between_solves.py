@@ -30,7 +30,7 @@ def test_splitting_keeps_the_whole_motion_covered(choices):
         left, right = avoid.split(*index)
         assert pyo.value(avoid.margin[left]) == pyo.value(avoid.margin[right]) == 0.01
         assert set(avoid.separations) == (set(before) - {index}) | {left, right}
-    segments = avoid.record.segments_of("arrow", "wall")
+    segments = avoid.record.by_part_pair()["arrow", "wall"]
     assert segments[0].times[0] == 0.0
     assert segments[-1].times[-1] == 1.0
     for before, after in itertools.pairwise(segments):
@@ -73,12 +73,12 @@ def test_broad_phase_leaves_out_what_is_far_and_brings_it_back():
         shape = FAR[segment.second]
         assert min(exact(m.move, ARROW, shape, segment.times)) > 2.0
     assert len(record.segments) + len(record.pruned) == 2 * 4
-    (index,) = avoid.restore("far", "arrow", 2)
+    (index,) = avoid.restore_near([("arrow", "far", 2)])
     assert index == ("arrow", "far", m.move.grid.mesh.boundaries[2])
     assert avoid.separation_gaps()[index] > 2.0
     avoid.initialize()
     assert index in avoid.separations
-    assert avoid.restore("arrow", "far", 2) == []
+    assert avoid.restore_near([("arrow", "far", 2)]) == []
     # All body pairs are checked, those left out as well.
     assert {(pair.first, pair.second) for pair in avoid.verify().body_pairs} == {("arrow", "near"), ("arrow", "far")}
 
@@ -135,7 +135,6 @@ def test_auto_takes_the_ball_where_the_guess_overlaps(caplog):
         (lambda a: a.split("arrow", "wall", 0.123), "no separation"),
         (lambda a: a.set_margin("arrow", "wall", 0.0, -1), "margin"),
         (lambda a: a.set_norm("cube"), "'cube'.*'ball' or 'sphere'"),
-        (lambda a: a.restore("arrow", "nobody", 0), "'nobody'"),
         (lambda a: a.initialize(directions={("arrow", "nobody"): (0, 1)}), "'nobody'"),
         (lambda a: a.initialize(directions={("arrow", "wall"): (0, 0)}), "not all zero"),
         (lambda a: a.initialize(directions={("arrow", "wall"): (0, 0, 1)}), "expected 2 numbers"),
@@ -159,7 +158,7 @@ def test_a_separation_of_one_time_cannot_be_split():
 
 
 def normals_along_time(avoid):
-    segments = avoid.record.segments_of("arrow", "wall")
+    segments = avoid.record.by_part_pair()["arrow", "wall"]
     return np.array([[avoid.normal[(*segment.index, axis)].value for axis in (0, 1)] for segment in segments])
 
 
