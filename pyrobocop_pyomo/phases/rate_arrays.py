@@ -100,7 +100,7 @@ class PointRates:
             once = np.array([clock]), np.array([width])
             delayed = self._formulas.delayed_numbers(self.past, *once, local)
             leaves |= {key: float(of[0]) for key, of in delayed.items()}
-        rates = self._evaluate(*(leaves.get(key) for key in self._keys))
+        rates = self._evaluate(*map(leaves.get, self._keys))
         if any(isinstance(rate, complex) for rate in rates):
             raise ValueError("a rate is no real number")
         return np.array(rates, dtype=float)
@@ -193,7 +193,7 @@ class RateArrays:
         except ValueError:
             line = None
         if line is not None and not line.others:
-            return lambda leaves: line(*(leaves.get(key) for key in keys))
+            return lambda leaves: line(*map(leaves.get, keys))
 
         def walked(leaves: Mapping[int, Any]) -> list[Any]:
             known = ExpressionEvaluator(leaves, ARRAY_FUNCTIONS, self._no_formula)
@@ -206,13 +206,7 @@ class RateArrays:
         leaves = self._leaves(fraction, states)
         if self._unknowns:
             leaves |= dict(zip(self._unknowns, self._determined(fraction, leaves, states.shape[1:]), strict=True))
-        return self._by_fraction(leaves, states)
-
-    def _by_fraction(self, leaves: Mapping[int, Any], states: Array) -> Array:
-        rates = np.empty_like(states)
-        for j, rate in enumerate(self._rates(leaves)):
-            rates[j] = rate * self.widths
-        return rates
+        return _stacked(self._rates(leaves), states.shape[1:]) * self.widths
 
     def _leaves(self, fraction: float, states: Array) -> dict[int, Any]:
         """What stands in place of each variable at a local fraction of all elements; as planned, but for the states."""
