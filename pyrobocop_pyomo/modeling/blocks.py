@@ -26,7 +26,6 @@ from pyomo.core.base.global_set import UnindexedComponent_index, UnindexedCompon
 from pyrobocop_pyomo.errors import ModelError, PyRobocopError
 from pyrobocop_pyomo.presentation import Presented
 
-from .copied_rules import copied_rule
 from .keywords import check_keywords
 from .pickling import picklable_or_none
 from .said_once import say_once
@@ -155,12 +154,10 @@ class BlockRule:
 
     def __deepcopy__(self, memo: dict[int, Any]) -> BlockRule:
         def copied(option: Any) -> Any:
-            if _is_of_model(option):
-                return copy.deepcopy(option, memo)
-            return copied_rule(option, memo) if callable(option) else option  # the rest stays the user's own
+            return copy.deepcopy(option, memo) if _is_of_model(option) else option  # the rest stays the user's own
 
         options = self.options and {name: copied(option) for name, option in self.options.items()}
-        return BlockRule(tuple(map(copied, self.arguments)), options, copied_rule(self.rule, memo))
+        return BlockRule(tuple(map(copied, self.arguments)), options, self.rule)
 
     def __getstate__(self) -> dict[str, Any]:
         # Blocks that are built need none of the functions again; others need functions that a pickle can hold.

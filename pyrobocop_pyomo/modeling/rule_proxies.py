@@ -2,7 +2,7 @@
 
 A rule was written for nodes: ``rule(block, t)`` reads ``block.x[t]``. Given a `BlockProxy` for the block, what it reads
 at ``t`` is what `Signals` have for it: an interpolated expression, a placeholder, a variable that holds a value. An
-indexed `Expression` is followed through its own rule. Everything else of the model is itself.
+template follows an indexed `Expression` through its own rule. Everything else of the model is itself.
 """
 
 from __future__ import annotations
@@ -12,13 +12,10 @@ from functools import cached_property
 from typing import Any
 
 from pyomo.core.base.block import BlockData
-from pyomo.core.base.expression import Expression
 from pyomo.core.base.indexed_component import IndexedComponent
-from pyomo.core.base.initializer import IndexedCallInitializer
 
 from pyrobocop_pyomo.errors import ModelError, ObstacleError, PyRobocopError
 
-from .expressions import same_expression
 from .rule_slips import slip_of
 from .variable_families import VariableFamily
 
@@ -121,8 +118,8 @@ class Signals:
         return BlockProxy(block, self)
 
     @cached_property
-    def checked_expressions(self) -> set[int]:
-        """Identities of the indexed expressions that are known to be what their rules say."""
+    def checked_expressions(self) -> set[tuple[int, tuple[Any, ...]]]:
+        """Indexed expressions that are known to be what their templates say: identities, and keys."""
         return set()
 
 
@@ -163,9 +160,6 @@ class ComponentProxy:
     def __init__(self, component: Any, signals: Signals) -> None:
         self._component = component
         self._signals = signals
-        # Pyomo has no public question for the rule that an Expression was made by.
-        rule = component._rule if component.ctype is Expression else None
-        self._rule = rule if isinstance(rule, IndexedCallInitializer) else None
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
@@ -176,11 +170,7 @@ class ComponentProxy:
         keys = key if isinstance(key, tuple) else (key,)
         marked = tuple([INDEX if self._signals.is_index(index) else index for index in keys])
         if any(index is INDEX for index in marked):
-            if self._rule is None:
-                return self._signals.value_of(Signal(self._component, marked))
-            # A named expression at t: its own rule, evaluated with proxies too.
-            self._refuse_changed_expression(self._rule)
-            return self._rule(self._signals.proxy_of(self._component.parent_block()), key)
+            return self._signals.value_of(Signal(self._component, marked))
         if any(getattr(index, "is_potentially_variable", bool)() for index in keys):
             raise ObstacleError(
                 f"'{self._component.name}' is read at an index that is computed from t ({', '.join(map(str, keys))}). "
@@ -191,27 +181,6 @@ class ComponentProxy:
     def delayed(self, t: Any, delay: Any) -> Any:
         """Its value a while ago, as a variable over the time of a phase gives it."""
         return self._signals.delayed_value(self._component, t, delay)
-
-    def _refuse_changed_expression(self, rule: Any) -> None:
-        """A rule says nothing about expressions that were given other values since."""
-        if id(self._component) in self._signals.checked_expressions:
-            return
-        block, whole = self._component.parent_block(), True
-        for key, data in list(self._component.items()):
-            if any(self._signals.is_index(index) for index in (key if isinstance(key, tuple) else (key,))):
-                whole = False  # other items may be lent to what it reads there
-                continue
-            try:
-                stated = rule(block, key)
-            except Exception:  # a rule need not be able to answer twice
-                stated = None
-            if not same_expression(stated, data.expr):
-                raise self._signals.error(
-                    f"'{data.name}' is '{data.expr}', but its rule says '{stated}': it was given another value since, "
-                    "and nothing says what it is between the points. State it by a rule alone."
-                )
-        if whole:
-            self._signals.checked_expressions.add(id(self._component))
 
     def __len__(self) -> int:
         return len(self._component)

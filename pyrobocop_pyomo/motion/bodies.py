@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope
-from pyrobocop_pyomo.modeling.copied_rules import copied_rule
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.rules.rule_template import templated
@@ -62,8 +62,7 @@ class Body(Presented):
         object.__setattr__(self, "pose", templated(self.pose))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Body:
-        pose = copied_rule(self.pose, memo)
-        return self if pose is self.pose else Body(self.shape, pose)  # immutable: cloned models share it
+        return self if self.pose is None else Body(self.shape, copy.deepcopy(self.pose, memo))
 
     def __getstate__(self) -> dict[str, Any]:
         return {"shape": self.shape, "pose": self.pose and (picklable_or_none(self.pose) or _lost_pose)}

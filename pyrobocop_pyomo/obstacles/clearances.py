@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass
@@ -12,7 +13,6 @@ from pyomo.core.base.indexed_component import IndexedComponent
 from pyomo.core.expr.numvalue import NumericValue, is_fixed, value
 
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.modeling.copied_rules import copied_rule
 from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 from pyrobocop_pyomo.modeling.rule_slips import slips_explained
@@ -42,8 +42,7 @@ class ClearanceRule:
         return self.rule(block, t)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> ClearanceRule:
-        rule = copied_rule(self.rule, memo)
-        return self if rule is self.rule else ClearanceRule(rule)
+        return ClearanceRule(copy.deepcopy(self.rule, memo))
 
     def __getstate__(self) -> dict[str, Any]:
         return {"rule": picklable_or_none(self.rule) or _lost_rule}

@@ -19,6 +19,7 @@ from pyrobocop_pyomo.modeling.keywords import check_keywords
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 from pyrobocop_pyomo.modeling.rule_slips import number_at
 from pyrobocop_pyomo.numerics import Grid
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.rules.rule_template import RuleTemplate
 from pyrobocop_pyomo.transcription import InitialGuess
 
@@ -77,6 +78,8 @@ def has_lost_bounds(declaration: Declaration) -> bool:
 class FunctionOfTime:
     """Bounds or a history by a function of the time, which is called while the phase is built, as a rule is.
 
+    What it has said of a time is kept, and it is not called for that time again.
+
     Parameters
     ----------
     function : callable
@@ -86,6 +89,7 @@ class FunctionOfTime:
     def __init__(self, function: Callable[[float], Any]) -> None:
         self._function = function
         self._template = RuleTemplate(lambda block, t: function(t))
+        self._said: dict[float, Any] = {}
 
     @property
     def is_asked_by_point(self) -> bool:
@@ -94,7 +98,19 @@ class FunctionOfTime:
 
     def __call__(self, time: Any) -> Any:
         """What the function says of a time."""
-        return self._template(self, time)
+        if not self.is_asked_by_point:
+            return self._template(self, time)
+        if not self.knows(time):
+            self._said[time] = self._template(self, time)
+        return self._said[self._nearest(time)]
+
+    def knows(self, time: float) -> bool:
+        """Whether it has said something of all times, or of this one up to rounding."""
+        slack = NEGLIGIBLE * (1.0 + abs(time))
+        return not self.is_asked_by_point or abs(self._nearest(time) - time) <= slack
+
+    def _nearest(self, time: float) -> float:
+        return min(self._said, key=lambda known: abs(known - time), default=math.inf)
 
     def __reduce__(self) -> Any:
         return FunctionOfTime, (self._function,)
@@ -180,6 +196,15 @@ class Declaration:
         if callable(bounds):
             bounds = number_at(bounds, time, f"{name}: bounds", ModelError)
         return check_bounds(bounds, name, "bounds")
+
+    @property
+    def asks_bounds_by_point(self) -> bool:
+        """Whether the bounds are a function that has to know the time as a number."""
+        return isinstance(self.bounds, FunctionOfTime) and self.bounds.is_asked_by_point
+
+    def knows_bounds_at(self, time: float) -> bool:
+        """Whether nothing of the user's has to be called for the bounds at a time."""
+        return not isinstance(self.bounds, FunctionOfTime) or self.bounds.knows(time)
 
     def nodes(self, name: str, grid: Grid, label: str) -> Nodes:
         """Where the values of a variable over time live, that is declared so under a name.

@@ -67,7 +67,8 @@ def delay_as_number(delay: Any, label: str) -> float:
 def delayed_value(block: Any, record: PhaseRecord, name: str, t: Any, delay: Any) -> Any:
     """The value of a declared name at a time index minus a delay in real time; see `SignalVar.delayed`."""
     if isinstance(t, TimeTemplate):
-        return Reading(lambda place: place.of(block.component(name)).delayed(place.t, delay))
+        read = block.component(name), delay
+        return Reading(lambda place, own, delay: place.of(own).delayed(place.t, delay), *read)
     what = f"phase '{block.name}': '{name}'"
     t, number = point_of(t), delay_as_number(delay, what)
     if number > 0.0:
@@ -173,7 +174,7 @@ def value_at_time(block: Any, record: PhaseRecord, name: str, time: Any) -> Any:
     known = tuple(sorted({*record.grid.times, *record.named_times}))
     record.named_times.add(_snapped(known, number, SAME_TIME * (end - start)))
     if is_asked_for_all_times():
-        return Reading(lambda place: _value_at_time(block, block.record, name, number))
+        return Reading(lambda place, block: _value_at_time(block, block.record, name, number), block)
     found = _value_at_time(block, record, name, number)
     nodes = record.nodes(name)
     # The first interval of a control is another one on another mesh, and so is the first point inside an element.

@@ -134,5 +134,7 @@ class InstantsInside:
         if not callable(declaration.bounds):
             bound = declaration.bounds_at(0.0, name)[side]
             return none if bound is None else float(bound)
+        if declaration.asks_bounds_by_point:
+            return none  # as the verification remarks
         found = [declaration.bounds_at(time, name)[side] for time in self.index.ravel().tolist()]
         return np.array([none if bound is None else bound for bound in found], dtype=float).reshape(self.index.shape)

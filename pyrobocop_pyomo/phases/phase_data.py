@@ -294,7 +294,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
             return family.of_each(self.derivative)  # type: ignore[return-value]
         name = self.state_name(state)
         if is_asked_for_all_times():
-            return OverTime(lambda place: place.of(self).derivative(name)[place.t])  # type: ignore[return-value]
+            return OverTime(lambda place, own: place.of(own).derivative(name)[place.t], self)  # type: ignore[return-value]
         if name in self.record.rates:
             return MappingProxyType(self.record.rates[name])
         if name in self.record.discrete_states:
@@ -337,7 +337,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
     def time_at(self, t: float) -> Any:
         """The time that the index ``t`` stands for: ``t`` itself, or an expression in what is to be found."""
         if isinstance(t, TimeTemplate):
-            return Reading(lambda place: place.of(self).time_at(place.t))
+            return Reading(lambda place, own: place.of(own).time_at(place.t), self)
         return real_time(self, self.record, t)
 
     def rate_of(self, control: Any) -> Mapping[float, Any]:
@@ -363,7 +363,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
             known = ", ".join(self.record.names(Control)) or "none"
             raise ModelError(f"{self._what}: '{name}' is no control; its controls are {known}.")
         if is_asked_for_all_times():
-            return OverTime(lambda place: place.of(self).rate_of(name)[place.t])  # type: ignore[return-value]
+            return OverTime(lambda place, own: place.of(own).rate_of(name)[place.t], self)  # type: ignore[return-value]
         return MappingProxyType(control_rate(self, self.record, name))
 
     # ---------------------------------------------------------------- facts and results

@@ -229,7 +229,7 @@ class PreviousStates:
 
     def template(self, position: int) -> PreviousStates:
         """What stands for it while a rule gives its template."""
-        names = {name: Reading(_attribute_of(position, name)) for name in self._values}
+        names = {name: Reading(_state_before, position, name) for name in self._values}
         return PreviousStates(self._what, names, self._families)
 
     def __getattr__(self, name: str) -> Any:
@@ -246,8 +246,8 @@ class PreviousStates:
         return self._values[name]
 
 
-def _attribute_of(position: int, name: str) -> Callable[[Place], Any]:
-    return lambda place: getattr(place.more[position], name)
+def _state_before(place: Place, position: int, name: str) -> Any:
+    return getattr(place.more[position], name)
 
 
 def labelled_rows(kind: str, result: Any) -> dict[Hashable, Any]:

@@ -26,6 +26,7 @@ from pyrobocop_pyomo.numerics import Array, Grid
 
 from .asked_by_point import refuse_asked_by_point
 from .companions import Companion
+from .declarations import UNBOUNDED
 from .delays import SAME_TIME, Past, delay_as_number, history_value
 from .families import equations_by_component
 from .record import PhaseRecord, PreviousStates, Statement
@@ -176,7 +177,7 @@ class RuleFormulas(Signals):
     def set_bounds(self, time: float) -> None:
         """Give the variables the bounds of a time: pairs may mean a variable's own bound."""
         for name, declaration in self._record.declarations.items():
-            lower, upper = declaration.bounds_at(time, name)
+            lower, upper = declaration.bounds_at(time, name) if declaration.knows_bounds_at(time) else UNBOUNDED
             self.at_instant[name].setlb(lower)
             self.at_instant[name].setub(upper)
 

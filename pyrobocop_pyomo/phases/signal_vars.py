@@ -52,7 +52,7 @@ class _OverTime:
 
     def __getitem__(self: Any, index: Any) -> Any:
         if index.__class__ is TimeTemplate:
-            return Reading(lambda place: place.of(self)[place.t])
+            return Reading(lambda place, own: place.of(own)[place.t], self)
         return super().__getitem__(index)  # type: ignore[misc]
 
     # An array leaves `array * variable` to the operators below.

@@ -448,7 +448,13 @@ class _TrajectoryCheck:
             if levels is not None:
                 worst = max([worst, *(min(abs(sample - level) for level in levels) for _, sample in samples)])
             for time, sample in samples:
-                worst = max(worst, bound_violation(sample, *declaration.bounds_at(time, name)))
+                if declaration.knows_bounds_at(time):
+                    worst = max(worst, bound_violation(sample, *declaration.bounds_at(time, name)))
+            if declaration.asks_bounds_by_point:
+                self.remarks.append(
+                    f"the bounds of '{name}' (declared at {declaration.declared_at}) are known where their function "
+                    "was asked while the phase was built, and not looked at elsewhere: it needs the time as a number."
+                )
         return max(worst, self._switching())
 
     def _switching(self) -> float:

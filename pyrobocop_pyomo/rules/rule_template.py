@@ -14,25 +14,26 @@ what surrounds it (the variable of a loop, a number of the module) may have chan
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
 from itertools import chain
-from types import CodeType, FunctionType
+from types import CellType, CodeType, FunctionType
 from typing import Any
-from weakref import ref
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from pyomo.common.errors import TemplateExpressionError
+from pyomo.core.base.expression import Expression
 from pyomo.core.base.indexed_component import IndexedComponent
+from pyomo.core.base.initializer import IndexedCallInitializer
 from pyomo.core.base.var import ScalarVar
 from pyomo.core.expr import Expr_if, inequality, numvalue
 from pyomo.core.expr import numeric_expr as functions_of_pyomo
 from pyomo.core.expr.template_expr import GetItemExpression
 
-from pyrobocop_pyomo.modeling.copied_rules import cell_content, copied_rule
 from pyrobocop_pyomo.modeling.expression_arrays import ArrayEntry, array, plain_entry
 from pyrobocop_pyomo.modeling.expression_nodes import (
     LEAF,
@@ -117,27 +118,33 @@ class Reading(_Unknown):
     Parameters
     ----------
     read : callable
-        From the `Place` at which the rule is evaluated to what it reads there.
+        ``read(place, *operands)``: what is read at the `Place` at which the rule is evaluated.
+    *operands
+        Of the model, which a copy has its own of, or data.
     """
 
-    def __init__(self, read: Callable[[Place], Any]) -> None:
+    def __init__(self, read: Callable[..., Any], *operands: Any) -> None:
         super().__init__()
-        self.read = read
+        self._read, self._operands = read, operands
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Reading:
-        return Reading(copied_rule(self.read, memo))
+        return Reading(self._read, *copy.deepcopy(self._operands, memo))
+
+    def read(self, place: Place) -> Any:
+        """What is read there."""
+        return self._read(place, *self._operands)
 
 
 class OverTime:
     """What a rule gets in place of a mapping from points to values, of which it reads the item at the template."""
 
-    def __init__(self, read: Callable[[Place], Any]) -> None:
-        self._read = read
+    def __init__(self, read: Callable[..., Any], *operands: Any) -> None:
+        self._reading = read, *operands
 
     def __getitem__(self, t: Any) -> Any:
         if not isinstance(t, TimeTemplate):
             raise TypeError("a rule that reads other points is called at each of them")
-        return Reading(self._read)
+        return Reading(*self._reading)
 
 
 class Place:
@@ -164,6 +171,36 @@ class Place:
     def is_on_model(self) -> bool:
         """Whether the model itself is there, and no proxy of it."""
         return self._signals is None
+
+    def of_expression(self, component: Any, keys: tuple[Any, ...], said: RuleTemplate) -> Any:
+        """What an indexed Expression is at a proxy, by its own rule.
+
+        Raises
+        ------
+        PyRobocopError
+            When its rule is no template, or it was given another value since.
+        """
+        block, signals = component.parent_block(), self._signals
+        assert signals is not None
+        formulas = said.formulas(block)
+        if formulas is None:
+            raise signals.error(
+                f"the rule of '{component.name}' has to know the time as a number, and was asked at the points of the "
+                "model: what it says between them is not known."
+            )
+        if (id(component), keys) not in signals.checked_expressions:
+            for index, data in component.items():
+                parts = index if isinstance(index, tuple) else (index,)
+                if any(key not in (None, part) for key, part in zip(keys, parts, strict=True)):
+                    continue
+                stated = formulas.at(Place(block, parts[keys.index(None)]))
+                if not same_results(stated, data.expr):
+                    raise signals.error(
+                        f"'{data.name}' is '{data.expr}', but its rule said '{stated}': it was given another value "
+                        "since, and nothing says what it is between the points. State it by a rule alone."
+                    )
+            signals.checked_expressions.add((id(component), keys))
+        return formulas.at(Place(self.of(block), self.t))
 
     @property
     def time(self) -> Any:
@@ -197,48 +234,49 @@ class RuleTemplate:
 
     def __init__(self, rule: Callable[..., Any]) -> None:
         self.rule = self.__wrapped__ = rule  # whoever asks for the signature gets that of the rule
-        self._formulas: _Formulas | None = None
-        self._home: Callable[[], Any] = lambda: None
-        self._grid: Any = None
-        self._calls_on_model = 0
+        self._answers: WeakKeyDictionary[Any, _Answer] = WeakKeyDictionary()  # by the block that the rule was given
 
     def __reduce__(self) -> Any:
         return RuleTemplate, (self.rule,)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> RuleTemplate:
-        rule, home = copied_rule(self.rule, memo), memo.get(id(self._home()))
-        if home is None:
-            return self if rule is self.rule else RuleTemplate(rule)
-        twin = RuleTemplate(rule)
-        twin._home, twin._formulas = ref(home), copy.deepcopy(self._formulas, memo)
+        twin = RuleTemplate(self.rule)
+        for block, answer in self._answers.items():
+            own = memo.get(id(block))
+            formulas = answer.formulas if own is None else copy.deepcopy(answer.formulas, memo)
+            twin._answers[block if own is None else own] = _Answer(formulas, None)
         return twin
 
     def __call__(self, block: Any, t: Any, *more: Any) -> Any:
         """What the rule says at a time, on the model or on a proxy of it."""
-        formulas = self._asked(block, more)
+        answer = self._answer(block, more)
         on_model = not isinstance(block, BlockProxy)
         if on_model and t.__class__ in numvalue.native_numeric_types and is_on_indices(block):
             t = TimeIndex(t, f"the rule '{getattr(self.rule, '__name__', type(self.rule).__name__)}'", block)
-        if formulas is None or (on_model and getattr(self.rule, "skips_points", False)):
+        if answer.formulas is None or (on_model and getattr(self.rule, "skips_points", False)):
             return self.rule(block, t, *more)
-        is_stating = on_model and _grid_of(block) is self._grid
+        is_stating = on_model and _grid_of(block) is answer.grid
         try:
-            result = formulas.at(Place(block, t, more))
+            result = answer.formulas.at(Place(block, t, more))
         except Exception:
             if not is_stating:
                 raise
             return self.rule(block, t, *more)  # which says by itself what is wrong
-        self._calls_on_model += is_stating
-        if is_stating and self._calls_on_model == _COMPARED:
+        answer.stated += is_stating
+        if is_stating and answer.stated == (1 if answer.grid is None else _COMPARED):
             stated = self.rule(block, t, *more)
             if not same_results(result, stated):
-                self._formulas = None
+                answer.formulas = None
                 return stated
         return result
 
+    def formulas(self, block: Any, *more: Any) -> _Formulas | None:
+        """What the rule says for all times, given what it would get at one; None where it has to know the time."""
+        return self._answer(block, more).formulas
+
     def is_template(self, block: Any, *more: Any) -> bool:
         """Whether the rule gives formulas for all times, given what it would get at one."""
-        return self._asked(block, more) is not None
+        return self.formulas(block, *more) is not None
 
     def is_known_at_other_times(self, block: Any) -> bool:
         """Whether nothing of the user's would be called there: the rule is a template, or data of this package."""
@@ -246,15 +284,33 @@ class RuleTemplate:
 
     def readings(self, block: Any, *more: Any) -> list[Any]:
         """Variables and parameters at given points that a template reads at all times."""
-        formulas = self._asked(block, more)
+        formulas = self.formulas(block, *more)
         return [] if formulas is None else formulas.readings
 
-    def _asked(self, block: Any, more: tuple[Any, ...]) -> _Formulas | None:
-        home = block_behind(block)
-        if self._home() is not home:  # what a rule says may hold variables of its model
-            self._home, self._grid, self._calls_on_model = ref(home), _grid_of(home), 0
-            self._formulas = _formulas_of(self.rule, home, more)
-        return self._formulas
+    def _answer(self, block: Any, more: tuple[Any, ...]) -> _Answer:
+        block = block_behind(block)
+        if block not in self._answers:
+            self._answers[block] = _Answer(_formulas_of(self.rule, block, more), _grid_of(block))
+        return self._answers[block]
+
+
+@dataclass
+class _Answer:
+    """What a rule has said for all times when it was given a block.
+
+    Attributes
+    ----------
+    formulas : _Formulas or None
+        None where it has to know the time.
+    grid : Grid or None
+        That its rows are stated on, in the model in which it was asked.
+    stated : int
+        At how many points.
+    """
+
+    formulas: _Formulas | None
+    grid: Any
+    stated: int = 0
 
 
 def _grid_of(block: Any) -> Any:
@@ -264,7 +320,8 @@ def _grid_of(block: Any) -> Any:
 
 _QUESTIONS_OF_TYPES = frozenset({"isinstance", "type", "issubclass"})
 
-# The answer on the model that is compared with the rule's own: not the first, where a rule may say something else.
+# The answer on a phase that is compared with the rule's own: not the first, where a rule may say something else. Away
+# from phases there may be one only while the model is built.
 _COMPARED = 2
 
 
@@ -310,26 +367,42 @@ def _looks_at_types(rule: Any) -> bool:
             return True
         pending += code.co_consts
         pending += getattr(held, "__defaults__", None) or ()
-        pending += map(cell_content, getattr(held, "__closure__", None) or ())
+        pending += map(_content, getattr(held, "__closure__", None) or ())
         names = getattr(held, "__globals__", {})
         pending += [names[name] for name in code.co_names if isinstance(names.get(name), FunctionType)]
     return False
 
 
-class _Formulas:
-    """What a rule returned for the template of the time."""
+def _content(cell: CellType) -> Any:
+    """What a function holds in a cell of its closure; None before it is filled."""
+    try:
+        return cell.cell_contents
+    except ValueError:
+        return None
 
-    def __init__(self, result: Any, time: TimeTemplate) -> None:
-        self._result, self._time = result, time
+
+class _Formulas:
+    """What a rule returned for the template of the time.
+
+    Parameters
+    ----------
+    result : object
+    time : TimeTemplate
+    named : sequence of (component, keys, RuleTemplate)
+        Of the indexed Expressions that it reads, with None for the time among their keys.
+    """
+
+    def __init__(self, result: Any, time: TimeTemplate, named: Sequence[Any] = ()) -> None:
+        self._result, self._time, self._named = result, time, list(named)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> _Formulas:
-        return _Formulas(copy.deepcopy(self._result, memo), self._time)
+        return _Formulas(copy.deepcopy(self._result, memo), self._time, copy.deepcopy(self._named, memo))
 
     @cached_property
     def _parts(self) -> tuple[Callable[[Any], Any], _Program]:
         outputs: list[Any] = []
         form = _form_of(self._result, outputs)
-        return form, _Program(outputs, self._time)
+        return form, _Program(outputs, self._time, self._named)
 
     def at(self, place: Place) -> Any:
         """The result of the rule at a place."""
@@ -345,8 +418,8 @@ class _Formulas:
 class _Program(StraightLine):
     """Makes the expressions of a place: the lines are operations on whatever stands there."""
 
-    def __init__(self, outputs: list[Any], time: TimeTemplate) -> None:
-        self._time, self._is_on_model = time, True
+    def __init__(self, outputs: list[Any], time: TimeTemplate, named: list[Any]) -> None:
+        self._time, self._is_on_model, self._named = time, True, named
         super().__init__(outputs, (), {**_EXPRESSIONS, "choose": self._choose})
         self._readers = [self._reader(leaf) for leaf in self.others]
 
@@ -379,9 +452,33 @@ class _Program(StraightLine):
         component, *keys = leaf.args
         if any(key is not self._time and hasattr(key, "is_expression_type") for key in keys):
             raise TemplateExpressionError(leaf, "an index is computed from the time")
-        if len(keys) == 1:
-            return lambda place: place.of(component)[place.t]
-        return lambda place: place.of(component)[tuple([place.t if key is self._time else key for key in keys])]
+        marked = tuple([None if key is self._time else key for key in keys])
+        said = self._rule_of(component, marked)
+        if said is not None:
+            return lambda place: (
+                component[_key_at(marked, place.t)]
+                if place.is_on_model
+                else place.of_expression(component, marked, said)
+            )
+        return lambda place: place.of(component)[_key_at(marked, place.t)]
+
+    def _rule_of(self, component: Any, keys: tuple[Any, ...]) -> RuleTemplate | None:
+        """The template of an indexed Expression: asked while the rule that reads it is."""
+        # Pyomo has no public question for the rule that an Expression was made by.
+        rule = component._rule if component.ctype is Expression else None
+        if not isinstance(rule, IndexedCallInitializer):
+            return None
+        for known, at, said in self._named:
+            if known is component and at == keys:
+                return said
+        said = RuleTemplate(lambda block, t: rule(block, _key_at(keys, t)))
+        said.formulas(component.parent_block())
+        self._named.append((component, keys, said))
+        return said
+
+
+def _key_at(keys: tuple[Any, ...], t: Any) -> Any:
+    return t if len(keys) == 1 else tuple([t if key is None else key for key in keys])
 
 
 def _form_of(result: Any, outputs: list[Any]) -> Callable[[Any], Any]:

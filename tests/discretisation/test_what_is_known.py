@@ -141,7 +141,7 @@ def test_what_is_stated_at_points_beside_the_phase_leaves_the_error_unknown(
     result = rcp.solve(build(), mesh_tolerance=None, progress=False)
     assert result.discretisation.objective_error is None
     assert name in str(result).splitlines()[0]
-    assert all("mesh error not known: " in text for text in shown(result))
+    assert all("mesh error not known" in text for text in shown(result))  # a repr may be cut behind it
 
 
 @pytest.mark.parametrize(

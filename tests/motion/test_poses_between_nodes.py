@@ -18,6 +18,7 @@ from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, planar_pose
 from pyrobocop_pyomo.motion import Body, motion_of
 from pyrobocop_pyomo.motion.pose_templates import template_of
+from pyrobocop_pyomo.rules.rule_template import templated
 
 SCHEMES = [("radau", 3), ("radau", 1), ("gauss", 2), ("lobatto", 3), ("explicit", 3), ("implicit_midpoint", None)]
 FREE = {"duration": rcp.Duration(bounds=(0.5, 3), initial_guess=2.0), "free_element_widths": (0.2, 4.0)}
@@ -118,16 +119,14 @@ def test_named_expressions_are_followed_through_their_rules() -> None:
     b.tip = pyo.Expression(b.time, rule=lambda b, t: b.elbow["x", t] ** 2)
     motion = motion_of(b.time, m)
 
-    def pose(m: Any, t: Any) -> Any:
-        return planar_pose(m.move.tip[t], m.move.elbow["y", t])
-
+    pose = templated(lambda m, t: planar_pose(m.move.tip[t], m.move.elbow["y", t]))
     at = b.trajectory()(0.3)
     expected = [(2 * at["x"] + 0.3) ** 2, 2 * at["y"] + 0.3]
     assert motion.pose_at(pose, 0, 0.3).numbers()[1] == pytest.approx(expected)
     values = template_of(motion, pose, "arm", 2).values(np.array([0]), np.array([0.3]))
     assert values[0, 4:] == pytest.approx(expected)
     b.tip[b.time.first()].set_value(7.0)
-    with pytest.raises(ObstacleError, match="its rule says"):
+    with pytest.raises(ObstacleError, match="its rule said"):
         template_of(motion, pose, "arm", 2)
 
 

@@ -25,16 +25,12 @@ def check(phase: Any, k: float) -> None:
     assert phase.trajectory().verify().defect == pytest.approx(k, abs=1e-12)
 
 
-@pytest.mark.parametrize("reading", ["first argument", "closure"])
-def test_rules_read_the_instance_and_the_copy_of_the_instance(reading: str) -> None:
+def test_rules_read_the_instance_and_the_copy_of_the_instance() -> None:
     m = abstract()
 
     def leg(b: Any) -> None:
         b.x = rcp.State(initial=1.0, initial_guess=1.0)
-        if reading == "closure":
-            b.ode(lambda _, t: {m.p.x: -m.k * m.p.x[t]})
-        else:
-            b.ode(lambda b, t: {b.x: -b.model().k * b.x[t]})
+        b.ode(lambda b, t: {b.x: -b.model().k * b.x[t]})
 
     m.p = rcp.PhaseBlock(elements=2, scheme="implicit_euler", rule=leg)
     instance = m.create_instance(DATA)
