@@ -119,6 +119,7 @@ def slip_of(rule: Any, error: Exception, block: Any, arguments: Sequence[str]) -
             return f"its rule gives a variable to np.{named.group(2)}, which takes numbers. {_of_numpy(named.group(2))}"
         of_block = named is not None and named.group(1) == type(block).__name__
         return _of_missing(named.group(2), block, arguments) if named and of_block else None
+    rule = getattr(rule, "rule", rule)  # of a template
     if not callable(rule):
         return (
             f"it was given a {type(rule).__name__}; it takes a rule, a function that is called at every time: "

@@ -9,16 +9,10 @@ from typing import Any
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope
-from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.rules.rule_template import templated
 
 PoseRule = Callable[[Any, Any], Any]
-
-
-def _lost_pose(block: Any, t: Any) -> Any:
-    """Replaces a rule that a pickle cannot hold; with no rule at all the body would rest."""
-    raise ObstacleError("the rule for a body's pose did not survive pickling. Define it at the top level of a module.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,9 +57,6 @@ class Body(Presented):
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Body:
         return self if self.pose is None else Body(self.shape, copy.deepcopy(self.pose, memo))
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {"shape": self.shape, "pose": self.pose and (picklable_or_none(self.pose) or _lost_pose)}
 
     @property
     def parts(self) -> tuple[Polytope, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass
@@ -14,18 +13,12 @@ from pyomo.core.expr.numvalue import NumericValue, is_fixed, value
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
-from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.motion.motion import Motion
 from pyrobocop_pyomo.motion.required_clearance import clearance_text, clearance_value, is_clearance_rule
 from pyrobocop_pyomo.rules.rule_template import templated
 
 BodyPair = tuple[str, str]
-
-
-def _lost_rule(block: Any, t: Any) -> Any:
-    """Replaces a rule that a pickle cannot hold."""
-    raise ObstacleError("the rule for a clearance did not survive pickling. Define it at the top level of a module.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,12 +33,6 @@ class ClearanceRule:
     def __call__(self, block: Any, t: Any) -> Any:
         """The clearance at a time."""
         return self.rule(block, t)
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> ClearanceRule:
-        return ClearanceRule(copy.deepcopy(self.rule, memo))
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {"rule": picklable_or_none(self.rule) or _lost_rule}
 
 
 def _is_length(number: Any) -> bool:

@@ -50,11 +50,6 @@ def refuse_asked_by_point(phase: Any, statements: Iterable[Statement], *more: An
 
 
 def _in_words(phase: Any, statement: Statement) -> str:
-    if statement.rule is None:
-        return (
-            f"phase '{phase.name}': the rule of its {statement.kind} '{statement.name}' did not survive pickling. "
-            "Define it at the top level of a module."
-        )
     return _reason(phase, f"the rule of its {statement.kind} '{statement.name}'{_line_of(statement)}")
 
 
@@ -85,5 +80,5 @@ def read_inside_elements(phase: Any) -> str | None:
 
 
 def _line_of(statement: Statement) -> str:
-    code = getattr(statement.rule, "__code__", None)
+    code = getattr(statement.rule.rule, "__code__", None)
     return "" if code is None else f" ({Path(code.co_filename).name}:{code.co_firstlineno})"

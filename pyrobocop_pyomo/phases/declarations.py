@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Union
 
-from pyrobocop_pyomo.errors import ModelError, TrajectoryError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.keywords import check_keywords
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 from pyrobocop_pyomo.modeling.rule_slips import number_at
@@ -60,21 +60,6 @@ _DOMAIN = "bounds=(lower, upper)"
 _DOMAIN_OF_CONTROL = "integer=(0, 1), with the values that it takes, or bounds=(lower, upper) where they are real"
 
 
-def _lost_bounds(time: float) -> Bounds:
-    """Stand-in for a function that a pickle could not hold."""
-    raise TrajectoryError("a function for bounds did not survive pickling. Define it at the top level of a module.")
-
-
-def _lost_history(time: float) -> float:
-    """Stand-in for a function that a pickle could not hold."""
-    raise TrajectoryError("a function for a history did not survive pickling. Define it at the top level of a module.")
-
-
-def has_lost_bounds(declaration: Declaration) -> bool:
-    """True where the bounds were a function that a pickle could not hold."""
-    return declaration.bounds is _lost_bounds
-
-
 class FunctionOfTime:
     """Bounds or a history by a function of the time, which is called while the phase is built, as a rule is.
 
@@ -87,7 +72,6 @@ class FunctionOfTime:
     """
 
     def __init__(self, function: Callable[[float], Any]) -> None:
-        self._function = function
         self._template = RuleTemplate(lambda block, t: function(t))
         self._said: dict[float, Any] = {}
 
@@ -111,9 +95,6 @@ class FunctionOfTime:
 
     def _nearest(self, time: float) -> float:
         return min(self._said, key=lambda known: abs(known - time), default=math.inf)
-
-    def __reduce__(self) -> Any:
-        return FunctionOfTime, (self._function,)
 
 
 _PACKAGE = str(Path(__file__).parents[1])
@@ -221,10 +202,6 @@ class Declaration:
         state = dict(self.__dict__)
         if callable(self.initial_guess):
             state["initial_guess"] = picklable_or_none(self.initial_guess)
-        if callable(self.bounds):
-            state["bounds"] = picklable_or_none(self.bounds) or _lost_bounds
-        if callable(state.get("history")):
-            state["history"] = picklable_or_none(state["history"]) or _lost_history
         return state
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Declaration:

@@ -13,6 +13,7 @@ from pyomo.core.expr.relational_expr import RelationalExpression
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_scalar
 from pyrobocop_pyomo.modeling.rule_slips import slips_explained
+from pyrobocop_pyomo.rules.rule_template import RuleTemplate
 from pyrobocop_pyomo.transcription import quadrature
 
 from .equations import Rule, refuse_foreign_reads, rule_name
@@ -25,7 +26,7 @@ INTEGRALS = "stated_integrals"
 
 def named_integral(block: Any, record: PhaseRecord, integrand: Rule) -> Any:
     """See `PhaseBlock.integral`: a member of the named expression that holds the integrals of the phase."""
-    statement = Statement("integral", rule_name(integrand), integrand)
+    statement = Statement("integral", rule_name(integrand), RuleTemplate(integrand))
     total = _integral(block, record, statement)
     if record.asking or record.restating is not None or total.__class__ in native_numeric_types:
         return total  # a rule that is evaluated anew makes its own
@@ -41,7 +42,6 @@ def named_integral(block: Any, record: PhaseRecord, integrand: Rule) -> Any:
 def restate_integrals(block: Any, record: PhaseRecord) -> None:
     """Give every integral that was handed out its sum over the points that the phase has now."""
     for position, statement in enumerate(record.integrals, start=1):
-        assert statement.rule is not None  # asked before anything is changed
         block.component(INTEGRALS)[position].set_value(_integral(block, record, statement))
 
 

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from pyomo.core.expr.relational_expr import RelationalExpression
 
 from pyrobocop_pyomo.complementarity import Complementarity, form_of
-from pyrobocop_pyomo.errors import ModelError, TrajectoryError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.blocks import snapshot_of
 from pyrobocop_pyomo.modeling.expression_arrays import array, plain_expressions
-from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 from pyrobocop_pyomo.modeling.time_index import TimeIndex
 from pyrobocop_pyomo.modeling.variable_families import FamilyNames
 from pyrobocop_pyomo.numerics import Grid
@@ -27,34 +25,25 @@ from .nodes import Nodes, StageNodes
 class Statement:
     """One rule that the user stated, kept so that a trajectory can be verified with it.
 
-    A rule that cannot be pickled (a lambda, a function within a function) is left behind by a pickle: the
-    model survives, and verification says what is missing. In a deep copy it reads the copy.
+    What the rule has said for all times is in copies and pickles of the model, too. A pickle leaves a rule behind that
+    it cannot hold (a lambda, a function within a function).
     """
 
     kind: str
     name: str
-    rule: Callable[..., Any] | None
-    _template: RuleTemplate = field(init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        if self.rule is not None:
-            object.__setattr__(self, "_template", RuleTemplate(self.rule))
+    rule: RuleTemplate
 
     def __call__(self, block: Any, t: Any, *more: Any) -> Any:
         """What the rule says at a time; where it is a template it is called once."""
-        if self.rule is None:
-            raise TrajectoryError(
-                f"the rule '{self.name}' did not survive pickling. Define it at the top level of a module."
-            )
-        return self._template(block, t, *more)
+        return self.rule(block, t, *more)
 
     def is_template(self, block: Any, *more: Any) -> bool:
         """Whether the rule gives formulas for all times, given what it would get at one."""
-        return self.rule is not None and self._template.is_template(block, *more)
+        return self.rule.is_template(block, *more)
 
     def readings(self, block: Any, *more: Any) -> list[Any]:
         """Variables and parameters at given points that a template reads at all times."""
-        return [] if self.rule is None else self._template.readings(block, *more)
+        return self.rule.readings(block, *more)
 
     def rows(self, result: Any) -> dict[Hashable, Any]:
         """The rows of what the rule returned by label; of pairs their canonical forms, but for those left out."""
@@ -63,17 +52,6 @@ class Statement:
             return found
         stated = {label: pair for label, pair in found.items() if pair is not Complementarity.Skip}
         return {label: form_of(self, a, b, (*choices, None, None)[:2]) for label, (a, b, *choices) in stated.items()}
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Statement:
-        if self.rule is None:
-            return self
-        template = copy.deepcopy(self._template, memo)
-        twin = Statement(self.kind, self.name, template.rule)
-        object.__setattr__(twin, "_template", template)  # what the rule has said is not asked again
-        return twin
-
-    def __reduce__(self) -> Any:
-        return Statement, (self.kind, self.name, picklable_or_none(self.rule))
 
 
 @dataclass

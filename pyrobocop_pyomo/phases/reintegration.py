@@ -264,8 +264,6 @@ def _integrals(
 
 def _integral(block: Any, record: PhaseRecord, trajectory: Trajectory, statement: Statement) -> tuple[Array, Array]:
     what = f"phase '{block.name}': integral '{statement.name}'"
-    if statement.rule is None:
-        raise TrajectoryError(f"{what} has lost its rule by pickling.")
     grid, indices = trajectory.grid, indices_of(record, trajectory.grid)
     rates = RateArrays(block, record, trajectory, indices, [statement])
     names, width = record.names_of_states, grid.mesh.widths

@@ -22,7 +22,7 @@ from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.rules.rule_template import same_results
 
 from .asked_by_point import asked_by_point
-from .declarations import Bounds, Control, has_lost_bounds
+from .declarations import Bounds, Control
 from .followers import Followers, inner_variables
 from .horizon import make_mesh
 from .restatement import Restatement
@@ -237,15 +237,7 @@ def why_its_mesh_is_stated(phase: Any) -> str | None:
 def _own_reason(phase: Any) -> str | None:
     what = f"phase '{phase.name}'"
     record = phase.record
-    for statement in record.rules:
-        if statement.rule is None:
-            return (
-                f"{what}: the rule of its {statement.kind} '{statement.name}' did not survive pickling, and cannot be "
-                "asked on another mesh. Define it at the top level of a module."
-            )
-    for name, declaration in record.declarations.items():
-        if has_lost_bounds(declaration):
-            return f"{what}: the function for the bounds of '{name}' did not survive pickling."
+    for name in record.declarations:
         if phase.component(name) is None:
             return f"{what}: a transformation has taken its '{name}' away."
     if any(True for _ in records_below(phase.model())):

@@ -34,6 +34,7 @@ from pyomo.core.expr import Expr_if, inequality, numvalue
 from pyomo.core.expr import numeric_expr as functions_of_pyomo
 from pyomo.core.expr.template_expr import GetItemExpression
 
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_arrays import ArrayEntry, array, plain_entry
 from pyrobocop_pyomo.modeling.expression_nodes import (
     LEAF,
@@ -46,6 +47,7 @@ from pyrobocop_pyomo.modeling.expression_nodes import (
     kind_of_node,
 )
 from pyrobocop_pyomo.modeling.expressions import same_expression
+from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 from pyrobocop_pyomo.modeling.rule_proxies import BlockProxy, proxy_of
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.modeling.straight_line import StraightLine
@@ -236,8 +238,12 @@ class RuleTemplate:
         self.rule = self.__wrapped__ = rule  # whoever asks for the signature gets that of the rule
         self._answers: WeakKeyDictionary[Any, _Answer] = WeakKeyDictionary()  # by the block that the rule was given
 
-    def __reduce__(self) -> Any:
-        return RuleTemplate, (self.rule,)
+    def __getstate__(self) -> dict[str, Any]:
+        return {"rule": picklable_or_none(self.rule), "answers": list(self._answers.items())}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.rule = self.__wrapped__ = state["rule"] or _Lost()
+        self._answers = WeakKeyDictionary(state["answers"])
 
     def __deepcopy__(self, memo: dict[int, Any]) -> RuleTemplate:
         twin = RuleTemplate(self.rule)
@@ -311,6 +317,17 @@ class _Answer:
     formulas: _Formulas | None
     grid: Any
     stated: int = 0
+
+
+class _Lost:
+    """In place of a rule that a pickle cannot hold: what it has said for all times is kept, and nothing else."""
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Refused."""
+        raise ModelError(
+            "a rule that has to know the time as a number did not survive pickling. Define it at the top level of a "
+            "module."
+        )
 
 
 def _grid_of(block: Any) -> Any:
@@ -394,6 +411,9 @@ class _Formulas:
 
     def __init__(self, result: Any, time: TimeTemplate, named: Sequence[Any] = ()) -> None:
         self._result, self._time, self._named = result, time, list(named)
+
+    def __reduce__(self) -> Any:
+        return _Formulas, (self._result, self._time, self._named)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> _Formulas:
         return _Formulas(copy.deepcopy(self._result, memo), self._time, copy.deepcopy(self._named, memo))
