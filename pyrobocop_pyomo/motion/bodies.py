@@ -58,6 +58,11 @@ class Body(Presented):
     def __deepcopy__(self, memo: dict[int, Any]) -> Body:
         return self if self.pose is None else Body(self.shape, copy.deepcopy(self.pose, memo))
 
+    def of_one_model(self) -> Body:
+        """The same body for a block of a model: what its rule says of that is no part of the user's body."""
+        template: Any = self.pose
+        return self if template is None else Body(self.shape, template.rule)
+
     @property
     def parts(self) -> tuple[Polytope, ...]:
         """The convex shapes of the body."""

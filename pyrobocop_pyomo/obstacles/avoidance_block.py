@@ -140,7 +140,7 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
         """Whether separations can be made for other times: no pose or clearance was asked for at each point."""
         bodies, asked = self.record.scene.bodies.values(), self.record.asked.values()
         rules: list[Any] = [body.pose for body in bodies if body.pose is not None]
-        rules += [each.rule for each in asked if isinstance(each, ClearanceRule)]
+        rules += [each for each in asked if isinstance(each, ClearanceRule)]
         return all(rule.is_known_at_other_times(self.motion.block) for rule in rules)
 
     def follow_times(self) -> None:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Hashable, Iterable, Mapping
 from numbers import Real
 from typing import Any
 
@@ -16,23 +15,13 @@ from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
 from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.motion.motion import Motion
 from pyrobocop_pyomo.motion.required_clearance import clearance_text, clearance_value, is_clearance_rule
-from pyrobocop_pyomo.rules.rule_template import templated
+from pyrobocop_pyomo.rules.rule_template import RuleTemplate
 
 BodyPair = tuple[str, str]
 
 
-@dataclass(frozen=True, eq=False)
-class ClearanceRule:
-    """A clearance that changes in time: ``rule(block, t)``, as the user gave it; in a copied model, of the copy."""
-
-    rule: Callable[[Any, Any], Any]
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "rule", templated(self.rule))
-
-    def __call__(self, block: Any, t: Any) -> Any:
-        """The clearance at a time."""
-        return self.rule(block, t)
+class ClearanceRule(RuleTemplate):
+    """A clearance that changes in time: ``rule(block, t)``, as the user gave it."""
 
 
 def _is_length(number: Any) -> bool:

@@ -262,7 +262,7 @@ def _moved_back(pair: BodyPairSafety, moved: float) -> BodyPairSafety:
 
 def _checked_body(label: str, body: Any, pose: Any) -> Body:
     if isinstance(body, Body) and pose is None:
-        moving = body
+        moving = body.of_one_model()
     elif body is None or isinstance(body, Body):
         raise ObstacleError(f"{label}: give body=Polytope and pose=rule, or body=Body(shape, pose=rule).")
     else:

@@ -16,7 +16,7 @@ from pyrobocop_pyomo.motion.sampled_paths import TURNS, SampledPath, read_path, 
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .clearances import ClearanceRule, asked_clearances
+from .clearances import asked_clearances
 from .scene import BodyPair, make_scene
 
 _WHAT = "verify_motion"
@@ -119,8 +119,7 @@ def verify_motion(
     scene = make_scene(
         _WHAT, bodies=scene_bodies, obstacles=scene_obstacles, body_pairs=body_pairs, exclude=tuple(exclude)
     )
-    asked = asked_clearances(_WHAT, scene.body_pairs, scene.bodies, clearance)
-    clearances = {pair: _plain(of) for pair, of in asked.items()}
+    clearances = asked_clearances(_WHAT, scene.body_pairs, scene.bodies, clearance)
     return verify_clearance(
         motion, scene.bodies, clearances, tolerance=tolerance, depth=depth, max_subintervals=max_subintervals
     )
@@ -230,7 +229,3 @@ def _refuse_bodies_without_motion(bodies: Mapping[str, Any]) -> None:
                 f"{_WHAT}: '{name}' has neither poses nor a pose rule. Give poses={{'{name}': ...}}; what rests "
                 "belongs to obstacles=."
             )
-
-
-def _plain(asked: Any) -> Any:
-    return asked.rule if isinstance(asked, ClearanceRule) else asked

@@ -182,7 +182,7 @@ def _named(label: str, plural: str, singular: str, given: Any) -> dict[str, Any]
 
 def _body(label: str, name: str, given: Any) -> Body:
     if isinstance(given, Body):
-        return given
+        return given.of_one_model()
     if isinstance(given, Polytope) or (
         isinstance(given, (list, tuple)) and given and all(isinstance(shape, Polytope) for shape in given)
     ):

@@ -246,11 +246,11 @@ class RuleTemplate:
         self._answers = WeakKeyDictionary(state["answers"])
 
     def __deepcopy__(self, memo: dict[int, Any]) -> RuleTemplate:
-        twin = RuleTemplate(self.rule)
+        twin = type(self)(self.rule)
         for block, answer in self._answers.items():
             own = memo.get(id(block))
             formulas = answer.formulas if own is None else copy.deepcopy(answer.formulas, memo)
-            twin._answers[block if own is None else own] = _Answer(formulas, None)
+            twin._answers[block if own is None else own] = _Answer(formulas, None, _COMPARED)
         return twin
 
     def __call__(self, block: Any, t: Any, *more: Any) -> Any:

@@ -51,6 +51,11 @@ def test_a_copy_is_refined_without_its_original():
 
 def test_a_pickle_has_what_a_pose_rule_has_said():
     m = turning_move(height=3)
+    body = rcp.Body(ARROW, pose=placed)
+    alone = pickle.dumps(body)
+    avoiding(m, bodies={"arrow": body})
+    assert pickle.dumps(body) == alone  # nothing of the model
+    m = turning_move(height=3)
     avoiding(m, bodies={"arrow": rcp.Body(ARROW, pose=lambda b, t: placed(b, t))})
     again = pickle.loads(pickle.dumps(m))
     again.move.avoid.initialize()
