@@ -7,7 +7,7 @@ distances of corners, which are taken off what is proven for the plan.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -16,7 +16,6 @@ import numpy as np
 from pyrobocop_pyomo.errors import PyRobocopError, TrajectoryError
 from pyrobocop_pyomo.links.tied_starts import ties_of
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.phases import PhaseBlockData
 from pyrobocop_pyomo.phases.reintegration import SMALLEST_SCALE, Reintegration, reintegrate
 from pyrobocop_pyomo.trajectories import Trajectory
 
@@ -67,31 +66,31 @@ class EquationsMotion:
 
 
 def equations_motion(
-    motion: Motion, shapes: Mapping[str, list[MovingShape]], lengths: Mapping[str, SignalFormulas] | None = None
+    motion: Motion,
+    phases: Collection[Any],
+    shapes: Mapping[str, list[MovingShape]],
+    lengths: Mapping[str, SignalFormulas] | None = None,
 ) -> EquationsMotion:
-    """Integrate the equations of all phases that poses read, and compare the corners.
+    """Integrate the equations of phases, and compare the corners.
 
     Parameters
     ----------
     motion : Motion
+    phases : collection of PhaseBlock
+        All that poses and clearances read.
     shapes : mapping of body to list of MovingShape
         At the current values.
     lengths : mapping of str to SignalFormulas, optional
         Clearances that read signals: with other states, another clearance is required.
     """
     moving = [(shape, shape.template) for parts in shapes.values() for shape in parts if shape.template is not None]
-    phases: dict[int, Any] = {}
     lengths = lengths or {}
-    for template in [*(template for _, template in moving), *lengths.values()]:
-        for signal in template.signals:
-            home = None if signal.component is None else signal.component.parent_block()
-            if isinstance(home, PhaseBlockData):
-                phases[id(home)] = home
     # Where a phase states no equations, whatever moves a body is chosen, and there is no other motion than the plan.
-    if not any(map(_states_equations, phases.values())):
+    if not any(map(_states_equations, phases)):
         return EquationsMotion()
     found: dict[int, Any] = {}
-    for key, phase in phases.items():
+    for phase in phases:
+        key = id(phase)
         try:
             found[key] = reintegrated(phase)
         except PyRobocopError as error:

@@ -67,7 +67,7 @@ def replayed_motion(
     elif phases and not equations:
         why = PLAN_ALONE
     elif phases:
-        led = equations_motion(motion, shapes, lengths)
+        led = equations_motion(motion, phases, shapes, lengths)
         why = led.why_unknown
     elif _rows_move(components):
         why = "the model has rows at its points for it, which say nothing in between."

@@ -19,7 +19,6 @@ from pyrobocop_pyomo.modeling.keywords import check_keywords
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 from pyrobocop_pyomo.modeling.rule_slips import number_at
 from pyrobocop_pyomo.numerics import Grid
-from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.rules.rule_template import RuleTemplate
 from pyrobocop_pyomo.transcription import InitialGuess
 
@@ -84,17 +83,14 @@ class FunctionOfTime:
         """What the function says of a time."""
         if not self.is_asked_by_point:
             return self._template(self, time)
-        if not self.knows(time):
+        # By the very time: beside a jump the one a hair earlier is another one.
+        if time not in self._said:
             self._said[time] = self._template(self, time)
-        return self._said[self._nearest(time)]
+        return self._said[time]
 
     def knows(self, time: float) -> bool:
-        """Whether it has said something of all times, or of this one up to rounding."""
-        slack = NEGLIGIBLE * (1.0 + abs(time))
-        return not self.is_asked_by_point or abs(self._nearest(time) - time) <= slack
-
-    def _nearest(self, time: float) -> float:
-        return min(self._said, key=lambda known: abs(known - time), default=math.inf)
+        """Whether it has said something of a time, or of all times."""
+        return time in self._said or not self.is_asked_by_point
 
 
 _PACKAGE = str(Path(__file__).parents[1])
