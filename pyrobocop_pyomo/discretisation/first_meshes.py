@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.errors import PyRobocopError
-from pyrobocop_pyomo.modeling.expression_nodes import RELATION, ExpressionEvaluator, kind_of_node
-from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
+from pyrobocop_pyomo.modeling.expression_nodes import RELATION
+from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.further_boundaries import mesh_of_delays, mesh_with
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.phases.declarations import FunctionOfTime
 from pyrobocop_pyomo.phases.horizon import real_grid
-from pyrobocop_pyomo.phases.quick_instants import changing_nodes, stated_formulas
+from pyrobocop_pyomo.phases.quick_instants import changing_places, stated_formulas
 from pyrobocop_pyomo.phases.remeshing import remesh_phases, why_its_mesh_is_stated
 from pyrobocop_pyomo.phases.rule_formulas import ARRAY_FUNCTIONS, RuleFormulas
 
@@ -83,16 +83,23 @@ def _times_stated(phase: Any) -> tuple[list[float], list[float]]:
     times = np.linspace(indices[0], indices[-1], _INSTANTS)
     jumps: set[float] = set()
 
-    def at(expression: Any, when: Any) -> Array:
-        leaves = {id(index): when, id(clock): np.interp(when, indices, grid.mesh.boundaries)}
-        return np.asarray(ExpressionEvaluator(leaves, ARRAY_FUNCTIONS).of(expression), dtype=float)
-
     stated = [of for rule in record.rules for of in stated_formulas(formulas, rule)]
     bounds = [of.bounds for of in record.declarations.values() if isinstance(of.bounds, FunctionOfTime)]
     stated += [side for of in bounds if not of.is_asked_by_point for side in of(index) if side is not None]
-    for node in changing_nodes(stated, {id(index), id(clock)}):
-        if kind_of_node(node.__class__) == RELATION and variables_in_any([node]).keys() <= {id(index), id(clock)}:
-            jumps.update(_sign_changes(node, at, times))
+    steps, of_time = ExpressionSteps(stated), {id(index), id(clock)}
+    reads_others = steps.depends_on(lambda leaf: leaf.node.is_variable_type() and id(leaf.node) not in of_time)
+    for place in changing_places(steps, of_time):
+        for before, after in pairwise(steps.steps[place].arguments):
+            if steps.steps[place].kind != RELATION or reads_others[place]:
+                continue
+            sides = steps.part([before, after])
+
+            def difference(when: Any, sides: ExpressionSteps = sides) -> Any:
+                leaves = {id(index): when, id(clock): np.interp(when, indices, grid.mesh.boundaries)}
+                first, second = sides.evaluate_at(leaves, ARRAY_FUNCTIONS)
+                return second - first
+
+            jumps.update(_sign_changes(difference, times))
     # The element that ends at a jump has a point there, which belongs to the values before it; or one that starts.
     side = 1.0 if scheme.starts_on_a_stage and not scheme.stiffly_accurate else -1.0
     beside = side * _BESIDE * (indices[-1] - indices[0])
@@ -101,15 +108,11 @@ def _times_stated(phase: Any) -> tuple[list[float], list[float]]:
     return [jump + beside for jump in sorted(jumps)], sorted(delay for delay in delays if delay > 0.0)
 
 
-def _sign_changes(relation: Any, at: Any, times: Array) -> Iterator[float]:
-    """Times at which the sides of a relation are equal, and different on both sides of it."""
-    for before, after in pairwise(relation.args):
-        difference = after - before
-        values = at(difference, times)
-        for i in np.flatnonzero(np.sign(values[1:]) != np.sign(values[:-1])).tolist():
-            if values[i] == 0.0 or values[i + 1] == 0.0:
-                yield float(times[i] if values[i] == 0.0 else times[i + 1])
-            else:
-                yield float(
-                    scipy.optimize.brentq(lambda t, of=difference: at(of, t), times[i], times[i + 1], xtol=1e-14)
-                )
+def _sign_changes(difference: Any, times: Array) -> Iterator[float]:
+    """Times at which a function is zero, and of different signs on both sides of it."""
+    values = np.zeros(len(times)) + difference(times)
+    for i in np.flatnonzero(np.sign(values[1:]) != np.sign(values[:-1])).tolist():
+        if values[i] == 0.0 or values[i + 1] == 0.0:
+            yield float(times[i] if values[i] == 0.0 else times[i + 1])
+        else:
+            yield float(scipy.optimize.brentq(difference, times[i], times[i + 1], xtol=1e-14))

@@ -10,7 +10,8 @@ from pyomo.core.base.objective import Objective
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.modeling.expression_nodes import ExpressionEvaluator
+from pyrobocop_pyomo.modeling.expression_nodes import LEAF, kind_of_node
+from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps, Leaf
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.phases.integrals import INTEGRALS
 from pyrobocop_pyomo.phases.rule_formulas import ARRAY_FUNCTIONS
@@ -65,10 +66,15 @@ def _slopes(expression: Any, members: Mapping[int, Sequence[Any]]) -> dict[int, 
     mixtures = [np.sin(1.0 + np.arange(count)), 3.0 * np.cos(2.0 + np.arange(count))]
     samples = np.column_stack([np.zeros(count), np.eye(count), *mixtures])
 
+    own = set(map(id, every))
+    steps = ExpressionSteps(
+        [expression], lambda node: Leaf(node) if id(node) in own or kind_of_node(node.__class__) == LEAF else None
+    )
+
     def values(samples: Any) -> Any:
         leaves = {id(member): row for member, row in zip(every, samples, strict=True)}
         try:
-            return np.broadcast_to(ExpressionEvaluator(leaves, ARRAY_FUNCTIONS).of(expression), samples.shape[1])
+            return np.broadcast_to(steps.evaluate_at(leaves, ARRAY_FUNCTIONS)[0], samples.shape[1])
         except (ArithmeticError, ValueError, TypeError):
             return np.full(samples.shape[1], np.nan)
 
@@ -82,7 +88,7 @@ def _slopes(expression: Any, members: Mapping[int, Sequence[Any]]) -> dict[int, 
         size = _AFFINE * (np.abs(found).max() + 1e-300)
     if np.isfinite(found).all() and np.abs(left).max() <= size:
         return {id(member): float(slope) for member, slope in zip(every, slopes, strict=True)}
-    return {id(member): _slope(expression, member) for member in every}
+    return {id(member): _slope(steps, member) for member in every}
 
 
 def _rows_that_read(wanted: set[int], model: Any, phases: Sequence[Any], found: RowMultipliers) -> Iterator[Any]:
@@ -102,8 +108,8 @@ def _reads(wanted: set[int], expressions: Sequence[Any]) -> bool:
     return not wanted.isdisjoint(variables_in_any(expressions, leaves=wanted))
 
 
-def _slope(expression: Any, member: Any) -> float:
+def _slope(steps: ExpressionSteps, member: Any) -> float:
     here = float(value(member))
     step = _STEP * max(1.0, abs(here))
-    above, below = (float(ExpressionEvaluator({id(member): here + change}).of(expression)) for change in (step, -step))
+    above, below = (float(steps.evaluate_at({id(member): here + change})[0]) for change in (step, -step))
     return (above - below) / (2.0 * step)

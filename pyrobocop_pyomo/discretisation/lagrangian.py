@@ -230,12 +230,9 @@ class _Instants(InstantsInside):
 
     def rows(self, places: Iterable[int], given: Mapping[str, Array]) -> list[tuple[Array, Array, Array]]:
         """Body and bounds of some rows."""
-        known = self.evaluator({**self.values, **given})
-        shape = np.zeros(self.index.shape)
-        return [
-            (shape + known(body), shape + known(lower), shape + known(upper))
-            for (body, lower, upper), _ in (self._of._rows[i] for i in places)
-        ]
+        sides = [side for i in places for side in self._of._rows[i][0]]
+        found = self.evaluated(sides, {**self.values, **given})
+        return list(zip(found[::3], found[1::3], found[2::3], strict=True))
 
     def limited(self) -> list[tuple[Array, Array, Array, Array]]:
         """Inequalities of states alone, declared bounds too: body, both bounds, and densities at the stages."""
@@ -253,8 +250,8 @@ class _Instants(InstantsInside):
 
     def rates(self) -> dict[str, Array]:
         """What the equations say of the derivatives."""
-        known = self.evaluator(self.values)
-        return {name: np.zeros(self.index.shape) + known(rate) for name, rate in self._of._rates.items()}
+        rates = self._of._rates
+        return dict(zip(rates, self.evaluated(list(rates.values()), self.values), strict=True))
 
     def integrand(self, given: Mapping[str, Array], *, apart: bool = False) -> Array:
         """The function of the module with some values replaced, in the sign of a minimum.
@@ -268,15 +265,19 @@ class _Instants(InstantsInside):
         """
         of = self._of
         values = {**self.values, **given}
-        known = self.evaluator(values)
+        sides = [side for stated, _ in self._densities for side in stated]
+        rates = [of._rates[name] for name in self._costates]
+        stated = [*(integrand for _, integrand in of._integrands), *rates, *sides]
+        known = iter(self.evaluated(stated, values))
         total = np.zeros(self.index.shape)
-        for weight, integrand in of._integrands:
-            total += weight * known(integrand)
+        for weight, _ in of._integrands:
+            total += weight * next(known)
         for name, costate in self._costates.items():
-            total += costate * (known(of._rates[name]) - self.slopes[name])
-        for i, ((body, lower, upper), density) in enumerate(self._densities):
+            total += costate * (next(known) - self.slopes[name])
+        for i, (_, density) in enumerate(self._densities):
+            body, lower, upper = next(known), next(known), next(known)
             if not (apart and i in of.apart):
-                total -= density * _beyond(known(body), known(lower), known(upper), of._sign * density)
+                total -= density * _beyond(body, lower, upper, of._sign * density)
         for name, bound, density in self._bounds:
             if not (apart and name in of.free):
                 total -= density * np.where(density == 0.0, 0.0, values[name] - bound)

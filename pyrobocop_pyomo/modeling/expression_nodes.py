@@ -1,4 +1,4 @@
-"""What the nodes of Pyomo's expressions mean, and the value of an expression over any kind of number.
+"""What the nodes of Pyomo's expressions mean over any kind of number.
 
 Floats, arrays, Taylor forms in interval arithmetic and symbols of CasADi know arithmetic by themselves. What differs
 between them is a table from the name of a function to what it does: ``"sin"``, ..., the relations of `comparisons`, and
@@ -16,9 +16,7 @@ from typing import Any
 from pyomo.common.numeric_types import native_numeric_types
 from pyomo.core.base.expression import NamedExpressionData
 from pyomo.core.expr import numeric_expr, relational_expr
-from pyomo.core.expr.numvalue import NumericValue, value
-
-from .functions import is_function_call
+from pyomo.core.expr.numvalue import NumericValue
 
 # Kinds of nodes: operators with a fixed count of arguments, then the others.
 PRODUCT, DIVISION, NEGATION, POWER, CHOICE = 1, 2, 3, 4, 5
@@ -100,68 +98,3 @@ def apply_operator(kind: int, arguments: Sequence[Any], functions: Mapping[str, 
         return functions["choose"](*arguments)
     first, last = arguments
     return first / last if kind == DIVISION else first**last
-
-
-class ExpressionEvaluator:
-    """Evaluates expressions of the same variables; common subexpressions are evaluated once.
-
-    Parameters
-    ----------
-    leaves : mapping of int to Any
-        From the ``id`` of a variable to its replacement. Other variables count with their values.
-    functions : mapping of str to callable
-        What functions and relations mean for those replacements; those that are absent are refused.
-    refuse : callable
-        From a node and a reason, which continues a sentence about the node, to the exception that is raised.
-    """
-
-    def __init__(
-        self,
-        leaves: Mapping[int, Any],
-        functions: Mapping[str, Callable[..., Any]] = FLOAT_FUNCTIONS,
-        refuse: Callable[[Any, str], Exception] = lambda node, reason: ValueError(f"'{node}' {reason}."),
-    ) -> None:
-        self._values: dict[int, Any] = dict(leaves)
-        self._functions, self._refuse = functions, refuse
-        # Values are stored by id: a temporary node, as LinearExpression makes them, has to live on to keep its id.
-        self._seen: list[Any] = []
-
-    def of(self, node: Any) -> Any:
-        """Value of an expression."""
-        if node.__class__ in native_numeric_types:
-            return float(node)
-        if id(node) not in self._values:
-            self._seen.append(node)
-            self._values[id(node)] = self._evaluate(node)
-        return self._values[id(node)]
-
-    def _evaluate(self, node: Any) -> Any:
-        kind = kind_of_node(node.__class__)
-        if kind == UNKNOWN or (kind == CALL and not is_function_call(node)):
-            raise self._refuse(node, f"is a {type(node).__name__}")
-        if kind == LEAF:
-            number = value(node, exception=False)
-            if number is None:
-                raise self._refuse(node, "has no value")
-            return float(number)
-        if kind == NAMED:
-            return self.of(node.arg(0))
-        name = None
-        if kind in (FUNCTION, RELATION):
-            name = node.getname() if kind == FUNCTION else comparison_name(node)
-        elif kind in (CHOICE, CALL):
-            name = "choose" if kind == CHOICE else "call"
-        if name is not None and name not in self._functions:
-            reason = f"is a {type(node).__name__}"
-            if kind in (FUNCTION, CALL):
-                reason = f"holds the function '{node.getname()}'"
-            raise self._refuse(node, reason)
-        arguments = [self.of(argument) for argument in node.args]
-        try:
-            if kind == CALL:
-                return self._functions["call"](node._fcn, *arguments)
-            if name is not None:
-                return self._functions[name](*arguments)
-            return apply_operator(kind, arguments, self._functions)
-        except TypeError as error:  # a replacement for which this operator is not defined
-            raise self._refuse(node, f"cannot be evaluated: {error}") from None

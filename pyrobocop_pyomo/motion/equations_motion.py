@@ -233,9 +233,9 @@ def _differences(template: SignalFormulas, found: Mapping[int, Any], intervals: 
     # Each phase is looked at where its own rules ask for it.
     fractions = np.unique(np.concatenate([reintegration.fractions for reintegration in found.values()]))
     interval, fraction = np.repeat(np.arange(intervals), len(fractions)), np.tile(fractions, intervals)
-    planned, led = {}, {}
-    for signal in template.signals:
-        planned[id(signal.placeholder)] = led[id(signal.placeholder)] = signal.values(interval, fraction)
+    planned = {slot: signal.values(interval, fraction) for slot, signal in template.signals.items()}
+    led = dict(planned)
+    for slot, signal in template.signals.items():
         home = None if signal.component is None else signal.component.parent_block()
         reintegration = found.get(id(home))
         if reintegration is None:
@@ -243,14 +243,14 @@ def _differences(template: SignalFormulas, found: Mapping[int, Any], intervals: 
         states = reintegration.states
         name = signal.component.local_name
         if states is None:
-            led[id(signal.placeholder)] = np.full(len(interval), np.inf)
+            led[slot] = np.full(len(interval), np.inf)
         elif name in states:
             # The difference of states is taken from one integration; the plan's polynomial is the same in both.
             off = states[name] - reintegration.planned[name]
             moved = [np.interp(fractions, reintegration.fractions, of_element) for of_element in off]
-            led[id(signal.placeholder)] = signal.values(interval, fraction) + np.concatenate(moved)
+            led[slot] = planned[slot] + np.concatenate(moved)
     with np.errstate(all="ignore"):
-        difference = template.evaluated(led, len(interval)) - template.evaluated(planned, len(interval))
+        difference = template.evaluated(led, interval, fraction) - template.evaluated(planned, interval, fraction)
     return difference.reshape(intervals, len(fractions), -1)
 
 

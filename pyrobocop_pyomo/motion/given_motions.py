@@ -16,11 +16,11 @@ from pyomo.core.expr import cos, sin
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose, planar_pose
-from pyrobocop_pyomo.modeling.rule_proxies import Signal
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.rules.slots import Item
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .interpolation import STATES_ONLY, CollocationInterpolation, NodalInterpolation
+from .interpolation import STATES_ONLY, CollocationInterpolation, NodalInterpolation, item_at
 from .motion import Motion
 from .sampled_paths import SampledPath
 
@@ -45,17 +45,17 @@ class PathInterpolation(NodalInterpolation):
     model: Any = None
     angles: Mapping[str, Mapping[float, float]] = field(default_factory=dict)
 
-    def polynomial(self, signal: Signal, interval: int) -> list[Any]:
+    def polynomial(self, signal: Item, interval: int) -> list[Any]:
         """Values at both ends; of a constant that of the interval, of a turn zero and the angle."""
         start, end = self.support[interval]
         name = signal.component.local_name
         if name.startswith(_CONSTANT):
-            return [signal.at(start)] * 2
+            return [item_at(signal, start)] * 2
         if name in self.angles:
             return [0.0, self.angles[name][start]]
-        return [signal.at(start), signal.at(end)]
+        return [item_at(signal, start), item_at(signal, end)]
 
-    def polynomial_weights(self, signal: Signal, interval: int, fractions: ArrayLike) -> Array:
+    def polynomial_weights(self, signal: Item, interval: int, fractions: ArrayLike) -> Array:
         """Of the values at both ends."""
         local = np.atleast_1d(np.asarray(fractions, dtype=float))
         return np.column_stack([1.0 - local, local])
@@ -106,7 +106,7 @@ def motion_along_paths(
     return Motion(model, points, interpolation), rules
 
 
-def _accept(signal: Signal) -> None:
+def _accept(signal: Item) -> None:
     """Everything that a sampled path has is continuous, or a constant of a formula that is."""
 
 
@@ -178,12 +178,12 @@ class TrajectoryInterpolation(CollocationInterpolation):
         """The trajectory."""
         return f"of trajectory '{self.trajectory.name}'"
 
-    def refuse(self, signal: Signal) -> None:
+    def refuse(self, signal: Item) -> None:
         """Refuse what is no state."""
         if signal.component.local_name not in self.trajectory.states:
             raise ObstacleError(f"'{signal.name}' is no state of trajectory '{self.trajectory.name}'. {STATES_ONLY}")
 
-    def joins_lines(self, signal: Signal) -> bool:
+    def joins_lines(self, signal: Item) -> bool:
         """False: the parameters of the model are the states."""
         return False
 
@@ -191,7 +191,7 @@ class TrajectoryInterpolation(CollocationInterpolation):
         """True for the model that stands for the phase."""
         return block is self.model
 
-    def rates(self, signal: Signal) -> Any:
+    def rates(self, signal: Item) -> Any:
         """Derivative of a state by collocation point; None where the trajectory has none."""
         values = self.trajectory.rates.get(signal.component.local_name)
         return None if values is None else dict(zip(self.grid.points, values.tolist(), strict=True))

@@ -22,11 +22,11 @@ from pyomo.dae import DerivativeVar
 
 from pyrobocop_pyomo.continuous.record import Discretisation
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.modeling.rule_proxies import Signal
 from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
 from pyrobocop_pyomo.phases import PhaseBlockData
 from pyrobocop_pyomo.phases.horizon import element_widths
+from pyrobocop_pyomo.rules.slots import Item
 
 from .simultaneous_phases import refuse_other_times
 
@@ -61,36 +61,36 @@ class Interpolation(ABC):
         """What the motion between the nodes is, in words."""
 
     @abstractmethod
-    def refuse(self, signal: Signal) -> None:
+    def refuse(self, signal: Item) -> None:
         """Raise `ObstacleError` for a signal whose polynomial is not continuous."""
 
     @abstractmethod
-    def polynomial(self, signal: Signal, interval: int) -> list[Any]:
+    def polynomial(self, signal: Item, interval: int) -> list[Any]:
         """Variables and expressions that define the polynomial of one interval."""
 
     @abstractmethod
-    def polynomial_weights(self, signal: Signal, interval: int, fractions: ArrayLike) -> Array:
+    def polynomial_weights(self, signal: Item, interval: int, fractions: ArrayLike) -> Array:
         """Weights of these at local fractions, shape ``(len(fractions), leaves)``."""
 
-    def joins_lines(self, signal: Signal) -> bool:
+    def joins_lines(self, signal: Item) -> bool:
         """Whether a signal has values at the nodes only, which are joined by lines: parameters over the nodes."""
         return signal.component.ctype is Param
 
-    def check(self, signal: Signal) -> None:
+    def check(self, signal: Item) -> None:
         """Raise `ObstacleError` for a signal that is not continuous."""
         if not self.joins_lines(signal):
             self.refuse(signal)
 
-    def check_early(self, signal: Signal) -> None:  # noqa: B027
+    def check_early(self, signal: Item) -> None:  # noqa: B027
         """The same while the model is still being stated: only for what can never become continuous."""
 
-    def leaves(self, signal: Signal, interval: int) -> list[Any]:
+    def leaves(self, signal: Item, interval: int) -> list[Any]:
         """What the motion of a signal on one interval is made of."""
         if self.joins_lines(signal):
-            return [signal.at(node) for node in self.intervals[interval]]
+            return [item_at(signal, node) for node in self.intervals[interval]]
         return self.polynomial(signal, interval)
 
-    def weights(self, signal: Signal, interval: int, fractions: ArrayLike) -> Array:
+    def weights(self, signal: Item, interval: int, fractions: ArrayLike) -> Array:
         """Weights of the leaves at local fractions, shape ``(len(fractions), leaves)``."""
         if self.joins_lines(signal):
             return line_weights(self.intervals[interval], fractions)
@@ -99,6 +99,11 @@ class Interpolation(ABC):
     def is_time_of(self, block: Any) -> bool:
         """Whether ``block.time_at`` maps the indices to time."""
         return False
+
+    def check_time_of(self, block: Any) -> None:
+        """Raise `ObstacleError` where ``block.time_at`` is not that of the indices."""
+        if not self.is_time_of(block):
+            raise ObstacleError(f"time_at(t) is read from '{block.name}', whose time is not that of the set of points.")
 
     def time_at(self, index: float) -> Any:
         """Time at an index: a number or an expression."""
@@ -130,7 +135,7 @@ class CollocationInterpolation(Interpolation):
         """What the states belong to, in words."""
 
     @abstractmethod
-    def rates(self, signal: Signal) -> Any:
+    def rates(self, signal: Item) -> Any:
         """Derivative of a state by collocation point; None where it has none."""
 
     @property
@@ -142,21 +147,21 @@ class CollocationInterpolation(Interpolation):
         """Width of an element, in time."""
         return float(self.grid.mesh.widths[interval])
 
-    def _rates(self, signal: Signal) -> Any:
+    def _rates(self, signal: Item) -> Any:
         scheme = self.grid.scheme
         # The values at the nodes alone leave the polynomial of such a scheme one degree short.
         return self.rates(signal) if scheme.starts_on_a_stage and scheme.is_collocation else None
 
-    def polynomial(self, signal: Signal, interval: int) -> list[Any]:
+    def polynomial(self, signal: Item, interval: int) -> list[Any]:
         """Values at the nodes, or the start value and the increments."""
         grid, rates = self.grid, self._rates(signal)
         nodes = grid.node_times[interval]
         if rates is None:
-            return [signal.at(node) for node in nodes]
+            return [item_at(signal, node) for node in nodes]
         width = self.width(interval)
-        return [signal.at(nodes[0]), *(width * rates[stage] for stage in grid.stage_times[interval])]
+        return [item_at(signal, nodes[0]), *(width * rates[stage] for stage in grid.stage_times[interval])]
 
-    def polynomial_weights(self, signal: Signal, interval: int, fractions: ArrayLike) -> Array:
+    def polynomial_weights(self, signal: Item, interval: int, fractions: ArrayLike) -> Array:
         """Weights that the scheme defines."""
         scheme = self.grid.scheme
         if self._rates(signal) is None:
@@ -179,22 +184,22 @@ class PhaseInterpolation(CollocationInterpolation):
         names = ", ".join(f"'{phase.name}'" for phase in self._phases)
         return f"of phase{'s' if len(self._phases) > 1 else ''} {names}"
 
-    def _home_of(self, signal: Signal) -> Any:
+    def _home_of(self, signal: Item) -> Any:
         """The phase that a signal is a state of; this one unless it is read from another."""
         home = signal.component.parent_block()
         return home if isinstance(home, PhaseBlockData) else self.phase
 
-    def _state_of(self, signal: Signal) -> tuple[Any, str | None]:
+    def _state_of(self, signal: Item) -> tuple[Any, str | None]:
         """Phase and name of a state; no name for what is none."""
         # States, algebraics and controls alike have a value at a collocation point.
-        component = parent_of(signal.at(self.grid.points[0]))
+        component = parent_of(item_at(signal, self.grid.points[0]))
         home = component.parent_block() if component is not None else None
         home = home if isinstance(home, PhaseBlockData) else self.phase
         name = getattr(component, "local_name", None)
         is_state = name in home.record.names_of_states and home.component(name) is component
         return home, name if is_state else None
 
-    def refuse(self, signal: Signal) -> None:
+    def refuse(self, signal: Item) -> None:
         """Refuse what is no state of the phase, or of one at the same times."""
         refuse_other_times(self.phase, self._home_of(signal))
         home, name = self._state_of(signal)
@@ -204,11 +209,11 @@ class PhaseInterpolation(CollocationInterpolation):
         if not any(home is phase for phase in self._phases):
             self._phases.append(home)
 
-    def check_early(self, signal: Signal) -> None:
+    def check_early(self, signal: Item) -> None:
         """Refuse states of a phase that has other times; ties of two durations may come later."""
         refuse_other_times(self.phase, self._home_of(signal), early=True)
 
-    def rates(self, signal: Signal) -> Any:
+    def rates(self, signal: Item) -> Any:
         """Derivative of a state, where it has an equation."""
         home, name = self._state_of(signal)
         known = name in home.record.rates or home.component(f"{name}_derivative") is not None
@@ -245,17 +250,17 @@ class ContinuousSetInterpolation(CollocationInterpolation):
         """The set."""
         return f"along '{self.discretisation.domain.name}'"
 
-    def refuse(self, signal: Signal) -> None:
+    def refuse(self, signal: Item) -> None:
         """Refuse what has no derivative along the set."""
-        component = parent_of(signal.at(self.grid.points[0]))
+        component = parent_of(item_at(signal, self.grid.points[0]))
         if not any(state is component for state in self.discretisation.states):
             raise ObstacleError(
                 f"'{signal.name}' has no derivative along '{self.discretisation.domain.name}'. {STATES_ONLY}"
             )
 
-    def rates(self, signal: Signal) -> Any:
+    def rates(self, signal: Item) -> Any:
         """Derivative of a state: a variable, or the right-hand side that was substituted for it."""
-        data = {time: signal.at(time) for time in self.grid.points}
+        data = {time: item_at(signal, time) for time in self.grid.points}
         component = parent_of(data[self.grid.points[0]])
         derivative = next(derivative for state, derivative in self.discretisation.derivatives if state is component)
         substituted = (
@@ -294,30 +299,30 @@ class NodalInterpolation(Interpolation):
 
     intervals: Nodes
     support: Nodes
-    refusal: Callable[[Signal], None]
+    refusal: Callable[[Item], None]
     description: str = "straight lines between the points, which is assumed"
     is_assumed: bool = True
     is_plain: bool = False
     has_lines: bool = False
 
-    def refuse(self, signal: Signal) -> None:
+    def refuse(self, signal: Item) -> None:
         """Raise what `refusal` raises."""
         self.refusal(signal)
 
-    def joins_lines(self, signal: Signal) -> bool:
+    def joins_lines(self, signal: Item) -> bool:
         """True for parameters over a continuous set; elsewhere the polynomials hold for everything."""
         return self.has_lines and signal.component.ctype is Param
 
-    def check_early(self, signal: Signal) -> None:
+    def check_early(self, signal: Item) -> None:
         """Raise it for plain numbers: derivatives along a continuous set may be declared later."""
         if self.is_plain:
             self.refuse(signal)
 
-    def polynomial(self, signal: Signal, interval: int) -> list[Any]:
+    def polynomial(self, signal: Item, interval: int) -> list[Any]:
         """Values at the nodes."""
-        return [signal.at(node) for node in self.support[interval]]
+        return [item_at(signal, node) for node in self.support[interval]]
 
-    def polynomial_weights(self, signal: Signal, interval: int, fractions: ArrayLike) -> Array:
+    def polynomial_weights(self, signal: Item, interval: int, fractions: ArrayLike) -> Array:
         """Lagrange polynomials on the nodes."""
         start, end = self.intervals[interval][0], self.intervals[interval][-1]
         local = [(node - start) / (end - start) for node in self.support[interval]]
@@ -343,8 +348,8 @@ def dae_interpolation(domain: Any) -> NodalInterpolation:
         )
     points = tuple(domain)
 
-    def refuse(signal: Signal) -> None:
-        component = parent_of(signal.at(points[0]))
+    def refuse(signal: Item) -> None:
+        component = parent_of(item_at(signal, points[0]))
         if component is None or not _has_derivative(component, domain):
             raise ObstacleError(f"'{signal.name}' has no derivative along '{domain.name}'. {STATES_ONLY}")
 
@@ -380,6 +385,23 @@ def line_weights(nodes: Sequence[float], fractions: ArrayLike) -> Array:
     local = (np.asarray(nodes, dtype=float) - nodes[0]) / (nodes[-1] - nodes[0])
     at = np.atleast_1d(np.asarray(fractions, dtype=float))
     return np.stack([np.interp(at, local, unit) for unit in np.eye(len(local))], axis=-1)
+
+
+def item_at(item: Item, time: Any) -> Any:
+    """The variable of a signal at a node.
+
+    Raises
+    ------
+    ObstacleError
+        When there is none.
+    """
+    try:
+        return item.component[item.key_at(time)]
+    except KeyError:
+        raise ObstacleError(
+            f"'{item.name}': has no value at t = {time!r}, where a pose needs it. Poses may read what has a value "
+            "at every node, such as the states of a phase."
+        ) from None
 
 
 def parent_of(data: Any) -> Any:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from numbers import Real
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from pyomo.core.expr import LinearExpression
@@ -15,9 +16,10 @@ from pyomo.dae import ContinuousSet
 from pyrobocop_pyomo.continuous.record import discretisation_of
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.modeling.expressions import is_plain_variable
-from pyrobocop_pyomo.modeling.rule_proxies import Signal, Signals, rule_result
 from pyrobocop_pyomo.numerics.rounding import ROUNDING
 from pyrobocop_pyomo.phases import PhaseBlockData
+from pyrobocop_pyomo.rules.rule_template import templated
+from pyrobocop_pyomo.rules.slots import Always, Clock, Item, NamedItem, Slot, Time, is_on_indices
 
 from .interpolation import (
     ContinuousSetInterpolation,
@@ -25,6 +27,7 @@ from .interpolation import (
     NodalInterpolation,
     PhaseInterpolation,
     dae_interpolation,
+    item_at,
     parent_of,
 )
 from .pose_rules import asked_pose
@@ -130,36 +133,77 @@ class Motion:
         index = self.index_at(interval, fraction)
         if index in self.intervals[interval]:
             return self.pose_at_node(rule, index, name=name)
-        return asked_pose(
-            lambda: self.between_nodes(rule, interval, fraction, f"the pose of '{name}'"), rule, self.block, name
-        )
+        what, at_node = f"the pose of '{name}'", partial(self.pose_at_node, rule, name=name)
+        return asked_pose(lambda: self.between_nodes(rule, interval, fraction, what, at_node), rule, self.block, name)
 
-    def between_nodes(self, rule: Callable[..., Any], interval: int, fraction: float, label: str) -> Any:
-        """What a rule says at a local fraction of an interval, with interpolated signals; `label` is for messages."""
-        assert self.interpolation is not None
-        index = self.index_at(interval, fraction)
-        return rule_result(rule, self.block, _SignalsAtPoint(self.interpolation, interval, fraction, index), label)
+    def formulas_between_nodes(self, rule: Any, label: str, ask: Callable[[Any], Any]) -> Any:
+        """What a rule says for all times; `label` is for messages.
 
+        Parameters
+        ----------
+        rule : callable
+        label : str
+            What it is about, in messages.
+        ask : callable
+            Asks it at a node, and names a mistake in it.
 
-class _SignalsAtPoint(Signals):
-    """Replaces signals by their interpolation at one point between nodes."""
+        Raises
+        ------
+        ObstacleError
+            When it has to know the time as a number.
+        """
+        formulas = templated(rule).formulas(self.block)
+        if formulas is None:
+            ask(self.intervals[0][0])
+            raise ObstacleError(
+                f"{label} cannot be asked between the nodes: its rule goes by a number that t or a variable has at the "
+                "moment, as by pyo.value(t), math.cos(t) or an 'if'. Compute with t and with the variables themselves, "
+                "by Pyomo's functions: pyo.cos(t)."
+            )
+        return formulas
 
-    def __init__(self, interpolation: Interpolation, interval: int, fraction: float, index: float) -> None:
-        self._interpolation = interpolation
-        self._interval = interval
-        self._fraction = fraction
-        self.index = index
+    def between_nodes(
+        self, rule: Callable[..., Any], interval: int, fraction: float, label: str, ask: Callable[[Any], Any]
+    ) -> Any:
+        """What a rule says at a local fraction of an interval, with interpolated signals; see `formulas_between_nodes`.
 
-    def value_of(self, signal: Signal) -> Any:
-        self._interpolation.check(signal)
-        weights = self._interpolation.weights(signal, self._interval, self._fraction)[0].tolist()
-        leaves = self._interpolation.leaves(signal, self._interval)
+        Raises
+        ------
+        ObstacleError
+            When it has to know the time as a number, or reads what has no value between the nodes.
+        """
+        index, formulas = self.index_at(interval, fraction), self.formulas_between_nodes(rule, label, ask)
+        try:
+            return formulas.at(lambda slot: self._between(slot, interval, fraction, index))
+        except ObstacleError as error:
+            raise error if label in str(error) else ObstacleError(f"{label}: {error}") from error
+
+    def _between(self, slot: Slot, interval: int, fraction: float, index: float) -> Any:
+        """What stands in the place of a slot between the nodes."""
+        interpolation = self.interpolation
+        assert interpolation is not None
+        if isinstance(slot, NamedItem):
+            return slot.elsewhere(lambda inner: self._between(inner, interval, fraction, index), ObstacleError)
+        if isinstance(slot, (Time, Clock)):
+            home = self.block if isinstance(slot, Time) else slot.component
+            return home.time_at(index) if isinstance(slot, Clock) or is_on_indices(home) else index
+        if isinstance(slot, Always):
+            return slot.component
+        if not isinstance(slot, Item):
+            refuse_between_nodes(slot)
+        interpolation.check(slot)
+        weights = interpolation.weights(slot, interval, fraction)[0].tolist()
+        leaves = interpolation.leaves(slot, interval)
         if all(map(is_plain_variable, leaves)):
             return LinearExpression(linear_vars=leaves, linear_coefs=weights)
         return sum(weight * leaf for weight, leaf in zip(weights, leaves, strict=True))
 
-    def time_at(self, block: Any) -> Any:
-        return block.time_at(self.index)
+
+def refuse_between_nodes(slot: Slot) -> NoReturn:
+    """Raise `ObstacleError` for what has no motion between the nodes: a delayed value, a derivative, a rate."""
+    raise ObstacleError(
+        f"a rule reads '{slot.component.name}' by {type(slot).__name__.lower()}, which has no answer between the nodes."
+    )
 
 
 def motion_of(point_set: Any, parent_block: Any) -> Motion:
@@ -216,11 +260,11 @@ def _is_number(point: Any) -> bool:
     return isinstance(point, Real) and not isinstance(point, bool)
 
 
-def _refuse_sampled_states(point: float) -> Callable[[Signal], None]:
+def _refuse_sampled_states(point: float) -> Callable[[Item], None]:
     """What has a motion of its own must not be read at plain numbers: lines between them would hide that motion."""
 
-    def refuse(signal: Signal) -> None:
-        data = signal.at(point)
+    def refuse(signal: Item) -> None:
+        data = item_at(signal, point)
         # Through a reference the variable is that of another component.
         component = parent_of(data) or signal.component
         owner = component.parent_block()

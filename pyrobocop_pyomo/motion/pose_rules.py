@@ -10,7 +10,6 @@ from pyomo.core.expr.numvalue import native_numeric_types
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose
-from pyrobocop_pyomo.modeling.rule_proxies import BlockProxy
 from pyrobocop_pyomo.modeling.rule_slips import block_as_number, forgotten_index, slips_explained
 
 
@@ -24,7 +23,7 @@ def asked_pose(ask: Callable[[], Any], rule: Callable[..., Any], block: Any, nam
     rule : callable
         ``rule(block, t)``, as for a `Body`.
     block : Block
-        The block that the rule is for, also where it is evaluated with a proxy of it.
+        The block that the rule is for.
     name : str
         Name of the body in messages.
 
@@ -48,7 +47,7 @@ def asked_pose(ask: Callable[[], Any], rule: Callable[..., Any], block: Any, nam
     for entry in pose.entries:
         if entry.__class__ in native_numeric_types:
             continue
-        if isinstance(entry, (BlockProxy, BlockData)):
+        if isinstance(entry, BlockData):
             raise ObstacleError(f"{what}: {block_as_number(block, ('b', 't'))}")
         if entry is NotImplemented or not getattr(entry, "is_numeric_type", bool)() or _is_family(entry):
             component = f"b.{entry.local_name}" if hasattr(entry, "local_name") else "b.x"

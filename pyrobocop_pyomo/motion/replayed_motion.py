@@ -80,7 +80,7 @@ def replayed_motion(
 
 def _components(template: SignalFormulas) -> list[Any]:
     """Variables of the model that a pose or a clearance reads over time."""
-    return [signal.component for signal in template.signals if signal.component is not None]
+    return [signal.component for signal in template.signals.values() if signal.component is not None]
 
 
 def _rows_move(components: Collection[Any]) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.numerics import Array, Indices
 
 from .motion import Motion
-from .pose_templates import SignalFormulas, length_formulas_of, node_times
+from .pose_templates import SignalFormulas, node_times
 
 _EPS = float(np.finfo(float).eps)
 
@@ -110,8 +111,9 @@ def required_clearance(
         return RequiredClearance(clearance_value(asked, what))
     nodes = sorted({node for interval in motion.intervals for node in interval})
     with slips_explained(asked, what, motion.block, ("b", "t"), ObstacleError):
-        formulas = length_formulas_of(motion, asked, what, node_times(motion) if times is None else times)
         least = min(clearance_value(asked(motion.block, node), f"{what} at t = {node:g}") for node in nodes)
+        said = motion.formulas_between_nodes(asked, what, partial(asked, motion.block))
+        formulas = SignalFormulas(motion, said, what, node_times(motion) if times is None else times)
     interval, difference = formulas.mismatch(motion)
     mismatch = np.zeros(len(motion.intervals))
     np.maximum.at(mismatch, interval, np.nan_to_num(np.abs(difference[:, 0])))

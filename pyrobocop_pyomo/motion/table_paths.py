@@ -107,7 +107,7 @@ class TablePath:
     def __repr__(self) -> str:
         return f"TablePath({len(self.times)} rows from {self.times[0]:g} to {self.times[-1]:g}, {self.kind})"
 
-    needs_the_time = True  # beyond its ends a table says nothing
+    skips_points = True  # it is called at each point, since beyond its ends a table says nothing
 
     def __call__(self, block: Any, t: Any) -> Pose:
         """The pose at an index."""

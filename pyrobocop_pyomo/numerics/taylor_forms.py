@@ -66,7 +66,9 @@ class TaylorForm:
     def __rtruediv__(self, other: Any) -> TaylorForm:
         return self**-1.0 * other
 
-    def __pow__(self, exponent: float) -> TaylorForm:
+    def __pow__(self, exponent: Any) -> TaylorForm:
+        if isinstance(exponent, TaylorForm):
+            return (exponent * self.log()).exp()
         u, p = self.value, float(exponent)
         if p == 1.0:
             return self
@@ -74,6 +76,9 @@ class TaylorForm:
             return TaylorForm.constant(1.0, len(u.low))
         slope = u.power(p - 1.0).times(p)
         return self.compose(u.power(p), slope, u.power(p - 2.0).times(p * (p - 1.0)))
+
+    def __rpow__(self, base: float) -> TaylorForm:
+        return (self * float(np.log(base))).exp()
 
     def sqrt(self) -> TaylorForm:
         """Square root."""

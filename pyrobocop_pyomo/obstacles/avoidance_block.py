@@ -141,7 +141,7 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
         bodies, asked = self.record.scene.bodies.values(), self.record.asked.values()
         rules: list[Any] = [body.pose for body in bodies if body.pose is not None]
         rules += [each for each in asked if isinstance(each, ClearanceRule)]
-        return all(rule.is_known_at_other_times(self.motion.block) for rule in rules)
+        return all(rule.is_template(self.motion.block) for rule in rules)
 
     def follow_times(self) -> None:
         """Separate the shapes anew over the times that there are now; margins and splits start again.

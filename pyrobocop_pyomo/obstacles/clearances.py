@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Iterable, Mapping
+from functools import partial
 from numbers import Real
 from typing import Any
 
@@ -121,7 +122,8 @@ def length_at(motion: Motion, rule: ClearanceRule, pair: BodyPair, segment: Any,
             ) from error
     else:
         with slips_explained(rule.rule, what, motion.block, ("b", "t"), ObstacleError):
-            found = motion.between_nodes(rule, segment.interval, segment.fractions[position], what)
+            at, ask = segment.fractions[position], partial(rule, motion.block)
+            found = motion.between_nodes(rule, segment.interval, at, what, ask)
     known = isinstance(found, Real) or (isinstance(found, NumericValue) and is_fixed(found))
     if not isinstance(found, (Real, NumericValue)) or isinstance(found, bool):
         raise ObstacleError(f"{what} at t = {time!r} is {found!r}; its rule must return a length.")

@@ -25,7 +25,7 @@ from pyrobocop_pyomo.modeling.expressions import is_plain_variable
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.motion.motion import Motion
-from pyrobocop_pyomo.motion.pose_probe import PoseReading, read_pose
+from pyrobocop_pyomo.motion.pose_templates import PoseReading
 from pyrobocop_pyomo.motion.table_paths import TablePath
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
@@ -63,7 +63,7 @@ def check_rules(label: str, motion: Motion, bodies: Mapping[str, Body], *, betwe
         if body.pose is None:
             continue
         try:
-            reading = read_pose(motion, body.pose, name)
+            reading = PoseReading(motion, body.pose, name)
         except ObstacleError:
             if between:
                 raise
@@ -114,9 +114,9 @@ def _is_real_time(phase: Any, reading: PoseReading) -> bool:
     if (isinstance(phase.start, Real) and phase.start != 0.0) or any(id(variable) not in read for variable in starts):
         return False
     for index, length in ((0.23, 0.9), (0.61, 1.3)):
-        before = reading.values({id(reading.index): index, id(duration): length})
-        after = reading.values({id(reading.index): index / _SCALE, id(duration): length * _SCALE})
-        if before is None or after is None or not np.allclose(before, after, rtol=NEGLIGIBLE, atol=NEGLIGIBLE):
+        before = reading.values(index, {id(duration): length})
+        after = reading.values(index / _SCALE, {id(duration): length * _SCALE})
+        if not np.allclose(before, after, rtol=NEGLIGIBLE, atol=NEGLIGIBLE):
             return False
     return True
 
@@ -246,7 +246,7 @@ def _timed(block: Any) -> Iterator[tuple[str, Body, PoseReading]]:
     motion = block.motion
     for name, body in block.record.scene.bodies.items():
         if body.pose is not None and motion.intervals:
-            reading = read_pose(motion, body.pose, name)
+            reading = PoseReading(motion, body.pose, name)
             if (reading.reads_index or reading.reads_time) and not reading.signals:
                 yield name, body, reading
 

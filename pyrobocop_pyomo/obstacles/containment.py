@@ -116,7 +116,7 @@ class ContainmentData(MotionBlockData):
     def can_follow_times(self) -> bool:
         """Whether rows can be made for other times: the pose was not asked for at each point."""
         pose: Any = self.record.body.pose
-        return pose is None or bool(pose.is_known_at_other_times(self.motion.block))
+        return pose is None or bool(pose.is_template(self.motion.block))
 
     def follow_times(self) -> None:
         """State the rows anew over the times that there are now; margins start again."""

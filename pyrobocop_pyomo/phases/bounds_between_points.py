@@ -104,7 +104,7 @@ def rows_passed(
     found: dict[str, BoundPassed] = {}
     with np.errstate(all="ignore"):
         for label, row in rows.items():
-            sides = [[np.zeros(at.clock.shape) + at.evaluator(at.values)(of) for of in row] for at in instants]
+            sides = [at.evaluated(row, at.values) for at in instants]
             if any(np.isnan(side).any() for at in sides for side in at):
                 raise TrajectoryError("It has no value at some instant between the points.")
             if not np.array_equal(sides[0][1], sides[0][2]):

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from pyomo.core.base.block import Block
 from pyomo.core.base.expression import Expression
-from pyomo.core.base.PyomoModel import ConcreteModel
 from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import TrajectoryError
@@ -24,7 +23,6 @@ from pyrobocop_pyomo.modeling.variable_values import values_restored
 from pyrobocop_pyomo.numerics import Array, Grid, Mesh
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .declarations import Algebraic, Control, State
 from .nodes import StageNodes
 from .phase_values import PhaseValues
 from .record import PhaseRecord
@@ -39,23 +37,13 @@ class Companion:
     trajectory : Trajectory, optional
         Its values; by default those on the model, when they are first asked for.
 
-    Attributes
-    ----------
-    lent : list of pairs of component and VarData
-        Variables that hold the values of the instant, and what they stand in place of.
-    scratch : ConcreteModel
-        Their owner.
     """
 
     def __init__(self, phase: Any, trajectory: Trajectory | None = None) -> None:
         self.phase, self.trajectory = phase, trajectory
-        self.scratch = ConcreteModel()  # Pyomo holds parents by weak references: keep the owner alive
-        names = [name for kind in (State, Algebraic, Control) for name in phase.record.names(kind)]
-        self.scratch.instant = Var(names)
-        self.lent = [(phase.component(name), variable) for name, variable in self.scratch.instant.items()]
 
-    def values_at(self, fractions: Array) -> dict[int, Array]:
-        """Values at places of all elements, shape ``(N, k)``, by the identity of what holds those of the instant."""
+    def values_at(self, fractions: Array) -> dict[str, Array]:
+        """Values at places of all elements, shape ``(N, k)``, by name; none where the model has none."""
         if self.trajectory is None:
             try:
                 self.trajectory = PhaseValues(self.phase).trajectory(evaluate=False)
@@ -66,8 +54,7 @@ class Companion:
         found = dict(trajectory.element_polynomials(fractions))
         found |= {name: trajectory.element_signals(name) @ weights for name in trajectory.signals}
         times = np.array(grid.mesh.boundaries[:-1])[:, None] + np.array(grid.mesh.widths)[:, None] * fractions
-        found |= {name: np.interp(times, *knots) for name, knots in trajectory.piecewise_linear.items()}
-        return {id(variable): found[name] for name, variable in self.scratch.instant.items()}
+        return found | {name: np.interp(times, *knots) for name, knots in trajectory.piecewise_linear.items()}
 
 
 def other_phases(block: Any) -> list[Any]:

@@ -23,7 +23,8 @@ from pyrobocop_pyomo.modeling.expression_arrays import plain_entry
 from pyrobocop_pyomo.modeling.rule_slips import number_at
 from pyrobocop_pyomo.modeling.time_index import point_of
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.rules.rule_template import Place, Reading, TimeTemplate, is_asked_for_all_times
+from pyrobocop_pyomo.rules.rule_template import Reading, TimeTemplate, is_asked_for_all_times
+from pyrobocop_pyomo.rules.slots import Place, Slot
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .declarations import Duration
@@ -64,14 +65,27 @@ def delay_as_number(delay: Any, label: str) -> float:
     return number
 
 
-def _delayed(place: Place, own: Any, delay: Any) -> Any:
-    return place.of(own).delayed(place.t, delay)
+class Delayed(Slot):
+    """``component.delayed(t, delay)``; `rest` is the delay."""
+
+    def on_model(self, place: Place) -> Any:
+        """What the grid has there."""
+        return self.component.delayed(place.t, self.rest[0])
+
+
+class ValueAt(Slot):
+    """``component.at(time)``; `rest` is the time index."""
+
+    def on_model(self, place: Place) -> Any:
+        """The value on the grid that the phase has now."""
+        block = self.component.parent_block()
+        return _value_at_time(block, block.record, self.component.local_name, self.rest[0])  # type: ignore[arg-type]
 
 
 def delayed_value(block: Any, record: PhaseRecord, name: str, t: Any, delay: Any) -> Any:
     """The value of a declared name at a time index minus a delay in real time; see `SignalVar.delayed`."""
     if isinstance(t, TimeTemplate):
-        return Reading(_delayed, block.component(name), delay)
+        return Reading(Delayed(block.component(name), (plain_entry(delay),)))
     what = f"phase '{block.name}': '{name}'"
     t, number = point_of(t), delay_as_number(delay, what)
     if number > 0.0:
@@ -166,10 +180,6 @@ def _snapped(times: tuple[float, ...], index: float, slack: float) -> float:
 # -------------------------------------------------------------------- values at fixed times
 
 
-def _at_number(place: Place, block: Any, name: str, number: float) -> Any:
-    return _value_at_time(block, block.record, name, number)
-
-
 def value_at_time(block: Any, record: PhaseRecord, name: str, time: Any) -> Any:
     """See `SignalVar.at`: a variable, or a member of the named expression that follows the mesh."""
     what = f"phase '{block.name}': '{name}'"
@@ -181,7 +191,7 @@ def value_at_time(block: Any, record: PhaseRecord, name: str, time: Any) -> Any:
     known = tuple(sorted({*record.grid.times, *record.named_times}))
     record.named_times.add(_snapped(known, number, SAME_TIME * (end - start)))
     if is_asked_for_all_times():
-        return Reading(_at_number, block, name, number)
+        return Reading(ValueAt(block.component(name), (number,)))
     found = _value_at_time(block, record, name, number)
     nodes = record.nodes(name)
     # The first interval of a control is another one on another mesh, and so is the first point inside an element.

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.modeling.expression_nodes import ExpressionEvaluator
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan
 from pyrobocop_pyomo.modeling.undefined_values import undefined_part
 from pyrobocop_pyomo.numerics import Array, Grid
@@ -19,7 +18,7 @@ from pyrobocop_pyomo.trajectories import Trajectory
 
 from .delays import past_of
 from .record import PhaseRecord, Statement
-from .rule_formulas import ARRAY_FUNCTIONS, RuleFormulas
+from .rule_formulas import RuleFormulas
 
 
 class InstantsInside:
@@ -33,7 +32,7 @@ class InstantsInside:
         Its grid in the time indices of the phase.
     fractions : array, shape (q,)
     formulas : RuleFormulas, optional
-        Of the rules that `evaluator` evaluates, all of which were asked.
+        Of the rules that `evaluated` evaluates.
     rates : mapping of state name to array, shape (s, N)
         Derivatives at the stages, where the values of a state do not determine its polynomial.
 
@@ -72,13 +71,13 @@ class InstantsInside:
         for name, at in (rates or {}).items():
             self.values[name] = states[name][0] + widths * (scheme.increments_at(fractions) @ at)
             self.slopes[name] = self.at_stages @ at
-        self._past, self._widths, self._asked, self._others = past_of(trajectory), widths, (0, 0), dict[int, Array]()
+        self._past, self._widths, self._asked, self._others = past_of(trajectory), widths, 0, dict[int, Array]()
         self._starts = {name: np.zeros(self.index.shape) + of[0] for name, of in states.items()}
 
     def _leaves(self, values: Mapping[str, Any]) -> dict[int, Any]:
         formulas = self._formulas
         assert formulas is not None
-        asked = len(formulas.delays), len(formulas.blocks_read)
+        asked = formulas.further_readings
         if asked != self._asked:  # rules were asked since
             self._asked, self._others = asked, formulas.of_companions(np.asarray(self.fractions))
             places = enumerate(np.asarray(self.fractions).tolist())
@@ -86,9 +85,11 @@ class InstantsInside:
             self._others |= {key: np.array([of[key] for of in earlier]) for key in earlier[0]}
         return formulas.leaves(values, self.index, self.clock, self.slopes, self._starts) | self._others
 
-    def evaluator(self, values: Mapping[str, Any]) -> Any:
-        """A function that evaluates formulas with these values."""
-        return ExpressionEvaluator(self._leaves(values), ARRAY_FUNCTIONS).of
+    def evaluated(self, expressions: Sequence[Any], values: Mapping[str, Any]) -> list[Array]:
+        """Formulas with these values, each of shape ``(q, N)``."""
+        assert self._formulas is not None
+        found = self._formulas.values(expressions, self._leaves(values))
+        return [np.zeros(self.index.shape) + of for of in found]
 
     def value_of(self, expression: Any, statement: Statement, label: str) -> Array:
         """The values of a formula of a statement.
@@ -104,7 +105,7 @@ class InstantsInside:
             When it has none somewhere: naming the part without value, the rule, the time and the element.
         """
         with np.errstate(all="ignore"):
-            found = np.zeros(self.index.shape) + self.evaluator(self.values)(expression)
+            (found,) = self.evaluated([expression], self.values)
         for i, k in np.argwhere(~np.isfinite(found.T)).tolist():
             if expression.__class__ is float:
                 break  # no bound

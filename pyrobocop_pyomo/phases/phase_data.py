@@ -20,14 +20,8 @@ from pyrobocop_pyomo.errors import ModelError, TrajectoryError
 from pyrobocop_pyomo.modeling.blocks import BuiltBlockData, Rule, blocks_of_kind
 from pyrobocop_pyomo.modeling.variable_families import VariableFamily
 from pyrobocop_pyomo.numerics import Grid, Scheme, find_scheme
-from pyrobocop_pyomo.rules.rule_template import (
-    OverTime,
-    Place,
-    Reading,
-    RuleTemplate,
-    TimeTemplate,
-    is_asked_for_all_times,
-)
+from pyrobocop_pyomo.rules.rule_template import OverTime, Reading, RuleTemplate, TimeTemplate, is_asked_for_all_times
+from pyrobocop_pyomo.rules.slots import Clock, Derivative, RateOf
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .declarations import Bounds, Control, Declaration, Duration
@@ -301,7 +295,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
             return family.of_each(self.derivative)  # type: ignore[return-value]
         name = self.state_name(state)
         if is_asked_for_all_times():
-            return OverTime(_derivative_at, self, name)  # type: ignore[return-value]
+            return OverTime(Derivative(self.component(name)))  # type: ignore[return-value]
         if name in self.record.rates:
             return MappingProxyType(self.record.rates[name])
         if name in self.record.discrete_states:
@@ -344,7 +338,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
     def time_at(self, t: float) -> Any:
         """The time that the index ``t`` stands for: ``t`` itself, or an expression in what is to be found."""
         if isinstance(t, TimeTemplate):
-            return Reading(_time_at, self)
+            return Reading(Clock(self))
         return real_time(self, self.record, t)
 
     def rate_of(self, control: Any) -> Mapping[float, Any]:
@@ -370,7 +364,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
             known = ", ".join(self.record.names(Control)) or "none"
             raise ModelError(f"{self._what}: '{name}' is no control; its controls are {known}.")
         if is_asked_for_all_times():
-            return OverTime(_rate_at, self, name)  # type: ignore[return-value]
+            return OverTime(RateOf(self, (name,)))  # type: ignore[return-value]
         return MappingProxyType(control_rate(self, self.record, name))
 
     # ---------------------------------------------------------------- facts and results
@@ -532,15 +526,3 @@ def phases_of(model: Any) -> list[PhaseBlockData]:
         A model, a block of it, or a phase itself.
     """
     return blocks_of_kind(model, PhaseBlockData)
-
-
-def _derivative_at(place: Place, own: Any, name: str) -> Any:
-    return place.of(own).derivative(name)[place.t]
-
-
-def _rate_at(place: Place, own: Any, name: str) -> Any:
-    return place.of(own).rate_of(name)[place.t]
-
-
-def _time_at(place: Place, own: Any) -> Any:
-    return place.of(own).time_at(place.t)

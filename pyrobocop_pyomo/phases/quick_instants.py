@@ -8,33 +8,22 @@ where these change, and the parts are halved until every formula hardly bends on
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
-from pyomo.common.numeric_types import native_numeric_types
 
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions
-from pyrobocop_pyomo.modeling.expression_nodes import (
-    CALL,
-    CHOICE,
-    DIVISION,
-    FUNCTION,
-    NUMPY_NAMES,
-    POWER,
-    RELATION,
-    ExpressionEvaluator,
-    kind_of_node,
-)
+from pyrobocop_pyomo.modeling.expression_nodes import CALL, CHOICE, DIVISION, FUNCTION, POWER, RELATION, kind_of_node
+from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 from pyrobocop_pyomo.modeling.functions import function_called
-from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.numerics import Array, BoolArray, Grid, Indices
 from pyrobocop_pyomo.numerics.bernstein import bernstein_from_samples, derivative_coefficients, restrict
-from pyrobocop_pyomo.numerics.interval_arithmetic import Interval
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.numerics.taylor_forms import TaylorForm, taylor_form_of_polynomial
+from pyrobocop_pyomo.numerics.taylor_functions import TAYLOR_FUNCTIONS
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .companions import indices_of
@@ -50,7 +39,6 @@ _SMALLEST = 2.0**-40
 # Instants in an element, and parts of all elements together, at most.
 _MOST_INSTANTS, _MOST_PARTS = 2000, 200_000
 
-_MONOTONE = {"sinh", "asinh", "asin", "acosh", "atanh", "log10", "floor", "ceil"}
 _JUDGED = {FUNCTION, POWER, DIVISION, CHOICE, RELATION, CALL}
 
 
@@ -84,10 +72,11 @@ def instants_to_look_at(
     formulas = RuleFormulas(block, record, indices, trajectory.grid)
     times = {id(formulas.index), id(formulas.clock)}
     stated = [expression for statement in statements for expression in stated_formulas(formulas, statement)]
-    nodes = list(changing_nodes(stated, times))
-    if not nodes:
+    steps = ExpressionSteps(stated)
+    places = changing_places(steps, times)
+    if not places:
         return usual
-    parts = _parts(formulas, nodes, trajectory, indices)
+    parts = _parts(formulas, steps, places, trajectory, indices)
     jumps = parts.halved(usual)
     if len(jumps):  # parts that were halved on the way to a jump are not needed beside it
         parts.halved(np.union1d(usual, jumps))
@@ -123,27 +112,30 @@ def unseen_on_the_way(block: Any, record: PhaseRecord, trajectory: Trajectory, s
             return f"{what} has to know the time as a number, and may do anything between two instants."
         formulas = RuleFormulas(block, record, indices, trajectory.grid)
         stated = stated_formulas(formulas, statement)
+        steps = ExpressionSteps(stated)
         moving = {id(variable) for variable in formulas.at_instant.values()}
-        nodes = list(changing_nodes(stated, moving))
-        known = list(changing_nodes(stated, moving | {id(formulas.index), id(formulas.clock)}))
-        for call in (node for node in known if kind_of_node(node.__class__) == CALL):
-            cells = getattr(function_called(call), "cells", None)
+        places = changing_places(steps, moving)
+        for call in changing_places(steps, moving | {id(formulas.index), id(formulas.clock)}):
+            if steps.steps[call].kind != CALL:
+                continue
+            cells = getattr(function_called(steps.nodes[call]), "cells", None)
             if cells is None:
-                return f"{what} has '{_readable(call)}', a function of which no bounds are known."
-            if _parts(formulas, list(call.args), trajectory, indices).change_by_more_than(cells):
-                return f"{what} passes several knots of the table '{_readable(call)}' between two instants."
-        least = [0.0] * len(nodes)
+                return f"{what} has '{_readable(steps.nodes[call])}', a function of which no bounds are known."
+            if _parts(formulas, steps, steps.steps[call].arguments, trajectory, indices).change_by_more_than(cells):
+                table = _readable(steps.nodes[call])
+                return f"{what} passes several knots of the table '{table}' between two instants."
+        least = [0.0] * len(places)
         states = [state for state, name in record.equation_of.items() if name == statement.name]
-        for rate, state in zip(stated, states, strict=False):
+        for rate, state in zip(steps.outputs, states, strict=False):
             # What changes slowly may add up to something narrow. It counts where it moves a state, at rest as well.
             # Sums and products of signals are polynomials of a low degree, which instants show.
-            if any(True for _ in changing_nodes([rate], moving)):
-                nodes.append(rate)
+            if changing_places(steps.part([rate]), moving):
+                places.append(rate)
                 least.append(_CHANGE**2 / part * (1e-3 + float(np.abs(trajectory.states[state]).max())))
-        parts = _parts(formulas, nodes, trajectory, indices, at_one_time=True)
-        hidden = parts.hidden(np.array(least)) if nodes else None
+        parts = _parts(formulas, steps, places, trajectory, indices, at_one_time=True)
+        hidden = parts.hidden(np.array(least)) if places else None
         if hidden is not None:
-            return f"{what} has '{_readable(hidden)}', which the motion may pass between two instants."
+            return f"{what} has '{_readable(steps.nodes[hidden])}', which the motion may pass between two instants."
     return ""
 
 
@@ -153,14 +145,19 @@ def _readable(expression: Any) -> str:
 
 
 def _parts(
-    formulas: RuleFormulas, nodes: list[Any], trajectory: Trajectory, indices: Grid, *, at_one_time: bool = False
+    formulas: RuleFormulas,
+    steps: ExpressionSteps,
+    places: Sequence[int],
+    trajectory: Trajectory,
+    indices: Grid,
+    *,
+    at_one_time: bool = False,
 ) -> _Parts:
-    """Parts of the elements of a trajectory, for what these nodes read along it; or with the time of each start."""
-    read = variables_in_any(nodes)
+    """Parts of the elements of a trajectory, for what these steps read along it; or with the time of each start."""
     boundaries = [np.array(grid.mesh.boundaries) for grid in (indices, trajectory.grid)]
     ends = [np.stack([of[:-1], of[:-1] if at_one_time else of[1:]], axis=1) for of in boundaries]
     leaves = formulas.leaves(_polynomials(trajectory), ends[0], ends[1])
-    return _Parts(nodes, {key: leaf for key, leaf in leaves.items() if key in read}, trajectory.grid.mesh.elements)
+    return _Parts(steps, places, leaves, trajectory.grid.mesh.elements)
 
 
 def _too_quick(why: str) -> str:
@@ -198,28 +195,10 @@ def _formulas_in(row: Any) -> Iterator[Any]:
         yield plain_expressions(row)
 
 
-def changing_nodes(expressions: Iterable[Any], times: set[int]) -> Iterator[Any]:
-    """Nodes that hold one of the times and are no sums or products: what these add up is judged by itself."""
-    holds: dict[int, bool] = {}
-    seen: list[Any] = []  # nodes that Pyomo makes for the moment have to live on to keep their ids
-
-    def visit(node: Any) -> Iterator[Any]:
-        if node.__class__ in native_numeric_types or id(node) in holds:
-            return
-        seen.append(node)
-        holds[id(node)] = id(node) in times
-        if not node.is_expression_type():
-            return
-        arguments = list(node.args)
-        seen.extend(arguments)
-        for argument in arguments:
-            yield from visit(argument)
-        holds[id(node)] = any(holds.get(id(argument), False) for argument in arguments)
-        if holds[id(node)] and kind_of_node(node.__class__) in _JUDGED:
-            yield node
-
-    for expression in expressions:
-        yield from visit(expression)
+def changing_places(steps: ExpressionSteps, variables: set[int]) -> list[int]:
+    """Places of steps that depend on some variables and are no sums or products: what these add up is judged itself."""
+    depends, needed = steps.depends_on(lambda leaf: id(leaf.node) in variables), steps.needed
+    return [i for i, step in enumerate(steps.steps) if depends[i] and needed[i] and step.kind in _JUDGED]
 
 
 def _polynomials(trajectory: Trajectory) -> dict[str, Any]:
@@ -235,12 +214,19 @@ def _polynomials(trajectory: Trajectory) -> dict[str, Any]:
 
 
 class _Parts:
-    """Parts of the elements, and how much each formula changes on them."""
+    """Parts of the elements, and how much each formula changes on them; of which no bounds are known none is judged."""
 
-    def __init__(self, nodes: list[Any], leaves: Mapping[int, Any], elements: int) -> None:
-        self._nodes, self._elements = nodes, elements
+    def __init__(self, steps: ExpressionSteps, places: Sequence[int], leaves: Mapping[int, Any], elements: int) -> None:
+        read = {id(leaf.node) for leaf in steps.leaves}
+        unknown = steps.depends_on(lambda leaf: id(leaf.node) not in leaves and leaf.node.value is None)
+        for place, (kind, what, arguments) in enumerate(steps.steps):
+            without_bounds = kind == CALL or (kind == FUNCTION and what not in TAYLOR_FUNCTIONS)
+            unknown[place] |= without_bounds or any(unknown[argument] for argument in arguments)
+        self._places, self._elements = list(places), elements
+        self._known = [row for row, place in enumerate(self._places) if not unknown[place]]
+        self._steps = steps.part([self._places[row] for row in self._known])
         self._leaves: dict[int, Any] = {}
-        for key, leaf in leaves.items():
+        for key, leaf in ((key, leaf) for key, leaf in leaves.items() if key in read):
             first = derivative_coefficients(leaf) if np.ndim(leaf) else None
             self._leaves[key] = leaf if first is None else (leaf, first, derivative_coefficients(first))
 
@@ -256,7 +242,7 @@ class _Parts:
         element = np.repeat(np.arange(self._elements), quarters * SAMPLES)
         start, end = (np.tile(of, self._elements) for of in (edges[:-1], edges[1:]))
         low, high, _ = self._bounds(element, start, end)
-        low, high = (of.reshape(len(self._nodes), -1, quarters) for of in (low, high))
+        low, high = (of.reshape(len(self._places), -1, quarters) for of in (low, high))
         at = [start[::quarters], end[quarters - 1 :: quarters]]
         first, last = (self._bounds(element[::quarters], instants, instants)[0] for instants in at)
         return low.min(axis=2), high.max(axis=2), first, last
@@ -266,8 +252,8 @@ class _Parts:
         low, high, _, _ = self._on_samples()
         return not ((high - low).max(axis=1, initial=0.0) <= lengths).all()
 
-    def hidden(self, least: Array) -> Any:
-        """A node that goes beyond its values at two instants by more than is to be seen; None without any.
+    def hidden(self, least: Array) -> int | None:
+        """Place of a step that goes beyond its values at two instants by more than is to be seen; None without any.
 
         Between the two is a third one: what is narrow, and happens to be met there, is narrow all the same.
         """
@@ -280,7 +266,7 @@ class _Parts:
             seen = np.where(np.isfinite(width), np.maximum(_CHANGE * width + NEGLIGIBLE * size, least[:, None]), 0.0)
             beyond = np.fmax(high - np.fmax(first, last), np.fmin(first, last) - low)
             found = np.flatnonzero((~(beyond <= seen)).any(axis=1))
-        return self._nodes[found[0]] if len(found) else None
+        return self._places[found[0]] if len(found) else None
 
     def halved(self, fractions: Array) -> Array:
         """Halve parts of all elements until no formula bends on them; the ends of those where one jumps."""
@@ -306,16 +292,11 @@ class _Parts:
         return np.union1d(start[bends], end[bends])
 
     def _bounds(self, element: Indices, start: Array, end: Array) -> tuple[Array, ...]:
-        """Lowest and highest value of each node on each part, and how much it changes; shape (nodes, parts)."""
-        low, high, changes = (np.zeros((len(self._nodes), len(start))) for _ in range(3))
+        """Lowest and highest value of each step on each part, and how much it changes; shape (steps, parts)."""
+        low, high, changes = (np.zeros((len(self._places), len(start))) for _ in range(3))
         leaves = {key: _on_parts(leaf, element, start, end) for key, leaf in self._leaves.items()}
-        known = _FormsOfNodes(leaves)
         with np.errstate(all="ignore"):
-            for row, node in enumerate(self._nodes):
-                try:
-                    form = known.of(node)
-                except ValueError:  # a function of which no bounds are known
-                    continue
+            for row, form in zip(self._known, self._steps.evaluate_at(leaves, TAYLOR_FUNCTIONS), strict=True):
                 if isinstance(form, TaylorForm):
                     low[row], high[row] = form.value.low, form.value.high
                     bend = form.second.magnitude * (end - start) ** 2 / (8 * _CURVES)
@@ -342,110 +323,6 @@ def _on_parts(leaf: Any, element: Indices, start: Array, end: Array) -> Any:
     return taylor_form_of_polynomial((value, first, second))
 
 
-class _FormsOfNodes(ExpressionEvaluator):
-    """Taylor forms of expressions; where a function has a kink or no formula here, its derivatives are unknown."""
-
-    def __init__(self, leaves: Mapping[int, Any]) -> None:
-        super().__init__(leaves, _FUNCTIONS)
-
-    def _evaluate(self, node: Any) -> Any:
-        if kind_of_node(node.__class__) == POWER:
-            base, exponent = (self.of(argument) for argument in node.args)
-            if isinstance(exponent, TaylorForm):
-                logarithm = base.log() if isinstance(base, TaylorForm) else float(np.log(base))
-                return (exponent * logarithm).exp()
-        return super()._evaluate(node)
-
-
-def _without_derivatives(low: Array, high: Array) -> TaylorForm:
-    unknown = Interval(np.full_like(low, -np.inf), np.full_like(low, np.inf))
-    return TaylorForm(Interval(low, high), unknown, unknown)
-
-
-def _function(name: str, of_form: Callable[[TaylorForm], TaylorForm]) -> Callable[[Any], Any]:
-    of_number = getattr(np, NUMPY_NAMES[name])
-    return lambda argument: of_form(argument) if isinstance(argument, TaylorForm) else float(of_number(argument))
-
-
-def _monotone(name: str) -> Callable[[TaylorForm], TaylorForm]:
-    function = getattr(np, NUMPY_NAMES[name])
-    return lambda form: _without_derivatives(function(form.value.low), function(form.value.high))
-
-
-def _absolute(form: TaylorForm) -> TaylorForm:
-    crosses = (form.value.low <= 0.0) & (form.value.high >= 0.0)
-    low, high = np.abs(form.value.low), np.abs(form.value.high)
-    whole = _without_derivatives(np.where(crosses, 0.0, np.minimum(low, high)), np.maximum(low, high))
-    second = Interval(np.where(crosses, -np.inf, form.second.low), np.where(crosses, np.inf, form.second.high))
-    return TaylorForm(whole.value, whole.first, second)
-
-
-def _square_root(form: TaylorForm) -> TaylorForm:
-    # Rounding may put the lower bound of what cannot be negative below zero.
-    return TaylorForm(Interval(np.maximum(form.value.low, 0.0), form.value.high), form.first, form.second).sqrt()
-
-
-def _hyperbolic_tangent(form: TaylorForm) -> TaylorForm:
-    value = _monotone("tanh")(form).value
-    slope = Interval.of(1.0) - value.power(2.0)
-    return form.compose(value, slope, -(value * slope).times(2.0))
-
-
-def _compared(surely: Callable[[Any, Any], Any], impossible: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    """One where a relation of low and high bounds surely holds, zero where it cannot, and between where neither."""
-
-    def indicator(first: Any, second: Any) -> Any:
-        if not isinstance(first, TaylorForm) and not isinstance(second, TaylorForm):
-            return float(surely((first, first), (second, second)))
-        bounds = [(of.value.low, of.value.high) if isinstance(of, TaylorForm) else (of, of) for of in (first, second)]
-        return _without_derivatives(np.where(surely(*bounds), 1.0, 0.0), np.where(impossible(*bounds), 0.0, 1.0))
-
-    return indicator
-
-
-_NO_MORE = _compared(lambda a, b: a[1] <= b[0], lambda a, b: a[0] > b[1])
-_LESS = _compared(lambda a, b: a[1] < b[0], lambda a, b: a[0] >= b[1])
-_EQUAL = _compared(lambda a, b: (a[0] == b[1]) & (a[1] == b[0]), lambda a, b: (a[0] > b[1]) | (a[1] < b[0]))
-
-
-def _choice(condition: Any, first: Any, second: Any) -> Any:
-    if not isinstance(condition, TaylorForm):
-        return first if condition else second
-    count = len(condition.value.low)
-    forms = [of if isinstance(of, TaylorForm) else TaylorForm.constant(of, count) for of in (first, second)]
-    true, false = condition.value.low > 0.5, condition.value.high < 0.5
-
-    def chosen(order: str, *, jumps: bool) -> Interval:
-        a, b = (getattr(form, order) for form in forms)
-        low, high = np.fmin(a.low, b.low), np.fmax(a.high, b.high)
-        low, high = (np.full_like(low, -np.inf), np.full_like(high, np.inf)) if jumps else (low, high)
-        return Interval(
-            np.where(true, a.low, np.where(false, b.low, low)), np.where(true, a.high, np.where(false, b.high, high))
-        )
-
-    return TaylorForm(chosen("value", jumps=False), chosen("first", jumps=True), chosen("second", jumps=True))
-
-
-_FUNCTIONS: dict[str, Callable[..., Any]] = {
-    **{name: _function(name, getattr(TaylorForm, name)) for name in ("sin", "cos", "tan", "exp", "log")},
-    **{name: _function(name, _monotone(name)) for name in _MONOTONE},
-    "atan": _function("atan", TaylorForm.arctan),
-    "acos": _function("acos", lambda form: -_monotone("asin")(form) + np.pi / 2),
-    "cosh": _function("cosh", lambda form: _monotone("cosh")(_absolute(form))),
-    "abs": _function("abs", _absolute),
-    "tanh": _function("tanh", _hyperbolic_tangent),
-    "sqrt": _function("sqrt", _square_root),
-    "==": _EQUAL,
-    "<=": _NO_MORE,
-    "<": _LESS,
-    "<=<=": lambda a, b, c: _NO_MORE(a, b) * _NO_MORE(b, c),
-    "<=<": lambda a, b, c: _NO_MORE(a, b) * _LESS(b, c),
-    "<<=": lambda a, b, c: _LESS(a, b) * _NO_MORE(b, c),
-    "<<": lambda a, b, c: _LESS(a, b) * _LESS(b, c),
-    "choose": _choice,
-}
-
-
 def lowest_value(
     formula: Any, allowed: float, formulas: RuleFormulas, trajectory: Trajectory, indices: Grid
 ) -> tuple[float, float]:
@@ -470,11 +347,11 @@ def lowest_value(
     lowest, time = allowed, 0.0
     boundaries = [np.array(grid.mesh.boundaries) for grid in (indices, trajectory.grid)]
     ends = [np.stack([of[:-1], of[1:]], axis=1) for of in boundaries]
-    leaves, read = formulas.leaves(_polynomials(trajectory), ends[0], ends[1]), variables_in_any([formula])
-    if not read.keys() <= leaves.keys():
+    leaves, steps = formulas.leaves(_polynomials(trajectory), ends[0], ends[1]), ExpressionSteps([formula])
+    if not all(id(leaf.node) in leaves for leaf in steps.leaves if leaf.node.is_variable_type()):
         return lowest, time
     elements = trajectory.grid.mesh.elements
-    parts = _Parts([formula], {key: leaves[key] for key in read}, elements)
+    parts = _Parts(steps, steps.outputs, leaves, elements)
     element, start = np.divmod(np.arange(elements * SAMPLES), SAMPLES)
     start, width = start / SAMPLES, 1.0 / SAMPLES
     while len(start) and len(start) <= _MOST_PARTS and width > _SMALLEST and np.isfinite(lowest):

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.modeling.expression_nodes import ExpressionEvaluator
+from pyrobocop_pyomo.modeling.expression_nodes import FLOAT_FUNCTIONS
+from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps, number_of
 from pyrobocop_pyomo.modeling.failures import failures_as
-from pyrobocop_pyomo.modeling.straight_line import StraightLine
 from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.trajectories import Trajectory
 
@@ -73,15 +73,18 @@ class PointRates:
         self._signals, self._knots, self._parameters = signals, knots, parameters
         self._formulas = formulas = RuleFormulas(block, record, indices, grid, companions)
         rates = formulas.rates_of(self._names)
-        self._keys = [id(variable) for variable in formulas.variables]
         with failures_as(TrajectoryError, f"phase '{block.name}': its equations are no formulas"):
-            self._evaluate = StraightLine(rates, formulas.variables)
+            steps = ExpressionSteps(rates)
+            self._evaluate, self._leaves = steps.function(FLOAT_FUNCTIONS), steps.leaves
+        own = {id(variable) for variable in formulas.variables}
+        self._others = [leaf for leaf in steps.leaves if id(leaf.node) not in own]
+        self._known: dict[int, float] = {}
         self.smallest_delay = min((delay for _, delay in formulas.delays if delay > 0.0), default=np.inf)
         self.given: dict[str, float] = {}
 
     def refresh(self) -> None:
         """Read again what is no signal of the phase."""
-        self._evaluate.refresh()
+        self._known = {id(leaf.node): number_of(leaf) for leaf in self._others}
 
     def __call__(self, element: int, local: float, states: Array) -> Array:
         """Derivatives of all states at a local fraction of an element."""
@@ -93,14 +96,14 @@ class PointRates:
         given = {name: float(weights @ of[element]) for name, of in self._signals.items()}
         given |= {name: float(np.interp(clock, *of)) for name, of in self._knots.items()}
         self.given = {**self._parameters, **given, **dict(zip(self._names, states.tolist(), strict=True))}
-        leaves = self._formulas.leaves(self.given, index, clock)
+        leaves = self._known | self._formulas.leaves(self.given, index, clock)
         for key, of in self._formulas.of_companions(np.array([local])).items():
             leaves[key] = float(of[0, element])
         if self._formulas.delays:
             once = np.array([clock]), np.array([width])
             delayed = self._formulas.delayed_numbers(self.past, *once, local)
             leaves |= {key: float(of[0]) for key, of in delayed.items()}
-        rates = self._evaluate(*map(leaves.get, self._keys))
+        rates = self._evaluate([leaves.get(id(leaf.node)) for leaf in self._leaves])
         if any(isinstance(rate, complex) for rate in rates):
             raise ValueError("a rate is no real number")
         return np.array(rates, dtype=float)
@@ -186,20 +189,8 @@ class RateArrays:
 
     def _compiled(self, expressions: Sequence[Any]) -> Callable[[Mapping[int, Any]], list[Any]]:
         """Formulas as one function of arrays by what these stand for."""
-        inputs = self._formulas.variables
-        keys = [id(variable) for variable in inputs]
-        try:
-            line = StraightLine(expressions, inputs, ARRAY_FUNCTIONS)
-        except ValueError:
-            line = None
-        if line is not None and not line.others:
-            return lambda leaves: line(*map(leaves.get, keys))
-
-        def walked(leaves: Mapping[int, Any]) -> list[Any]:
-            known = ExpressionEvaluator(leaves, ARRAY_FUNCTIONS, self._no_formula)
-            return [known.of(expression) for expression in expressions]
-
-        return walked
+        steps = ExpressionSteps(expressions, refuse=self._no_formula)
+        return lambda leaves: steps.evaluate_at(leaves, ARRAY_FUNCTIONS)
 
     def __call__(self, fraction: float, states: Array) -> Array:
         """Derivatives at a local fraction, of states of shape ``(n, k, N)``, those of integrals among them."""

@@ -15,7 +15,8 @@ from pyrobocop_pyomo.modeling.expression_arrays import array, plain_expressions
 from pyrobocop_pyomo.modeling.time_index import TimeIndex
 from pyrobocop_pyomo.modeling.variable_families import FamilyNames
 from pyrobocop_pyomo.numerics import Grid
-from pyrobocop_pyomo.rules.rule_template import Place, Reading, RuleTemplate
+from pyrobocop_pyomo.rules.rule_template import Reading, RuleTemplate
+from pyrobocop_pyomo.rules.slots import Place, Slot
 
 from .declarations import Algebraic, Bounds, Control, Declaration, Duration, State
 from .nodes import Nodes, StageNodes
@@ -207,7 +208,7 @@ class PreviousStates:
 
     def template(self, position: int) -> PreviousStates:
         """What stands for it while a rule gives its template."""
-        names = {name: Reading(_state_before, position, name) for name in self._values}
+        names = {name: Reading(Previous(None, (position, name))) for name in self._values}
         return PreviousStates(self._what, names, self._families)
 
     def __getattr__(self, name: str) -> Any:
@@ -224,8 +225,13 @@ class PreviousStates:
         return self._values[name]
 
 
-def _state_before(place: Place, position: int, name: str) -> Any:
-    return getattr(place.more[position], name)
+class Previous(Slot):
+    """``previous.x``: a state where the element starts; `rest` is the position of the argument and the name."""
+
+    def on_model(self, place: Place) -> Any:
+        """That of the argument."""
+        position, name = self.rest
+        return getattr(place.more[position], name)  # type: ignore[call-overload]
 
 
 def labelled_rows(kind: str, result: Any) -> dict[Hashable, Any]:

@@ -1,8 +1,7 @@
 """`RuleFormulas`: what the rules of a phase say at all times, as formulas of everything declared at one instant.
 
-The rules were written for a phase: ``rule(phase, t)`` reads ``phase.x[t]``. Their templates get a proxy of the phase
-(`modeling.rule_proxies`), and variables without values stand for what they read, time among them. Whoever asks gives
-these numbers, arrays, or bounds.
+Variables without values stand for what the templates of the rules read, time among them. Whoever asks gives these
+numbers, arrays, or bounds.
 """
 
 from __future__ import annotations
@@ -19,17 +18,17 @@ from pyomo.core.expr.numvalue import value
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions
 from pyrobocop_pyomo.modeling.expression_nodes import NUMPY_NAMES, comparisons
+from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 from pyrobocop_pyomo.modeling.failures import failures_as
-from pyrobocop_pyomo.modeling.rule_proxies import BlockProxy, Signal, Signals
-from pyrobocop_pyomo.modeling.variable_families import VariableFamily
 from pyrobocop_pyomo.numerics import Array, Grid
+from pyrobocop_pyomo.rules.slots import Always, Clock, Derivative, Item, NamedItem, Slot, Time
 
 from .asked_by_point import refuse_asked_by_point
 from .companions import Companion
 from .declarations import UNBOUNDED
-from .delays import SAME_TIME, Past, delay_as_number, history_value
+from .delays import SAME_TIME, Delayed, Past, ValueAt, delay_as_number, history_value
 from .families import equations_by_component
-from .record import PhaseRecord, PreviousStates, Statement
+from .record import PhaseRecord, Previous, PreviousStates, Statement
 
 # What functions and comparisons mean where expressions are evaluated with arrays.
 ARRAY_FUNCTIONS: dict[str, Any] = {
@@ -40,8 +39,8 @@ ARRAY_FUNCTIONS: dict[str, Any] = {
 }
 
 
-class RuleFormulas(Signals):
-    """Asks rules for formulas that hold at all times; what is not declared is read from the phase itself.
+class RuleFormulas:
+    """Makes formulas that hold at all times of the templates of rules.
 
     Parameters
     ----------
@@ -58,11 +57,7 @@ class RuleFormulas(Signals):
         What stands for everything that is declared.
     index, clock : VarData
         What stands for the time index, and for the time.
-    blocks_read : set of int
-        Identities of the phases that rules have read so far.
     """
-
-    error = TrajectoryError
 
     def __init__(
         self, block: Any, record: PhaseRecord, indices: Grid, grid: Grid, companions: Sequence[Companion] = ()
@@ -71,54 +66,60 @@ class RuleFormulas(Signals):
         self._scratch = scratch = ConcreteModel()  # Pyomo holds parents by weak references: keep the owner alive
         scratch.declared = Var(list(record.declarations))
         scratch.derivatives, scratch.previous = Var(record.names_of_states), Var(record.names_of_states)
-        scratch.delayed = Var(AnyIndex, dense=False)
+        scratch.delayed, scratch.beside = Var(AnyIndex, dense=False), Var(AnyIndex, dense=False)
         scratch.index_of_time, scratch.clock = Var(), Var()
         self.at_instant = dict(scratch.declared.items())
-        self._derivatives: dict[str, Any] | None = dict(scratch.derivatives.items())
+        self._reads_derivatives = True
         self._standing_for = {id(block.component(name)): variable for name, variable in self.at_instant.items()}
-        self._standing_for |= {id(of): variable for other in companions for of, variable in other.lent}
         self._indices, self._boundaries = indices.mesh.boundaries, grid.mesh.boundaries
+        # Of the trajectory, whatever the phase has now.
+        self._horizon = {
+            id(block.start): self._boundaries[0],
+            id(block.duration): self._boundaries[-1] - self._boundaries[0],
+        }
         self.index, self.clock = scratch.index_of_time, scratch.clock
-        self._proxy = _PhaseProxy(block, self, grid)
-        self.blocks_read: set[int] = set()
+        self._steps: dict[tuple[int, ...], tuple[Any, ExpressionSteps]] = {}
 
     # ---------------------------------------------------------------- what rules read
 
-    def value_of(self, signal: Signal) -> Any:
-        """The variable that stands for a signal."""
-        found = self._standing_for.get(id(signal.component))
-        if found is None:
-            raise TrajectoryError(f"'{signal.name}' is no variable of the phase: no rule says it at all times.")
-        self.blocks_read.add(id(signal.component.parent_block()))
-        return found
+    def read(self, slot: Slot) -> Any:
+        """What stands for what a rule reads.
 
-    def scalar(self, component: Any) -> Any:
-        """A parameter of the phase, by what stands for it."""
-        return self._standing_for.get(id(component), component)
-
-    def proxy_of(self, block: Any) -> BlockProxy:
-        """The proxy of a block."""
-        return self._proxy if block is self._block else BlockProxy(block, self)
-
-    def time_at(self, block: Any) -> Any:
-        """The variable that stands for real time."""
-        if block is not self._block:
-            raise TrajectoryError(f"'{block.name}' has a time of its own.")
-        return self.clock if self._record.normalised else self.index
-
-    def delayed_value(self, component: Any, t: Any, delay: Any) -> Any:
-        """The variable that stands for a value a while ago."""
-        what = f"'{component.name}'"
-        if component.parent_block() is not self._block or not self.is_index(t):
-            raise TrajectoryError(f"{what} is read a while before another time than the rule's own.")
-        number = delay_as_number(delay, what)
-        return self._scratch.delayed[component.local_name, number] if number else self._standing_for[id(component)]
+        Raises
+        ------
+        TrajectoryError
+            When it is not known between the points of the grid.
+        """
+        component = slot.component
+        if isinstance(slot, Always):
+            return self._horizon.get(id(component), self._standing_for.get(id(component), component))
+        if isinstance(slot, Time) or (isinstance(slot, Clock) and component is self._block):
+            return self.clock if self._record.normalised else self.index
+        if isinstance(slot, NamedItem):
+            return slot.elsewhere(self.read, TrajectoryError)
+        if isinstance(slot, Item) and slot.rest == (None,):
+            if id(component) in self._standing_for:
+                return self._standing_for[id(component)]
+            for place, other in enumerate(self.companions):
+                if component.parent_block() is other.phase:
+                    return self._scratch.beside[place, component.local_name]
+        if isinstance(slot, Delayed) and component.parent_block() is self._block:
+            number = delay_as_number(slot.rest[0], f"'{component.name}'")
+            return self._scratch.delayed[component.local_name, number] if number else self._standing_for[id(component)]
+        if isinstance(slot, Derivative) and component.parent_block() is self._block and self._reads_derivatives:
+            return self._scratch.derivatives[component.local_name]
+        if isinstance(slot, Previous):
+            return self._scratch.previous[slot.rest[1]]
+        if isinstance(slot, ValueAt):
+            return slot.on_model(None)  # type: ignore[arg-type]
+        if isinstance(slot, Clock):
+            raise TrajectoryError(f"'{component.name}' has a time of its own.")
+        what = slot.name if isinstance(slot, Item) else f"{type(slot).__name__} of {component.name}"
+        raise TrajectoryError(f"'{what}' is known at the points of the grid only: no rule says it at all times.")
 
     def derivative(self, name: str) -> Any:
         """The variable that stands for the derivative of a state."""
-        if self._derivatives is None:
-            raise TrajectoryError(f"the rules read the derivative of '{name}', which is known at the grid only.")
-        return self._derivatives[name]
+        return self._scratch.derivatives[name]
 
     # ---------------------------------------------------------------- what they say
 
@@ -139,8 +140,9 @@ class RuleFormulas(Signals):
         what = f"phase '{self._block.name}': {statement.kind} '{statement.name}'"
         more = self._more(statement)
         refuse_asked_by_point(self._block, [statement], *more)
+        formulas: Any = statement.rule.formulas(self._block, *more)
         with failures_as(TrajectoryError, f"{what} is no formula that holds at all times"):
-            return entries(statement(self._proxy, self.index, *more))
+            return entries(formulas.at(self.read))
 
     def gives_formulas(self, statement: Statement) -> bool:
         """Whether a rule holds at all times, and reads nothing whose values between the points are not known."""
@@ -160,18 +162,17 @@ class RuleFormulas(Signals):
         """What an ode or a step map gives, by the names of the states."""
         what = f"{statement.kind} '{statement.name}'"
         given = self.formulas_of(statement, lambda result: equations_by_component(self._record, result, what))
-        return {self._proxy.state_name(state): plain_expressions(of) for state, of in given.items()}
+        return {self._block.state_name(state): plain_expressions(of) for state, of in given.items()}
 
     def rates_of(self, names: list[str], *, derivatives: bool = False) -> list[Any]:
         """Formulas of the derivatives, in the order of the names; those that rules read only where they are known."""
-        known = self._derivatives
         rates: dict[str, Any] = {}
         try:
-            self._derivatives = known if derivatives else None
+            self._reads_derivatives = derivatives
             for statement in self._record.statements_of("ode"):
                 rates |= self.by_state(statement)
         finally:
-            self._derivatives = known
+            self._reads_derivatives = True
         return [rates[name] for name in names]
 
     def set_bounds(self, time: float) -> None:
@@ -183,11 +184,17 @@ class RuleFormulas(Signals):
 
     # ---------------------------------------------------------------- what stands in place of the variables
 
+    def values(self, expressions: Sequence[Any], leaves: Mapping[int, Any]) -> list[Any]:
+        """Formulas with arrays in place of the variables, by their identities; their steps are kept."""
+        key = tuple(map(id, expressions))
+        if key not in self._steps:
+            self._steps[key] = list(expressions), ExpressionSteps(expressions)  # the first keeps the ids
+        return self._steps[key][1].evaluate_at(leaves, ARRAY_FUNCTIONS)
+
     @property
     def variables(self) -> list[Any]:
         """Everything that stands for something in the formulas, of other phases as well."""
-        found = [variable for of in self._scratch.component_objects(Var) for variable in of.values()]
-        return [*found, *(variable for other in self.companions for _, variable in other.lent)]
+        return [variable for of in self._scratch.component_objects(Var) for variable in of.values()]
 
     def leaves(
         self,
@@ -212,8 +219,17 @@ class RuleFormulas(Signals):
 
     def of_companions(self, fractions: Array) -> dict[int, Array]:
         """What other phases that rules have read are at local fractions, shape ``(q, N)``, by what stands for it."""
-        read = [other for other in self.companions if id(other.phase) in self.blocks_read]
-        return {key: of.T for other in read for key, of in other.values_at(fractions).items()}
+        found: dict[int, Array] = {}
+        for number in dict.fromkeys(number for number, _ in self._scratch.beside):
+            values = self.companions[number].values_at(fractions)
+            named = {name: variable for (of, name), variable in self._scratch.beside.items() if of == number}
+            found |= {id(variable): values[name].T for name, variable in named.items() if name in values}
+        return found
+
+    @property
+    def further_readings(self) -> int:
+        """How much rules have read so far that is neither declared nor derived: earlier, or of other phases."""
+        return len(self._scratch.delayed) + len(self._scratch.beside)
 
     @property
     def delays(self) -> list[tuple[str, float]]:
@@ -247,35 +263,3 @@ class RuleFormulas(Signals):
                 numbers[i] = float(value(stated))
             found[id(variable)] = numbers
         return found
-
-
-class _PhaseProxy(BlockProxy):
-    """Proxy of the phase, whose start and duration are those of a trajectory."""
-
-    def __init__(self, block: Any, formulas: RuleFormulas, grid: Grid) -> None:
-        super().__init__(block, formulas)
-        self._formulas = formulas
-        self.start = grid.mesh.boundaries[0]
-        self.duration = grid.mesh.boundaries[-1] - grid.mesh.boundaries[0]
-
-    def derivative(self, state: Any) -> Any:
-        """The derivative of a state, as `PhaseBlock.derivative` gives it."""
-        if isinstance(state, str) and state in self._block.record.families:
-            state = getattr(self, state)
-        if isinstance(state, VariableFamily):
-            return state.of_each(self.derivative)
-        return _Derivative(self._formulas.derivative(self.state_name(state)))
-
-    def state_name(self, state: Any) -> str:
-        """Name of a state given by its proxy or its name."""
-        return state if isinstance(state, str) else state.local_name
-
-
-class _Derivative:
-    """One variable at every index."""
-
-    def __init__(self, variable: Any) -> None:
-        self._variable = variable
-
-    def __getitem__(self, t: float) -> Any:
-        return self._variable

@@ -13,7 +13,8 @@ from pyomo.core.expr.numvalue import value
 from pyrobocop_pyomo.modeling.time_index import point_of
 from pyrobocop_pyomo.numerics.rounding import ROUNDING
 from pyrobocop_pyomo.presentation import as_html, one_line
-from pyrobocop_pyomo.rules.rule_template import Place, Reading, TimeTemplate
+from pyrobocop_pyomo.rules.rule_template import Reading, TimeTemplate
+from pyrobocop_pyomo.rules.slots import Item
 
 from .delays import delayed_value, value_at_time
 
@@ -36,10 +37,6 @@ class NoSuchTime(KeyError):
         return str(self.args[0])  # and not its repr, as of other keys
 
 
-def _item(place: Place, own: Any) -> Any:
-    return place.of(own)[place.t]
-
-
 class _OverTime:
     """What states, algebraics and controls have beside what Pyomo gives them."""
 
@@ -56,7 +53,7 @@ class _OverTime:
 
     def __getitem__(self: Any, index: Any) -> Any:
         if index.__class__ is TimeTemplate:
-            return Reading(_item, self)
+            return Reading(Item(self, (None,)))
         return super().__getitem__(index)  # type: ignore[misc]
 
     # An array leaves `array * variable` to the operators below.

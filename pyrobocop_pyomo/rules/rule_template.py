@@ -14,14 +14,13 @@ what surrounds it (the variable of a loop, a number of the module) may have chan
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, fields, is_dataclass, replace
-from functools import cached_property
-from itertools import chain
+from dataclasses import dataclass, fields, is_dataclass
+from functools import partial
 from types import CellType, CodeType, FunctionType
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -37,21 +36,21 @@ from pyomo.core.expr.template_expr import GetItemExpression
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_arrays import ArrayEntry, array, plain_entry
 from pyrobocop_pyomo.modeling.expression_nodes import (
+    FLOAT_FUNCTIONS,
     LEAF,
     NAMED,
     NUMPY_NAMES,
     RELATION,
-    ExpressionEvaluator,
     comparison_name,
     comparisons,
     kind_of_node,
 )
+from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 from pyrobocop_pyomo.modeling.expressions import same_expression
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
-from pyrobocop_pyomo.modeling.rule_proxies import BlockProxy, proxy_of
-from pyrobocop_pyomo.modeling.shared_nodes import variables_in
-from pyrobocop_pyomo.modeling.straight_line import StraightLine
 from pyrobocop_pyomo.modeling.time_index import TimeIndex
+
+from .slots import Always, Item, NamedItem, Place, Slot, Time, is_on_indices
 
 _IS_ASKING: ContextVar[bool] = ContextVar("a rule gives its template", default=False)
 
@@ -60,6 +59,10 @@ _EXPRESSIONS: dict[str, Callable[..., Any]] = {
     **{name: getattr(functions_of_pyomo, name, abs) for name in NUMPY_NAMES},
     **comparisons(lambda first, second: None),
     "<=<=": inequality,
+    # In rows, the side that the time decides.
+    "choose": lambda condition, then, otherwise: (
+        (then if condition else otherwise) if condition.__class__ is bool else Expr_if(condition, then, otherwise)
+    ),
     "call": lambda output, *arguments: (
         output.evaluate(arguments)
         if all(argument.__class__ in numvalue.native_numeric_types for argument in arguments)
@@ -115,108 +118,28 @@ class TimeTemplate(_Unknown):
 
 
 class Reading(_Unknown):
-    """What a rule reads at the template of the time other than by ``component[t]``: a delayed value, a derivative.
+    """Stands for what a rule reads at the template of the time other than by ``component[t]``.
 
     Parameters
     ----------
-    read : callable
-        ``read(place, *operands)``: what is read at the `Place` at which the rule is evaluated.
-    *operands
-        Of the model, which a copy has its own of, or data.
+    slot : Slot
     """
 
-    def __init__(self, read: Callable[..., Any], *operands: Any) -> None:
+    def __init__(self, slot: Slot) -> None:
         super().__init__()
-        self._read, self._operands = read, operands
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Reading:
-        return Reading(self._read, *copy.deepcopy(self._operands, memo))
-
-    def read(self, place: Place) -> Any:
-        """What is read there."""
-        return self._read(place, *self._operands)
+        self.slot = slot
 
 
 class OverTime:
     """What a rule gets in place of a mapping from points to values, of which it reads the item at the template."""
 
-    def __init__(self, read: Callable[..., Any], *operands: Any) -> None:
-        self._reading = read, *operands
+    def __init__(self, slot: Slot) -> None:
+        self._slot = slot
 
     def __getitem__(self, t: Any) -> Any:
         if not isinstance(t, TimeTemplate):
             raise TypeError("a rule that reads other points is called at each of them")
-        return Reading(*self._reading)
-
-
-class Place:
-    """Where a rule is evaluated.
-
-    Parameters
-    ----------
-    block : block or proxy of one
-    t : object
-        As the rule would get it.
-    more : tuple
-        What else it would get.
-    """
-
-    def __init__(self, block: Any, t: Any, more: tuple[Any, ...] = ()) -> None:
-        self._signals = block._signals if isinstance(block, BlockProxy) else None
-        self.block, self.t, self.more = block, t, more
-
-    def of(self, component: Any) -> Any:
-        """A block or component of the model as it is seen from here."""
-        return component if self._signals is None else proxy_of(component, self._signals)
-
-    @property
-    def is_on_model(self) -> bool:
-        """Whether the model itself is there, and no proxy of it."""
-        return self._signals is None
-
-    def of_expression(self, component: Any, keys: tuple[Any, ...], said: RuleTemplate) -> Any:
-        """What an indexed Expression is at a proxy, by its own rule.
-
-        Raises
-        ------
-        PyRobocopError
-            When its rule is no template, or it was given another value since.
-        """
-        block, signals = component.parent_block(), self._signals
-        assert signals is not None
-        formulas = said.formulas(block)
-        if formulas is None:
-            raise signals.error(
-                f"the rule of '{component.name}' has to know the time as a number, and was asked at the points of the "
-                "model: what it says between them is not known."
-            )
-        if (id(component), keys) not in signals.checked_expressions:
-            for index, data in component.items():
-                parts = index if isinstance(index, tuple) else (index,)
-                if any(key not in (None, part) for key, part in zip(keys, parts, strict=True)):
-                    continue
-                stated = formulas.at(Place(block, parts[keys.index(None)]))
-                if not same_results(stated, data.expr):
-                    raise signals.error(
-                        f"'{data.name}' is '{data.expr}', but its rule said '{stated}': it was given another value "
-                        "since, and nothing says what it is between the points. State it by a rule alone."
-                    )
-            signals.checked_expressions.add((id(component), keys))
-        return formulas.at(Place(self.of(block), self.t))
-
-    @property
-    def time(self) -> Any:
-        """The time that ``t`` means in a formula."""
-        return self.block.time_at(self.t) if is_on_indices(self.block) else self.t
-
-    def scalar(self, leaf: Any) -> Any:
-        """A variable, parameter or named expression that does not depend on ``t``."""
-        if self._signals is None or not hasattr(leaf, "parent_component"):
-            return leaf
-        component = leaf.parent_component()
-        if component is None or component.is_indexed() or component.parent_block() is None:
-            return leaf
-        return getattr(self.of(component.parent_block()), component.local_name)
+        return Reading(self._slot)
 
 
 class RuleTemplate:
@@ -227,7 +150,7 @@ class RuleTemplate:
     rule : callable
         ``rule(block, t, *more)``. Each further argument has a method ``template(position)``, which gives what stands
         for it at all times, made of `Reading`s of ``place.more[position]``. A rule of this package with the attribute
-        ``skips_points`` is a formula that it states at some points only; with ``needs_the_time`` it is no template.
+        ``skips_points`` is a formula that it states at some points only, so that it is called at each.
 
     Attributes
     ----------
@@ -254,16 +177,15 @@ class RuleTemplate:
         return twin
 
     def __call__(self, block: Any, t: Any, *more: Any) -> Any:
-        """What the rule says at a time, on the model or on a proxy of it."""
+        """What the rule says at a time."""
         answer = self._answer(block, more)
-        on_model = not isinstance(block, BlockProxy)
-        if on_model and t.__class__ in numvalue.native_numeric_types and is_on_indices(block):
+        if t.__class__ in numvalue.native_numeric_types and is_on_indices(block):
             t = TimeIndex(t, f"the rule '{getattr(self.rule, '__name__', type(self.rule).__name__)}'", block)
-        if answer.formulas is None or (on_model and getattr(self.rule, "skips_points", False)):
+        if answer.formulas is None or getattr(self.rule, "skips_points", False):
             return self.rule(block, t, *more)
-        is_stating = on_model and _grid_of(block) is answer.grid
+        is_stating = _grid_of(block) is answer.grid
         try:
-            result = answer.formulas.at(Place(block, t, more))
+            result = answer.formulas.on_model(Place(block, t, more))
         except Exception:
             if not is_stating:
                 raise
@@ -284,17 +206,12 @@ class RuleTemplate:
         """Whether the rule gives formulas for all times, given what it would get at one."""
         return self.formulas(block, *more) is not None
 
-    def is_known_at_other_times(self, block: Any) -> bool:
-        """Whether nothing of the user's would be called there: the rule is a template, or data of this package."""
-        return getattr(self.rule, "needs_the_time", False) or self.is_template(block)
-
     def readings(self, block: Any, *more: Any) -> list[Any]:
         """Variables and parameters at given points that a template reads at all times."""
         formulas = self.formulas(block, *more)
         return [] if formulas is None else formulas.readings
 
     def _answer(self, block: Any, more: tuple[Any, ...]) -> _Answer:
-        block = block_behind(block)
         if block not in self._answers:
             self._answers[block] = _Answer(_formulas_of(self.rule, block, more), _grid_of(block))
         return self._answers[block]
@@ -342,31 +259,19 @@ _QUESTIONS_OF_TYPES = frozenset({"isinstance", "type", "issubclass"})
 _COMPARED = 2
 
 
-def block_behind(block: Any) -> Any:
-    """The block itself, also of a proxy."""
-    return block._block if isinstance(block, BlockProxy) else block
-
-
-def is_on_indices(block: Any) -> bool:
-    """Whether ``t`` is an index on a block, or on a proxy of one, because the time is to be found."""
-    return getattr(getattr(block_behind(block), "record", None), "normalised", False) is True
-
-
-def templated(rule: Callable[..., Any] | None) -> RuleTemplate | None:
+def templated(rule: Any) -> Any:
     """A rule as a template; None where there is none."""
     return rule if rule is None or isinstance(rule, RuleTemplate) else RuleTemplate(rule)
 
 
 def _formulas_of(rule: Callable[..., Any], home: Any, more: tuple[Any, ...]) -> _Formulas | None:
     """What a rule says for all times; None where it has to know the time."""
-    if getattr(rule, "needs_the_time", False) or _looks_at_types(rule):
+    if _looks_at_types(rule):
         return None
     time = TimeTemplate()
     try:
         with asked_for_all_times():
-            found = _Formulas(rule(home, time, *(given.template(i) for i, given in enumerate(more))), time)
-            found.readings  # noqa: B018  # compiled while nothing has changed
-            return found
+            return _Formulas(rule(home, time, *(given.template(i) for i, given in enumerate(more))), time)
     except Exception:  # a rule that is no template may raise anything
         return None
 
@@ -399,136 +304,149 @@ def _content(cell: CellType) -> Any:
 
 
 class _Formulas:
-    """What a rule returned for the template of the time.
+    """What a rule returned for the template of the time: steps over what it reads, and the form of the result.
 
     Parameters
     ----------
     result : object
     time : TimeTemplate
-    named : sequence of (component, keys, RuleTemplate)
-        Of the indexed Expressions that it reads, with None for the time among their keys.
     """
 
-    def __init__(self, result: Any, time: TimeTemplate, named: Sequence[Any] = ()) -> None:
-        self._result, self._time, self._named = result, time, list(named)
-
-    def __reduce__(self) -> Any:
-        return _Formulas, (self._result, self._time, self._named)
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> _Formulas:
-        return _Formulas(copy.deepcopy(self._result, memo), self._time, copy.deepcopy(self._named, memo))
-
-    @cached_property
-    def _parts(self) -> tuple[Callable[[Any], Any], _Program]:
+    def __init__(self, result: Any, time: TimeTemplate) -> None:
         outputs: list[Any] = []
-        form = _form_of(self._result, outputs)
-        return form, _Program(outputs, self._time, self._named)
+        self._form = _form_of(result, outputs)
+        named: list[NamedItem] = []
+        self._steps = ExpressionSteps(outputs, lambda node: _slot_of(node, time, named))
 
-    def at(self, place: Place) -> Any:
-        """The result of the rule at a place."""
-        form, program = self._parts
-        return form(iter(program.at(place)))
+    def on_model(self, place: Place) -> Any:
+        """The result of the rule at a place of the model."""
+        return self.at(lambda slot: slot.on_model(place))
+
+    def at(self, read: Callable[[Slot], Any], functions: Mapping[str, Callable[..., Any]] = _EXPRESSIONS) -> Any:
+        """The result with other things in place of what the rule reads.
+
+        Parameters
+        ----------
+        read : callable
+            From a slot to what stands in its place: an expression, an array, bounds.
+        functions : mapping of str to callable
+            What functions mean for these; by default those of Pyomo.
+
+        Raises
+        ------
+        UnknownFunction
+            For a function that is not among them.
+        """
+        return _formed(self._form, iter(self._steps.evaluate(read, functions)))
+
+    def depending(self, slots: Callable[[Slot], bool]) -> Any:
+        """The result with 1.0 in place of each expression that depends on one of these slots, and 0.0 of others."""
+        depends = self._steps.depends_on(slots)
+        return _formed(self._form, iter([float(depends[place]) for place in self._steps.outputs]))
+
+    @staticmethod
+    def says(result: Any, other: Any) -> bool:
+        """Whether a result is another one, in its form and its expressions."""
+        return same_results(result, other)
+
+    @property
+    def slots(self) -> list[Slot]:
+        """What the rule reads, by named expressions as well."""
+        found: dict[Slot, None] = {}
+        for slot in self._steps.leaves:
+            inner = slot.rule.formulas(slot.component.parent_block()) if isinstance(slot, NamedItem) else None
+            found |= dict.fromkeys([slot] if inner is None else inner.slots)
+        return list(found)
 
     @property
     def readings(self) -> list[Any]:
         """What is read other than at the time."""
-        return [leaf for leaf in self._parts[1].others if not isinstance(leaf, (_Unknown, GetItemExpression))]
+        return [slot.component for slot in self._steps.leaves if isinstance(slot, Always)]
 
 
-class _Program(StraightLine):
-    """Makes the expressions of a place: the lines are operations on whatever stands there."""
-
-    def __init__(self, outputs: list[Any], time: TimeTemplate, named: list[Any]) -> None:
-        self._time, self._is_on_model, self._named = time, True, named
-        super().__init__(outputs, (), {**_EXPRESSIONS, "choose": self._choose})
-        self._readers = [self._reader(leaf) for leaf in self.others]
-
-    def at(self, place: Place) -> list[Any]:
-        """The outputs where `others` are what is read at a place."""
-        self._held[:] = [read(place) for read in self._readers]
-        self._is_on_model = place.is_on_model
-        return self()
-
-    def _choose(self, condition: Any, then: Any, otherwise: Any) -> Any:
-        """In rows, the side that the time decides; between the points a proof looks at the times around."""
-        if self._is_on_model and condition.__class__ is bool:
-            return then if condition else otherwise
-        return Expr_if(condition, then, otherwise)
-
-    def _is_leaf(self, node: Any) -> bool:
+def _slot_of(node: Any, time: TimeTemplate, named: list[NamedItem]) -> Slot | None:
+    """What a node of a template reads; None for an operation. Expressions with a rule of their own are collected."""
+    if node is time:
+        return Time(None)
+    if isinstance(node, Reading):
+        return node.slot
+    if not isinstance(node, GetItemExpression):
         # A named expression stays by name: it may be given another value.
-        return isinstance(node, GetItemExpression) or kind_of_node(node.__class__) in (LEAF, NAMED)
-
-    def _number(self, number: Any) -> str:
-        return repr(number) if number.__class__ is int else super()._number(number)
-
-    def _reader(self, leaf: Any) -> Callable[[Place], Any]:
-        if leaf is self._time:
-            return lambda place: place.time
-        if isinstance(leaf, Reading):
-            return leaf.read
-        if not isinstance(leaf, GetItemExpression):
-            return lambda place: place.scalar(leaf)
-        component, *keys = leaf.args
-        if any(key is not self._time and hasattr(key, "is_expression_type") for key in keys):
-            raise TemplateExpressionError(leaf, "an index is computed from the time")
-        marked = tuple([None if key is self._time else key for key in keys])
-        said = self._rule_of(component, marked)
-        if said is not None:
-            return lambda place: (
-                component[_key_at(marked, place.t)]
-                if place.is_on_model
-                else place.of_expression(component, marked, said)
-            )
-        return lambda place: place.of(component)[_key_at(marked, place.t)]
-
-    def _rule_of(self, component: Any, keys: tuple[Any, ...]) -> RuleTemplate | None:
-        """The template of an indexed Expression: asked while the rule that reads it is."""
-        # Pyomo has no public question for the rule that an Expression was made by.
-        rule = component._rule if component.ctype is Expression else None
-        if not isinstance(rule, IndexedCallInitializer):
-            return None
-        for known, at, said in self._named:
-            if known is component and at == keys:
-                return said
-        said = RuleTemplate(lambda block, t: rule(block, _key_at(keys, t)))
-        said.formulas(component.parent_block())
-        self._named.append((component, keys, said))
-        return said
+        return Always(node) if kind_of_node(node.__class__) in (LEAF, NAMED) else None
+    component, *keys = node.args
+    if any(key is not time and hasattr(key, "is_expression_type") for key in keys):
+        raise TemplateExpressionError(node, "an index is computed from the time")
+    item = Item(component, tuple([None if key is time else key for key in keys]))
+    # Pyomo has no public question for the rule that an Expression was made by.
+    rule = component._rule if component.ctype is Expression else None
+    if not isinstance(rule, IndexedCallInitializer):
+        return item
+    for known in named:
+        if known.component is component and known.rest == item.rest:
+            return known
+    # The rule of the expression is called while the rule that reads it is.
+    said = RuleTemplate(lambda block, t: rule(block, item.key_at(t)))
+    said.formulas(component.parent_block())
+    named.append(NamedItem(component, item.rest, said))
+    return named[-1]
 
 
-def _key_at(keys: tuple[Any, ...], t: Any) -> Any:
-    return t if len(keys) == 1 else tuple([t if key is None else key for key in keys])
+class _Output:
+    """Marks the place of an expression in the form of a result."""
 
 
-def _form_of(result: Any, outputs: list[Any]) -> Callable[[Any], Any]:
-    """From an iterator over values of the outputs to a result of the same form; expressions are added to `outputs`."""
+class _Form(NamedTuple):
+    """How a result is made of its parts, which are forms, `_Output` or what they are at all times."""
+
+    make: Callable[[list[Any]], Any]
+    parts: list[Any]
+
+
+def _form_of(result: Any, outputs: list[Any]) -> Any:
+    """The form of a result; its expressions are added to `outputs`."""
     result = plain_entry(result)
-    if isinstance(result, np.ndarray):
-        parts, shape = [_form_of(entry, outputs) for entry in result.ravel().tolist()], result.shape
-        return lambda values: array(_object_array([part(values) for part in parts], shape))
-    if isinstance(result, Mapping):
-        entries = {key: _form_of(entry, outputs) for key, entry in result.items()}
-        return lambda values: {key: part(values) for key, part in entries.items()}
-    if isinstance(result, (list, tuple)):
-        parts, kind = [_form_of(entry, outputs) for entry in result], type(result)
-        make = (lambda given: kind(*given)) if hasattr(result, "_fields") else kind
-        return lambda values: make([part(values) for part in parts])
-    if is_dataclass(result) and not isinstance(result, type):
-        held = {item.name: _form_of(getattr(result, item.name), outputs) for item in fields(result) if item.init}
-        return lambda values: replace(result, **{name: part(values) for name, part in held.items()})
     if hasattr(result, "is_expression_type"):
         outputs.append(result)
-        return next
-    if result is not None and result is not IndexedComponent.Skip and result.__class__ not in numvalue.native_types:
+        return _Output
+    if isinstance(result, np.ndarray):
+        make, parts = partial(_made_array, result.shape), result.ravel().tolist()
+    elif isinstance(result, Mapping):
+        make, parts = partial(_made_mapping, list(result)), list(result.values())
+    elif isinstance(result, (list, tuple)):
+        make, parts = partial(_made_sequence, type(result)), list(result)
+    elif is_dataclass(result) and not isinstance(result, type):
+        names = [item.name for item in fields(result) if item.init]
+        make, parts = partial(_made_object, type(result), names), [getattr(result, name) for name in names]
+    elif result is None or result is IndexedComponent.Skip or result.__class__ in numvalue.native_types:
+        return result
+    else:
         raise TypeError(f"a {type(result).__name__} is returned")
-    return lambda values: result
+    return _Form(make, [_form_of(part, outputs) for part in parts])
 
 
-def _object_array(entries: list[Any], shape: tuple[int, ...]) -> Any:
+def _formed(form: Any, values: Iterator[Any]) -> Any:
+    """A result of a form, with these values as its expressions."""
+    if form is _Output:
+        return next(values)
+    return form.make([_formed(part, values) for part in form.parts]) if isinstance(form, _Form) else form
+
+
+def _made_array(shape: tuple[int, ...], entries: list[Any]) -> Any:
     held = np.empty(len(entries), dtype=object)
     held[:] = entries
-    return held.reshape(shape)
+    return array(held.reshape(shape))
+
+
+def _made_mapping(keys: list[Any], entries: list[Any]) -> Any:
+    return dict(zip(keys, entries, strict=True))
+
+
+def _made_sequence(kind: type, entries: list[Any]) -> Any:
+    return kind(*entries) if hasattr(kind, "_fields") else kind(entries)
+
+
+def _made_object(kind: type, names: list[str], entries: list[Any]) -> Any:
+    return kind(**dict(zip(names, entries, strict=True)))
 
 
 def same_results(first: Any, second: Any) -> bool:
@@ -568,24 +486,15 @@ def same_results(first: Any, second: Any) -> bool:
     return _same_values(first, second)
 
 
-class _DecidedChoices(ExpressionEvaluator):
-    """Evaluates choices, too, whose condition is decided already: at one time, one by the time is."""
-
-    def of(self, node: Any) -> Any:
-        """Value of an expression, or of a condition."""
-        return node if node.__class__ is bool else super().of(node)
-
-
 def _same_values(first: Any, second: Any) -> bool:
     """Whether two expressions have the same value whatever their variables are, as far as two trials tell."""
-    variables = list(chain(variables_in(first), variables_in(second)))
+    steps = ExpressionSteps([first, second])
     for trial in (0.31, 0.73):
-        leaves = {id(variable): trial + 0.61803 * (i + 1) % 1.0 for i, variable in enumerate(variables)}
-        known = _DecidedChoices(leaves)
+        numbers = [trial + 0.61803 * (i + 1) % 1.0 for i in range(len(steps.leaves))]
         try:
-            values = [known.of(expression) for expression in (first, second)]
+            one, other = steps.function(FLOAT_FUNCTIONS)(numbers)
         except (ArithmeticError, ValueError):
             return False
-        if not abs(values[0] - values[1]) <= 1e-12 * (1.0 + abs(values[1])):
+        if not abs(one - other) <= 1e-12 * (1.0 + abs(other)):
             return False
     return True

@@ -9,7 +9,8 @@ from harness.expression_zoo import UNARY, trees
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pyrobocop_pyomo.modeling.expression_nodes import NUMPY_NAMES, ExpressionEvaluator
+from pyrobocop_pyomo.modeling.expression_nodes import NUMPY_NAMES
+from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 
 MODEL = pyo.ConcreteModel()
 MODEL.x = pyo.Var(range(3), initialize=dict(enumerate((0.3, -0.8, 1.1))))
@@ -21,7 +22,9 @@ ARRAY_FUNCTIONS = {name: getattr(np, numpy_name) for name, numpy_name in NUMPY_N
 @settings(max_examples=100, suppress_health_check=[HealthCheck.too_slow])
 @given(expression=trees(LEAVES))
 def test_values_are_those_of_pyomo(expression: object) -> None:
-    assert ExpressionEvaluator({}).of(expression) == pytest.approx(pyo.value(expression), rel=1e-12, abs=1e-12)
+    assert ExpressionSteps([expression]).evaluate_at({})[0] == pytest.approx(
+        pyo.value(expression), rel=1e-12, abs=1e-12
+    )
 
 
 @settings(max_examples=50, suppress_health_check=[HealthCheck.too_slow])
@@ -29,16 +32,16 @@ def test_values_are_those_of_pyomo(expression: object) -> None:
 def test_arrays_are_evaluated_elementwise(expression: object, seed: int) -> None:
     samples = np.random.default_rng(seed).uniform(-1, 1, (3, 4))
     leaves = {id(variable): samples[i] for i, variable in MODEL.x.items()}
-    found = np.broadcast_to(ExpressionEvaluator(leaves, ARRAY_FUNCTIONS).of(expression), 4)
+    found = np.broadcast_to(ExpressionSteps([expression]).evaluate_at(leaves, ARRAY_FUNCTIONS)[0], 4)
     for column, value in zip(samples.T, found, strict=True):
         single = {id(variable): float(column[i]) for i, variable in MODEL.x.items()}
-        assert value == pytest.approx(ExpressionEvaluator(single).of(expression), rel=1e-12, abs=1e-12)
+        assert value == pytest.approx(ExpressionSteps([expression]).evaluate_at(single)[0], rel=1e-12, abs=1e-12)
 
 
 @pytest.mark.parametrize("name", UNARY)
 def test_every_function_has_its_name_in_numpy(name: str) -> None:
     expression = getattr(pyo, name)(MODEL.x[0])
-    array = ExpressionEvaluator({id(MODEL.x[0]): np.array([0.3])}, ARRAY_FUNCTIONS).of(expression)
+    array = ExpressionSteps([expression]).evaluate_at({id(MODEL.x[0]): np.array([0.3])}, ARRAY_FUNCTIONS)[0]
     assert array[0] == pytest.approx(pyo.value(expression))
 
 
@@ -52,7 +55,7 @@ def test_every_function_has_its_name_in_numpy(name: str) -> None:
     ],
 )
 def test_choices_and_relations(make: object, expected: float) -> None:
-    assert ExpressionEvaluator({}).of(make(MODEL.x[0])) == pytest.approx(expected)
+    assert ExpressionSteps([make(MODEL.x[0])]).evaluate_at({})[0] == pytest.approx(expected)
 
 
 def test_what_cannot_be_evaluated_is_named() -> None:
@@ -60,8 +63,8 @@ def test_what_cannot_be_evaluated_is_named() -> None:
     m.x = pyo.Var()
     m.f = pyo.ExternalFunction(function=lambda x: x)
     with pytest.raises(ValueError, match="'x' has no value"):
-        ExpressionEvaluator({}).of(m.x + 1)
+        ExpressionSteps([m.x + 1]).evaluate_at({})[0]
     with pytest.raises(ValueError, match="is a ExternalFunctionExpression"):
-        ExpressionEvaluator({}).of(m.f(m.x))
+        ExpressionSteps([m.f(m.x)]).evaluate_at({})[0]
     with pytest.raises(ValueError, match="'tanh'"):
-        ExpressionEvaluator({}, {}).of(pyo.tanh(MODEL.x[0]))
+        ExpressionSteps([pyo.tanh(MODEL.x[0])]).evaluate_at({}, {})[0]

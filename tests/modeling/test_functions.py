@@ -16,7 +16,7 @@ from pyomo.util.check_units import assert_units_consistent
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import EvaluationError, FunctionError
-from pyrobocop_pyomo.modeling.expression_nodes import ExpressionEvaluator
+from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 from pyrobocop_pyomo.modeling.expressions import same_expression
 
 
@@ -62,7 +62,7 @@ def test_a_call_has_the_value_of_the_function(v: float, a: float) -> None:
     m.v, m.a = v, a
     assert pyo.value(2 * LIFT(m.v, m.a + 1)) == pytest.approx(2 * v * np.sin(a + 1), abs=1e-12)
     assert LIFT(v, a) == pytest.approx(pyo.value(LIFT(m.v, m.a)), abs=1e-12)
-    assert ExpressionEvaluator({id(m.v): v}).of(LIFT(m.v, m.a)) == pytest.approx(v * np.sin(a), abs=1e-12)
+    assert ExpressionSteps([LIFT(m.v, m.a)]).evaluate_at({id(m.v): v})[0] == pytest.approx(v * np.sin(a), abs=1e-12)
 
 
 def test_several_outputs_are_a_list_and_lists_of_inputs_are_taken_apart() -> None:

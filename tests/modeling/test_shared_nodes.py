@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyomo.core.expr.visitor import identify_variables
 
+from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 from pyrobocop_pyomo.modeling.shared_nodes import NodeValues, nodes_of, shared_value, variables_in, variables_in_any
-from pyrobocop_pyomo.modeling.straight_line import StraightLine
 
 
 def _model():
@@ -59,11 +59,11 @@ def test_the_same_variables_values_and_lines_as_pyomo(graph):
     assert shared_value(expression) == pytest.approx(expected, rel=1e-13, abs=1e-13)
     known = NodeValues()
     assert [known.of(node) for node in nodes] == pytest.approx([pyo.value(node) for node in nodes], rel=1e-13)
-    free = [m.x[0], m.x[3]]
-    function = StraightLine(nodes, free)
-    function.refresh()
+    steps = ExpressionSteps(nodes)
     m.x[0].set_value(-0.4)
-    assert function(-0.4, 2.0) == pytest.approx([pyo.value(node) for node in nodes], rel=1e-13, abs=1e-13)
+    assert steps.evaluate_at({id(m.x[0]): -0.4, id(m.x[3]): 2.0}) == pytest.approx(
+        [pyo.value(node) for node in nodes], rel=1e-13, abs=1e-13
+    )
 
 
 def test_what_doubles_in_the_tree_grows_by_one_node():
@@ -73,8 +73,7 @@ def test_what_doubles_in_the_tree_grows_by_one_node():
         node = pyo.sin(node * node)
     assert [v.name for v in variables_in(node)] == ["x[0]", "x[1]"]
     assert len(list(nodes_of(node))) == 123
-    function = StraightLine([node], [m.x[0], m.x[1]])
-    assert function(0.3, -1.2) == [shared_value(node)]
+    assert ExpressionSteps([node]).evaluate_at({}) == [shared_value(node)]
 
 
 def test_without_a_value_it_is_an_error_or_none_and_nothing_in_the_log(caplog):
@@ -93,5 +92,5 @@ def test_without_a_value_it_is_an_error_or_none_and_nothing_in_the_log(caplog):
 
 def test_numbers_that_python_does_not_write():
     m = _model()
-    assert StraightLine([m.x[0] * math.inf, 3], [m.x[0]])(2.0) == [math.inf, 3.0]
-    assert StraightLine([(-2.0) ** m.x[0]], [m.x[0]])(3.0) == [-8.0]
+    assert ExpressionSteps([m.x[0] * math.inf, 3]).evaluate_at({id(m.x[0]): 2.0}) == [math.inf, 3.0]
+    assert ExpressionSteps([(-2.0) ** m.x[0]]).evaluate_at({id(m.x[0]): 3.0}) == [-8.0]

@@ -28,16 +28,15 @@ def refused(m: Any, pose: Any, match: str, points: Any = None) -> None:
     assert "'body'" in str(caught.value)
 
 
-def test_a_body_may_read_the_model_itself_and_a_bare_rule_may_not() -> None:
+def test_a_rule_may_read_the_model_itself() -> None:
     m = line()
     reports = [
         check(m, BOX, [FAR], 0.1, pose=pose)
         for pose in (lambda b, t: planar_pose(m.x[t], 0), lambda b, t: planar_pose(b.x[t], 0))
     ]
     assert str(reports[0]) == str(reports[1])
-    motion = motion_of(m.t, m)
-    with pytest.raises(ObstacleError, match="'cart'.*first argument"):
-        motion.pose_at(lambda b, t: planar_pose(m.x[t], 0), 0, 0.5, name="cart")
+    pose = motion_of(m.t, m).pose_at(lambda b, t: planar_pose(m.x[t], 0), 0, 0.5, name="cart")
+    assert pyo.value(pose.translation[0]) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(
@@ -58,7 +57,7 @@ def test_rules_that_ask_about_t_or_read_what_is_not_there() -> None:
 
 
 def test_rules_that_look_back() -> None:
-    refused(line(), lambda b, t: planar_pose(b.x[t - 1], 0), "computed from t")
+    refused(line(), lambda b, t: planar_pose(b.x[t - 1], 0), "has no value at t = 0")
 
 
 @pytest.mark.parametrize(
@@ -66,7 +65,6 @@ def test_rules_that_look_back() -> None:
     [
         (abs, "'abs'"),
         (pyo.asin, "'asin'"),
-        (lambda x: 2**x, "exponent"),
         (lambda x: pyo.Expr_if(x >= 1, x, 1), "Expr_if"),
     ],
 )
@@ -75,12 +73,12 @@ def test_functions_without_bounds_on_their_curvature(entry: Any, match: str) -> 
 
 
 def test_rules_that_are_no_formula_in_t() -> None:
-    """A rule that answers differently at one node than its formula says there."""
+    """A rule that answers differently at one node."""
 
     def pose(b: Any, t: Any) -> Any:
         return planar_pose(b.x[t] + (0.5 if isinstance(t, int) and t == 1 else 0.0), 0)
 
-    refused(line(), pose, "t = 1 the rule differs by 0.5")
+    refused(line(), pose, "Pyomo's functions")
 
 
 def test_what_is_no_pose_of_the_bodys_dimension() -> None:

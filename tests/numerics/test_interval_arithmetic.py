@@ -8,10 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pyrobocop_pyomo.motion.expression_values import ExpressionValues
+from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 from pyrobocop_pyomo.numerics.bernstein import bernstein_matrix, derivative_coefficients, restrict
 from pyrobocop_pyomo.numerics.interval_arithmetic import Interval
 from pyrobocop_pyomo.numerics.taylor_forms import TaylorForm, taylor_form_of_polynomial
+from pyrobocop_pyomo.numerics.taylor_functions import TAYLOR_FUNCTIONS
+from pyrobocop_pyomo.phases.rule_formulas import ARRAY_FUNCTIONS
 
 SAMPLES = 1000
 
@@ -78,12 +80,14 @@ def test_taylor_forms_contain_all_samples(
         slopes = derivative_coefficients(coefficients)
         triple = (coefficients, slopes, derivative_coefficients(slopes))
         forms[key] = taylor_form_of_polynomial(tuple(restrict(order, [start], [end]) for order in triple))
-    form = ExpressionValues(forms).of(expression)
+    form = ExpressionSteps([expression]).evaluate_at(forms, TAYLOR_FUNCTIONS)[0]
 
     at = np.linspace(start, end, SAMPLES)
     step = at[1] - at[0]
     basis = bernstein_matrix(degree, at)
-    found = ExpressionValues({key: basis @ rows[0] for key, rows in signals.items()}).of(expression)
+    found = ExpressionSteps([expression]).evaluate_at(
+        {key: basis @ rows[0] for key, rows in signals.items()}, ARRAY_FUNCTIONS
+    )[0]
     # By the mean value theorem divided differences are values of the derivatives; rounding is divided with them.
     rounding = 1e-12 * (1.0 + np.abs(found).max())
     slopes, curvatures = np.diff(found) / step, np.diff(found, 2) / step**2
@@ -114,8 +118,8 @@ def test_taylor_forms_of_an_instant_are_points(choices: list[int], seed: int, at
         triple = (coefficients, slopes, derivative_coefficients(slopes))
         forms[id(variable)] = taylor_form_of_polynomial(tuple(restrict(order, [at], [at]) for order in triple))
         values[id(variable)] = bernstein_matrix(3, at) @ coefficients[0]
-    form = ExpressionValues(forms).of(expression)
-    found = ExpressionValues(values).of(expression)
+    form = ExpressionSteps([expression]).evaluate_at(forms, TAYLOR_FUNCTIONS)[0]
+    found = ExpressionSteps([expression]).evaluate_at(values, ARRAY_FUNCTIONS)[0]
     assert form.value.low[0] == pytest.approx(found[0], rel=1e-8, abs=1e-8)
     for interval in (form.value, form.first, form.second):
         assert interval.high[0] - interval.low[0] <= 1e-9 * (1.0 + interval.magnitude[0])

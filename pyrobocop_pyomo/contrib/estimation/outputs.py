@@ -8,11 +8,12 @@ from typing import Any
 from pyomo.core.base.expression import Expression
 
 from pyrobocop_pyomo.errors import EstimationError
-from pyrobocop_pyomo.modeling.rule_proxies import Signal, Signals
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.phases import Parameter
 from pyrobocop_pyomo.phases.nodes import Nodes, StageNodes, StateNodes
+from pyrobocop_pyomo.rules.rule_template import RuleTemplate
+from pyrobocop_pyomo.rules.slots import Item, NamedItem, Place, Slot
 
 
 class PhaseOutputs:
@@ -46,7 +47,8 @@ class PhaseOutputs:
                 f"outputs is {outputs!r}; expected a list of names, or a mapping of names to rules or Expressions."
             )
         names = outputs or ()
-        self.given: dict[str, Any] = dict(names) if isinstance(names, Mapping) else {name: name for name in names}
+        given = dict(names) if isinstance(names, Mapping) else {name: name for name in names}
+        self.given: dict[str, Any] = {name: RuleTemplate(of) if callable(of) else of for name, of in given.items()}
         for name, given in self.given.items():
             if not callable(given):
                 self.at(name, phase.grid.mesh.boundaries[0])  # says what there is
@@ -95,17 +97,23 @@ class PhaseOutputs:
                     return nodes, [component[t] for t in nodes.times]
         return None
 
+    def _at_time(self, slot: Slot, time: float) -> Any:
+        """What the polynomials have in the place of what a rule reads."""
+        found = None
+        if isinstance(slot, Item) and slot.rest == (None,) and slot.component.parent_block() is self._phase:
+            found = self.interpolated(slot.component.local_name, time)
+        if found is None and isinstance(slot, NamedItem):
+            return slot.elsewhere(lambda inner: self._at_time(inner, time), EstimationError)
+        return slot.on_model(Place(self._phase, time)) if found is None else found
+
     def _by_rule(self, name: str, rule: Any, time: float) -> Any:
-        try:
-            found = rule(_AtTime(self, self._phase, time).proxy_of(self._phase), time)
-        except EstimationError:
-            raise
-        except Exception as error:
-            reason = f"{type(error).__name__}: {error}".splitlines()[0]
+        formulas = rule.formulas(self._phase)
+        if formulas is None:
             raise EstimationError(
-                f"{self._what}: the rule of the output '{name}' cannot be asked at t = {time:g} ({reason}). It has to "
-                "read variables through its first argument, and to be made of Pyomo's functions."
-            ) from error
+                f"{self._what}: the rule of the output '{name}' cannot be asked at t = {time:g}. It has to be made of "
+                "Pyomo's functions, and not to know the time as a number: pyo.sin(t) for math.sin(t), no 'if' on t."
+            )
+        found = formulas.at(lambda slot: self._at_time(slot, time))
         if not hasattr(found, "is_expression_type"):
             raise EstimationError(
                 f"{self._what}: the rule of the output '{name}' returned {found!r}; expected an expression in the "
@@ -119,25 +127,3 @@ class PhaseOutputs:
                 "variables through its first argument, since each data set has a model of its own."
             )
         return found
-
-
-class _AtTime(Signals):
-    """Signals of the phase as the polynomials have them at one time."""
-
-    def __init__(self, outputs: PhaseOutputs, phase: Any, time: float) -> None:
-        self._outputs, self._phase, self.index = outputs, phase, time
-
-    def is_index(self, key: Any) -> bool:
-        """By value: the time is a number here."""
-        return isinstance(key, (int, float)) and key == self.index
-
-    def value_of(self, signal: Signal) -> Any:
-        """The interpolated variable."""
-        found = None
-        if signal.component.parent_block() is self._phase and len(signal.keys) == 1:
-            found = self._outputs.interpolated(signal.component.local_name, self.index)
-        return signal.component[signal.key_at(self.index)] if found is None else found
-
-    def time_at(self, block: Any) -> Any:
-        """The time itself: the phase is in real time."""
-        return self.index

@@ -6,7 +6,7 @@ it moves the corners of the shapes: metres of one joint count as metres of anoth
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,8 +19,8 @@ from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.geometry.distance import TOUCHING
 from pyrobocop_pyomo.geometry.nearest_points import nearest_differences
 from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
+from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
-from pyrobocop_pyomo.modeling.straight_line import StraightLine
 from pyrobocop_pyomo.numerics import Array, BoolArray
 from pyrobocop_pyomo.obstacles.avoidance_block import ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.obstacles.rerouting import InnerAndOuterBall
@@ -46,17 +46,18 @@ class EndRows:
 
     Attributes
     ----------
-    bodies : StraightLine
+    bodies : callable
+        Values (k, m) at points (k, n).
     low, high : (m,) arrays
     """
 
-    bodies: StraightLine
+    bodies: Callable[[Array], Array]
     low: Array
     high: Array
 
     def violations(self, points: Array) -> Array:
         """By how much points (k, n) violate each row, with a sign, (k, m)."""
-        found = _columns(self.bodies, points)
+        found = self.bodies(points)
         return np.asarray(found - np.clip(found, self.low, self.high))
 
     def hold(self, points: Array) -> BoolArray:
@@ -142,14 +143,13 @@ class ConfigurationSpace:
         """
         poses = [self._poses(t) for t in self._times]
         lines = [
-            StraightLine([entry for pose in found.values() for entry in pose.entries], self._variables[t],
-                         ARRAY_FUNCTIONS)
+            _columns_of([entry for pose in found.values() for entry in pose.entries], self._variables[t])
             for t, found in zip(self._times, poses, strict=True)
-        ]  # fmt: skip
+        ]
         self._line, self._bodies = lines[0], list(poses[0])
         dimension = self.blocks[0].record.dimension
         somewhere = np.random.default_rng(0).uniform(-1.0, 1.0, (3, len(self.names)))
-        first, last = (_columns(line, somewhere) for line in lines)
+        first, last = (line(somewhere) for line in lines)
         size = dimension * (dimension + 1)
         alike = np.isclose(first, last, rtol=1e-9, atol=1e-9).reshape(-1, size)
         agree: BoolArray = np.asarray(alike.reshape(len(first), -1, size).all(axis=(0, 2)))
@@ -218,7 +218,7 @@ class ConfigurationSpace:
         points = np.random.default_rng(1).uniform(-1.0, 1.0, (3, len(self.names)))
         turned = points.copy()
         turned[:, k] += TURN
-        return bool(np.allclose(_columns(self._line, points), _columns(self._line, turned), atol=1e-9))
+        return bool(np.allclose(self._line(points), self._line(turned), atol=1e-9))
 
     def guess(self) -> Array:
         """The configurations of the initial guess, (k, n).
@@ -267,7 +267,7 @@ class ConfigurationSpace:
                 found[t].append(row)
         return {
             t: None if not rows else EndRows(
-                StraightLine([row.body for row in rows], self._variables[t], ARRAY_FUNCTIONS),
+                _columns_of([row.body for row in rows], self._variables[t]),
                 np.array([-np.inf if row.lower is None else value(row.lower) for row in rows], dtype=float),
                 np.array([np.inf if row.upper is None else value(row.upper) for row in rows], dtype=float),
             )
@@ -282,7 +282,7 @@ class ConfigurationSpace:
 
     def _moved(self, points: Array, corners: Array) -> Array:
         d = corners.shape[2]
-        poses = _columns(self._line, points).reshape(len(points), -1, d * (d + 1))
+        poses = self._line(points).reshape(len(points), -1, d * (d + 1))
         found = np.broadcast_to(corners, (len(points), *corners.shape)).copy()
         moves = self._body_of >= 0
         own = poses[:, self._body_of[moves]]
@@ -409,11 +409,14 @@ class ConfigurationSpace:
         return found[rows.hold(found)]
 
 
-def _columns(line: StraightLine, points: Array) -> Array:
-    """Values (k, m) of expressions at points (k, n)."""
-    line.refresh()
-    found: Sequence[Any] = line(*points.T)
-    columns = np.empty((len(points), len(found)))
-    for k, entry in enumerate(found):
-        columns[:, k] = entry
+def _columns_of(expressions: Sequence[Any], variables: Sequence[Any]) -> Callable[[Array], Array]:
+    """Expressions as a function of points (k, n) that gives their values, (k, m)."""
+    steps = ExpressionSteps(expressions)
+
+    def columns(points: Array) -> Array:
+        found = steps.evaluate_at(dict(zip(map(id, variables), points.T, strict=True)), ARRAY_FUNCTIONS)
+        return (
+            np.array([np.broadcast_to(entry, len(points)) for entry in found], dtype=float).reshape(-1, len(points)).T
+        )
+
     return columns

@@ -9,11 +9,12 @@ import numpy as np
 
 from pyrobocop_pyomo.contrib.robots.least_squares import damped_least_squares
 from pyrobocop_pyomo.modeling.expression_arrays import plain_entry
+from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.modeling.variable_values import within_bounds
-from pyrobocop_pyomo.motion.expression_values import ExpressionValues
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases.families import equations_by_component
+from pyrobocop_pyomo.phases.rule_formulas import ARRAY_FUNCTIONS
 
 Columns = dict[str, Array]
 
@@ -70,8 +71,9 @@ class PhaseRates:
 
     def evaluated(self, expressions: Sequence[Any], values: Columns, count: int) -> Array:
         """Values of expressions, ``(count, len(expressions))``."""
-        known = ExpressionValues({id(self.variables[name]): column for name, column in values.items()})
-        return np.array([np.broadcast_to(known.of(each), count) for each in expressions], dtype=float).T
+        leaves = {id(self.variables[name]): column for name, column in values.items()}
+        found = ExpressionSteps(expressions).evaluate_at(leaves, ARRAY_FUNCTIONS)
+        return np.array([np.broadcast_to(each, count) for each in found], dtype=float).T
 
     def sampled(self, states: Sequence[str], generator: np.random.Generator) -> Columns:
         """Random values of states and of all that their rates read, the latter often at their bounds."""
