@@ -2,20 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from itertools import combinations
 from typing import Any
 
-import numpy as np
-
-from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.presentation import Presented
-
-# Below this normal force nobody is said to push, newtons.
-PUSHING = 0.1
-
 
 _LEVELS = ("strict", "practical")
 
@@ -132,57 +122,3 @@ class PhysicalScore(Presented):
             shown = "".join(f"{'-' if limit is None else format(limit, 'g'):>10} " for limit in limits)
             lines.append(f"{row['label']:36}{row['whose']:>10}{value:>12.3g} {row['unit']:6}{shown}".rstrip())
         return "\n".join(lines)
-
-
-def plan_component(agent: str, plan: Mapping[str, Array], name: str) -> Array:
-    """Values over time of one component in the plan of an agent.
-
-    Raises
-    ------
-    TrajectoryError
-        When the plan has no such component.
-    """
-    if name not in plan:
-        raise TrajectoryError(
-            f"physical score: the plan of '{agent}' has no '{name}'; it has {', '.join(sorted(plan)) or 'nothing'}."
-        )
-    return np.asarray(plan[name], dtype=float)
-
-
-def distance_outside(at: float, wanted: float | tuple[float, float] | None) -> float:
-    """How far a coordinate is from where it is wanted: a number, between two numbers, or anywhere."""
-    if wanted is None:
-        return 0.0
-    lower, upper = wanted if isinstance(wanted, tuple) else (wanted, wanted)
-    return at - min(max(at, lower), upper)
-
-
-def excess(values: Array, lower: float | Array | None, upper: float | Array | None) -> float:
-    """Largest distance of values from an interval, 0 within it; not a number where a value is none."""
-    below = 0.0 if lower is None else lower - values
-    above = 0.0 if upper is None else values - upper
-    return float(np.max(np.maximum(np.maximum(below, above), 0.0 * values)))
-
-
-def bound_excess(
-    plans: Mapping[str, Mapping[str, Array]], bounds: Mapping[str, Mapping[str, tuple[float | None, float | None]]]
-) -> float:
-    """How far plans leave the bounds that are given by agent and component.
-
-    Raises
-    ------
-    TrajectoryError
-        When an agent has no plan, or its plan no such component.
-    """
-    found = [0.0]
-    for agent, limits in bounds.items():
-        if agent not in plans:
-            raise TrajectoryError(f"physical score: bounds for '{agent}'; there are plans of {', '.join(plans)}.")
-        found += [excess(plan_component(agent, plans[agent], name), *limit) for name, limit in limits.items()]
-    return float(np.max(found))
-
-
-def smallest_distance(positions: list[Array]) -> float:
-    """Between the centres of two robots at any time, metres; infinite for one robot."""
-    apart = [float(np.linalg.norm(a - b, axis=1).min()) for a, b in combinations(positions, 2)]
-    return float(np.min([np.inf, *apart]))

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -16,19 +17,13 @@ from pyrobocop_pyomo.plotting import AnimationFile, BodyPath, animate_scene
 
 from .bodies import PLANE, SPACE, DiscRobot, Names, PlanarBody, SpatialBody, SphereRobot, check_positive
 from .contacts import PlanarContact, RobotContact, SpatialContact
-from .physical_score import (
-    PUSHING,
-    PhysicalScore,
-    bound_excess,
-    distance_outside,
-    excess,
-    plan_component,
-    smallest_distance,
-)
+from .physical_score import PhysicalScore
 from .rotations import rotation_matrix, rotation_rows, rotation_vector
 from .shapes import Gap
 
 _NEWTON_STEPS = 60
+# Below this normal force nobody is said to push, newtons.
+_PUSHING = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,10 +145,14 @@ class CombinedPlanScore(ABC):
         Raises
         ------
         TrajectoryError
-            When a component is missing, no agent has a robot's motion, or lengths do not fit.
+            When a component is missing, no agent has a robot's motion, lengths do not fit, or bounds are for others.
         """
-        score = self._of_plan(*self.combined(plans))
-        return replace(score, bound_excess=bound_excess(plans, self.bounds))
+        score, outside = self._of_plan(*self.combined(plans)), [0.0]
+        for agent, limits in self.bounds.items():
+            if agent not in plans:
+                raise TrajectoryError(f"physical score: bounds for '{agent}'; there are plans of {', '.join(plans)}.")
+            outside += [_excess(_component(agent, plans[agent], name), *limit) for name, limit in limits.items()]
+        return replace(score, bound_excess=float(np.max(outside)))
 
     def combined(self, plans: Mapping[str, Mapping[str, Array]]) -> tuple[PlannedBody, dict[str, PlannedRobot]]:
         """Reads the combined plan: the planned body, and the robots by name.
@@ -197,7 +196,8 @@ class CombinedPlanScore(ABC):
         """
         body, robots = self.combined(plans)
         if simulated:
-            body = self.simulate(body, self._sum_of_wrenches(body, robots))
+            every = _stacked(robots)
+            body = self.simulate(body, self._wrench(every, self._gap(every, body)).sum(axis=0))
         position = body.position
         bodies = [BodyPath(self.body.shape.outline(), body.rotation, position, "")]
         level = np.tile(np.eye(position.shape[1]), (len(position), 1, 1))
@@ -248,46 +248,47 @@ class CombinedPlanScore(ABC):
 
     def _of_plan(self, body: PlannedBody, robots: Mapping[str, PlannedRobot]) -> PhysicalScore:
         """Score one combined plan."""
-        axes = len(self.names.axes)
-        twist = body.twist(self.step)
-        contacts = {name: self._gap(robot, body) for name, robot in robots.items()}
-        wrench = self._sum_of_wrenches(body, robots)
-        own_forces, products, outside = [], [], [0.0]
-        for name, robot in robots.items():
-            at = contacts[name]
-            own_forces.append(self._missing_force(robot, -self._wrench(robot, at)[:, :axes]))
-            products.append(self._products(robot, at, twist))
-            left = self.friction * robot.normal - robot.tangential.sum(axis=1)
-            outside += [float(-side.min()) for side in (robot.normal, robot.tangential, left)]
-        missing = self._needed_wrench(body.rotation[1:], twist[1:], np.diff(twist, axis=0) / self.step) - wrench
-        simulated = self.simulate(body, wrench)
-        later = {name: self._gap(robot, simulated).gap for name, robot in robots.items()}
-        pushed = [later[name][1:][robot.normal > PUSHING] for name, robot in robots.items()]
+        axes, every, twist = len(self.names.axes), _stacked(robots), body.twist(self.step)
+        moves = np.diff(every.position, axis=1) / self.step
+        velocity = np.concatenate([every.velocity[:, :1], moves], axis=1)
+        at = self._gap(every, body)
+        wrench = self._wrench(every, at)
+        accelerations = np.diff(velocity, axis=1) / self.step - self.robot.falling
+        own = self.robot.mass * accelerations - every.force + wrench[..., :axes]
+        missing = self._needed_wrench(body.rotation[1:], twist[1:], np.diff(twist, axis=0) / self.step)
+        missing = missing - wrench.sum(axis=0)
+        simulated = self.simulate(body, wrench.sum(axis=0))
+        later = self._gap(every, simulated).gap
         distance, angle = self._from_goal(simulated)
-        gap_product, friction_product, separation_product = np.max(products, axis=0).tolist()
-        forces = np.array([robot.force for robot in robots.values()])
-        speeds = np.array([(self._velocity(robot), robot.velocity) for robot in robots.values()])
+
+        normal, tangential = every.normal, every.tangential
+        left = self.friction * normal - tangential.sum(axis=2)
+        w_n, *w = np.array(self.contact.velocity(at, np.moveaxis(velocity, 2, 0), twist.T))[..., 1:]
+        along = np.stack([*w, *(-each for each in w)], axis=2)
+        slip = np.abs(along).max(axis=2)
+        friction = [tangential * (slip[..., None] + along), slip * left]
+        speeds, pairs = np.array([velocity, every.velocity]), combinations(every.position, 2)
         end = simulated.twist(self.step)[-1] * self.rest_at_end
         return PhysicalScore(
             object_force=float(np.linalg.norm(missing[:, :axes], axis=1).max()),
             object_moment=float(np.linalg.norm(missing[:, axes:], axis=1).max()),
-            robot_force=float(np.max(own_forces)),
-            cone_excess=float(np.max(outside)),
-            gap_product=gap_product,
-            friction_product=friction_product,
-            separation_product=separation_product,
-            penetration=excess(np.array([at.gap for at in contacts.values()]), 0.0, None),
+            robot_force=float(np.linalg.norm(own, axis=2).max()),
+            cone_excess=float(np.max([0.0, *(-side.min() for side in (normal, tangential, left))])),
+            gap_product=float(np.abs(normal * at.gap[:, 1:]).max()),
+            friction_product=float(np.max([np.abs(product).max() for product in friction])),
+            separation_product=float(np.abs(normal * w_n).max()),
+            penetration=_excess(at.gap, 0.0, None),
             goal_distance=distance,
             goal_angle=angle,
-            gap_at_force=float(np.concatenate([np.zeros(1), *pushed]).max()),
-            simulated_penetration=excess(np.array(list(later.values())), 0.0, None),
-            distance=smallest_distance([robot.position for robot in robots.values()]),
-            force_excess=excess(forces, *self.robot.driving_limits),
-            speed_excess=excess(speeds, -self.robot.speed_limit, self.robot.speed_limit),
+            gap_at_force=float(np.max([0.0, *later[:, 1:][normal > _PUSHING]])),
+            simulated_penetration=_excess(later, 0.0, None),
+            distance=float(np.min([np.inf, *(np.linalg.norm(a - b, axis=1).min() for a, b in pairs)])),
+            force_excess=_excess(every.force, *self.robot.driving_limits),
+            speed_excess=_excess(speeds, -self.robot.speed_limit, self.robot.speed_limit),
             bound_excess=0.0,
             end_speed=float(np.linalg.norm(end[:axes])),
             end_spin=float(np.degrees(np.linalg.norm(end[axes:]))),
-            robot_end_speed=float(np.linalg.norm(speeds[:, 0, -1], axis=1).max() * self.rest_at_end),
+            robot_end_speed=float(np.linalg.norm(velocity[:, -1], axis=1).max() * self.rest_at_end),
         )
 
     def _robot_of(self, name: str, plan: Mapping[str, Array]) -> PlannedRobot:
@@ -296,7 +297,7 @@ class CombinedPlanScore(ABC):
             _columns(name, plan, [f"me.{each}" for each in names])
             for names in (axes, [f"v{a}" for a in axes], [f"tau_{a}" for a in axes], self.names.tangential)
         )
-        return PlannedRobot(position, velocity, force, plan_component(name, plan, "me.c"), tangential)
+        return PlannedRobot(position, velocity, force, _component(name, plan, "me.c"), tangential)
 
     def _body_of(self, name: str, plan: Mapping[str, Array]) -> PlannedBody:
         position, orientation, twist = (
@@ -308,42 +309,21 @@ class CombinedPlanScore(ABC):
         return PlannedBody(position, np.moveaxis(np.array(rotation_rows(orientation.T)), -1, 0), start)
 
     def _gap(self, robot: PlannedRobot, body: PlannedBody) -> Gap:
-        return self.contact.gap(robot.position.T, body.position.T, np.moveaxis(body.rotation, 0, -1))
+        return self.contact.gap(np.moveaxis(robot.position, -1, 0), body.position.T, np.moveaxis(body.rotation, 0, -1))
 
     def _wrench(self, robot: PlannedRobot, at: Gap) -> Array:
-        """The robot's own wrench on the body over each element, shape (T, 3) or (T, 6), kinematics at its end."""
-        ends = Gap(at.gap[1:], np.array(at.normal)[:, 1:], np.array(at.point)[:, 1:])
-        along, against = np.split(robot.tangential.T, 2)
-        return np.column_stack(self.contact.wrench_on_body(ends, robot.normal, along - against))
-
-    def _sum_of_wrenches(self, body: PlannedBody, robots: Mapping[str, PlannedRobot]) -> Array:
-        """Of the robots' own forces on the body, shape (T, 3) or (T, 6)."""
-        total: Array = np.sum([self._wrench(robot, self._gap(robot, body)) for robot in robots.values()], axis=0)
-        return total
-
-    def _velocity(self, robot: PlannedRobot) -> Array:
-        """Of the robot at the element boundaries, from its positions; shape (T + 1, d)."""
-        return np.vstack([robot.velocity[:1], np.diff(robot.position, axis=0) / self.step])
-
-    def _missing_force(self, robot: PlannedRobot, contact: Array) -> float:
-        needed = self.robot.mass * (np.diff(self._velocity(robot), axis=0) / self.step - self.robot.falling)
-        return float(np.linalg.norm(needed - robot.force - contact, axis=1).max())
-
-    def _products(self, robot: PlannedRobot, at: Gap, twist: Array) -> tuple[float, ...]:
-        """Largest gap, friction and separation product of one robot's contact."""
-        w_n, *w = np.array(self.contact.velocity(at, self._velocity(robot).T, twist.T))[:, 1:]
-        along = np.column_stack([*w, *(-each for each in w)])
-        speed = np.abs(along).max(axis=1, keepdims=True)
-        c, alphas = robot.normal, robot.tangential
-        left = self.friction * c - alphas.sum(axis=1)
-        friction = np.column_stack([alphas * (speed + along), speed * left[:, None]])
-        return tuple(float(np.abs(product).max()) for product in (c * at.gap[1:], friction, c * w_n))
+        """The robot's own wrench on the body over each element, shape (..., T, 3) or (..., T, 6); kinematics at its
+        end.
+        """
+        ends = Gap(at.gap[..., 1:], np.array(at.normal)[..., 1:], np.array(at.point)[..., 1:])
+        along, against = np.split(np.moveaxis(robot.tangential, -1, 0), 2)
+        return np.stack(self.contact.wrench_on_body(ends, robot.normal, along - against), axis=-1)
 
     def _from_goal(self, body: PlannedBody) -> tuple[float, float]:
         """Distance and angle of the object at the end from its goal: metres, degrees."""
         axes = len(self.names.axes)
         position, turn = list(self.goal)[:axes], [angle for angle in self.goal[axes:] if angle is not None]
-        off = [distance_outside(float(at), wanted) for at, wanted in zip(body.position[-1], position, strict=True)]
+        off = [_distance_outside(float(at), wanted) for at, wanted in zip(body.position[-1], position, strict=True)]
         if not turn:
             return float(np.linalg.norm(off)), 0.0
         # In the plane the angle may be between two; a whole turn more or less is the same pose.
@@ -442,8 +422,43 @@ class SpatialScore(CombinedPlanScore):
         return np.hstack([force, np.einsum("tij,tj->ti", inertia, rates[:, 3:]) + gyroscopic])
 
 
+def _component(agent: str, plan: Mapping[str, Array], name: str) -> Array:
+    """Values over time of one component in the plan of an agent.
+
+    Raises
+    ------
+    TrajectoryError
+        When the plan has no such component.
+    """
+    if name not in plan:
+        raise TrajectoryError(
+            f"physical score: the plan of '{agent}' has no '{name}'; it has {', '.join(sorted(plan)) or 'nothing'}."
+        )
+    return np.asarray(plan[name], dtype=float)
+
+
+def _distance_outside(at: float, wanted: float | tuple[float, float] | None) -> float:
+    """How far a coordinate is from where it is wanted: a number, between two numbers, or anywhere."""
+    if wanted is None:
+        return 0.0
+    lower, upper = wanted if isinstance(wanted, tuple) else (wanted, wanted)
+    return at - min(max(at, lower), upper)
+
+
+def _excess(values: Array, lower: float | Array | None, upper: float | Array | None) -> float:
+    """Largest distance of values from an interval, 0 within it; not a number where a value is none."""
+    below = 0.0 if lower is None else lower - values
+    above = 0.0 if upper is None else values - upper
+    return float(np.max(np.maximum(np.maximum(below, above), 0.0 * values)))
+
+
 def _columns(agent: str, plan: Mapping[str, Array], names: Sequence[str]) -> Array:
-    return np.column_stack([plan_component(agent, plan, name) for name in names])
+    return np.column_stack([_component(agent, plan, name) for name in names])
+
+
+def _stacked(robots: Mapping[str, PlannedRobot]) -> PlannedRobot:
+    """All robots in one: the first axis of each array is over them."""
+    return PlannedRobot(*(np.array([getattr(r, e.name) for r in robots.values()]) for e in fields(PlannedRobot)))
 
 
 def _mean_of(bodies: Sequence[PlannedBody]) -> PlannedBody:
