@@ -11,7 +11,7 @@ from pyomo.core.expr.relational_expr import EqualityExpression, RelationalExpres
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_arrays import array, plain_expressions
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
-from pyrobocop_pyomo.phases import Algebraic, Control, State
+from pyrobocop_pyomo.phases import Algebraic, Control
 from pyrobocop_pyomo.phases.families import equations_by_component, names_by_component
 from pyrobocop_pyomo.phases.record import labelled_rows
 
@@ -64,10 +64,7 @@ class PhaseEnd:
                 f"{'end' if self._last else 'start'}; declared are {', '.join(declared) or 'none'}."
             )
         self._read.add(name)
-        declaration = declared.get(name)
-        if isinstance(declaration, State):
-            return component[self._index]
-        if isinstance(declaration, (Algebraic, Control)):
+        if isinstance(declared.get(name), (Algebraic, Control)):
             return component.at(self._index)  # it follows the mesh
         return component[self._index] if component.is_indexed() and self._index in component else component
 

@@ -50,8 +50,6 @@ class Names(NamedTuple):
         Velocity and angular velocity; force and moment.
     tangential : tuple of str
         Forces of a contact along its tangents, then against them.
-    slips : tuple of str
-        Speeds along the tangents that are variables of their own, where their formulas are long.
     """
 
     axes: tuple[str, ...]
@@ -60,7 +58,6 @@ class Names(NamedTuple):
     twist: tuple[str, ...]
     wrench: tuple[str, ...]
     tangential: tuple[str, ...]
-    slips: tuple[str, ...]
 
 
 PLANE = Names(
@@ -70,7 +67,6 @@ PLANE = Names(
     twist=("ux", "uy", "uth"),
     wrench=("fx", "fy", "mz"),
     tangential=("alpha_plus", "alpha_minus"),
-    slips=(),
 )
 SPACE = Names(
     axes=("x", "y", "z"),
@@ -79,7 +75,6 @@ SPACE = Names(
     twist=("ux", "uy", "uz", "wx", "wy", "wz"),
     wrench=("fx", "fy", "fz", "mx", "my", "mz"),
     tangential=("alpha_1", "alpha_2", "alpha_3", "alpha_4"),
-    slips=("slip_1", "slip_2"),
 )
 _QUATERNION = ("turn_w", "turn_x", "turn_y", "turn_z")
 _RULES = ("newton_euler", "kinematic_copy", "turn_over_element", "goal_rotation")

@@ -77,7 +77,7 @@ class RobotContact(ABC):
             inside the body.
         """
         names = self.names
-        kept = (*self._lifted, *names.slips)
+        kept = self._lifted
         rows = ("contact_kinematics", "contact_wrench", "contact", "no_separation")
         check_free(phase, "c", *names.tangential, "slip", *kept, *rows)
         check_has(phase, phase, *names.axes, *self._speeds)
@@ -90,13 +90,13 @@ class RobotContact(ABC):
             phase.declare(name, Control(bounds=(0, None), initial_guess=_FIRST_FORCE))
         # The lifted variables start where the formulas lead from the values of the poses.
         numbers = PhaseNumbers(phase), PhaseNumbers(body)
-        start = [self._formulas(*numbers, t, self._gap_formulas(*numbers, t)) for t in phase.points]
+        start = [self._formulas(*numbers, t) for t in phase.points]
         for name, guess in zip(kept, zip(*start, strict=True), strict=True):
             phase.declare(name, Algebraic(initial_guess=guess))
 
         @phase.residual
         def contact_kinematics(b: Any, t: float) -> dict[str, Any]:
-            formulas = self._formulas(b, body, t, self._lifted_gap(b, t))
+            formulas = self._formulas(b, body, t)
             return {name: getattr(b, name)[t] == formula for name, formula in zip(kept, formulas, strict=True)}
 
         self._set_wrench(phase, push)
@@ -104,7 +104,7 @@ class RobotContact(ABC):
         @phase.complementarity
         def contact(b: Any, t: float) -> list[Any]:
             at, alphas = self._lifted_gap(b, t), entries_at(b, names.tangential, t)
-            slips = entries_at(b, names.slips, t) or self._velocity_at(b, body, t, at)[1:]
+            slips = self._velocity_at(b, body, t, at)[1:]
             return [
                 complements(b.c[t] >= 0, at.gap >= 0),
                 *(complements(a >= 0, b.slip[t] + w >= 0) for a, w in zip(alphas, slips, strict=False)),
@@ -175,11 +175,10 @@ class RobotContact(ABC):
     def _velocity_at(self, phase: Any, body: Any, t: float, at: Gap) -> list[Any]:
         return self.velocity(at, entries_at(phase, self._speeds, t), entries_at(body, self.names.twist, t))
 
-    def _formulas(self, phase: Any, body: Any, t: float, at: Gap) -> list[Any]:
-        """Of the lifted variables; slips at a gap whose entries may be variables."""
-        exact = self._gap_formulas(phase, body, t)
-        formulas = [exact.gap, *exact.normal, *exact.point][: len(self._lifted)]
-        return formulas + (self._velocity_at(phase, body, t, at)[1:] if self.names.slips else [])
+    def _formulas(self, phase: Any, body: Any, t: float) -> list[Any]:
+        """Of the lifted variables."""
+        at = self._gap_formulas(phase, body, t)
+        return [at.gap, *at.normal, *at.point][: len(self._lifted)]
 
     def _set_wrench(self, phase: Any, push: Any) -> None:
         names = self.names

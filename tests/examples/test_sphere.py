@@ -37,7 +37,7 @@ def test_a_quadrotors_model_does_not_grow_with_the_team(sphere: ModuleType) -> N
     sizes = {
         n: (size(sphere.sphere(sphere.task(0, n))), size(sphere.quadrotor(sphere.task(0, n), "b"))) for n in (2, 12)
     }
-    assert [robot for _, robot in sizes.values()] == [9 * 43 + (6 + 3 + 6 + 6 + 6) * 42] * 2
+    assert [robot for _, robot in sizes.values()] == [9 * 43 + (6 + 3 + 6 + 6 + 4) * 42] * 2
     assert [hub for hub, _ in sizes.values()] == [18 * 43 + (4 + 6 * n) * 42 for n in sizes]
 
 
