@@ -74,14 +74,6 @@ def without_a_force(plans: Plans) -> None:
         plans["left"][f"me.{unknown}"] = np.zeros(STEPS)
 
 
-def moved_away(plans: Plans) -> None:
-    plans["left"]["me.x"] = plans["left"]["me.x"] - 0.01
-
-
-def moved_in(plans: Plans) -> None:
-    plans["left"]["me.x"] = plans["left"]["me.x"] + 0.01
-
-
 def friction_flipped(plans: Plans) -> None:
     left = plans["left"]
     for j in (1, 2):
@@ -99,35 +91,28 @@ def ball_turns_by_itself(plans: Plans) -> None:
         plans["ball"][f"body.{name}"][5:] = entry
 
 
-def driven_less(plans: Plans) -> None:
-    plans["left"]["me.tau_z"] = plans["left"]["me.tau_z"] - 0.1
-
-
 def lighter_than_it_is(plans: Plans) -> None:
     """The ball is planned to rise faster than it is lifted."""
     plans["ball"]["body.qz"] = 1.2 * plans["ball"]["body.qz"]
 
 
+# Faults that look the same in the plane are in test_planar_score: the score is one.
 FAULTS = {
-    "without a force": (without_a_force, "force missing to the object", False),
-    "moved away": (moved_away, "force times gap", False),
-    "moved in": (moved_in, "penetration", False),
-    "friction flipped": (friction_flipped, "force missing to the object", False),
-    "beyond the cone": (friction_beyond_the_cone, "outside the friction cone", False),
-    "turns by itself": (ball_turns_by_itself, "friction that does not oppose slip", False),
-    "driven less": (driven_less, "force missing to the robots", True),
-    "lighter": (lighter_than_it_is, "force missing to the object", False),
+    "without a force": (without_a_force, "force missing to the object"),
+    "friction flipped": (friction_flipped, "force missing to the object"),
+    "beyond the cone": (friction_beyond_the_cone, "outside the friction cone"),
+    "turns by itself": (ball_turns_by_itself, "friction that does not oppose slip"),
+    "lighter": (lighter_than_it_is, "force missing to the object"),
 }
 
 
 @pytest.mark.parametrize("name", FAULTS)
 def test_every_fault_is_found(name: str) -> None:
-    fault, found, practical = FAULTS[name]
+    fault, found = FAULTS[name]
     plans = copy.deepcopy(lifting())
     fault(plans)
     score = SCORE(plans)
-    assert not score.strict
-    assert score.practical is practical
+    assert not score.practical
     assert any(found in miss for miss in score.misses("strict")), str(score)
 
 
