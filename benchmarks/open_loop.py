@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from pyrobocop_pyomo.mechanics import planar
-from pyrobocop_pyomo.mechanics.planar_contacts import contact_wrench_on_body, slip_velocity
+from pyrobocop_pyomo.mechanics.rotations import rotation_vector
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.mixed_complementarity import (
     ComplementarityValues,
@@ -33,8 +33,9 @@ def play_back(score: planar.Score, plans: Mapping[str, Mapping[str, Array]]) -> 
     places, speeds, forces = (
         np.array([getattr(robot, name) for robot in robots.values()]) for name in ("position", "velocity", "force")
     )
+    pose = np.array([*body.position[0], *rotation_vector(body.rotation[0])])
     return ContactStep.of_score(score).play(
-        body.pose[0], body.velocity_at_start, places[:, 0], speeds[:, 0], np.swapaxes(forces, 0, 1)
+        pose, body.twist_at_start, places[:, 0], speeds[:, 0], np.swapaxes(forces, 0, 1)
     )
 
 
@@ -78,6 +79,7 @@ class ContactStep:
         count = len(places)
         rows = 3 + 2 * count
         radius, start = self.robot.shape.radius, tuple(pose)
+        contact = planar.Contact(self.body.shape, self.robot.shape, self.friction)
         before = [self.body.shape.gap_to_disc(radius, x, y, start) for x, y in places.tolist()]
 
         def sides(z: Array, frozen: bool) -> Array:
@@ -91,13 +93,13 @@ class ContactStep:
                 v, (c, along, against, slip) = own[:, i, :2], own[:, i, 2:].T
                 at = before[i]
                 if frozen:
-                    w_n, w_t = slip_velocity(at, tuple(v.T), tuple(u.T))
+                    w_n, w_t = contact.velocity(at, v.T, u.T)
                     at = at._replace(gap=at.gap + self.step * w_n)
                 else:
                     x, y = (places[i] + self.step * v).T
                     at = self.body.shape.gap_to_disc(radius, x, y, tuple(after.T))
-                    w_t = slip_velocity(at, tuple(v.T), tuple(u.T))[1]
-                wrench = np.column_stack(contact_wrench_on_body(at, c, along - against))
+                    w_t = contact.velocity(at, v.T, u.T)[1]
+                wrench = np.column_stack(contact.wrench_on_body(at, c, [along - against]))
                 missing -= wrench
                 equations.append(self.robot.mass * (v - speeds[i]) / self.step - forces[i] + wrench[:, :2])
                 # The gap over the step is a speed, as the other sides are.

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from pyomo.core.base.component import ModelComponentFactory
 from pyomo.core.base.componentuid import ComponentUID
@@ -16,42 +15,26 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.blocks import BuiltBlock, BuiltBlockData, Rule
 from pyrobocop_pyomo.modeling.row_violations import largest_violation
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
-from pyrobocop_pyomo.phases import PhaseBlock, PhaseBlockData
+from pyrobocop_pyomo.phases import Parameter, PhaseBlock, PhaseBlockData
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .link_states import (
-    PhaseEnd,
-    Relations,
-    listed,
-    omitted_states,
-    shared_parameter,
-    sort_jump,
-    states_given,
-    states_of_both,
-)
+from .link_states import PhaseEnd, jump_of, listed, name_of, omitted_states, states_given, states_of_both
 from .tied_starts import solved_start
 
 
-@dataclass
-class _Ends:
-    """The two phases of a link. In a holder, since a block would adopt a component that is assigned to it.
+class _Ends(NamedTuple):
+    """The two phases of a link, in a holder, since a block would adopt a component that is assigned to it.
 
     Attributes
     ----------
     first, second : PhaseBlock
-    continued : dict of str to str
-        {state of the second: state of the first} of what continues.
-    shared : list of str
-        Parameters of both.
     omitted : set of str
         States to leave alone.
     """
 
     first: Any
     second: Any
-    continued: dict[str, str] = field(default_factory=dict)
-    shared: list[str] = field(default_factory=list)
-    omitted: set[str] = field(default_factory=set)
+    omitted: set[str]
 
 
 class LinkData(BuiltBlockData):
@@ -73,12 +56,12 @@ class LinkData(BuiltBlockData):
     @property
     def first(self) -> Any:
         """The phase whose end is joined."""
-        return self._ends.first
+        return self._record_if_built().first
 
     @property
     def second(self) -> Any:
         """The phase whose start is joined."""
-        return self._ends.second
+        return self._record_if_built().second
 
     @property
     def pre(self) -> PhaseEnd:
@@ -100,7 +83,7 @@ class LinkData(BuiltBlockData):
         """States of the second phase whose start this link, or something beside it, has to give."""
         if not (self.continuity or self.jump):
             return []
-        return [name for name in self._second_states if name not in self._ends.omitted]
+        return [name for name in self.second.record.names_of_states if name not in self._record.omitted]
 
     def start_after(self, trajectory: Trajectory) -> dict[str, float]:
         """Where the second phase starts after a motion of the first: what `simulate` takes as ``initial``.
@@ -122,55 +105,50 @@ class LinkData(BuiltBlockData):
         """
         rows = [row for row in (*self.continuity.values(), *self.jump.values()) if row.equality]
         read = {id(variable) for row in rows for variable in variables_in(row.body, include_fixed=True)}
-        starts = {name: self.second.component(name)[self.second.initial_time] for name in self._second_states}
+        starts = {name: getattr(self.post, name) for name in self.second.record.names_of_states}
         starts = {name: variable for name, variable in starts.items() if id(variable) in read}
         found = solved_start(self._what, self.second, rows, starts.values(), [(self.first, trajectory)])
         return dict(zip(starts, found, strict=True))
-
-    @property
-    def _second_states(self) -> list[str]:
-        names: list[str] = self.second.record.names_of_states
-        return names
-
-    @property
-    def _ends(self) -> _Ends:
-        return self._record_if_built()
 
     @property
     def _what(self) -> str:
         return f"{super()._what} from '{self.first.name}' to '{self.second.name}'" if self.is_built else super()._what
 
     def _build(self, phases: Any, *, states: Any, omit: list[Any], jump: Rule | None, parameters: list[Any]) -> None:
-        self._record = _Ends(*_two_phases(self, self._phases_of(phases)))
-        pre, post = self.pre, self.post
-        jumped, relations = sort_jump(self._what, self.second, pre, post, jump)
-        determined = {*jumped, *relations.determined}
-        joined = (self._what, self.first, self.second)
+        first, second = _two_phases(self, self._phases_of(phases))
+        self._record = _Ends(first, second, set())
+        what, pre, post = self._what, self.pre, self.post
+        expressions, relations, determined = jump_of(what, second, pre, post, jump)
         if states is None:
-            self._ends.omitted = omitted_states(*joined, omit)
-            continued = states_of_both(*joined, determined, self._ends.omitted, pre._read)
+            omitted = omitted_states(what, first, second, omit)
+            self._record = _Ends(first, second, omitted)
+            continued = states_of_both(what, first, second, determined | omitted, pre._read)
         elif omit:
-            raise ModelError(f"{self._what}: states= says what continues, omit= what does not. Give one of them.")
+            raise ModelError(f"{what}: states= says what continues, omit= what does not. Give one of them.")
         else:
-            continued = states_given(*joined, states, determined)
-        names = [shared_parameter(*joined, parameter) for parameter in parameters]
-        self._ends.continued, self._ends.shared = continued, names
+            continued = states_given(what, first, second, states, determined)
+        shared = [self._shared_parameter(name_of(parameter)) for parameter in parameters]
         self.continuity = Constraint(list(continued))
-        self.jump = Constraint([*jumped, *relations.rows])
-        self.shared = Constraint(names)
-        self._join(jumped, relations)
-
-    def _join(self, jumped: Mapping[str, Any], relations: Relations) -> None:
-        """Add the rows."""
-        pre, post = self.pre, self.post
-        for name, source in self._ends.continued.items():
+        self.jump = Constraint([*expressions, *relations])
+        self.shared = Constraint(shared)
+        for name, source in continued.items():
             self._add(self.continuity, name, getattr(pre, source), getattr(post, name))
-        for name, expression in jumped.items():
+        for name, expression in expressions.items():
             self._add(self.jump, name, expression, getattr(post, name))
-        for label, relation in relations.rows.items():
+        for label, relation in relations.items():
             self.jump.add(label, relation)
-        for name in self._ends.shared:
+        for name in shared:
             self._add(self.shared, name, getattr(pre, name), getattr(post, name))
+
+    def _shared_parameter(self, name: str) -> str:
+        for phase in (self.first, self.second):
+            known = phase.record.names(Parameter)
+            if name not in known:
+                raise ModelError(
+                    f"{self._what}: '{name}' is no parameter of '{phase.name}'; its parameters are "
+                    f"{', '.join(known) or 'none'}."
+                )
+        return name
 
     def _phases_of(self, source: Any) -> Any:
         """The two phases of this link: two neighbours of an indexed block, the result of a rule, or as given."""
@@ -279,10 +257,7 @@ class Link(BuiltBlock, data=LinkData):
 
     @classmethod
     def _is_scalar(cls, args: tuple[Any, ...], keywords: Mapping[str, Any]) -> bool:
-        two_phases = args and (
-            isinstance(args[0], PhaseBlockData) or (len(args) > 1 and isinstance(args[0], PhaseBlock))
-        )
-        return bool(two_phases) or super()._is_scalar(args, keywords)
+        return super()._is_scalar(args, keywords) or not _sort_arguments(args, keywords.get("phases"))[0]
 
 
 class _LaterPhases:
@@ -301,9 +276,8 @@ def _sort_arguments(args: tuple[Any, ...], phases: Any) -> tuple[tuple[Any, ...]
         if phases is not None:
             raise ModelError("a Link takes two phases, or index sets and phases=; it was given both.")
         if len(args) == 1 and isinstance(args[0], PhaseBlock) and args[0].is_indexed():
-            if (
-                not args[0].is_constructed() and args[0].parent_block() is not None
-            ):  # of an AbstractModel: its phases are known with the data
+            # Of an AbstractModel: its phases are known with the data.
+            if not args[0].is_constructed() and args[0].parent_block() is not None:
                 return (Set(initialize=_LaterPhases(ComponentUID(args[0])), ordered=True),), args[0]
             order = list(args[0])
             if len(order) < 2:

@@ -66,23 +66,20 @@ class StartTies:
             When the rows do not say where.
         """
         rows = (*self.rows, *self.conditions)
-        planned = [constraint_violation(row) for row in rows]
+        planned = {id(row): constraint_violation(row) for row in rows}
 
-        def broken(rows: Sequence[Any]) -> list[str]:
-            now = [constraint_violation(row) for row in rows]
-            return [
-                row.name for row, a, b in zip(rows, now, planned[-len(rows) :], strict=True) if not a <= b + NEGLIGIBLE
-            ]
+        def broken(rows: Iterable[Any]) -> list[str]:
+            return [row.name for row in rows if not constraint_violation(row) <= planned[id(row)] + NEGLIGIBLE]
 
         with put_on_model(led):
-            if not rows or not broken(rows):
+            if not broken(rows):
                 return {}
         what = f"phase '{self.phase.name}'"
         found = solved_start(what, self.phase, self.rows, self.unknowns, led)
         with values_restored(self.unknowns), put_on_model(led):
             for variable, number in zip(self.unknowns, found, strict=True):
                 variable.set_value(number, skip_validation=True)
-            if self.conditions and (first := broken(self.conditions)):
+            if first := broken(self.conditions):
                 raise ModelError(f"{what}: '{first[0]}' does not hold after the motion of the phases before it.")
         names = {id(variable): name for name, variable in _starts(self.phase).items()}
         numbers = zip(self.unknowns, found, strict=True)

@@ -3,12 +3,10 @@
 from pyrobocop_pyomo.errors import removed_names
 
 from . import planar, spatial
-from .friction import CoulombFriction, CoulombSlip
-from .nonsmooth_functions import AbsoluteValue, Maximum, Minimum, Saturation
+from .contact_laws import CoulombFriction, CoulombSlip, HardWall, PointContact, SoftWall
+from .nonsmooth_functions import AbsoluteValue, Maximum, Minimum, Saturation, Sign, Step
 from .planar_pushing import SquareSlider
 from .signal_laws import SignalLaw
-from .switches import Sign, Step
-from .walls import HardWall, PointContact, SoftWall
 
 __all__ = [
     "AbsoluteValue",

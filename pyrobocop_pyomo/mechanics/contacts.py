@@ -1,4 +1,4 @@
-"""Contact of a round robot with a body: touching, friction and the wrench, the same in the plane and in space."""
+"""Contact of a round robot with a body in the plane or in space: its law, its wrench and its slip."""
 
 from __future__ import annotations
 
@@ -6,12 +6,26 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import numpy as np
 from pyomo.core.base.expression import Expression
 
 from pyrobocop_pyomo.complementarity import complements
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.phases import Algebraic, Control
 
-from .planar_bodies import PhaseNumbers, check_free, check_has, check_no_overlap, check_positive, entries_at
+from .bodies import (
+    PLANE,
+    SPACE,
+    Names,
+    PhaseNumbers,
+    check_free,
+    check_has,
+    check_no_overlap,
+    check_positive,
+    entries_at,
+)
+from .rotations import Matrix, Vector, cross_product, inner_product, rotation_rows, tangents_across
+from .shapes import Disc, Gap, PlanarShape, SpatialShape, Sphere
 
 # A small positive start: at zero, a pair's product has no slope.
 _FIRST_FORCE = 0.01
@@ -38,13 +52,7 @@ class RobotContact(ABC):
     force_limit: float = 60.0
     tolerance: float = 0.01
 
-    # Coordinates and speeds of the robot, its forces along the tangents and against them, wrench and twist of the body.
-    _AXES: ClassVar[tuple[str, ...]]
-    _TANGENTIAL: ClassVar[tuple[str, ...]]
-    _WRENCH: ClassVar[tuple[str, ...]]
-    _TWIST: ClassVar[tuple[str, ...]]
-    # Speeds along the tangents that are variables of their own, where their formulas are long.
-    _SLIPS: ClassVar[tuple[str, ...]] = ()
+    names: ClassVar[Names]
 
     def __post_init__(self) -> None:
         check_positive(self, "friction", "force_limit", "tolerance")
@@ -68,34 +76,35 @@ class RobotContact(ABC):
             When a name is taken, a phase lacks a component, grids differ, or the robot starts more than a centimetre
             inside the body.
         """
-        kept = (*self._lifted, *self._SLIPS)
+        names = self.names
+        kept = self._lifted
         rows = ("contact_kinematics", "contact_wrench", "contact", "no_separation")
-        check_free(phase, "c", *self._TANGENTIAL, "slip", *kept, *rows)
-        check_has(phase, phase, *self._AXES, *(f"v{axis}" for axis in self._AXES))
-        check_has(body, phase, *self._pose, *self._TWIST)
-        check_has(push, phase, *self._WRENCH)
-        check_no_overlap(phase, body, self._pose, self._gap)
+        check_free(phase, "c", *names.tangential, "slip", *kept, *rows)
+        check_has(phase, phase, *names.axes, *self._speeds)
+        check_has(body, phase, *self._pose, *names.twist)
+        check_has(push, phase, *names.wrench)
+        check_no_overlap(phase, body, self._pose, self._gap_formulas)
 
         phase.c = Control(bounds=(0, self.force_limit), initial_guess=_FIRST_FORCE)
-        for name in (*self._TANGENTIAL, "slip"):
+        for name in (*names.tangential, "slip"):
             phase.declare(name, Control(bounds=(0, None), initial_guess=_FIRST_FORCE))
         # The lifted variables start where the formulas lead from the values of the poses.
         numbers = PhaseNumbers(phase), PhaseNumbers(body)
-        start = [self._formulas(*numbers, t, self._gap(*numbers, t)) for t in phase.points]
+        start = [self._formulas(*numbers, t) for t in phase.points]
         for name, guess in zip(kept, zip(*start, strict=True), strict=True):
             phase.declare(name, Algebraic(initial_guess=guess))
 
         @phase.residual
         def contact_kinematics(b: Any, t: float) -> dict[str, Any]:
-            formulas = self._formulas(b, body, t, self._lifted_gap(b, t))
+            formulas = self._formulas(b, body, t)
             return {name: getattr(b, name)[t] == formula for name, formula in zip(kept, formulas, strict=True)}
 
         self._set_wrench(phase, push)
 
         @phase.complementarity
         def contact(b: Any, t: float) -> list[Any]:
-            at, alphas = self._lifted_gap(b, t), entries_at(b, self._TANGENTIAL, t)
-            slips = entries_at(b, self._SLIPS, t) or self._slip(b, body, t, at)[1]
+            at, alphas = self._lifted_gap(b, t), entries_at(b, names.tangential, t)
+            slips = self._velocity_at(b, body, t, at)[1:]
             return [
                 complements(b.c[t] >= 0, at.gap >= 0),
                 *(complements(a >= 0, b.slip[t] + w >= 0) for a, w in zip(alphas, slips, strict=False)),
@@ -105,61 +114,206 @@ class RobotContact(ABC):
 
         @phase.constraint
         def no_separation(b: Any, t: float) -> tuple[float, Any, float]:
-            return -self.tolerance, b.c[t] * self._slip(b, body, t, self._lifted_gap(b, t))[0], self.tolerance
+            return -self.tolerance, b.c[t] * self._velocity_at(b, body, t, self._lifted_gap(b, t))[0], self.tolerance
 
-    def _formulas(self, phase: Any, body: Any, t: float, at: Any) -> list[Any]:
-        """Of the lifted variables; slips at a gap whose entries may be variables."""
-        formulas = list(self._gap(phase, body, t))[: len(self._lifted)]
-        return formulas + (self._slip(phase, body, t, at)[1] if self._SLIPS else [])
+    def gap(self, centre: Vector, position: Vector, rotation: Matrix | None = None) -> Gap:
+        """How the robot, with its centre at a place, stands to the body at a pose; see `RoundedShape.gap_to_ball`."""
+        return self.body.gap_to_ball(self.robot.radius, centre, position, rotation)
+
+    @abstractmethod
+    def tangents(self, at: Gap) -> list[Vector]:
+        """Tangents at a contact: in the plane the normal turned left, in space the first and the second."""
+
+    def wrench_on_body(self, at: Gap, normal: Any, tangential: Vector) -> list[Any]:
+        """What the body gets: the force on the robot turned around, and its moment about the body's origin.
+
+        Parameters
+        ----------
+        at : Gap
+        normal : number, array or expression
+            Force on the robot along the normal, newtons.
+        tangential : numbers, arrays or expressions
+            Force on the robot along each tangent, newtons.
+        """
+        force = [-normal * n for n in at.normal]
+        for tangent, share in zip(self.tangents(at), tangential, strict=True):
+            force = [f - share * entry for f, entry in zip(force, tangent, strict=True)]
+        return [*force, *cross_product(at.point, force)]
+
+    def velocity(self, at: Gap, robot: Vector, twist: Vector) -> list[Any]:
+        """Of the robot relative to the body at the contact point: along the normal, and along each tangent."""
+        carried = cross_product(twist[len(robot) :], at.point)
+        apart = [v - (u + w) for v, u, w in zip(robot, twist, carried, strict=False)]
+        return [inner_product(axis, apart) for axis in (at.normal, *self.tangents(at))]
+
+    @property
+    def _speeds(self) -> list[str]:
+        return [f"v{axis}" for axis in self.names.axes]
+
+    @property
+    def _lifted(self) -> list[str]:
+        """Names of the entries of a gap that are variables: the contact point of a round body follows its normal."""
+        vectors = ("normal",) if self.body.is_round else ("normal", "point")
+        return ["gap", *(f"{vector}_{axis}" for vector in vectors for axis in self.names.axes)]
+
+    @property
+    def _pose(self) -> tuple[str, ...]:
+        """Names of what the gap reads of the body."""
+        return self.names.position + (() if self.body.is_round else self.names.orientation)
+
+    def _gap_formulas(self, phase: Any, body: Any, t: float) -> Gap:
+        names = self.names
+        rotation = None if self.body.is_round else rotation_rows(entries_at(body, names.orientation, t))
+        return self.gap(entries_at(phase, names.axes, t), entries_at(body, names.position, t), rotation)
+
+    def _lifted_gap(self, phase: Any, t: float) -> Gap:
+        """The gap in its variables."""
+        gap, *others = entries_at(phase, self._lifted, t)
+        normal = others[: len(self.names.axes)]
+        return Gap(gap, normal, others[len(normal) :] or [self.body.radius * n for n in normal])
+
+    def _velocity_at(self, phase: Any, body: Any, t: float, at: Gap) -> list[Any]:
+        return self.velocity(at, entries_at(phase, self._speeds, t), entries_at(body, self.names.twist, t))
+
+    def _formulas(self, phase: Any, body: Any, t: float) -> list[Any]:
+        """Of the lifted variables."""
+        at = self._gap_formulas(phase, body, t)
+        return [at.gap, *at.normal, *at.point][: len(self._lifted)]
 
     def _set_wrench(self, phase: Any, push: Any) -> None:
+        names = self.names
+        axes = len(names.axes)
+
         def wrench_on_body(b: Any, t: float) -> list[Any]:
-            alphas = entries_at(b, self._TANGENTIAL, t)
-            half = len(alphas) // 2
-            along = [forward - back for forward, back in zip(alphas[:half], alphas[half:], strict=True)]
-            return self._wrench(self._lifted_gap(b, t), b.c[t], along)
+            alphas = entries_at(b, names.tangential, t)
+            along = [forward - back for forward, back in zip(alphas[: axes - 1], alphas[axes - 1 :], strict=True)]
+            return self.wrench_on_body(self._lifted_gap(b, t), b.c[t], along)
 
         if push.fx.ctype is Expression:
             for t in phase.points:
-                for name, formula in zip(self._WRENCH, wrench_on_body(phase, t), strict=True):
+                for name, formula in zip(names.wrench, wrench_on_body(phase, t), strict=True):
                     getattr(push, name)[t].set_value(formula)
             return
 
         # A constraint, because what it determines belongs to another phase.
         @phase.constraint
         def contact_wrench(b: Any, t: float) -> dict[str, Any]:
-            axes = len(self._AXES)
             # The moment of the wrench's own force is shorter than that of its formula.
-            moment = self._moment(self._lifted_gap(b, t), entries_at(push, self._WRENCH[:axes], t))
+            moment = cross_product(self._lifted_gap(b, t).point, entries_at(push, names.wrench[:axes], t))
             formulas = [*wrench_on_body(b, t)[:axes], *moment]
-            return {name: getattr(push, name)[t] == f for name, f in zip(self._WRENCH, formulas, strict=True)}
+            return {name: getattr(push, name)[t] == f for name, f in zip(names.wrench, formulas, strict=True)}
 
-    @property
-    @abstractmethod
-    def _lifted(self) -> tuple[str, ...]:
-        """Names of the entries of a gap that are variables."""
 
-    @property
-    @abstractmethod
-    def _pose(self) -> tuple[str, ...]:
-        """Names of what the gap reads of the body."""
+@dataclass(frozen=True)
+class PlanarContact(RobotContact):
+    """Contact between a body and a disc robot, by complementarity, for one step of impulse mechanics.
 
-    @abstractmethod
-    def _gap(self, phase: Any, body: Any, t: float) -> Any:
-        """The formulas of the gap."""
+    The unknowns on the robot's phase are mean forces over each element, newtons, and a speed: ``c`` along the normal,
+    ``alpha_plus`` and ``alpha_minus`` along the tangent (the normal turned left) and against it, and ``slip``, the
+    speed of slipping, metres per second. With ``w``, the velocity of the robot relative to the body at the contact,
+    its normal part ``w_n`` and its tangential part ``w_t``, all kinematics at the end of the element::
 
-    @abstractmethod
-    def _lifted_gap(self, phase: Any, t: float) -> Any:
-        """The gap in its variables."""
+        0 <= c            _|_  gap >= 0
+        0 <= alpha_plus   _|_  slip + w_t >= 0
+        0 <= alpha_minus  _|_  slip - w_t >= 0
+        0 <= slip         _|_  friction c - alpha_plus - alpha_minus >= 0
+        -tolerance <= c w_n <= tolerance
 
-    @abstractmethod
-    def _slip(self, phase: Any, body: Any, t: float, at: Any) -> tuple[Any, list[Any]]:
-        """Velocity of the robot relative to the body at the contact: along the normal, and along each tangent."""
+    The last row allows no force in an element in which the contact breaks. With the gap at the end of the element it
+    asks more than the pairs leave free whenever the body turns; that is why it is a row with a tolerance.
 
-    @abstractmethod
-    def _wrench(self, at: Any, normal: Any, tangential: list[Any]) -> list[Any]:
-        """What the body gets of forces on the robot along the normal and the tangents."""
+    Attributes
+    ----------
+    body : Disc, Capsule or RoundedBox
+        Shape of the body.
+    robot : Disc
+        Shape of the robot.
+    friction : float
+        Coulomb's coefficient between them.
+    force_limit : float
+        Largest normal force, newtons.
+    tolerance : float
+        Of the last row, newton metres per second.
 
-    @abstractmethod
-    def _moment(self, at: Any, force: list[Any]) -> list[Any]:
-        """Of a force at the contact point, about the origin of the body."""
+    References
+    ----------
+    Stewart & Trinkle, An implicit time-stepping scheme for rigid body dynamics with inelastic collisions and Coulomb
+    friction, Int. J. Numerical Methods in Engineering 39 (1996),
+    doi:10.1002/(SICI)1097-0207(19960815)39:15<2673::AID-NME972>3.0.CO;2-I;
+    Shorinwa, Devlin, Hawkes & Schwager, DisCo: Distributed Contact-Rich Trajectory Optimization for Forceful
+    Multi-Robot Collaboration, 2024, arXiv:2410.23283
+    """
+
+    body: PlanarShape
+    robot: Disc
+
+    names = PLANE
+
+    def tangents(self, at: Gap) -> list[Vector]:
+        """The normal turned left."""
+        return [[-at.normal[1], at.normal[0]]]
+
+
+@dataclass(frozen=True)
+class SpatialContact(RobotContact):
+    """Contact between a body and a sphere robot, by complementarity, for one step of impulse mechanics.
+
+    The unknowns on the robot's phase are mean forces over each element, newtons, and a speed: ``c`` along the normal,
+    ``alpha_1`` to ``alpha_4`` along the first and the second tangent and against them, and ``slip``, the speed of
+    slipping, metres per second. With the slip velocity ``w`` of the robot relative to the body at the contact point,
+    its normal part ``w_n`` and its parts ``w_1``, ``w_2`` along the tangents and ``w_3 = -w_1``, ``w_4 = -w_2``, all
+    kinematics at the end of the element::
+
+        0 <= c        _|_  gap >= 0
+        0 <= alpha_j  _|_  slip + w_j >= 0                          j = 1, ..., 4
+        0 <= slip     _|_  friction c - sum_j alpha_j >= 0
+        -tolerance <= c w_n <= tolerance
+
+    The cone of friction is a pyramid whose four edges are the tangents: along an edge friction is at most
+    ``friction c``, between two edges less, by a factor down to 0.71.
+
+    The last row allows no force in an element in which the contact breaks. With the gap at the end of the element it
+    asks more than the pairs leave free whenever the body turns; that is why it is a row with a tolerance.
+
+    Attributes
+    ----------
+    body : Sphere, SpatialCapsule or SpatialBox
+        Shape of the body.
+    robot : Sphere
+        Shape of the robot.
+    friction : float
+        Coulomb's coefficient between them.
+    force_limit : float
+        Largest normal force, newtons.
+    tolerance : float
+        Of the last row, newton metres per second.
+    never_normal : (x, y, z)
+        The one direction that the normal must stay away from, because the tangents turn without end around it: straight
+        up by default, where a robot would stand on top of the body.
+
+    References
+    ----------
+    Stewart & Trinkle, An implicit time-stepping scheme for rigid body dynamics with inelastic collisions and Coulomb
+    friction, Int. J. Numerical Methods in Engineering 39 (1996),
+    doi:10.1002/(SICI)1097-0207(19960815)39:15<2673::AID-NME972>3.0.CO;2-I;
+    Shorinwa, Devlin, Hawkes & Schwager, DisCo: Distributed Contact-Rich Trajectory Optimization for Forceful
+    Multi-Robot Collaboration, 2024, arXiv:2410.23283
+    """
+
+    body: SpatialShape
+    robot: Sphere
+    never_normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+
+    names = SPACE
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        length = float(np.linalg.norm(self.never_normal))
+        if len(self.never_normal) != 3 or not abs(length - 1) < 1e-9:
+            raise ModelError(
+                f"SpatialContact: never_normal = {self.never_normal!r}; expected a direction of length one."
+            )
+
+    def tangents(self, at: Gap) -> list[Vector]:
+        """First and second tangent at a contact."""
+        return tangents_across(at.normal, self.never_normal)

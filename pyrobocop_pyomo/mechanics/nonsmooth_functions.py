@@ -65,16 +65,9 @@ class _Extremum(SignalLaw):
 
     def __init__(self, *of: Quantity, **options: Any) -> None:
         # A frozen dataclass takes no positional arguments of any number by itself.
-        plain = SignalLaw.__dataclass_fields__
-        for name in options:
-            if name not in plain:
-                raise ModelError(f"{type(self).__name__} has no keyword '{name}'; it has {', '.join(plain)}.")
-        for name, entry in plain.items():
-            default = entry.default_factory() if callable(entry.default_factory) else entry.default
-            object.__setattr__(self, name, options.get(name, default))
         several = of[0] if len(of) == 1 and isinstance(of[0], (list, tuple)) else of
         object.__setattr__(self, "of", tuple(several))
-        self.__post_init__()
+        super().__init__(**options)
 
     def __post_init__(self) -> None:
         if len(self.of) < 2:
@@ -206,3 +199,66 @@ class Saturation(SignalLaw):
         given = asked("of")
         over, under = max(given - asked("upper"), 0.0), max(asked("lower") - given, 0.0)
         return {"": given - over + under, "over": over, "under": under}
+
+
+@dataclass(frozen=True)
+class _Switch(SignalLaw):
+    """A signal that jumps between two values where a quantity passes zero."""
+
+    low: ClassVar[float]
+
+    of: Quantity
+
+    def unknowns(self) -> Mapping[str, Unknown]:
+        """The value, and the parts of the quantity: ``<name>_above``, ``<name>_below``."""
+        part = Unknown(NONNEGATIVE, lambda at: at.ask("of"))
+        return {"": Unknown((self.low, 1.0), lambda at: 1.0), "above": part, "below": part}
+
+    def equations(self, at: Moment) -> Any:
+        """The parts make up the quantity."""
+        return at.ask("of") == at["above"] - at["below"]
+
+    def pairs(self, at: Moment) -> Any:
+        """At one end wherever the quantity is not zero."""
+        return {
+            "on": complements(at["above"] >= 0, 1 - at.signal >= 0),
+            "off": complements(at["below"] >= 0, at.signal - self.low >= 0),
+        }
+
+    def start(self, asked: Callable[[str], Any]) -> Mapping[str, float]:
+        """One end, or the middle at zero."""
+        s = asked("of")
+        value = 1.0 if s > 0 else self.low if s < 0 else (1.0 + self.low) / 2
+        return {"": value, "above": max(s, 0.0), "below": max(-s, 0.0)}
+
+
+class Step(_Switch):
+    """The Heaviside step: 1 where s is positive, 0 where it is negative, anything between where it is zero.
+
+    With ``s = above - below``, ``0 <= above _|_ 1 - v >= 0`` and ``0 <= below _|_ v >= 0``. At zero the motion decides,
+    by Filippov's convention: a motion that is driven onto the surface from both sides slides along it.
+
+    Attributes
+    ----------
+    of : rule
+        ``s``.
+
+    References
+    ----------
+    Nurkanović, Frey, Pozharskiy & Diehl, Finite Elements with Switch Detection for Direct Optimal Control of Nonsmooth
+    Systems with Set-Valued Step Functions (2023), doi:10.48550/arXiv.2303.18066
+    """
+
+    low: ClassVar[float] = 0.0
+
+
+class Sign(_Switch):
+    """The sign of s: 1, -1, or anything between where it is zero; twice the `Step` less one.
+
+    Attributes
+    ----------
+    of : rule
+        ``s``.
+    """
+
+    low: ClassVar[float] = -1.0

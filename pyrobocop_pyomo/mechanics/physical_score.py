@@ -2,44 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from itertools import combinations
+from dataclasses import dataclass, field, fields
+from typing import Any
 
-import numpy as np
-
-from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.presentation import Presented
 
-# Below this normal force nobody is said to push, newtons.
-PUSHING = 0.1
-
-
-# field of the score -> (label, unit, whose trajectory of the object, limits of strict and practical; None: not asked).
-# What practical asks for, strict asks for as well: a strict plan is practical.
-_ROWS: dict[str, tuple[str, str, str, tuple[float | None, float | None]]] = {
-    "object_force": ("force missing to the object's path", "N", "plan", (0.05, None)),
-    "object_moment": ("moment missing to the object's path", "N m", "plan", (0.05, None)),
-    "robot_force": ("force missing to the robots' paths", "N", "plan", (0.05, None)),
-    "cone_excess": ("force outside the friction cone", "N", "-", (0.05, 0.05)),
-    "gap_product": ("force times gap", "N m", "plan", (0.02, 0.02)),
-    "friction_product": ("friction that does not oppose slip", "N m/s", "plan", (0.02, 0.02)),
-    "separation_product": ("force times separating speed", "N m/s", "plan", (0.02, 0.02)),
-    "penetration": ("penetration", "m", "plan", (0.002, None)),
-    "goal_distance": ("distance from the goal", "m", "simulated", (0.02, 0.05)),
-    "goal_angle": ("angle from the goal", "deg", "simulated", (2.0, 5.0)),
-    "gap_at_force": ("gap where a robot pushes", "m", "simulated", (0.01, 0.01)),
-    "simulated_penetration": ("penetration", "m", "simulated", (0.01, 0.01)),
-    "distance": ("distance of robots", "m", "-", (0.2, 0.2)),
-    "force_excess": ("driving force beyond its limit", "N", "-", (0.05, 0.05)),
-    "speed_excess": ("speed of a robot beyond its limit", "m/s", "-", (0.02, 0.05)),
-    "bound_excess": ("variable outside its bounds", "-", "plan", (0.002, 0.01)),
-    "end_speed": ("speed at the end", "m/s", "simulated", (0.02, 0.05)),
-    "end_spin": ("angular speed at the end", "deg/s", "simulated", (2.0, 5.0)),
-    "robot_end_speed": ("speed of a robot at the end", "m/s", "-", (0.02, 0.05)),
-}
 _LEVELS = ("strict", "practical")
+
+
+def _measured(label: str, unit: str, whose: str, strict: float, practical: float | None) -> Any:
+    """A number of the score: whose trajectory of the object it is about, and the limits of strict and practical.
+
+    What practical asks for, strict asks for as well: a strict plan is practical.
+    """
+    return field(metadata={"label": label, "unit": unit, "whose": whose, "strict": strict, "practical": practical})
 
 
 @dataclass(frozen=True)
@@ -87,25 +63,25 @@ class PhysicalScore(Presented):
         Of the fastest robot at the end, metres per second; 0 where no rest is required.
     """
 
-    object_force: float
-    object_moment: float
-    robot_force: float
-    cone_excess: float
-    gap_product: float
-    friction_product: float
-    separation_product: float
-    penetration: float
-    goal_distance: float
-    goal_angle: float
-    gap_at_force: float
-    simulated_penetration: float
-    distance: float
-    force_excess: float
-    speed_excess: float
-    bound_excess: float
-    end_speed: float
-    end_spin: float
-    robot_end_speed: float
+    object_force: float = _measured("force missing to the object's path", "N", "plan", 0.05, None)
+    object_moment: float = _measured("moment missing to the object's path", "N m", "plan", 0.05, None)
+    robot_force: float = _measured("force missing to the robots' paths", "N", "plan", 0.05, None)
+    cone_excess: float = _measured("force outside the friction cone", "N", "-", 0.05, 0.05)
+    gap_product: float = _measured("force times gap", "N m", "plan", 0.02, 0.02)
+    friction_product: float = _measured("friction that does not oppose slip", "N m/s", "plan", 0.02, 0.02)
+    separation_product: float = _measured("force times separating speed", "N m/s", "plan", 0.02, 0.02)
+    penetration: float = _measured("penetration", "m", "plan", 0.002, None)
+    goal_distance: float = _measured("distance from the goal", "m", "simulated", 0.02, 0.05)
+    goal_angle: float = _measured("angle from the goal", "deg", "simulated", 2.0, 5.0)
+    gap_at_force: float = _measured("gap where a robot pushes", "m", "simulated", 0.01, 0.01)
+    simulated_penetration: float = _measured("penetration", "m", "simulated", 0.01, 0.01)
+    distance: float = _measured("distance of robots", "m", "-", 0.2, 0.2)
+    force_excess: float = _measured("driving force beyond its limit", "N", "-", 0.05, 0.05)
+    speed_excess: float = _measured("speed of a robot beyond its limit", "m/s", "-", 0.02, 0.05)
+    bound_excess: float = _measured("variable outside its bounds", "-", "plan", 0.002, 0.01)
+    end_speed: float = _measured("speed at the end", "m/s", "simulated", 0.02, 0.05)
+    end_spin: float = _measured("angular speed at the end", "deg/s", "simulated", 2.0, 5.0)
+    robot_end_speed: float = _measured("speed of a robot at the end", "m/s", "-", 0.02, 0.05)
 
     @property
     def strict(self) -> bool:
@@ -130,71 +106,19 @@ class PhysicalScore(Presented):
     def misses(self, level: str) -> list[str]:
         """The numbers that miss the limits of "strict" or "practical"; each as ``'label: value unit (limit)'``."""
         found = []
-        for name, (label, unit, whose, limits) in _ROWS.items():
-            value, limit = getattr(self, name), limits[_LEVELS.index(level)]
+        for entry in fields(self):
+            value, limit, row = getattr(self, entry.name), entry.metadata[level], entry.metadata
             # A number that is not a number keeps no limit.
-            if limit is not None and not (value > limit if name == "distance" else value < limit):
-                found.append(f"{label} ({whose}): {value:.3g} {unit} (limit {limit:g})")
+            if limit is not None and not (value > limit if entry.name == "distance" else value < limit):
+                found.append(f"{row['label']} ({row['whose']}): {value:.3g} {row['unit']} (limit {limit:g})")
         return found
 
     def __str__(self) -> str:
         word = "strict" if self.strict else "practical" if self.practical else "not physically valid"
         lines = [f"physical score: {word}", f"{'':36}{'object':>10}{'value':>12}       strict  practical"]
-        for name, (label, unit, whose, limits) in _ROWS.items():
+        for entry in fields(self):
+            row, value = entry.metadata, getattr(self, entry.name)
+            limits = (row[level] for level in _LEVELS)
             shown = "".join(f"{'-' if limit is None else format(limit, 'g'):>10} " for limit in limits)
-            lines.append(f"{label:36}{whose:>10}{getattr(self, name):>12.3g} {unit:6}{shown}".rstrip())
+            lines.append(f"{row['label']:36}{row['whose']:>10}{value:>12.3g} {row['unit']:6}{shown}".rstrip())
         return "\n".join(lines)
-
-
-def plan_component(agent: str, plan: Mapping[str, Array], name: str) -> Array:
-    """Values over time of one component in the plan of an agent.
-
-    Raises
-    ------
-    TrajectoryError
-        When the plan has no such component.
-    """
-    if name not in plan:
-        raise TrajectoryError(
-            f"physical score: the plan of '{agent}' has no '{name}'; it has {', '.join(sorted(plan)) or 'nothing'}."
-        )
-    return np.asarray(plan[name], dtype=float)
-
-
-def distance_outside(at: float, wanted: float | tuple[float, float] | None) -> float:
-    """How far a coordinate is from where it is wanted: a number, between two numbers, or anywhere."""
-    if wanted is None:
-        return 0.0
-    lower, upper = wanted if isinstance(wanted, tuple) else (wanted, wanted)
-    return at - min(max(at, lower), upper)
-
-
-def excess(values: Array, lower: float | Array | None, upper: float | Array | None) -> float:
-    """Largest distance of values from an interval, 0 within it; not a number where a value is none."""
-    below = 0.0 if lower is None else lower - values
-    above = 0.0 if upper is None else values - upper
-    return float(np.max(np.maximum(np.maximum(below, above), 0.0 * values)))
-
-
-def bound_excess(
-    plans: Mapping[str, Mapping[str, Array]], bounds: Mapping[str, Mapping[str, tuple[float | None, float | None]]]
-) -> float:
-    """How far plans leave the bounds that are given by agent and component.
-
-    Raises
-    ------
-    TrajectoryError
-        When an agent has no plan, or its plan no such component.
-    """
-    found = [0.0]
-    for agent, limits in bounds.items():
-        if agent not in plans:
-            raise TrajectoryError(f"physical score: bounds for '{agent}'; there are plans of {', '.join(plans)}.")
-        found += [excess(plan_component(agent, plans[agent], name), *limit) for name, limit in limits.items()]
-    return float(np.max(found))
-
-
-def smallest_distance(positions: list[Array]) -> float:
-    """Between the centres of two robots at any time, metres; infinite for one robot."""
-    apart = [float(np.linalg.norm(a - b, axis=1).min()) for a, b in combinations(positions, 2)]
-    return float(np.min([np.inf, *apart]))

@@ -1,10 +1,10 @@
 """Rigid bodies, disc robots, contact between them and its physical score, in the plane."""
 
-from .planar_bodies import DiscRobot, GroundFriction, ViscousDrag
-from .planar_bodies import PlanarBody as RigidBody
-from .planar_contacts import PlanarContact as Contact
-from .planar_score import PlanarScore as Score
-from .planar_shapes import Capsule, Disc, RoundedBox
+from .bodies import DiscRobot, GroundFriction, ViscousDrag
+from .bodies import PlanarBody as RigidBody
+from .contacts import PlanarContact as Contact
+from .plan_score import PlanarScore as Score
+from .shapes import Capsule, Disc, RoundedBox
 
 __all__ = [
     "Capsule",

@@ -1,6 +1,7 @@
-"""Rotations in space: turning a matrix by an angular velocity, rotation vectors, and frames across a normal.
+"""Rotations: turning a matrix by an angular velocity, rotation vectors, products, and frames across a normal.
 
-Formulas are plain arithmetic: numbers give numbers, arrays give arrays, Pyomo expressions give expressions.
+Formulas are plain arithmetic: numbers give numbers, arrays give arrays, Pyomo expressions give expressions. In the
+plane a vector has two entries, and an angle, an angular velocity or a moment has one.
 """
 
 from __future__ import annotations
@@ -9,12 +10,14 @@ from math import factorial
 from typing import Any
 
 import numpy as np
+from pyomo.core.expr import cos as expression_cos
+from pyomo.core.expr import sin as expression_sin
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import scipy
 
-# Three numbers, arrays or expressions, and three rows of these.
+# As many numbers, arrays or expressions as there are dimensions, and rows of these.
 Vector = Any
 Matrix = Any
 
@@ -72,13 +75,26 @@ def turn_matrix(quaternion: Vector, rotation: Matrix) -> list[list[Any]]:
 
 
 def cross_product(a: Vector, b: Vector) -> list[Any]:
-    """``a x b`` of three entries each."""
-    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    """``a x b``; in the plane of two vectors, which gives one entry, or of one entry across the plane and a vector."""
+    if len(a) == 3:
+        return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    return [a[0] * b[1] - a[1] * b[0]] if len(a) == 2 else [-a[0] * b[1], a[0] * b[0]]
 
 
 def inner_product(a: Vector, b: Vector) -> Any:
-    """``a' b`` of three entries each."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    """``a' b`` of as many entries each."""
+    product = a[0] * b[0]
+    for first, second in zip(a[1:], b[1:], strict=True):
+        product = product + first * second
+    return product
+
+
+def rotation_rows(entries: Vector) -> list[list[Any]]:
+    """Rows of the rotation matrix with nine entries, or of that of one angle in the plane."""
+    if len(entries) == 1:
+        s, c = sine(entries[0]), cosine(entries[0])
+        return [[c, -s], [s, c]]
+    return [list(entries[i : i + 3]) for i in (0, 3, 6)]
 
 
 def tangents_across(normal: Vector, singular: Vector) -> list[list[Any]]:
@@ -115,8 +131,10 @@ def tangents_across(normal: Vector, singular: Vector) -> list[list[Any]]:
 
 
 def rotation_matrix(vector: Vector) -> Array:
-    """Rotation matrix, shape (3, 3), of a rotation vector (axis times angle, radians)."""
+    """Rotation matrix, shape (3, 3), of a rotation vector (axis times angle, radians); of one angle shape (2, 2)."""
     numbers = np.asarray(vector, dtype=float)
+    if numbers.shape == (1,):
+        return np.array(rotation_rows(numbers))
     if numbers.shape != (3,) or not np.isfinite(numbers).all():
         raise ModelError(f"rotation vector {vector!r}: expected three finite numbers, the axis times the angle.")
     matrix: Array = scipy.spatial.transform.Rotation.from_rotvec(numbers).as_matrix()
@@ -124,9 +142,21 @@ def rotation_matrix(vector: Vector) -> Array:
 
 
 def rotation_vector(matrix: Array) -> Array:
-    """Rotation vector, shape (3,), of a rotation matrix: axis times angle, the angle at most half a turn."""
+    """Rotation vector of a rotation matrix: axis times angle, the angle at most half a turn; in the plane the angle."""
+    if len(matrix) == 2:
+        return np.array([np.arctan2(matrix[1, 0], matrix[0, 0])])
     vector: Array = scipy.spatial.transform.Rotation.from_matrix(matrix).as_rotvec()
     return vector
+
+
+def sine(value: Any) -> Any:
+    """Sine of a number, an array or an expression."""
+    return np.sin(value) if isinstance(value, np.ndarray) else expression_sin(value)
+
+
+def cosine(value: Any) -> Any:
+    """Cosine of a number, an array or an expression."""
+    return np.cos(value) if isinstance(value, np.ndarray) else expression_cos(value)
 
 
 def _polynomial(coefficients: list[float], value: Any) -> Any:

@@ -1,22 +1,57 @@
-"""Shapes whose core is a point, a segment or a box, padded by a radius: the same in the plane and in space."""
+"""Shapes whose core is a point, a segment or a box, padded by a radius, and their smooth gaps to discs and spheres.
+
+Formulas are plain arithmetic for numbers, arrays and Pyomo expressions.
+"""
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from pyomo.core.expr import cos as expression_cos
-from pyomo.core.expr import sin as expression_sin
 from pyomo.core.expr import sqrt as expression_sqrt
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope
 
+from .rotations import Matrix, Vector, inner_product, rotation_rows
+
+
+class Gap(NamedTuple):
+    """How a disc or a sphere stands to a body: numbers, arrays or expressions, in the directions of the world.
+
+    Attributes
+    ----------
+    gap : number or expression
+        Distance of the surfaces, metres; negative where they overlap.
+    normal : numbers or expressions
+        Unit vector from the body to the disc or sphere.
+    point : numbers or expressions
+        From the body's origin to the point of its surface that is nearest to the disc or sphere, metres.
+    """
+
+    gap: Any
+    normal: Vector
+    point: Vector
+
 
 class RoundedShape:
-    """What `PlanarShape` and `SpatialShape` have in common."""
+    """A core, a point or a segment or a box, padded by a radius.
+
+    The gap to a disc or a sphere is the distance of its centre from the core, less both radii. Where the nearest point
+    of the core jumps from its inside to an end, the formula is smoothed over about `smoothing`, and so it is infinitely
+    often differentiable wherever the centre is outside the core. There is one contact point, also along flat sides.
+
+    Attributes
+    ----------
+    radius : float
+        Padding of the core, metres.
+    """
 
     dimension: ClassVar[int]
+    # Added to squared lengths before their root is taken, square metres: a length of zero would have no derivative.
+    _small_area: ClassVar[float]
+
     radius: float
     smoothing: float
 
@@ -42,6 +77,38 @@ class RoundedShape:
             limited(x, half, self.smoothing) if half else 0.0 for x, half in zip(place, self.core, strict=True)
         )
 
+    def gap_to_ball(self, radius: float, centre: Vector, position: Vector, rotation: Matrix | None = None) -> Gap:
+        """The gap to a disc or a sphere.
+
+        Parameters
+        ----------
+        radius : float
+            Of the disc or sphere, metres.
+        centre : numbers, arrays or expressions
+            Of the disc or sphere in the world, metres.
+        position : numbers, arrays or expressions
+            Of the body's origin, metres.
+        rotation : rows of a matrix, optional
+            Of the body; not read where the shape is round.
+
+        Returns
+        -------
+        Gap
+        """
+        apart = [c - q for c, q in zip(centre, position, strict=True)]
+        core: Vector = (0.0,) * self.dimension
+        if not self.is_round:
+            if rotation is None:
+                raise ObstacleError(f"{type(self).__name__}: its gap needs the rotation of the body.")
+            in_frame = self.nearest_of_core(*(inner_product(column, apart) for column in zip(*rotation, strict=True)))
+            core = [inner_product(row, in_frame) for row in rotation]
+            apart = [d - k for d, k in zip(apart, core, strict=True)]
+        length = root(inner_product(apart, apart) + self._small_area)
+        normal = [d / length for d in apart]
+        return Gap(
+            length - self.radius - radius, normal, [k + self.radius * n for k, n in zip(core, normal, strict=True)]
+        )
+
     def outline(self) -> Polytope:
         """The same shape for pictures and exact distances, without smoothing."""
         first, *others = self.core
@@ -63,11 +130,133 @@ def root(value: Any) -> Any:
     return np.sqrt(value) if isinstance(value, np.ndarray) else expression_sqrt(value)
 
 
-def sine(value: Any) -> Any:
-    """Sine of a number, an array or an expression."""
-    return np.sin(value) if isinstance(value, np.ndarray) else expression_sin(value)
+@dataclass(frozen=True)
+class PlanarShape(RoundedShape):
+    """A shape in the plane; see `RoundedShape`."""
+
+    dimension = 2
+    _small_area = 1e-6
+
+    radius: float
+
+    def gap_to_disc(self, disc_radius: float, x: Any, y: Any, pose: Vector = (0.0, 0.0, 0.0)) -> Gap:
+        """The gap to a disc.
+
+        Parameters
+        ----------
+        disc_radius : float
+            Metres.
+        x, y : number, array or expression
+            Centre of the disc in the world, metres.
+        pose : (x, y, theta)
+            Of the body: metres and radians, numbers, arrays or expressions.
+
+        Returns
+        -------
+        Gap
+            In the directions of the world; the contact point is relative to the body's origin.
+        """
+        return self.gap_to_ball(disc_radius, (x, y), pose[:2], rotation_rows(pose[2:]))
 
 
-def cosine(value: Any) -> Any:
-    """Cosine of a number, an array or an expression."""
-    return np.cos(value) if isinstance(value, np.ndarray) else expression_cos(value)
+@dataclass(frozen=True)
+class SpatialShape(RoundedShape):
+    """A shape in space; see `RoundedShape`."""
+
+    dimension = 3
+    _small_area = 1e-12
+
+    radius: float
+
+    gap_to_sphere = RoundedShape.gap_to_ball
+
+
+@dataclass(frozen=True)
+class Disc(PlanarShape):
+    """A disc around the origin of the body's frame."""
+
+
+@dataclass(frozen=True)
+class Capsule(PlanarShape):
+    """A segment on the body's x axis, padded: a rod with round ends.
+
+    Attributes
+    ----------
+    radius : float
+        Metres.
+    half_length : float
+        Of the segment, metres; the rod reaches `radius` further.
+    smoothing : float
+        Length over which the ends of the segment are smoothed, metres.
+    """
+
+    half_length: float
+    smoothing: float = 0.01
+
+
+@dataclass(frozen=True)
+class RoundedBox(PlanarShape):
+    """A rectangle with rounded corners.
+
+    The gap serves discs whose centre stays outside the core. An overlap of more than the radii is not told from a
+    touch in the core's middle.
+
+    Attributes
+    ----------
+    radius : float
+        Of the corners, metres.
+    half_length, half_width : float
+        Of the core, along x and y, metres; the box reaches `radius` further on each side.
+    smoothing : float
+        Length over which the corners of the core are smoothed, metres.
+    """
+
+    half_length: float
+    half_width: float
+    smoothing: float = 0.01
+
+
+@dataclass(frozen=True)
+class Sphere(SpatialShape):
+    """A sphere around the origin of the body's frame."""
+
+
+@dataclass(frozen=True)
+class SpatialCapsule(SpatialShape):
+    """A segment on the body's x axis, padded: a rod with round ends.
+
+    Attributes
+    ----------
+    radius : float
+        Metres.
+    half_length : float
+        Of the segment, metres; the rod reaches `radius` further.
+    smoothing : float
+        Length over which the ends of the segment are smoothed, metres.
+    """
+
+    half_length: float
+    smoothing: float = 0.01
+
+
+@dataclass(frozen=True)
+class SpatialBox(SpatialShape):
+    """A box with rounded edges.
+
+    The gap serves spheres whose centre stays outside the core. An overlap of more than the radii is not told from a
+    touch in the core's middle.
+
+    Attributes
+    ----------
+    radius : float
+        Of the edges, metres.
+    half_length, half_width, half_height : float
+        Of the core, along x, y and z, metres; the box reaches `radius` further on each side.
+    smoothing : float
+        Length over which the edges of the core are smoothed, metres.
+    """
+
+    half_length: float
+    half_width: float
+    half_height: float
+    smoothing: float = 0.01

@@ -281,44 +281,8 @@ class LawRule:
         return getattr(self.law, self.method)(Moment(self.law, self.name, phase, time))
 
 
-@dataclass(frozen=True)
-class SignalReader:
-    """A rule that reads a signal of the phase by its name.
-
-    Attributes
-    ----------
-    name : str
-    """
-
-    name: str
-
-    def __call__(self, phase: Any, time: float) -> Any:
-        """The signal at a point."""
-        return getattr(phase, self.name)[time]
-
-
-@dataclass(frozen=True)
-class _ComponentReader:
-    """A rule that reads a component by its names, from the phase or from the top of the model."""
-
-    names: tuple[str, ...]
-    from_phase: bool
-    over_time: bool
-
-    def __call__(self, phase: Any, time: float) -> Any:
-        found = phase if self.from_phase else phase.model()
-        for name in self.names:
-            found = getattr(found, name)
-        return found[time] if self.over_time else found
-
-
 def _is_of_model(given: Any) -> bool:
     return hasattr(given, "ctype") or hasattr(given, "is_expression_type")
-
-
-def _parameters_in(expression: Any) -> list[Any]:
-    found = identify_mutable_parameters(expression)
-    return [parameter for parameter in found if not isinstance(parameter, _PyomoUnit)]
 
 
 def _as_rule(given: Any, phase: Any, label: str) -> Any:
@@ -326,24 +290,23 @@ def _as_rule(given: Any, phase: Any, label: str) -> Any:
     if given.__class__ in native_types or not _is_of_model(given):
         return given
     if not hasattr(given, "ctype") or given is not given.parent_component():
-        if not given.is_potentially_variable() and not _parameters_in(given):
+        mutable = [each for each in identify_mutable_parameters(given) if not isinstance(each, _PyomoUnit)]
+        if not given.is_potentially_variable() and not mutable:
             return given  # a number with units
         raise ModelError(
             f"{label} = {given}, which belongs to this model alone, and to one point of it. Write it as a rule: "
             "lambda phase, t: ..."
         )
-    names, block = [given.local_name], given.parent_block()
-    while block is not None and block is not phase and block is not phase.model():
-        names.append(block.local_name)
-        block = block.parent_block()
-    if block is None:
+    if given.model() is not phase.model():
         raise ModelError(f"{label} = {given}, which is not on the model of phase '{phase.name}'. Add it first.")
-    if "[" in "".join(names) or (given.is_indexed() and phase.points.first() not in given):
+    if not given.is_indexed():
+        return lambda phase, time: given
+    if phase.points.first() not in given:
         raise ModelError(
-            f"{label} = {given}, which is within an indexed block, or not indexed by the times of phase "
-            f"'{phase.name}'. Write it as a rule: lambda phase, t: ..."
+            f"{label} = {given}, which is not indexed by the times of phase '{phase.name}'. Write it as a rule: "
+            "lambda phase, t: ..."
         )
-    return _ComponentReader(tuple(reversed(names)), from_phase=block is phase, over_time=given.is_indexed())
+    return lambda phase, time: given[time]
 
 
 def part_name(name: str, part: str) -> str:

@@ -1,12 +1,12 @@
 """Rigid bodies, sphere robots, contact between them and its physical score, in space."""
 
-from .spatial_bodies import SpatialBody as RigidBody
-from .spatial_bodies import SphereRobot
-from .spatial_contacts import SpatialContact as Contact
-from .spatial_score import SpatialScore as Score
-from .spatial_shapes import SpatialBox as RoundedBox
-from .spatial_shapes import SpatialCapsule as Capsule
-from .spatial_shapes import Sphere
+from .bodies import SpatialBody as RigidBody
+from .bodies import SphereRobot
+from .contacts import SpatialContact as Contact
+from .plan_score import SpatialScore as Score
+from .shapes import SpatialBox as RoundedBox
+from .shapes import SpatialCapsule as Capsule
+from .shapes import Sphere
 
 __all__ = [
     "Capsule",

@@ -1,8 +1,7 @@
 """Builders of variables' guesses, rows and quadrature on a grid, for any Pyomo block."""
 
-from .collocation_rows import collocation_rows, continuity_rows, quadrature
+from .collocation_rows import can_step, collocation_rows, continuity_rows, quadrature, step_rows
 from .initial_guesses import InitialGuess, initial_number, initial_stage_values, initial_state_values, initial_values_at
-from .step_rows import can_step, step_rows
 
 __all__ = [
     "InitialGuess",

@@ -158,7 +158,8 @@ def test_smooth_gap_and_limit():
     d = math.sqrt(np.sum((z - sigma) ** 2) + 1e-6)
     n = (z - sigma) / d
     p = sigma + 0.05 * n
-    assert shape.gap_to_disc(r, *z) == pytest.approx((d - 0.05 - r, *n, *p))
+    at = shape.gap_to_disc(r, *z)
+    assert (at.gap, *at.normal, *at.point) == pytest.approx((d - 0.05 - r, *n, *p))
 
 
 def test_smoothed_ground_friction():

@@ -13,7 +13,7 @@ import pyomo.environ as pyo
 import pytest
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.mechanics.spatial_bodies import ROTATION
+from pyrobocop_pyomo.mechanics.bodies import SPACE
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -37,7 +37,7 @@ def test_a_quadrotors_model_does_not_grow_with_the_team(sphere: ModuleType) -> N
     sizes = {
         n: (size(sphere.sphere(sphere.task(0, n))), size(sphere.quadrotor(sphere.task(0, n), "b"))) for n in (2, 12)
     }
-    assert [robot for _, robot in sizes.values()] == [9 * 43 + (6 + 3 + 6 + 6 + 6) * 42] * 2
+    assert [robot for _, robot in sizes.values()] == [9 * 43 + (6 + 3 + 6 + 6 + 4) * 42] * 2
     assert [hub for hub, _ in sizes.values()] == [18 * 43 + (4 + 6 * n) * 42 for n in sizes]
 
 
@@ -102,9 +102,8 @@ def test_three_quadrotors_catch_the_ball(sphere: ModuleType) -> None:
     assert result.largest_product < 1e-7
     score = m.score(sphere.plans_of(m))
     assert score.strict, str(score)
-    rotations = np.array([list(m.body.component(name).extract_values().values()) for name in ROTATION]).T.reshape(
-        -1, 3, 3
-    )
+    entries = [list(m.body.component(name).extract_values().values()) for name in SPACE.orientation]
+    rotations = np.array(entries).T.reshape(-1, 3, 3)
     assert np.abs(rotations.transpose(0, 2, 1) @ rotations - np.eye(3)).max() < 1e-10
     # Pairs are met within the barrier's last bound; the rest holds to rounding.
     verdict = m.body.trajectory().verify()

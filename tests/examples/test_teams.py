@@ -13,6 +13,7 @@ import pyomo.environ as pyo
 import pytest
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.mechanics.plan_score import PlannedBody
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -119,8 +120,8 @@ def test_the_schedule_brings_the_puck_to_the_goal_by_the_law_of_the_score(game: 
     now = game.game(0, kicks=kicks)
     schedule = now.schedule
     wrench = np.column_stack([schedule.force, np.zeros(now.steps)])
-    simulated = now.score.simulate(np.array(game.START), np.zeros(3), wrench)
-    assert simulated[:, :2] == pytest.approx(schedule.place, abs=1e-9)
+    start = PlannedBody(np.array([game.START[:2]]), np.eye(2)[None], np.zeros(3))
+    assert now.score.simulate(start, wrench).position == pytest.approx(schedule.place, abs=1e-9)
     assert schedule.place[-1] == pytest.approx(game.GOAL)
     assert schedule.speed[-1] == pytest.approx((0.0, 0.0), abs=1e-9)
     meeting = sum(schedule.kicks[1][1:]) // 2

@@ -218,7 +218,6 @@ REFUSED = {
     "fastest": (lambda: LAWS.CoulombSlip(1, 1, 0.3, fastest=soft_floor), "it is a bound"),
     "limits": (lambda: LAWS.Saturation(soft_floor, 1, -1), "lower = 1 is not below upper = -1"),
     "one of one": (lambda: LAWS.Maximum(soft_floor), "1 quantities; give two or more"),
-    "keyword": (lambda: LAWS.Minimum(soft_floor, 0, guess=1), "no keyword 'guess'"),
     "contact": (lambda: LAWS.PointContact(soft_floor, soft_floor, coefficient=-1), "coefficient = -1"),
 }
 

@@ -15,7 +15,6 @@ from pyomo.core.expr.calculus.derivatives import Modes, differentiate
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError, ObstacleError
-from pyrobocop_pyomo.mechanics.planar_contacts import contact_wrench_on_body, slip_velocity
 
 planar = rcp.mechanics.planar
 GRID: dict[str, Any] = {"duration": 0.4, "elements": 4, "scheme": "implicit_euler"}
@@ -57,9 +56,10 @@ def test_numbers_arrays_and_expressions_agree(shape: Any, place: tuple, pose: tu
     expressions = shape.gap_to_disc(0.1, m.v[0], m.v[1], (m.v[2], m.v[3], m.v[4]))
     arrays = shape.gap_to_disc(0.1, *(np.full(3, p) for p in place), tuple(np.full(3, q) for q in pose))
     numbers = shape.gap_to_disc(0.1, *place, pose)
-    assert [pyo.value(e) for e in expressions] == pytest.approx(list(numbers), abs=1e-12)
-    for entry, number in zip(arrays, numbers, strict=True):
-        assert entry == pytest.approx(np.full(3, number), abs=1e-12)
+    entries, values, rows = ([at.gap, *at.normal, *at.point] for at in (expressions, numbers, arrays))
+    assert [pyo.value(e) for e in entries] == pytest.approx(values, abs=1e-12)
+    for row, number in zip(rows, values, strict=True):
+        assert row == pytest.approx(np.full(3, number), abs=1e-12)
 
 
 @given(shape=shapes, place=places, pose=poses)
@@ -83,10 +83,10 @@ def test_the_normal_is_the_gradient_of_the_gap(shape: Any, place: tuple, pose: t
         shape.gap_to_disc(0.1, place[0], place[1] + h, pose).gap
         - shape.gap_to_disc(0.1, place[0], place[1] - h, pose).gap
     ) / (2 * h)
-    assert (at.normal_x, at.normal_y) == pytest.approx((slope_x, slope_y), abs=6e-3)
-    assert math.hypot(at.normal_x, at.normal_y) == pytest.approx(1.0, abs=1e-3)
+    assert at.normal == pytest.approx([slope_x, slope_y], abs=6e-3)
+    assert math.hypot(*at.normal) == pytest.approx(1.0, abs=1e-3)
     # The contact point lies on the surface, and the disc's centre further along the normal.
-    to_disc = (pose[0] + at.point_x + at.normal_x * (at.gap + 0.1), pose[1] + at.point_y + at.normal_y * (at.gap + 0.1))
+    to_disc = np.array(pose[:2]) + at.point + np.multiply(at.normal, at.gap + 0.1)
     assert to_disc == pytest.approx(place, abs=1e-4)
 
 
@@ -134,12 +134,14 @@ def test_action_is_reaction_and_power_is_force_times_slip(
     shape: Any, place: tuple, pose: tuple, twist: tuple, c: float, along: float
 ) -> None:
     """Forces cancel, and so do their moments, since they act at one point; together they get c w_n + along w_t."""
-    at, velocity = shape.gap_to_disc(0.1, *place, pose), (0.3, -0.7)
-    w_n, w_t = slip_velocity(at, velocity, twist)
-    f_x, f_y, m_z = contact_wrench_on_body(at, c, along)
-    on_robot = (c * at.normal_x - along * at.normal_y, c * at.normal_y + along * at.normal_x)
+    contact, velocity = planar.Contact(shape, ROBOT.shape, friction=0.5), (0.3, -0.7)
+    at = shape.gap_to_disc(0.1, *place, pose)
+    w_n, w_t = contact.velocity(at, velocity, twist)
+    f_x, f_y, m_z = contact.wrench_on_body(at, c, [along])
+    (n_x, n_y), (p_x, p_y) = at.normal, at.point
+    on_robot = (c * n_x - along * n_y, c * n_y + along * n_x)
     assert (f_x + on_robot[0], f_y + on_robot[1]) == (0.0, 0.0)
-    assert m_z == pytest.approx(at.point_x * f_y - at.point_y * f_x, abs=1e-12)
+    assert m_z == pytest.approx(p_x * f_y - p_y * f_x, abs=1e-12)
     power = -f_x * velocity[0] - f_y * velocity[1] + f_x * twist[0] + f_y * twist[1] + m_z * twist[2]
     assert power == pytest.approx(c * w_n + along * w_t, abs=1e-9)
 

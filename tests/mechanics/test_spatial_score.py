@@ -13,11 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.mechanics.bodies import SPACE
+from pyrobocop_pyomo.mechanics.plan_score import PlannedBody
 from pyrobocop_pyomo.mechanics.rotations import rotation_matrix, tangents_across
-from pyrobocop_pyomo.mechanics.spatial_bodies import ROTATION
-from pyrobocop_pyomo.mechanics.spatial_score import PlannedBody
 
 spatial = rcp.mechanics.spatial
+ROTATION = SPACE.orientation
 BALL = spatial.RigidBody(spatial.Sphere(0.2), mass=0.6, inertia=0.4 * 0.6 * 0.2**2)
 QUAD = spatial.SphereRobot(
     spatial.Sphere(0.12), mass=0.8, force_limits=((-10, 10), (-10, 10), (0, 20)), speed_limit=4.0
@@ -73,14 +74,6 @@ def without_a_force(plans: Plans) -> None:
         plans["left"][f"me.{unknown}"] = np.zeros(STEPS)
 
 
-def moved_away(plans: Plans) -> None:
-    plans["left"]["me.x"] = plans["left"]["me.x"] - 0.01
-
-
-def moved_in(plans: Plans) -> None:
-    plans["left"]["me.x"] = plans["left"]["me.x"] + 0.01
-
-
 def friction_flipped(plans: Plans) -> None:
     left = plans["left"]
     for j in (1, 2):
@@ -98,35 +91,28 @@ def ball_turns_by_itself(plans: Plans) -> None:
         plans["ball"][f"body.{name}"][5:] = entry
 
 
-def driven_less(plans: Plans) -> None:
-    plans["left"]["me.tau_z"] = plans["left"]["me.tau_z"] - 0.1
-
-
 def lighter_than_it_is(plans: Plans) -> None:
     """The ball is planned to rise faster than it is lifted."""
     plans["ball"]["body.qz"] = 1.2 * plans["ball"]["body.qz"]
 
 
+# Faults that look the same in the plane are in test_planar_score: the score is one.
 FAULTS = {
-    "without a force": (without_a_force, "force missing to the object", False),
-    "moved away": (moved_away, "force times gap", False),
-    "moved in": (moved_in, "penetration", False),
-    "friction flipped": (friction_flipped, "force missing to the object", False),
-    "beyond the cone": (friction_beyond_the_cone, "outside the friction cone", False),
-    "turns by itself": (ball_turns_by_itself, "friction that does not oppose slip", False),
-    "driven less": (driven_less, "force missing to the robots", True),
-    "lighter": (lighter_than_it_is, "force missing to the object", False),
+    "without a force": (without_a_force, "force missing to the object"),
+    "friction flipped": (friction_flipped, "force missing to the object"),
+    "beyond the cone": (friction_beyond_the_cone, "outside the friction cone"),
+    "turns by itself": (ball_turns_by_itself, "friction that does not oppose slip"),
+    "lighter": (lighter_than_it_is, "force missing to the object"),
 }
 
 
 @pytest.mark.parametrize("name", FAULTS)
 def test_every_fault_is_found(name: str) -> None:
-    fault, found, practical = FAULTS[name]
+    fault, found = FAULTS[name]
     plans = copy.deepcopy(lifting())
     fault(plans)
     score = SCORE(plans)
-    assert not score.strict
-    assert score.practical is practical
+    assert not score.practical
     assert any(found in miss for miss in score.misses("strict")), str(score)
 
 
@@ -167,12 +153,13 @@ def test_every_step_of_the_simulation_meets_the_laws_of_motion(
     box = spatial.RigidBody(spatial.RoundedBox(0.05, 0.3, 0.2, 0.1), mass=2.0, inertia=(0.05, 0.1, 0.12))
     score = spatial.Score(box, QUAD, friction=0.7, step=STEP, goal=(None,) * 6)
     wrench = np.tile([1.0, -2.0, 19.0, *(0.05 * m for m in moment)], (5, 1))
-    start = PlannedBody(np.zeros((1, 3)), rotation_matrix(turn)[None], np.array(velocity), np.array(spin))
+    start = PlannedBody(np.zeros((1, 3)), rotation_matrix(turn)[None], np.array([*velocity, *spin]))
     moved = score.simulate(start, wrench)
     identity = moved.rotation.transpose(0, 2, 1) @ moved.rotation
     assert np.abs(identity - np.eye(3)).max() < 1e-12
-    missing = score._missing_wrench(moved, moved.twist(STEP), wrench)
-    assert np.abs(missing).max() < 1e-8
+    twist = moved.twist(STEP)
+    needed = score._needed_wrench(moved.rotation[1:], twist[1:], np.diff(twist, axis=0) / STEP)
+    assert np.abs(needed - wrench).max() < 1e-8
 
 
 def test_what_is_read_is_said_and_drawn() -> None:

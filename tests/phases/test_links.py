@@ -351,11 +351,11 @@ REFUSED = {
     "omit unknown": (lambda m: rcp.Link(m.a, m.b, omit=["z"]), "omit= names 'z', which is a state of neither phase"),
     "jump to no state": (
         lambda m: rcp.Link(m.a, m.b, jump=lambda pre, post: {"z": 0}),
-        "gives a start to 'z', which is no state of 'b'; its states are x, y",
+        "its jump: phase 'b': 'z' is no state; its states are x, y",
     ),
     "jump to a state of the first": (
         lambda m: rcp.Link(m.a, m.b, jump=lambda pre, post: {m.a.x: 0}),
-        "gives a start to 'x', which is no state of 'b'",
+        "its jump: phase 'b': 'x' is no state; its states are x, y",
     ),
     "jump with a variable as key": (
         lambda m: rcp.Link(m.a, m.b, jump=lambda pre, post: {post.x: 0}),

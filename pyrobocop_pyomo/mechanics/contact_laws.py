@@ -1,0 +1,293 @@
+"""Walls that keep a distance from becoming negative, dry friction along a line, and a point that touches a surface."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import copysign
+from typing import Any, ClassVar
+
+from pyrobocop_pyomo.complementarity import complements
+from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.phases import Law
+from pyrobocop_pyomo.phases.declarations import UNBOUNDED
+
+from .signal_laws import NONNEGATIVE, Moment, Quantity, Rule, SignalLaw, Unknown, part_name
+
+
+@dataclass(frozen=True)
+class HardWall(SignalLaw):
+    """A wall that does not give way: ``0 <= force _|_ gap >= 0``.
+
+    With implicit Euler an impact is inelastic: the force of the element in which the gap closes takes the speed away.
+
+    Attributes
+    ----------
+    gap : rule
+        Distance from the wall, positive where free, metres.
+
+    References
+    ----------
+    Stewart, Rigid-Body Dynamics with Friction and Impact, SIAM Review 42 (2000), doi:10.1137/S0036144599360110
+    """
+
+    gap: Rule
+
+    def unknowns(self) -> Mapping[str, Unknown]:
+        """The force, newtons."""
+        return {"": Unknown(NONNEGATIVE, lambda at: 1.0)}
+
+    def pairs(self, at: Moment) -> Any:
+        """Force only where the gap is closed."""
+        return complements(at.ask("gap") >= 0, at.signal >= 0)
+
+
+@dataclass(frozen=True)
+class SoftWall(SignalLaw):
+    """A wall that gives way like a spring: ``0 <= force _|_ gap + force / stiffness >= 0``.
+
+    So the force is ``max(0, -stiffness gap)``: none at a distance, and proportional to the penetration. With damping it
+    is ``max(0, -stiffness gap - damping rate)``: it resists the way in, and never pulls on the way out.
+
+    Attributes
+    ----------
+    gap : rule
+        Distance from the undeformed wall, negative where it is pressed in, metres.
+    stiffness : number, rule, or parameter of the phase
+        Newtons per metre.
+    damping : number, rule, or parameter of the phase
+        Newton seconds per metre; needs the rate.
+    rate : rule or None
+        Rate of change of the gap, metres per second.
+
+    Raises
+    ------
+    ModelError
+        When the stiffness is not positive, the damping negative, or one of damping and rate is given alone.
+
+    References
+    ----------
+    Aydinoglu, Preciado & Posa, Contact-Aware Controller Design for Complementarity Systems, ICRA 2020,
+    doi:10.1109/ICRA40945.2020.9197568
+    """
+
+    positive: ClassVar = ("stiffness",)
+    nonnegative: ClassVar = ("damping",)
+
+    gap: Rule
+    stiffness: Quantity
+    damping: Quantity | None = None
+    rate: Rule | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.damping is None) != (self.rate is None):
+            raise ModelError(
+                f"{self._what}: damping = {self.damping!r} and rate = {self.rate!r}; damping acts on the rate of the "
+                "gap: give both, or neither."
+            )
+
+    def unknowns(self) -> Mapping[str, Unknown]:
+        """The force, newtons."""
+        return {"": Unknown(NONNEGATIVE, lambda at: at.ask("stiffness") * at.ask("gap"))}
+
+    def pairs(self, at: Moment) -> Any:
+        """Force only as far as the wall is pressed in."""
+        return complements(self._pressing(at.ask) + at.signal / at.ask("stiffness") >= 0, at.signal >= 0)
+
+    def start(self, asked: Callable[[str], Any]) -> Mapping[str, float]:
+        """The force of spring and damper."""
+        return {"": max(0.0, -asked("stiffness") * self._pressing(asked))}
+
+    def _pressing(self, asked: Callable[[str], Any]) -> Any:
+        """The gap at which the spring alone would be as strong as spring and damper."""
+        if self.damping is None:
+            return asked("gap")
+        return asked("gap") + asked("damping") / asked("stiffness") * asked("rate")
+
+
+@dataclass(frozen=True)
+class CoulombFriction(SignalLaw):
+    """Friction that holds what it can, and opposes slip with all it has: ``F = -coefficient normal sign(slip)``.
+
+    With ``slip = forward - backward`` and the strength ``L = coefficient normal``::
+
+        0 <= forward   _|_  L + F >= 0
+        0 <= backward  _|_  L - F >= 0
+
+    While it sticks, F is whatever keeps the slip at zero, within ``-L <= F <= L``.
+
+    Attributes
+    ----------
+    slip : rule
+        Speed of what the force acts on relative to what it rubs on, metres per second.
+    normal : number or rule
+        Normal force, newtons; it must not be negative.
+    coefficient : number, rule, or parameter of the phase
+        Coulomb's coefficient.
+
+    Examples
+    --------
+    >>> import pyomo.environ as pyo
+    >>> import pyrobocop_pyomo as rcp
+    >>> m = pyo.ConcreteModel()
+    >>> m.slide = b = rcp.PhaseBlock(duration=1.0, elements=10, scheme="implicit_euler")
+    >>> b.v = rcp.State(initial=2.0)
+    >>> b.floor = rcp.mechanics.CoulombFriction(lambda b, t: b.v[t], normal=9.81, coefficient=0.5)
+    >>> @b.ode
+    ... def newton(b, t):
+    ...     return {b.v: b.floor[t]}
+
+    References
+    ----------
+    Stewart, Rigid-Body Dynamics with Friction and Impact, SIAM Review 42 (2000), doi:10.1137/S0036144599360110
+    """
+
+    positive: ClassVar = ("coefficient",)
+    nonnegative: ClassVar = ("normal",)
+
+    slip: Quantity
+    normal: Quantity
+    coefficient: Quantity
+
+    def unknowns(self) -> Mapping[str, Unknown]:
+        """The force, and the parts of the slip: ``<name>_forward``, ``<name>_backward``."""
+        part = Unknown(NONNEGATIVE, lambda at: at.ask("slip"))
+        return {"": Unknown(UNBOUNDED, _strength), "forward": part, "backward": part}
+
+    def equations(self, at: Moment) -> Any:
+        """The parts make up the slip."""
+        return at.ask("slip") == at["forward"] - at["backward"]
+
+    def pairs(self, at: Moment) -> Any:
+        """Slip only at full strength, and against the force."""
+        return {
+            "forward": complements(at["forward"] >= 0, _strength(at) + at.signal >= 0),
+            "backward": complements(at["backward"] >= 0, _strength(at) - at.signal >= 0),
+        }
+
+    def start(self, asked: Callable[[str], Any]) -> Mapping[str, float]:
+        """Full strength against the slip."""
+        slip = asked("slip")
+        force = -copysign(asked("coefficient") * asked("normal"), slip) if slip else 0.0
+        return {"": force, "forward": max(slip, 0.0), "backward": max(-slip, 0.0)}
+
+
+@dataclass(frozen=True)
+class CoulombSlip(SignalLaw):
+    """Coulomb's law read the other way: the force is chosen, and slip follows where it is at the edge of its cone.
+
+    The signal is the speed of slip, the expression ``<name>_forward - <name>_backward``::
+
+        0 <= forward   _|_  coefficient normal - tangential >= 0
+        0 <= backward  _|_  coefficient normal + tangential >= 0
+
+    A finger that pushes with ``(normal, tangential)`` slips, relative to what it pushes, in the direction of its own
+    tangential force, and only at the edge of the cone. Both distances from the edges are nonnegative: the force stays
+    within its cone.
+
+    Attributes
+    ----------
+    normal, tangential : rule
+        Force that the sliding body exerts on the surface, newtons: the normal part, which must not be negative, and the
+        part in the direction of positive slip.
+    coefficient : number, rule, or parameter of the phase
+        Coulomb's coefficient.
+    fastest : float or None
+        Largest speed of slip, in the units of the slip; None where there is no bound.
+
+    References
+    ----------
+    Raghunathan, Jha & Romeres, PYROBOCOP: Python-based Robotic Control & Optimization Package for Manipulation,
+    ICRA 2022, sec. V-C, doi:10.1109/ICRA46639.2022.9812069
+    """
+
+    positive: ClassVar = ("coefficient", "fastest")
+    nonnegative: ClassVar = ("normal",)
+
+    normal: Quantity
+    tangential: Quantity
+    coefficient: Quantity
+    fastest: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.fastest is not None and not isinstance(self.fastest, (int, float)):
+            raise ModelError(f"{self._what}: fastest = {self.fastest!r}; it is a bound, and has to be a number.")
+
+    def unknowns(self) -> Mapping[str, Unknown]:
+        """The parts of the slip: ``<name>_forward``, ``<name>_backward``."""
+        part = Unknown((0.0, self.fastest), lambda at: 1.0 if self.units is None else self.units)
+        return {"forward": part, "backward": part}
+
+    def expression_of(self, name: str) -> Rule:
+        """The slip: a variable of its own would only be a row more."""
+        forward, backward = part_name(name, "forward"), part_name(name, "backward")
+        return lambda phase, time: getattr(phase, forward)[time] - getattr(phase, backward)[time]
+
+    def pairs(self, at: Moment) -> Any:
+        """Slip only at the edge of the cone."""
+        tangential = at.ask("tangential")
+        return {
+            "forward": complements(_strength(at) - tangential >= 0, at["forward"] >= 0),
+            "backward": complements(_strength(at) + tangential >= 0, at["backward"] >= 0),
+        }
+
+
+@dataclass(frozen=True)
+class PointContact(Law):
+    """A point that touches a surface: a wall along the normal, Coulomb friction along the surface.
+
+    ``b.foot = PointContact(...)`` makes the normal force ``b.foot[t]`` and the friction on the point
+    ``b.foot_tangential[t]``; a `HardWall` or, with a stiffness, a `SoftWall`, and a `CoulombFriction` whose normal
+    force is that of the wall.
+
+    Attributes
+    ----------
+    gap : rule
+        Distance from the surface, positive where free, metres.
+    slip : rule
+        Speed of the point along the surface, metres per second.
+    coefficient : number, rule, or parameter of the phase
+        Coulomb's coefficient.
+    stiffness : number, rule, parameter of the phase, or None
+        Of a soft surface, newtons per metre; None for a hard one.
+
+    References
+    ----------
+    Posa, Cantu & Tedrake, A direct method for trajectory optimization of rigid bodies through contact, Int. J.
+    Robotics Research 33 (2014), doi:10.1177/0278364913506757
+    """
+
+    gap: Rule
+    slip: Rule
+    coefficient: Quantity
+    stiffness: Quantity | None = None
+
+    def __post_init__(self) -> None:
+        self._laws("contact")  # what is wrong with a constant is said here, where it was given
+
+    def state(self, phase: Any, name: str) -> None:
+        """State both laws; see `Law.state`.
+
+        Raises
+        ------
+        ModelError
+            When a name is taken, or a rule gives no number and no expression.
+        """
+        for law_name, law in self._laws(name).items():
+            phase.declare(law_name, law)
+
+    def _laws(self, name: str) -> dict[str, Law]:
+        where = self.declared_at
+        wall: Law = HardWall(self.gap, declared_at=where)
+        if self.stiffness is not None:
+            wall = SoftWall(self.gap, self.stiffness, declared_at=where)
+        friction = CoulombFriction(
+            self.slip, lambda phase, time: getattr(phase, name)[time], self.coefficient, declared_at=where
+        )
+        return {name: wall, f"{name}_tangential": friction}
+
+
+def _strength(at: Moment) -> Any:
+    return at.ask("coefficient") * at.ask("normal")
