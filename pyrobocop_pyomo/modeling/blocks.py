@@ -26,6 +26,7 @@ from pyomo.core.base.global_set import UnindexedComponent_index, UnindexedCompon
 from pyrobocop_pyomo.errors import ModelError, PyRobocopError
 from pyrobocop_pyomo.presentation import Presented
 
+from .failures import undone_on_failure
 from .keywords import check_keywords
 from .pickling import picklable_or_none
 from .said_once import say_once
@@ -114,13 +115,14 @@ class BuiltBlockData(Presented, BlockData):
         """On any error, remove what was added since: nothing half-built stays on the user's model."""
         components = set(self.component_map())
         record = None if self._record is None else self._record.snapshot()
-        try:
-            yield
-        except BaseException:
+
+        def remove_what_was_added() -> None:
             for name in [name for name in self.component_map() if name not in components]:
                 self.del_component(name)
             self._record = record
-            raise
+
+        with undone_on_failure(remove_what_was_added):
+            yield
 
 
 class BlockRule:
@@ -228,14 +230,16 @@ class BuiltBlock(Block):
     def construct(self, data: Any = None) -> None:
         """Build the block; on any error, the user's own included, take it off the model."""
         try:
-            super().construct(data)
-        except BaseException as error:
-            parent = self.parent_block()
-            if parent is not None and parent.component(self.local_name) is self:
-                parent.del_component(self)
-            if isinstance(error, PyRobocopError):
-                say_once(error)
+            with undone_on_failure(self._taken_off):
+                super().construct(data)
+        except PyRobocopError as error:
+            say_once(error)
             raise
+
+    def _taken_off(self) -> None:
+        parent = self.parent_block()
+        if parent is not None and parent.component(self.local_name) is self:
+            parent.del_component(self)
 
 
 class _OfOneBlock:

@@ -12,6 +12,7 @@ import numpy as np
 from pyrobocop_pyomo.discretisation import MeshErrors, MeshTolerances
 from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.modeling.failures import undone_on_failure
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.numerics import Mesh
 from pyrobocop_pyomo.numerics.remeshing import halves_of
@@ -126,14 +127,12 @@ class MeshLoop:
         while (meshes := self._next(best, halved)) is not None:
             point = PlanningPoint(self._model)
             try:
-                finer = self._on(meshes, best, FINER_MESH if best.is_optimal else None)
-                once_more = best.is_optimal and not halved and not finer.result.stop_reason.is_final
-                if once_more and not _replaces(finer, best, self._plan):
-                    finer = self._on(meshes, best, {})
-            except BaseException as error:
-                point.restore()
-                if not isinstance(error, PyRobocopError):
-                    raise
+                with undone_on_failure(point.restore):
+                    finer = self._on(meshes, best, FINER_MESH if best.is_optimal else None)
+                    once_more = best.is_optimal and not halved and not finer.result.stop_reason.is_final
+                    if once_more and not _replaces(finer, best, self._plan):
+                        finer = self._on(meshes, best, {})
+            except PyRobocopError as error:
                 logger.info("'%s' cannot be solved on a finer mesh: %s", self._model.name, error)
                 return best
             if _replaces(finer, best, self._plan):

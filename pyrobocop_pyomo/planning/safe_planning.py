@@ -18,6 +18,7 @@ from typing import Any
 from pyrobocop_pyomo.errors import ModelError, ObstacleError, PyRobocopError
 from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
 from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.modeling.failures import undone_on_failure
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.motion.safety_report import joined_report
@@ -116,7 +117,8 @@ class SafePlanning:
             Only before a first round was verified; later ones end with the best round.
         """
         try:
-            self._plan()
+            with undone_on_failure(self._restore_best):
+                self._plan()
         except KeyboardInterrupt:
             if self._best is None:
                 raise
@@ -127,11 +129,11 @@ class SafePlanning:
             logger.warning(
                 "'%s': no further start can be made (%s); the best round so far is kept.", self._model.name, error
             )
-        except BaseException:
-            if self._best is not None:
-                self._best.restore()
-            raise
         return self._best_of_all()
+
+    def _restore_best(self) -> None:
+        if self._best is not None:
+            self._best.restore()
 
     def _plan(self) -> None:
         recovery = self._recovery

@@ -14,6 +14,7 @@ from pyrobocop_pyomo.diagnosis.difficult_forms import form_findings
 from pyrobocop_pyomo.diagnosis.values import boundary_findings, decided_findings
 from pyrobocop_pyomo.discretisation import DiscretisationProbe
 from pyrobocop_pyomo.errors import ComplementarityError, ContradictionError, EvaluationError, PyRobocopError
+from pyrobocop_pyomo.modeling.failures import undone_on_failure
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
@@ -85,17 +86,18 @@ class _Procedure:
         self._copies = SolvedCopies(state, solve_model)
         self._runs = StrategyRuns(state, self._copies)
 
+    def _leave_best_point(self) -> None:
+        """Whatever ends it, the model is left with the best point that there is."""
+        best = self._found.best
+        self._values.write(self._guess.values if best is None else best.values)
+
     def solve(self) -> SolveResult:
         """Go through the strategies until one gives a point that is certified; the best of all points wins."""
         try:
-            self._go_through()
-        except BaseException as error:
-            # Whatever ends it, the model is left with the best point that there is.
-            best = self._found.best
-            self._values.write(self._guess.values if best is None else best.values)
-            if isinstance(error, InfeasibleConstraintException):
-                raise _contradiction(self._model, error) from error
-            raise
+            with undone_on_failure(self._leave_best_point):
+                self._go_through()
+        except InfeasibleConstraintException as error:
+            raise _contradiction(self._model, error) from error
         best = self._found.best
         if best is None:
             raise ComplementarityError(
