@@ -6,7 +6,7 @@ import logging
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from pyrobocop_pyomo.numerics import Array
 from .acceleration import AndersonAcceleration
 from .agents import KeepApart, Shared
 from .consensus import Consensus
-from .consensus_residuals import ConsensusResiduals
 from .messages import Order, ProblemFacts, Report
 from .rounds import PlanScore, Round
 from .team_schedules import BarrierPath, TargetedPenalties
@@ -62,8 +61,6 @@ class TeamState:
         What the hub proposes; the mean of all copies where there is no hub.
     values, multipliers : dict of agent to float array
     positions : dict of agent to float array
-    slowness : float
-        How much slower than at first mu falls.
     closing_tried : int
         Number of the round after which the closing step was tried last; -1 where it was not.
     acceleration : AndersonAcceleration
@@ -77,7 +74,6 @@ class TeamState:
     values: dict[str, Array]
     multipliers: dict[str, Array]
     positions: dict[str, Array]
-    slowness: float = 1.0
     closing_tried: int = -1
     acceleration: AndersonAcceleration = field(default_factory=AndersonAcceleration)
 
@@ -88,7 +84,6 @@ class TeamState:
             "mu": np.array(np.nan if self.mu is None else self.mu),
             "factors": self.factors,
             "target": self.target,
-            "slowness": np.array(self.slowness),
             "closing_tried": np.array(self.closing_tried),
             "steps": np.array(self.acceleration.steps),
         }
@@ -111,10 +106,24 @@ class TeamState:
             np.array(arrays["factors"]),
             np.array(arrays["target"]),
             **parts,
-            slowness=float(arrays["slowness"]),
             closing_tried=int(arrays["closing_tried"]),
             acceleration=AndersonAcceleration([(point, image) for point, image in arrays["steps"]]),
         )
+
+
+class Residuals(NamedTuple):
+    """How far the agents are apart, and how far what they agree on has moved: the largest for each `Shared`.
+
+    Attributes
+    ----------
+    disagreement, change : float arrays, shape (groups,)
+    scaled : float array, shape (groups,)
+        Disagreement times the square root of its penalty as given: comparable between groups, whatever their units.
+    """
+
+    disagreement: Array
+    change: Array
+    scaled: Array
 
 
 @dataclass
@@ -236,7 +245,7 @@ class Coordination:
     def end_round(
         self,
         state: TeamState,
-        residuals: ConsensusResiduals,
+        residuals: Residuals,
         barrier: BarrierPath,
         penalties: TargetedPenalties | None,
         *,
@@ -253,9 +262,7 @@ class Coordination:
         record = Round(
             state.round,
             state.mu,
-            residuals.disagreement,
-            residuals.change,
-            residuals.scaled,
+            *residuals,
             state.factors.copy(),
             float(sum(self._objectives.values())),
             {name: (report.status, report.iterations, report.cpu_seconds) for name, report in self._asked.items()},
@@ -268,32 +275,23 @@ class Coordination:
         )
         self.rounds.append(record)
         if penalties is not None:
-            state.factors = penalties.after(state.factors, state.mu, residuals)
+            state.factors = penalties.after(state.factors, state.mu, record.scaled)
         if state.mu is not None:
-            state.mu = barrier.after(state.mu, record.disagreement, state.slowness)
+            state.mu = barrier.after(state.mu, record.disagreement)
         state.round += 1
         return record
 
-    def residuals(self, state: TeamState, agreed: Array, before: Array) -> tuple[ConsensusResiduals, dict[str, Array]]:
+    def residuals(self, state: TeamState, agreed: Array, before: Array) -> tuple[Residuals, dict[str, Array]]:
         """How far the robots are from what is agreed on now, which has moved since before; and each robot's gap."""
-        residuals, gaps = ConsensusResiduals(len(self.shared)), {}
+        residuals, gaps = Residuals(*np.zeros((3, len(self.shared)))), {}
         for name in self.robots:
-            own = self.consensus.of_agent(name, agreed)
+            fact, own = self.facts[name], self.consensus.of_agent(name, agreed)
             gaps[name] = self.consensus.masked(name, state.values[name]) - own
-            residuals.add(self.facts[name].penalty, gaps[name], own - self.consensus.of_agent(name, before))
+            moved = own - self.consensus.of_agent(name, before)
+            np.maximum.at(residuals.disagreement, fact.groups, np.abs(gaps[name]))
+            np.maximum.at(residuals.change, fact.groups, np.abs(moved))
+            np.maximum.at(residuals.scaled, fact.groups, np.sqrt(fact.penalties) * np.abs(gaps[name]))
         return residuals, gaps
-
-    def as_seen_by(self, name: str, other: str, values: Mapping[str, Array]) -> Array:
-        """Another agent's values in the order of the first one's; its own where the other does not hold a value."""
-        team = np.full(len(self.consensus.keys), np.nan)
-        places = self.consensus.values_of[other]
-        team[places.places[places.agreed]] = values[other][places.agreed]
-        seen = values[name].copy()
-        mine = self.consensus.values_of[name]
-        found = team[mine.places[mine.agreed]]
-        known = np.isfinite(found)
-        seen[mine.agreed[known]] = found[known]
-        return seen
 
     @staticmethod
     def tolerance(mu: float | None) -> float:

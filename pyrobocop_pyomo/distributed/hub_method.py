@@ -92,10 +92,11 @@ class Hub(Method):
         before, at = state.target, _point(work, state) if accelerated else None
         state.target = self._hub_values(work, state, with_plan=scored)
         hub = _name_of(work)
-        residuals, gaps = work.residuals(state, _of_team(work, hub, state.target), _of_team(work, hub, before))
+        of_team = work.consensus.of_team
+        residuals, gaps = work.residuals(state, of_team(hub, state.target), of_team(hub, before))
         for name in work.robots:
             if name in reports:  # the multipliers of a robot without a new plan stay
-                pull = work.facts[name].penalty.times(state.factors, gaps[name])
+                pull = work.facts[name].weighted(state.factors, gaps[name])
                 state.multipliers[name] = state.multipliers[name] + pull
         penalties = self.penalties
         if at is not None:
@@ -107,7 +108,8 @@ class Hub(Method):
 
     def _robots_orders(self, work: Coordination, state: TeamState, *, with_plan: bool) -> dict[str, Order]:
         others = work.others(state.positions)
-        proposal = _of_team(work, _name_of(work), state.target)
+        hub = _name_of(work)
+        proposal = work.consensus.of_team(hub, state.target)
         first = not state.values
         orders = {}
         for name in work.robots:
@@ -115,13 +117,13 @@ class Hub(Method):
             fact = work.facts[name]
             mu = state.mu if fact.pairs else None
             orders[name] = Order(
-                state.multipliers[name] - fact.penalty.times(state.factors, own),
+                state.multipliers[name] - fact.weighted(state.factors, own),
                 state.factors,
                 mu,
                 tolerance=work.tolerance(mu),
                 iterations=_FIRST_ITERATIONS if first else self.iterations,
                 warm=not first,
-                values=np.where(work.consensus.values_of[name].places >= 0, own, fact.values) if first else None,
+                values=work.consensus.seen_by(name, hub, {hub: state.target, name: fact.values}) if first else None,
                 others=others.get(name),
                 with_plan=with_plan,
             )
@@ -129,11 +131,11 @@ class Hub(Method):
 
     def _hub_values(self, work: Coordination, state: TeamState, *, with_plan: bool) -> Array:
         hub = _name_of(work)
-        linear_of_team, count = np.zeros(len(work.consensus.keys)), np.zeros(len(work.consensus.keys))
+        linear_of_team, count = np.zeros((2, len(work.consensus.keys)))
         for name in work.robots:
-            pull = work.facts[name].penalty.times(state.factors, state.values[name])
-            work.consensus.add_to_team(name, linear_of_team, -state.multipliers[name] - pull)
-            work.consensus.add_to_team(name, count, np.ones(pull.size))
+            pull = work.facts[name].weighted(state.factors, state.values[name])
+            linear_of_team += work.consensus.of_team(name, -state.multipliers[name] - pull)
+            count += work.consensus.presence(name)
         holders = np.array(
             [count[work.consensus.groups == group].max(initial=0.0) for group in range(len(work.shared))]
         )
@@ -166,16 +168,10 @@ def _go_to(work: Coordination, state: TeamState, point: Array) -> None:
 
 def _scales(work: Coordination) -> list[Array]:
     """Square roots of the penalties as given, for the target; their inverses, for the robots' multipliers."""
-    of_hub = np.sqrt(work.facts[_name_of(work)].penalty.diagonal)
-    return [of_hub, *(1.0 / np.sqrt(work.facts[name].penalty.diagonal) for name in work.robots)]
+    of_hub = np.sqrt(work.facts[_name_of(work)].penalties)
+    return [of_hub, *(1.0 / np.sqrt(work.facts[name].penalties) for name in work.robots)]
 
 
 def _name_of(work: Coordination) -> str:
     assert work.hub is not None, "teams without a hub do not get here"
     return work.hub
-
-
-def _of_team(work: Coordination, agent: str, values: Array) -> Array:
-    total = np.zeros(len(work.consensus.keys))
-    work.consensus.add_to_team(agent, total, values)
-    return total

@@ -10,7 +10,7 @@ from pyrobocop_pyomo.errors import TeamError
 from .closing import Closing
 from .coordination import Coordination, TeamState
 from .rounds import ENDINGS, Round
-from .team_schedules import BarrierPath, PenaltyRestart, TargetedPenalties
+from .team_schedules import BarrierPath, TargetedPenalties
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,6 @@ class Method(ABC):
         Limit of Ipopt's iterations per solve after the first round.
     score_below : float
         The plan is scored from this mu on.
-    restart : PenaltyRestart
-        What happens where a contact mode froze too early.
     closing : Closing or None
         For teams with physics: when one planner makes exact what the agents have nearly agreed on.
 
@@ -51,7 +49,6 @@ class Method(ABC):
     tolerance: float = 1e-6
     iterations: int = 150
     score_below: float = 2e-3
-    restart: PenaltyRestart = field(default_factory=PenaltyRestart)
     closing: Closing | None = field(default_factory=Closing)
 
     def __post_init__(self) -> None:

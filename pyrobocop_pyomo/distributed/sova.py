@@ -83,11 +83,11 @@ class Sova(Method):
         others = work.others(state.positions)
         orders = {}
         for name in work.robots:
-            neighbours, penalty = work.neighbours[name], work.facts[name].penalty
+            neighbours = work.neighbours[name]
             middles = len(neighbours) * state.values[name]
             for other in neighbours:
-                middles = middles + work.as_seen_by(name, other, state.values)
-            pull = penalty.times(state.factors, work.consensus.masked(name, middles))
+                middles = middles + work.consensus.seen_by(name, other, state.values)
+            pull = work.facts[name].weighted(state.factors, work.consensus.masked(name, middles))
             linear = state.multipliers[name] - pull
             factors = 2.0 * len(neighbours) * state.factors
             orders[name] = self._order(
@@ -97,12 +97,10 @@ class Sova(Method):
         work.take(state, work.ask(orders))
         state.target = work.consensus.mean(state.values)
         for name in work.robots:
-            penalty = work.facts[name].penalty
-            apart = np.zeros(penalty.diagonal.size)
+            apart = np.zeros(state.values[name].size)
             for other in work.neighbours[name]:
-                apart += state.values[name] - work.as_seen_by(name, other, state.values)
-            apart = work.consensus.masked(name, apart)
-            state.multipliers[name] = state.multipliers[name] + penalty.times(state.factors, apart)
+                apart += state.values[name] - work.consensus.seen_by(name, other, state.values)
+            state.multipliers[name] = state.multipliers[name] + work.facts[name].weighted(state.factors, apart)
         residuals, _ = work.residuals(state, state.target, before)
         return work.end_round(state, residuals, self.barrier, self.penalties, scored=scored)
 

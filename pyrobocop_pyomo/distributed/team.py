@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import TeamError
 from pyrobocop_pyomo.execution.engine import Engine
@@ -25,7 +24,7 @@ from .closing import ClosedPlan, Closing
 from .coordination import Coordination, Physics, Plans, TeamState
 from .hub_method import Hub
 from .local_problem import ProblemSpec
-from .merging import MergedModel, build_model, merge_agents
+from .merging import MergedModel, build_model, merge_agents, variables_behind
 from .messages import ProblemFacts
 from .method import Method
 from .rounds import PlanScore, Round, ends_rounds, is_success
@@ -280,8 +279,7 @@ def _built_with_zeros(agent: Agent, components: Sequence[str]) -> Any:
         component = model.find_component(name)
         if component is None:
             raise TeamError(f"agent '{agent.name}': its model has no component '{name}', which its team shares.")
-        variables = [component] if component.ctype is Var else component.component_objects(Var)
-        for variable in variables:
+        for variable in variables_behind(component):
             variable.fix(0.0)
     return model
 
@@ -363,9 +361,6 @@ class _Rounds:
     def __init__(self, team: Team, method: Method, work: Coordination, progress: Progress, on_round: Any) -> None:
         self._team, self._method, self._work, self._progress = team, method, work, progress
         self._on_round = on_round
-        self._kept: tuple[dict[str, Any], dict[str, Array]] | None = None
-        self._restarts = 0
-        self._since = 0  # number of rounds before the last restart
         self._closings: list[ClosedPlan] = []
         self._best: _BestPlan | None = None
 
@@ -382,7 +377,6 @@ class _Rounds:
                 self._keep_best(record.score, work.plans, record.objective)
                 self._progress.live(self._line(record))
                 done = self._is_done(state, record) or self._is_closed(state, record)
-                state = self._restarted(state)
                 if path is not None:
                     self._save(path, mark, state)
                 if self._on_round is not None and self._on_round(record) is False:
@@ -393,25 +387,6 @@ class _Rounds:
             logger.warning("round %d was interrupted; the result is that of the rounds before", state.round + 1)
         self._progress.line(self._line(work.rounds[-1]))
         return self._result(state)
-
-    def _restarted(self, state: TeamState) -> TeamState:
-        """The state, or an earlier one with everything that belongs to it, where the rounds came to a stop too
-        early."""
-        rule, engine = self._method.restart, self._work.engine
-        if state.mu is None or self._work.physics is None or self._restarts >= rule.times:
-            return state
-        if self._kept is None and state.mu <= rule.at:
-            self._kept = engine.states(), state.arrays()
-        if self._kept is None or not rule.is_frozen(self._work.rounds[self._since :]):
-            return state
-        logger.info("round %d: modes froze before the agents agreed; back to larger mu", state.round)
-        states, arrays = self._kept
-        engine.restore({name: kept for name, kept in states.items() if name not in self._work.frozen})
-        earlier = TeamState.of_arrays(arrays)
-        earlier.round, earlier.slowness = state.round, 2.0 * state.slowness
-        self._restarts += 1
-        self._since = len(self._work.rounds)
-        return earlier
 
     def _is_done(self, state: TeamState, record: Round) -> bool:
         if self._work.physics is None:
@@ -460,7 +435,7 @@ class _Rounds:
 
     def _result(self, state: TeamState) -> TeamResult:
         work, rule = self._work, self._team.keep_apart
-        names = tuple(work.consensus.group_names)
+        names = tuple(", ".join(shared.components) for shared in self._team.shared)
         best = self._best
         if best is None:
             plans = work.plans if work.physics is not None else work.all_values()
@@ -475,7 +450,7 @@ class _Rounds:
             first += len(quantity.keys)
         return TeamResult(
             best.plans, dict(state.values), agreed, work.rounds, best.round, best.score, agreement, names,
-            dict(work.frozen), dict(work.engine.deaths), self._restarts, best.objective, self._closings,
+            dict(work.frozen), dict(work.engine.deaths), best.objective, self._closings,
             self._team.physics, rule, None if rule is None else rule.least_distance(best.plans, self._team.names),
         )  # fmt: skip
 

@@ -48,8 +48,6 @@ class TeamResult(Presented):
         Agents that stood still from some round on, and why.
     deaths : mapping of agent to int
         How often a worker was lost.
-    restarts : int
-        How often the rounds were taken up again from an earlier round.
     objective : float
         Sum of the agents' objectives for the plans.
     closings : sequence of ClosedPlan
@@ -71,7 +69,6 @@ class TeamResult(Presented):
     shared: tuple[str, ...]
     frozen: Mapping[str, str]
     deaths: Mapping[str, int]
-    restarts: int
     objective: float
     closings: Sequence[ClosedPlan] = ()
     physics: Any = None
@@ -180,8 +177,6 @@ class TeamResult(Presented):
         lines += [
             f"closing step: {closed.iterations} iterations, {closed.cpu_seconds:.1f} CPU s" for closed in self.closings
         ]
-        if self.restarts:
-            lines.append(f"taken up again from an earlier round: {self.restarts} times")
         if wrong:
             lines.append("Give more rounds, or plan for all in one model: rcp.solve(team.central().model).")
         lines += [f"'{name}' was frozen: {reason}" for name, reason in self.frozen.items()]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
@@ -15,7 +16,7 @@ from pyomo.core.base.block import BlockData
 from pyrobocop_pyomo.errors import ModelError, SolveFailed
 from pyrobocop_pyomo.execution.engine import Engine
 from pyrobocop_pyomo.execution.fingerprints import fingerprint
-from pyrobocop_pyomo.execution.sending import check_picklable
+from pyrobocop_pyomo.execution.sending import packed
 from pyrobocop_pyomo.execution.tasks import GIVEN_UP, Task, run_tasks, study_engine
 from pyrobocop_pyomo.ipopt.backends import best_backend
 from pyrobocop_pyomo.modeling.deadline import Deadline
@@ -25,7 +26,7 @@ from pyrobocop_pyomo.phases import note_outcome
 from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason
 from pyrobocop_pyomo.solving.progress import Progress
 
-from .case_solver import CaseSolver, Put, Read, SweepOutcome, own_numbers
+from .case_solver import CaseSolver, Put, Read, SweepOutcome
 from .outcome_file import OutcomeFile, result_from_json, result_to_json, values_from_text, values_to_text
 from .outcomes import Column, StudyResult, ranked
 from .sweep_cases import SweepCase, doubts_on_cases, numbers_of, read_cases, starting_cases
@@ -50,13 +51,13 @@ class SweepResult(StudyResult[SweepOutcome]):
         found = [numbers_of(outcome.case.data) for outcome in self.outcomes]
         names = list(dict.fromkeys(name for numbers in found for name in numbers))
         if names and all(len(numbers) == len(names) for numbers in found) and len(names) <= 6:
-            given: tuple[Column, ...] = tuple(
-                Column(name, max(10, len(name)), partial(_given_number, name), ".6g") for name in names
-            )
+            given = tuple(_number_column(name, 10, lambda outcome: numbers_of(outcome.case.data)) for name in names)
         else:
             width = max([len("name"), *(len(outcome.name) for outcome in self.outcomes)])
             given = (Column("name", width, lambda outcome: outcome.name),)
-        return (*given, *own_numbers(self.outcomes), *super().columns)
+        read = dict.fromkeys(name for outcome in self.outcomes for name in numbers_of(outcome.numbers))
+        own = tuple(_number_column(name, 12, lambda outcome: outcome.numbers) for name in read)
+        return (*given, *own, *super().columns)
 
     def _best_first(self) -> tuple[SweepOutcome, ...]:
         return ranked(self.outcomes)
@@ -213,7 +214,8 @@ def sweep(
             assert local is not None
             study.run(lambda: local, None)
         else:
-            check_picklable({"the model": model, "put": put, "read": read, "the options": options})
+            for label, sent in {"the model": model, "put": put, "read": read, "the options": options}.items():
+                packed(label, sent, "workers=1")
             study.run(partial(_WorkerCaseSolver, model, put, read, options), running)
     finally:
         if local is not None:
@@ -322,8 +324,8 @@ class _Sweep:
         )
 
 
-def _given_number(name: str, outcome: SweepOutcome) -> float:
-    return numbers_of(outcome.case.data)[name]
+def _number_column(name: str, width: int, numbers: Callable[[SweepOutcome], Mapping[str, Any]]) -> Column:
+    return Column(name, max(width, len(name)), lambda outcome: numbers(outcome).get(name, math.nan), ".6g")
 
 
 class _WorkerCaseSolver(CaseSolver):

@@ -12,7 +12,6 @@ import numpy as np
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
-from pyomo.core.base.param import Param
 from pyomo.core.base.var import Var
 from pyomo.core.expr.visitor import identify_mutable_parameters
 
@@ -23,7 +22,7 @@ from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases.structure import sides_of
 
-from .named_data import by_component
+from .named_data import by_component, data_members
 
 # So many cases may start one from the other before one starts cold: what goes wrong at one does not go on forever, and
 # a long row of cases is divided among processes.
@@ -145,16 +144,7 @@ def doubts_on_cases(model: Any, data: Iterable[Any]) -> tuple[str, ...]:
 
 
 def _member_values(component: Any, given: Any) -> list[tuple[Any, float]]:
-    kind, name = getattr(component, "ctype", None), getattr(component, "name", None) or repr(component)
-    if kind is Param:
-        if not component.parent_component().mutable:
-            raise ModelError(f"'{name}': is not mutable, so expressions hold its number. Declare mutable=True.")
-    elif kind is not Var:
-        raise ModelError(f"'{name}': a case sets mutable Params and Vars; this is a {type(component).__name__}.")
-    indexed = component.is_indexed()
-    members = dict(component.items()) if indexed else {None: component}
-    if indexed and kind is Param:
-        members = {index: component[index] for index in component.index_set()}
+    members, name = data_members(component), getattr(component, "name", None) or repr(component)
     if isinstance(given, Mapping):
         unknown = [index for index in given if index not in members]
         if unknown:
@@ -237,14 +227,10 @@ def _coordinates(cases: Sequence[SweepCase]) -> Array:
 
 
 def _flat(data: Any) -> Array:
-    values = list(data.values()) if isinstance(data, Mapping) else data
+    """All numbers of a case; none where there is anything else."""
+    values = list(data.values()) if isinstance(data, Mapping) else data if isinstance(data, (list, tuple)) else [data]
     try:
-        if isinstance(values, (list, tuple)):
-            parts = [
-                _flat(entry) if not np.isscalar(entry) else np.atleast_1d(np.asarray(entry, float)) for entry in values
-            ]
-            return np.concatenate(parts) if parts else np.zeros(0)
-        flat = np.asarray(values, dtype=float).ravel()
+        flat = np.concatenate([np.zeros(0), *(np.ravel(np.asarray(value, dtype=float)) for value in values)])
     except (TypeError, ValueError):
         return np.zeros(0)
     return flat if np.isfinite(flat).all() else np.zeros(0)

@@ -124,9 +124,9 @@ def test_what_ends_the_rounds_is_a_success(until: str, strict: bool, practical: 
             result.raise_for_failure()
 
 
-@pytest.mark.parametrize("penalty", [0.0, -1.0, [1.0, 0.0], [[1.0, 2.0], [2.0, 1.0]], [[1.0, 0.5], [0.0, 1.0]], "high"])
-def test_a_penalty_that_is_not_positive_definite_is_refused(penalty) -> None:
-    with pytest.raises(TeamError, match="positive definite|symmetric|expected numbers"):
+@pytest.mark.parametrize("penalty", [0.0, -1.0, [1.0, 0.0], [[1.0, 2.0], [2.0, 1.0]], "high"])
+def test_a_penalty_that_is_not_positive_is_refused(penalty) -> None:
+    with pytest.raises(TeamError, match="not positive|one for each variable|expected numbers"):
         rcp.Shared("v", penalty=penalty)
 
 

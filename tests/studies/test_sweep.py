@@ -173,7 +173,7 @@ def test_a_free_variable_is_fixed_for_its_case_only() -> None:
         (5, {}, "cases is int"),
         ([{"push": 1.0}], {}, "has no component 'push'"),
         ([{"pull": float("nan")}], {}, "'pull': a case gives it nan; expected a finite number"),
-        ([{"balance": 1.0}], {}, "'balance': a case sets mutable Params and Vars"),
+        ([{"balance": 1.0}], {}, "'balance': mutable Params and Vars hold data"),
         ([{"pull": [1.0, 2.0]}], {}, "'pull': a case has 2 values for its 1 members"),
         ([{"pull": {3: 1.0}}], {}, "'pull': has no index 3"),
         ([{"pull": 1.0}], {"workers": 0}, "workers = 0; expected a number of processes"),
