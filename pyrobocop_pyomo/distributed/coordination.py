@@ -15,7 +15,6 @@ from pyrobocop_pyomo.execution.engine import AgentFailure, Engine
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.numerics import Array
 
-from .acceleration import AndersonAcceleration
 from .agents import KeepApart, Shared
 from .consensus import Consensus
 from .messages import Order, ProblemFacts, Report
@@ -25,6 +24,8 @@ from .team_schedules import BarrierPath, TargetedPenalties
 logger = logging.getLogger(__name__)
 
 _FIRST_TRIES = 4
+_MEMORY = 12
+_WORSE = 2.0  # times the last residual: an extrapolation after which it has grown more is not trusted
 
 Plans = Mapping[str, Mapping[str, Array]]
 
@@ -45,6 +46,46 @@ class Physics(Protocol):
     def __call__(self, plans: Plans) -> PlanScore:
         """Score the plans of all agents."""
         ...
+
+
+@dataclass
+class AndersonAcceleration:
+    """From the last points and their images, the point at which the linear model of the iteration stands still.
+
+    Attributes
+    ----------
+    steps : list of (point, image)
+        The last ones.
+
+    References
+    ----------
+    Walker & Ni, Anderson acceleration for fixed-point iterations, SIAM J. Numer. Anal. 49 (2011),
+    doi:10.1137/10078356X
+    """
+
+    steps: list[tuple[Array, Array]] = field(default_factory=list)
+
+    def next(self, point: Array, image: Array) -> Array:
+        """Where to go on from.
+
+        Parameters
+        ----------
+        point : float array, shape (n,)
+        image : float array, shape (n,)
+            What the iteration made of it.
+        """
+        if self.steps:
+            before, after = self.steps[-1]
+            if np.linalg.norm(image - point) > _WORSE * np.linalg.norm(after - before):
+                self.steps.clear()
+        self.steps = [*self.steps, (point.copy(), image.copy())][-_MEMORY:]
+        if len(self.steps) < 2:
+            return image
+        points, images = (np.array(column) for column in zip(*self.steps, strict=True))
+        residuals = np.diff(images - points, axis=0)
+        weights = np.linalg.lstsq(residuals.T, image - point, rcond=1e-10)[0]
+        accelerated: Array = image - np.diff(images, axis=0).T @ weights
+        return accelerated
 
 
 @dataclass
@@ -138,22 +179,20 @@ class Coordination:
     shared : sequence of Shared
     robots : sequence of str
         Names of the agents that plan a motion of their own.
-    hub : str or None
+    hub : str
+        Empty where there is none.
     keep_apart : KeepApart or None
         Of the rounds: which distance robots keep from where the others were in the round before.
     physics : Physics or None
-    graph : networkx graph or None
-        Who talks to whom, where there is no hub in the middle.
     """
 
     engine: Engine
     facts: dict[str, ProblemFacts]
     shared: Sequence[Shared]
     robots: Sequence[str]
-    hub: str | None
+    hub: str
     keep_apart: KeepApart | None
     physics: Physics | None
-    graph: Any = None
     rounds: list[Round] = field(default_factory=list)
     plans: dict[str, Mapping[str, Array]] = field(default_factory=dict)
     frozen: dict[str, str] = field(default_factory=dict)
@@ -165,10 +204,6 @@ class Coordination:
     def __post_init__(self) -> None:
         """Line the shared values up."""
         self.consensus = Consensus(self.facts, self.shared)
-        # In the order of the robots, so that sums are the same everywhere.
-        self.neighbours: dict[str, list[str]] = {}
-        if self.graph is not None:
-            self.neighbours = {name: [n for n in self.robots if self.graph.has_edge(name, n)] for name in self.robots}
 
     def first_state(self, mu: float) -> TeamState:
         """The state before any round: no values, multipliers zero, penalties as given; mu where there are pairs."""
@@ -271,7 +306,7 @@ class Coordination:
             down,
             up,
             time.perf_counter() - self._started,
-            self.hub,
+            self.hub or None,
         )
         self.rounds.append(record)
         if penalties is not None:

@@ -244,7 +244,6 @@ class LocalProblem:
         return Report(
             variable_numbers(self._variables),
             outcome.status.name,
-            outcome.status.solved,
             usable,
             outcome.iterations,
             time.process_time() - started,

@@ -120,8 +120,8 @@ class Report:
         Its shared values.
     status : str
         Name of the `IpoptStatus`.
-    solved, usable : bool
-        Whether Ipopt met its tolerances; whether the point can be used at all, which it can at an iteration limit too.
+    usable : bool
+        Whether the point can be used, which it can at an iteration limit too.
     iterations : int
     cpu_seconds : float
     objective : float
@@ -133,7 +133,6 @@ class Report:
 
     values: Array
     status: str
-    solved: bool
     usable: bool
     iterations: int
     cpu_seconds: float

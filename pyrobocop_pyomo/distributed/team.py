@@ -15,7 +15,6 @@ from pyrobocop_pyomo.execution.engine import Engine
 from pyrobocop_pyomo.execution.engines import find_engine
 from pyrobocop_pyomo.execution.fingerprints import fingerprint
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.optional_imports import networkx
 from pyrobocop_pyomo.solving.progress import Progress
 
 from .agents import Agent, KeepApart, Shared
@@ -47,14 +46,11 @@ class Team:
     keep_apart : KeepApart, optional
     physics : callable, optional
         Scores a combined plan by physics, such as ``rcp.mechanics.planar.PlanScore``.
-    graph : networkx.Graph, optional
-        Which robots talk to each other, for the method `Sova`: connected, its nodes the names of the robots. By default
-        all to all.
 
     Raises
     ------
     TeamError
-        When names are double, nothing is shared, or the graph is not connected or has other nodes.
+        When names are double, or nothing is shared.
 
     Notes
     -----
@@ -72,7 +68,6 @@ class Team:
     hub: Agent | None = None
     keep_apart: KeepApart | None = None
     physics: Physics | None = None
-    graph: Any = None
 
     def __post_init__(self) -> None:
         """Refuse what makes no team."""
@@ -103,20 +98,6 @@ class Team:
             )
         if self.hub is None and any(shared.of_one_robot for shared in self.shared):
             raise TeamError("what is named with {robot} is shared with a hub; this team has none. Give hub=Agent(...).")
-        if self.graph is not None:
-            nodes, robots = set(self.graph.nodes), set(self.names)
-            if nodes != robots:
-                odd = sorted(map(str, nodes ^ robots))
-                raise TeamError(
-                    f"the nodes of the graph are not the robots: {', '.join(odd)} {'is' if len(odd) == 1 else 'are'} "
-                    "in one and not in the other. Use the names of the robots as nodes."
-                )
-            if not networkx.is_connected(self.graph):
-                parts = [sorted(part) for part in networkx.connected_components(self.graph)]
-                raise TeamError(
-                    f"the graph is not connected: {' and '.join(map(str, parts))} have no edge between them, so they "
-                    "could never agree. Add an edge."
-                )
 
     def without(self, *robots: str) -> Team:
         """Make the team without some of its robots.
@@ -135,7 +116,7 @@ class Team:
         Raises
         ------
         TeamError
-            For an unknown robot, or when nobody would be left, or the graph would fall apart.
+            For an unknown robot, or when nobody would be left.
         """
         for name in robots:
             if name not in self.names:
@@ -146,8 +127,7 @@ class Team:
             of_one = [shared for shared in self.shared if shared.of_one_robot]
             zero = tuple(component for shared in of_one for name in robots for component in shared.names_for(name))
             hub = Agent(hub.name, _built_with_zeros, hub, zero)
-        graph = None if self.graph is None else self.graph.subgraph([robot.name for robot in left])
-        return replace(self, robots=left, hub=hub, graph=graph)
+        return replace(self, robots=left, hub=hub)
 
     def closing_of(self, method: Method) -> Closing | None:
         """The closing step of a method, for a team whose physics can say when it is needed."""
@@ -298,10 +278,9 @@ def start_team(team: Team, method: Method, engine: Engine) -> Coordination:
     _refuse_forces_of_nobody(team, facts)
     if len({fact.positions.shape for fact in facts.values() if fact.positions is not None}) > 1:
         raise TeamError("KeepApart: the robots have positions at different numbers of times. Give all the same mesh.")
-    hub = team.hub.name if team.hub is not None and not isinstance(method, Sova) else None
-    graph = networkx.complete_graph(team.names) if team.graph is None else team.graph
+    hub = "" if team.hub is None or isinstance(method, Sova) else team.hub.name
     rule = team.kept_apart_in_rounds(method)
-    return Coordination(engine, facts, team.shared, team.names, hub, rule, team.physics, graph)
+    return Coordination(engine, facts, team.shared, team.names, hub, rule, team.physics)
 
 
 def _refuse_forces_of_nobody(team: Team, facts: Mapping[str, ProblemFacts]) -> None:
@@ -442,7 +421,7 @@ class _Rounds:
             best = _BestPlan(len(work.rounds) - 1, None, dict(plans), work.rounds[-1].objective, keeps_apart=False)
         agreement = bool(work.rounds) and work.rounds[-1].agrees(self._method.tolerance)
         source = work.hub or work.robots[0]
-        target = state.target if work.hub is not None else work.consensus.of_agent(source, state.target)
+        target = state.target if work.hub else work.consensus.of_agent(source, state.target)
         agreed: dict[str, Array] = {}
         first = 0
         for quantity in work.facts[source].quantities:

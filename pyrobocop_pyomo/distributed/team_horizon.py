@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -187,7 +186,7 @@ class TeamHorizon:
                 continue
             state.values[name] = values
             state.multipliers[name] = multipliers
-        if work.hub is None:
+        if not work.hub:
             state.target = work.consensus.mean(state.values)
 
     def change_team(self, team: Team) -> None:
@@ -256,9 +255,7 @@ class TeamHorizon:
     def __enter__(self) -> TeamHorizon:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self.stop()
 
     def _of_all(self, method: str, arguments: Mapping[str, tuple[Any, ...]] | None = None) -> dict[str, Any]:

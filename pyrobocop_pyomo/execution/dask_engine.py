@@ -66,15 +66,19 @@ class ActorHome(Home):
         except Exception as error:
             self._failure = error
 
-    def is_done(self, seconds: float = 0.0, living: Collection[str] | None = None) -> bool:
-        """Whether it has answered or ended, after so many seconds; of some losses only the addresses of all workers
-        tell."""
-        if seconds and self._failure is None:
-            with contextlib.suppress(Exception):
-                self._reply.result(timeout=seconds)
-        if living is not None and (self.address not in living or self._made.status != "finished"):
-            self._failure = self._failure or TimeoutError("no answer")
+    def is_done(self) -> bool:
+        """Whether it has answered or ended."""
         return self._failure is not None or self._reply.done()
+
+    def wait(self, seconds: float) -> None:
+        """Wait for its answer, not longer."""
+        with contextlib.suppress(Exception):
+            self._reply.result(timeout=seconds)
+
+    def look(self, living: Collection[str]) -> None:
+        """Find out from the addresses of all workers whether it has ended: of some losses Dask tells nobody."""
+        if self.address not in living or self._made.status != "finished":
+            self._failure = self._failure or TimeoutError("no answer")
 
     def receive(self) -> Answer | None:
         """The answer; None when the worker has ended."""
@@ -235,14 +239,15 @@ class DaskEngine(EngineWithHomes[ActorHome]):
 
     def _ready(self, homes: Sequence[ActorHome], timeout: float | None) -> list[ActorHome]:
         end = None if timeout is None else time.monotonic() + timeout
-        ready = [home for home in homes if home.is_done()]
-        while not ready and (end is None or time.monotonic() < end):
-            homes[0].is_done(_SECONDS_BETWEEN_LOOKS)
+        while True:
             ready = [home for home in homes if home.is_done()]
-            if not ready:
+            if ready or (end is not None and time.monotonic() > end):
+                return ready
+            homes[0].wait(_SECONDS_BETWEEN_LOOKS)
+            if not homes[0].is_done():
                 living = self._client.nthreads()
-                ready = [home for home in homes if home.is_done(living=living)]
-        return ready
+                for home in homes:
+                    home.look(living)
 
     def _close(self) -> None:
         super()._close()

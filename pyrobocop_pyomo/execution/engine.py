@@ -9,7 +9,6 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -64,7 +63,7 @@ class Engine(ABC):
     snapshot_every : int
         Rounds between two states of an agent: more is less traffic, and longer to come back.
     deaths_allowed : int
-        How often the worker of an agent may die.
+        How often the worker of an agent may die, and of one task of a study.
     answer_within : float
         Seconds without an answer of anybody after which the workers that still owe one count as dead.
 
@@ -73,7 +72,7 @@ class Engine(ABC):
     name : str
     deaths : Counter
         How often the worker of each agent died, while the agent was at work.
-    bytes_down, bytes_up : list of dict
+    bytes_down, bytes_up : list of Counter
         Bytes to and from each agent: entry 0 is the start, entry k the k-th round with all that was asked after it.
         States and recoveries are counted as well.
     writes_files : bool
@@ -102,8 +101,8 @@ class Engine(ABC):
 
     def _forget(self) -> None:
         self.deaths: Counter[str] = Counter()
-        self.bytes_down: list[dict[str, int]] = []
-        self.bytes_up: list[dict[str, int]] = []
+        self.bytes_down: list[Counter[str]] = []
+        self.bytes_up: list[Counter[str]] = []
         self._specs: dict[str, bytes] = {}
         self._snapshots: dict[str, bytes] = {}
         self._asked_since: dict[str, list[Request]] = {}
@@ -263,7 +262,7 @@ class Engine(ABC):
         if not answers and not lost:
             return None
         for name, answer in answers.items():
-            self._count(self.bytes_up, name, answer.size)
+            self.bytes_up[-1][name] += answer.size
         told: dict[str, Lost] = {}
         for name in [name for name in answers if name in self._returning]:
             answer, loss = answers.pop(name), self._returning.pop(name)
@@ -274,10 +273,6 @@ class Engine(ABC):
         told.update(self._bring_back(lost))
         return answers, told
 
-    def has_given_up(self, agent: str) -> bool:
-        """Whether an agent's workers died too often."""
-        return agent in self._given_up
-
     def stop(self) -> None:
         """End all workers. What was counted can still be read."""
         self._specs = {}
@@ -286,9 +281,7 @@ class Engine(ABC):
     def __enter__(self) -> Engine:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self.stop()
 
     # ---------------------------------------------------------------- death and recovery
@@ -370,16 +363,12 @@ class Engine(ABC):
         return Request.of(spec.name, "build")
 
     def _tell(self, request: Request) -> None:
-        self._count(self.bytes_down, request.agent, len(request.payload))
+        self.bytes_down[-1][request.agent] += len(request.payload)
         self.submit(request)
 
     def _new_round(self) -> None:
-        self.bytes_down.append({})
-        self.bytes_up.append({})
-
-    @staticmethod
-    def _count(rounds: list[dict[str, int]], name: str, size: int) -> None:
-        rounds[-1][name] = rounds[-1].get(name, 0) + size
+        self.bytes_down.append(Counter())
+        self.bytes_up.append(Counter())
 
     def _check(self, names: Iterable[str]) -> None:
         if not self._specs:

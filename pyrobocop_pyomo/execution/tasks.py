@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from pyrobocop_pyomo.errors import EngineError, ModelError, PyRobocopError
 from pyrobocop_pyomo.modeling.deadline import Deadline
@@ -18,22 +18,12 @@ from .serial_engine import SerialEngine
 from .worker_host import Answer, Lost, Raised, Request
 
 SECONDS_TO_ANSWER = 0.5  # after the deadline, which tasks keep by themselves
-DEATHS_ALLOWED = 2  # workers that one task may take down before it is given up
 GIVEN_UP = "its process ended abruptly, several times"
-
-
-class TaskSolver(Protocol):
-    """What does the tasks of a study; one lives on each worker."""
-
-    @property
-    def solve(self) -> Callable[..., Any]:
-        """Called as ``solve(*arguments, deadline=...)`` for what comes of one task."""
-        ...
 
 
 @dataclass(frozen=True)
 class Task:
-    """One call of `TaskSolver.solve`.
+    """One call of what does the tasks of a study: ``solve(*arguments, deadline=...)`` gives what comes of it.
 
     Attributes
     ----------
@@ -47,6 +37,7 @@ class Task:
 
 
 Take = Callable[[Any], "Iterable[Task] | None"]
+Make = Callable[[], Callable[..., Any]]
 
 
 def study_engine(workers: Any, engine: str | Engine | None) -> Engine | None:
@@ -93,7 +84,7 @@ def run_tasks(
     tasks: Iterable[Task],
     take: Take,
     *,
-    make: Callable[[], TaskSolver],
+    make: Make,
     engine: Engine | None,
     most: int,
     deadline: Deadline,
@@ -109,7 +100,7 @@ def run_tasks(
     take : callable
         Told of each result here, in this process; returns further tasks, which come next, or None to begin no more.
     make : callable
-        Makes what does the tasks: here, or once on each worker, where it comes pickled.
+        Makes the function that does the tasks: here, or once on each worker, where it comes pickled.
     engine : Engine or None
         None does all in this process.
     most : int
@@ -135,12 +126,12 @@ def run_tasks(
             _TaskRun(listed, take, engine, deadline, given_up).run(make, most)
 
 
-def _run_here(tasks: Iterable[Task], take: Take, solver: TaskSolver, deadline: Deadline) -> None:
+def _run_here(tasks: Iterable[Task], take: Take, solve: Callable[..., Any], deadline: Deadline) -> None:
     waiting, begun = list(tasks)[::-1], False
     try:
         while waiting and not (begun and deadline.has_passed):
             begun = True
-            following = take(solver.solve(*waiting.pop().arguments, deadline=deadline))
+            following = take(solve(*waiting.pop().arguments, deadline=deadline))
             if following is None:
                 return
             waiting += list(following)[::-1]
@@ -161,7 +152,7 @@ class _TaskRun:
         self._deaths: Counter[Any] = Counter()
         self._begun = False
 
-    def run(self, make: Callable[[], TaskSolver], most: int) -> None:
+    def run(self, make: Make, most: int) -> None:
         try:
             names = [f"worker {number}" for number in range(self._engine.places(most))]
             self._engine.start(_WorkerSpec(name, make) for name in names)
@@ -195,14 +186,14 @@ class _TaskRun:
                 raise _error_of(value)
             self._go_on_after(value)
         for name, loss in lost.items():
-            if self._engine.has_given_up(name):
+            if self._engine.deaths[name] > self._engine.deaths_allowed:
                 raise EngineError(f"a worker ended while it was started again, several times: {loss.reason}")
             # The task is to blame, and the worker may go on.
             del self._engine.deaths[name]
             self._idle.append(name)
             task = self._running.pop(name)
             self._deaths[task.key] += loss.at_work
-            if self._deaths[task.key] < DEATHS_ALLOWED:
+            if self._deaths[task.key] <= self._engine.deaths_allowed:
                 self._waiting.append(task)
             else:
                 self._go_on_after(self._given_up(task))
@@ -226,17 +217,17 @@ class _WorkerSpec:
     """How the solver of a study is made on a worker."""
 
     name: str
-    make: Callable[[], TaskSolver]
+    make: Make
 
     def build(self) -> _Worker:
         return _Worker(self.make())
 
 
 class _Worker:
-    """The solver of a study as an agent, which has no state between its tasks."""
+    """What does tasks as an agent, which has no state between them."""
 
-    def __init__(self, solver: TaskSolver) -> None:
-        self._solver = solver
+    def __init__(self, solve: Callable[..., Any]) -> None:
+        self._solve = solve
 
     def facts(self) -> None:
         """There is nothing to know of it."""
@@ -244,4 +235,4 @@ class _Worker:
     def solve(self, order: tuple[tuple[Any, ...], float | None]) -> Any:
         """Do a task, in the seconds that are left."""
         arguments, left = order
-        return self._solver.solve(*arguments, deadline=Deadline.after(left))
+        return self._solve(*arguments, deadline=Deadline.after(left))

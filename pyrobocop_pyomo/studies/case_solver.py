@@ -126,57 +126,52 @@ class CaseSolver:
         ``read(target, result)`` gives numbers to keep.
     options : mapping
         Of `solve`.
+
+    Attributes
+    ----------
+    state : ModelState or None
+        Of the model that all cases share, as it was; None where each has its own.
     """
 
     def __init__(self, source: Any, put: Put | None, read: Read | None, options: Mapping[str, Any]) -> None:
-        self._put, self._read, self._options = put, read, {"progress": False, **options}
-        self._build = source if not isinstance(source, BlockData) else None
-        self._target: Any = source if self._build is None else None
-        self._state: ModelState | None = None
+        is_model = isinstance(source, BlockData)
+        self._put, self._read = put_mapping if put is None and is_model else put, read
+        self._build, self._options = source, {"progress": False, **options}
         self._persistent: PersistentSolve | None = None
         self._structure: list[Any] = []
         self._open = contextlib.ExitStack()
-        if self._build is not None and put is not None:
-            self._target, self._build = source(), None
-        if self._target is not None:
+        self.state: ModelState | None = None
+        if self._put is not None:
+            self._target = source if is_model else source()
             self.model = model_of(self._target)
-            self._state = ModelState(self.model)
-
-    @property
-    def state(self) -> ModelState | None:
-        """Of the model that all cases share, as it was; None where each has its own."""
-        return self._state
+            self.state = ModelState(self.model)
 
     def check(self, data: Any) -> None:
         """Put the data of a case on the model and take them off again, to see whether they fit; nothing is solved."""
-        if self._state is not None and self._put is None:
+        if self.state is not None and self._put is put_mapping:
             try:
                 put_mapping(self.model, data)
             finally:
-                self._state.restore()
+                self.state.restore()
 
     def close(self) -> None:
         """Leave the model as it was."""
         self._leave()
-        if self._state is not None:
-            self._state.restore()
+        if self.state is not None:
+            self.state.restore()
 
     def put(self, data: Any) -> ModelState:
         """Make the model that of a case; returns the state before its data."""
-        if self._build is not None:
+        if self._put is None or self.state is None:
             self._leave()
             self._target = self._build(data)
             self.model = model_of(self._target)
             return ModelState(self.model)
-        assert self._state is not None
         if self._persistent is not None and self._persistent.decided_pairs:
             self._leave()  # it has changed bounds
-        self._state.restore()
-        if self._put is not None:
-            self._put(self._target, data)
-        else:
-            put_mapping(self.model, data)
-        return self._state
+        self.state.restore()
+        self._put(self._target, data)
+        return self.state
 
     def solve(
         self, case: SweepCase, near: tuple[int, Values] | None, limit: float | None, *, deadline: Deadline

@@ -100,7 +100,7 @@ class OutcomeFile:
 
 
 def _facts_of(line: bytes) -> dict[str, Any]:
-    """What a line holds; files of version 0.1 have no checksums.
+    """What a line holds.
 
     Raises
     ------
@@ -108,8 +108,7 @@ def _facts_of(line: bytes) -> dict[str, Any]:
         When it is not what was written.
     """
     facts: dict[str, Any] = json.loads(line)
-    checksum = facts.pop(_CHECKSUM, None)
-    if checksum is not None and checksum != zlib.crc32(json.dumps(facts).encode()):
+    if facts.pop(_CHECKSUM, None) != zlib.crc32(json.dumps(facts).encode()):
         raise ValueError("a line is not what its checksum says")
     return facts
 

@@ -17,7 +17,7 @@ from pyrobocop_pyomo.errors import ModelError, SolveFailed
 from pyrobocop_pyomo.execution.engine import Engine
 from pyrobocop_pyomo.execution.fingerprints import fingerprint
 from pyrobocop_pyomo.execution.sending import packed
-from pyrobocop_pyomo.execution.tasks import GIVEN_UP, Task, run_tasks, study_engine
+from pyrobocop_pyomo.execution.tasks import GIVEN_UP, Make, Task, run_tasks, study_engine
 from pyrobocop_pyomo.ipopt.backends import best_backend
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.rule_slips import takes_arguments
@@ -151,7 +151,7 @@ def sweep(
     start_from : "nearest", callable or None
         From whose solution a case starts: by default that of the nearest case, along the shortest tree over the
         numbers of the cases; every eighth one in a row starts from the initial guess. Or a function from the number of
-        a case to that of another one, or to None. With None, all cases start from the initial guess.
+        a case to that of an earlier one, or to None. With None, all cases start from the initial guess.
     workers : int or "all"
         Number of processes, or one on each core; with 1 all is done in this one. More need a model that can be pickled,
         or a builder that stands at the top level of a module (or a `functools.partial` of such), the same for `put` and
@@ -212,11 +212,11 @@ def sweep(
                 study.doubts = doubts_on_cases(model, [case.data for case in listed])
         if running is None:
             assert local is not None
-            study.run(lambda: local, None)
+            study.run(lambda: local.solve, None)
         else:
             for label, sent in {"the model": model, "put": put, "read": read, "the options": options}.items():
                 packed(label, sent, "workers=1")
-            study.run(partial(_WorkerCaseSolver, model, put, read, options), running)
+            study.run(partial(_solving, model, put, read, options), running)
     finally:
         if local is not None:
             local.close()
@@ -285,7 +285,7 @@ class _Sweep:
             parent = self._parents[parent]
         return None
 
-    def run(self, make: Callable[[], CaseSolver], engine: Engine | None) -> None:
+    def run(self, make: Make, engine: Engine | None) -> None:
         """Solve each case as soon as its neighbour is done, until all is done, the time is over or Ctrl-C comes."""
         run_tasks(
             self._tasks(None), self._take, make=make, engine=engine, most=len(self._cases), deadline=self._deadline,
@@ -328,36 +328,30 @@ def _number_column(name: str, width: int, numbers: Callable[[SweepOutcome], Mapp
     return Column(name, max(width, len(name)), lambda outcome: numbers(outcome).get(name, math.nan), ".6g")
 
 
-class _WorkerCaseSolver(CaseSolver):
-    """Sends less back: neither multipliers nor pairs are worth their way; the sides stand on the model."""
+def _solving(*of_case_solver: Any) -> Callable[..., SweepOutcome]:
+    """What solves cases on a worker. It sends less back: rounds of safe planning are not worth their way."""
+    solver = CaseSolver(*of_case_solver)
 
-    def solve(self, *arguments: Any, deadline: Deadline) -> SweepOutcome:
-        """Solve a case in a worker."""
-        outcome = super().solve(*arguments, deadline=deadline)
-        if outcome.result is None:
-            return outcome
-        return replace(outcome, result=replace(outcome.result, rounds=()))
+    def solve(*arguments: Any, deadline: Deadline) -> SweepOutcome:
+        outcome = solver.solve(*arguments, deadline=deadline)
+        return outcome if outcome.result is None else replace(outcome, result=replace(outcome.result, rounds=()))
+
+    return solve
+
+
+_OF_OUTCOME = ("error", "seconds", "numbers", "started_from")
 
 
 def _outcome_to_json(outcome: SweepOutcome) -> dict[str, Any]:
     return {
         "name": outcome.name,
         "result": None if outcome.result is None else result_to_json(outcome.result),
-        "error": outcome.error,
-        "seconds": outcome.seconds,
-        "numbers": dict(outcome.numbers),
-        "started_from": outcome.started_from,
+        **{name: getattr(outcome, name) for name in _OF_OUTCOME},
         "values": values_to_text(outcome.values),
     }
 
 
 def _outcome_from_json(case: SweepCase, facts: Mapping[str, Any]) -> SweepOutcome:
-    return SweepOutcome(
-        case=case,
-        result=None if facts["result"] is None else result_from_json(facts["result"]),
-        error=facts["error"],
-        seconds=facts["seconds"],
-        numbers=facts["numbers"],
-        started_from=facts["started_from"],
-        values=values_from_text(facts["values"]),
-    )
+    result = None if facts["result"] is None else result_from_json(facts["result"])
+    own = {name: facts[name] for name in _OF_OUTCOME}
+    return SweepOutcome(case=case, result=result, values=values_from_text(facts["values"]), **own)

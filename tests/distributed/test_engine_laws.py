@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import pytest
@@ -96,11 +96,9 @@ def test_states_are_all_that_is_needed_to_go_on(
         assert play(second, 12, first=rounds) == undisturbed[rounds:]
 
 
-class Doubling:
-    """A solver of tasks of which each asks for another, until they are large enough."""
-
-    def solve(self, number: int, *, deadline: Deadline) -> int:
-        return 2 * number
+def doubling() -> Callable[..., int]:
+    """What does tasks of which each asks for another, until they are large enough."""
+    return lambda number, *, deadline: 2 * number
 
 
 def doubled(engine: Engine | None) -> tuple[set[int], set[str]]:
@@ -118,7 +116,7 @@ def doubled(engine: Engine | None) -> tuple[set[int], set[str]]:
 
     tasks = [Task(str(number), (number,)) for number in (1, 3, 5, 7)]
     run_tasks(
-        tasks, take, make=Doubling, engine=engine, most=9, deadline=Deadline.after(None), given_up=lambda task: task.key
+        tasks, take, make=doubling, engine=engine, most=9, deadline=Deadline.after(None), given_up=lambda task: task.key
     )
     return results, given_up
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import networkx as nx
 import numpy as np
 import pyomo.environ as pyo
 import pytest
@@ -55,8 +54,6 @@ def hopeless() -> pyo.ConcreteModel:
             "share something.*keep out of each other's way need no team.*ObstacleAvoidanceBlock",
         ),
         ({"robots": robots(), "shared": [rcp.Shared("push[{robot}]")]}, "shared with a hub"),
-        ({"robots": robots(), "graph": nx.path_graph(["r0", "r7"])}, "r1, r7"),
-        ({"robots": robots(4), "graph": nx.Graph([("r0", "r1"), ("r2", "r3")])}, "not connected"),
     ],
 )
 def test_a_team_that_makes_no_sense_is_refused(arguments: dict, message: str) -> None:

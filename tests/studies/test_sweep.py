@@ -178,8 +178,7 @@ def test_a_free_variable_is_fixed_for_its_case_only() -> None:
         ([{"pull": {3: 1.0}}], {}, "'pull': has no index 3"),
         ([{"pull": 1.0}], {"workers": 0}, "workers = 0; expected a number of processes"),
         ([{"pull": 1.0}], {"start_from": "best"}, "start_from = 'best'"),
-        ([{"pull": 1.0}] * 2, {"start_from": lambda number: 1 - number}, "case 0 would start from itself"),
-        ([{"pull": 1.0}], {"start_from": lambda number: 7}, r"start_from\(0\) is 7"),
+        ([{"pull": 1.0}] * 2, {"start_from": lambda number: 1 - number}, r"start_from\(0\) is 1; .* an earlier case"),
         ([object()], {"file": "x", "put": print}, "a object has no fingerprint"),
     ],
 )
