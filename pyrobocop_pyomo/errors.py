@@ -12,7 +12,7 @@
     │   │   └── PathNotFound             a search for a path that ended without one
     │   ├── KeywordError (TypeError)     a keyword that a function does not have
     │   ├── ObstacleError                shapes, poses or obstacles that are invalid or cannot be avoided as stated
-    │   └── TeamError                    agents, shared quantities, a graph or a checkpoint that do not fit together
+    │   └── TeamError                    agents, shared quantities or a checkpoint that do not fit together
     ├── SolverNotFoundError              no Ipopt, or no derivatives for it, on this machine, or none could be built
     ├── EngineError (RuntimeError)       where a team's agents live cannot be started, reached or sent what they need
     ├── EvaluationError (ArithmeticError) a value, a derivative or an inverse does not exist or is not finite
@@ -134,7 +134,7 @@ class KeywordError(ModelError, TypeError):
 
 
 class TeamError(ModelError):
-    """Agents, shared quantities, penalties, a graph or a checkpoint of a team that do not fit together."""
+    """Agents, shared quantities, penalties or a checkpoint of a team that do not fit together."""
 
 
 class SolverNotFoundError(PyRobocopError):

@@ -11,11 +11,7 @@ from pyrobocop_pyomo.distributed.rounds import Round
 from pyrobocop_pyomo.distributed.sova import Sova
 from pyrobocop_pyomo.distributed.team_horizon import TeamHorizon
 from pyrobocop_pyomo.distributed.team_result import TeamResult
-from pyrobocop_pyomo.distributed.team_schedules import (
-    BarrierPath,
-    PenaltyRestart,
-    TargetedPenalties,
-)
+from pyrobocop_pyomo.distributed.team_schedules import BarrierPath, TargetedPenalties
 from pyrobocop_pyomo.errors import removed_names
 from pyrobocop_pyomo.execution.dask_engine import DaskEngine
 from pyrobocop_pyomo.execution.engine import Engine
@@ -31,7 +27,6 @@ __all__ = [
     "Engine",
     "Hub",
     "MpiEngine",
-    "PenaltyRestart",
     "ProcessEngine",
     "Round",
     "SerialEngine",
@@ -46,6 +41,7 @@ __getattr__ = removed_names(
     {
         "BarrierPath(mu, turn=mu, floor=mu)": "ConstantBarrier",
         "penalties=None": "ConstantPenalties",
+        "closing=Closing(), which ends what rounds do not": "PenaltyRestart",
         "copy it from benchmarks/rod_teams.py": "SimulatedNetwork",
         "TargetedPenalties": "BalancedPenalties GrowingPenalties",
         "nothing, or its home in pyrobocop_pyomo.distributed": """

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.PyomoModel import ConcreteModel
+from pyomo.core.base.set import Any as AnyIndex
 
 from pyrobocop_pyomo.errors import TeamError
 
@@ -18,7 +19,7 @@ _NAMES_ON_A_MERGED_MODEL = ("objective", "keep_apart", "agreement")
 # Times the distance to keep: nearer robots are too near for a plan that holds, and the closing step moves them apart.
 TOO_NEAR = 0.99
 
-Penalty = Union[float, tuple[float, ...], tuple[tuple[float, ...], ...]]  # noqa: UP007
+Penalty = Union[float, tuple[float, ...]]  # noqa: UP007
 
 
 @dataclass(frozen=True, init=False)
@@ -69,15 +70,14 @@ class Shared:
     *components : str
         Names of components, such as ``"body.qx"``. A block stands for all its variables. ``{robot}`` stands for the
         name of one robot: ``"push[{robot}]"`` is shared by that robot and the hub only.
-    penalty : float, sequence of floats, or symmetric matrix
-        Weight of a disagreement, in units of the objective over the square of the quantity's unit; for a sequence or a
-        matrix, by the variables that the components stand for, in their order. A matrix weighs their values at the same
-        index together, or all their values where it has that size.
+    penalty : float or sequence of floats
+        Weight of a disagreement, in units of the objective over the square of the quantity's unit; a sequence has one
+        for each of the variables that the components stand for, in their order.
 
     Raises
     ------
     TeamError
-        When nothing is named, or the penalty is not positive definite.
+        When nothing is named, or the penalty is not positive.
     """
 
     components: tuple[str, ...]
@@ -91,30 +91,15 @@ class Shared:
             weights = np.asarray(penalty, dtype=float)
         except (TypeError, ValueError):
             raise TeamError(f"{what}: penalty = {penalty!r}; expected numbers.") from None
-        if weights.ndim > 2 or not np.isfinite(weights).all() or weights.size == 0:
-            raise TeamError(f"{what}: penalty = {penalty!r}; expected a finite number, a sequence or a square matrix.")
-        if weights.ndim == 2:
-            if weights.shape[0] != weights.shape[1] or not np.allclose(weights, weights.T):
-                raise TeamError(f"{what}: the penalty of shape {weights.shape} is not a symmetric matrix.")
-            least = float(np.linalg.eigvalsh(weights).min())
-        else:
-            least = float(weights.min())
-        if least <= 0:
+        if weights.ndim > 1 or not np.isfinite(weights).all() or weights.size == 0:
+            raise TeamError(f"{what}: penalty = {penalty!r}; expected a finite number, or one for each variable.")
+        if weights.min() <= 0:
             raise TeamError(
-                f"{what}: the penalty is not positive definite: its least "
-                f"{'eigenvalue' if weights.ndim == 2 else 'weight'} "
-                f"is {least:g}. Every disagreement has to cost something."
+                f"{what}: the penalty is not positive: its least weight is {weights.min():g}. Every disagreement has "
+                "to cost something."
             )
         object.__setattr__(self, "components", components)
-        frozen: Any = weights.tolist()
-        if weights.ndim:
-            frozen = tuple(map(tuple, frozen)) if weights.ndim == 2 else tuple(frozen)
-        object.__setattr__(self, "penalty", frozen)
-
-    @property
-    def weights(self) -> np.ndarray:
-        """The penalty as an array of no, one or two dimensions."""
-        return np.asarray(self.penalty, dtype=float)
+        object.__setattr__(self, "penalty", tuple(weights.tolist()) if weights.ndim else float(weights))
 
     def names_for(self, robot: str) -> tuple[str, ...]:
         """The names of the components with the name of a robot put in."""
@@ -200,27 +185,17 @@ class KeepApart:
         """
         positions = [[part.find_component(name) for name in self.components] for part in parts]
         keys = [key for key in positions[0][0] if any(not p[0][key].fixed for p in positions)]
-        known = model.component("keep_apart")
-        rows = [] if known is None else list(known)
-        new = [
-            (i, j, *(key if isinstance(key, tuple) else (key,)))
-            for i, j in combinations(range(len(parts)), 2)
-            for key in self._near(positions[i], positions[j], keys, within)
-        ]
-        new = sorted(set(new) - set(rows))
-        if known is not None:
-            if not new:
-                return 0
-            model.del_component(known)
-
-        def far_enough(_: Any, i: int, j: int, *key: Any) -> Any:
-            at = key if len(key) > 1 else key[0]
-            return (
-                sum((a[at] - b[at]) ** 2 for a, b in zip(positions[i], positions[j], strict=True)) >= self.distance**2
-            )
-
-        model.keep_apart = Constraint([*rows, *new], rule=far_enough)
-        return len(new)
+        rows = model.component("keep_apart")
+        if rows is None:
+            rows = model.keep_apart = Constraint(AnyIndex)
+        known = len(rows)
+        for i, j in combinations(range(len(parts)), 2):
+            for key in self._near(positions[i], positions[j], keys, within):
+                index = (i, j, *(key if isinstance(key, tuple) else (key,)))
+                if index not in rows:
+                    apart = sum((a[key] - b[key]) ** 2 for a, b in zip(positions[i], positions[j], strict=True))
+                    rows[index] = apart >= self.distance**2
+        return len(rows) - known
 
     def _near(self, first: Sequence[Any], second: Sequence[Any], keys: Sequence[Any], within: float) -> list[Any]:
         if not np.isfinite(within):

@@ -2,37 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from pyrobocop_pyomo.errors import TeamError
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.optional_imports import scipy
 
 from .agents import Shared
 from .messages import ProblemFacts
 
 Key = tuple[str, object]
-
-
-@dataclass(frozen=True)
-class SharedValues:
-    """Where the shared values of one agent are found among those of the team.
-
-    Attributes
-    ----------
-    places : int array, shape (n,)
-        Of each value of the agent: its number in the team, or -1 for what needs no agreement.
-    """
-
-    places: np.ndarray
-
-    @cached_property
-    def agreed(self) -> np.ndarray:
-        """Positions of the values that need agreement."""
-        return np.flatnonzero(self.places >= 0)
 
 
 class Consensus:
@@ -52,7 +34,6 @@ class Consensus:
         What the team agrees on.
     groups : int array
         The number of the `Shared` that each belongs to.
-    values_of : dict of agent name to SharedValues
 
     Raises
     ------
@@ -63,24 +44,22 @@ class Consensus:
     def __init__(self, facts: Mapping[str, ProblemFacts], shared: Sequence[Shared]) -> None:
         self._refuse_other_units(facts)
         free: dict[Key, int] = {}
-        held: dict[str, set[Key]] = {}
-        for name, fact in facts.items():
-            keys = [(quantity.name, key) for quantity in fact.quantities for key in quantity.keys]
-            held[name] = set(keys)
-            for key, fixed, group in zip(keys, fact.fixed.tolist(), fact.penalty.groups.tolist(), strict=True):
+        for fact in facts.values():
+            for key, fixed, group in zip(_keys_of(fact), fact.fixed.tolist(), fact.groups.tolist(), strict=True):
                 if not fixed:
                     free.setdefault(key, group)
-        self._refuse_other_indices(facts, free, held)
+        self._refuse_other_indices(facts, free)
         self.keys = list(free)
         self.groups = np.array(list(free.values()), dtype=np.intp)
+        # From an agent's values to the team's: a matrix with a one for each value that needs agreement.
         number = {key: i for i, key in enumerate(self.keys)}
-        self.values_of = {
-            name: SharedValues(
-                np.array([number.get((q.name, key), -1) for q in fact.quantities for key in q.keys], dtype=np.intp)
-            )
-            for name, fact in facts.items()
-        }
-        self.group_names = [", ".join(entry.components) for entry in shared]
+        self._to_team: dict[str, Any] = {}
+        for name, fact in facts.items():
+            places = np.array([number.get(key, -1) for key in _keys_of(fact)], dtype=np.intp)
+            agreed = np.flatnonzero(places >= 0)
+            ones = np.ones(agreed.size)
+            shape = len(self.keys), places.size
+            self._to_team[name] = scipy.sparse.csr_array((ones, (places[agreed], agreed)), shape=shape)
 
     @staticmethod
     def _refuse_other_units(facts: Mapping[str, ProblemFacts]) -> None:
@@ -95,55 +74,56 @@ class Consensus:
                     )
 
     @staticmethod
-    def _refuse_other_indices(
-        facts: Mapping[str, ProblemFacts], free: Mapping[Key, int], held: Mapping[str, set[Key]]
-    ) -> None:
-        holders: dict[str, list[str]] = {}
-        for name, fact in facts.items():
-            for quantity in fact.quantities:
-                holders.setdefault(quantity.name, []).append(name)
-        lengths = {name: {q.name: len(q.keys) for q in fact.quantities} for name, fact in facts.items()}
-        for key in free:
-            label, index = key
-            names = holders[label]
-            if len(names) == 1:
+    def _refuse_other_indices(facts: Mapping[str, ProblemFacts], free: Mapping[Key, int]) -> None:
+        held = {name: {of.name: set(of.keys) for of in fact.quantities} for name, fact in facts.items()}
+        for label, index in free:
+            holders = [name for name in facts if label in held[name]]
+            if len(holders) == 1:
                 raise TeamError(
-                    f"'{label}' is shared by '{names[0]}' alone: no other model has it. Check its name, or leave it "
+                    f"'{label}' is shared by '{holders[0]}' alone: no other model has it. Check its name, or leave it "
                     "out."
                 )
-            for name in names:
-                if key not in held[name]:
-                    other = next(holder for holder in names if key in held[holder])
-                    raise TeamError(
-                        f"'{label}' has {lengths[name][label]} values in the model of '{name}' and "
-                        f"{lengths[other][label]} in that of '{other}': index {index} is missing in the first. "
-                        "Give both models the same horizon and mesh."
-                    )
+            without = next((name for name in holders if index not in held[name][label]), None)
+            if without is not None:
+                other = next(name for name in holders if index in held[name][label])
+                raise TeamError(
+                    f"'{label}' has {len(held[without][label])} values in the model of '{without}' and "
+                    f"{len(held[other][label])} in that of '{other}': index {index} is missing in the first. "
+                    "Give both models the same horizon and mesh."
+                )
 
     def of_agent(self, name: str, team_values: Array) -> Array:
         """The team's values in the order of an agent's; 0 where no agreement is needed."""
-        places = self.values_of[name]
-        values = np.zeros(places.places.size)
-        values[places.agreed] = team_values[places.places[places.agreed]]
+        values: Array = self._to_team[name].T @ team_values
         return values
+
+    def of_team(self, name: str, values: Array) -> Array:
+        """An agent's values in the order of the team's; 0 where it has none."""
+        team_values: Array = self._to_team[name] @ values
+        return team_values
 
     def masked(self, name: str, values: Array) -> Array:
         """An agent's values, 0 where no agreement is needed."""
-        masked = np.zeros(values.size)
-        agreed = self.values_of[name].agreed
-        masked[agreed] = values[agreed]
-        return masked
+        return self.of_agent(name, self.of_team(name, values))
 
-    def add_to_team(self, name: str, team_values: Array, values: Array) -> None:
-        """Add an agent's values to the team's."""
-        places = self.values_of[name]
-        team_values[places.places[places.agreed]] += values[places.agreed]
+    def presence(self, name: str) -> Array:
+        """1 for each of the team's values that an agent holds, 0 for the others."""
+        return self.of_team(name, np.ones(self._to_team[name].shape[1]))
 
     def mean(self, values: Mapping[str, Array]) -> Array:
         """Mean of all agents' values, in the team's order."""
-        total, count = np.zeros(len(self.keys)), np.zeros(len(self.keys))
+        total, count = np.zeros((2, len(self.keys)))
         for name, own in values.items():
-            self.add_to_team(name, total, own)
-            self.add_to_team(name, count, np.ones(own.size))
+            total += self.of_team(name, own)
+            count += self.presence(name)
         mean: Array = total / np.maximum(count, 1)
         return mean
+
+    def seen_by(self, name: str, other: str, values: Mapping[str, Array]) -> Array:
+        """Another agent's values in the order of the first one's; its own where the other does not hold a value."""
+        is_held = self.of_agent(name, self.presence(other)) > 0
+        return np.where(is_held, self.of_agent(name, self.of_team(other, values[other])), values[name])
+
+
+def _keys_of(fact: ProblemFacts) -> Iterator[Key]:
+    return ((quantity.name, key) for quantity in fact.quantities for key in quantity.keys)

@@ -6,7 +6,7 @@ import logging
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -15,10 +15,8 @@ from pyrobocop_pyomo.execution.engine import AgentFailure, Engine
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.numerics import Array
 
-from .acceleration import AndersonAcceleration
 from .agents import KeepApart, Shared
 from .consensus import Consensus
-from .consensus_residuals import ConsensusResiduals
 from .messages import Order, ProblemFacts, Report
 from .rounds import PlanScore, Round
 from .team_schedules import BarrierPath, TargetedPenalties
@@ -26,6 +24,8 @@ from .team_schedules import BarrierPath, TargetedPenalties
 logger = logging.getLogger(__name__)
 
 _FIRST_TRIES = 4
+_MEMORY = 12
+_WORSE = 2.0  # times the last residual: an extrapolation after which it has grown more is not trusted
 
 Plans = Mapping[str, Mapping[str, Array]]
 
@@ -49,6 +49,46 @@ class Physics(Protocol):
 
 
 @dataclass
+class AndersonAcceleration:
+    """From the last points and their images, the point at which the linear model of the iteration stands still.
+
+    Attributes
+    ----------
+    steps : list of (point, image)
+        The last ones.
+
+    References
+    ----------
+    Walker & Ni, Anderson acceleration for fixed-point iterations, SIAM J. Numer. Anal. 49 (2011),
+    doi:10.1137/10078356X
+    """
+
+    steps: list[tuple[Array, Array]] = field(default_factory=list)
+
+    def next(self, point: Array, image: Array) -> Array:
+        """Where to go on from.
+
+        Parameters
+        ----------
+        point : float array, shape (n,)
+        image : float array, shape (n,)
+            What the iteration made of it.
+        """
+        if self.steps:
+            before, after = self.steps[-1]
+            if np.linalg.norm(image - point) > _WORSE * np.linalg.norm(after - before):
+                self.steps.clear()
+        self.steps = [*self.steps, (point.copy(), image.copy())][-_MEMORY:]
+        if len(self.steps) < 2:
+            return image
+        points, images = (np.array(column) for column in zip(*self.steps, strict=True))
+        residuals = np.diff(images - points, axis=0)
+        weights = np.linalg.lstsq(residuals.T, image - point, rcond=1e-10)[0]
+        accelerated: Array = image - np.diff(images, axis=0).T @ weights
+        return accelerated
+
+
+@dataclass
 class TeamState:
     """What a method knows between two rounds, beside the states of the agents: arrays, so that it can be saved.
 
@@ -62,8 +102,6 @@ class TeamState:
         What the hub proposes; the mean of all copies where there is no hub.
     values, multipliers : dict of agent to float array
     positions : dict of agent to float array
-    slowness : float
-        How much slower than at first mu falls.
     closing_tried : int
         Number of the round after which the closing step was tried last; -1 where it was not.
     acceleration : AndersonAcceleration
@@ -77,7 +115,6 @@ class TeamState:
     values: dict[str, Array]
     multipliers: dict[str, Array]
     positions: dict[str, Array]
-    slowness: float = 1.0
     closing_tried: int = -1
     acceleration: AndersonAcceleration = field(default_factory=AndersonAcceleration)
 
@@ -88,7 +125,6 @@ class TeamState:
             "mu": np.array(np.nan if self.mu is None else self.mu),
             "factors": self.factors,
             "target": self.target,
-            "slowness": np.array(self.slowness),
             "closing_tried": np.array(self.closing_tried),
             "steps": np.array(self.acceleration.steps),
         }
@@ -111,10 +147,24 @@ class TeamState:
             np.array(arrays["factors"]),
             np.array(arrays["target"]),
             **parts,
-            slowness=float(arrays["slowness"]),
             closing_tried=int(arrays["closing_tried"]),
             acceleration=AndersonAcceleration([(point, image) for point, image in arrays["steps"]]),
         )
+
+
+class Residuals(NamedTuple):
+    """How far the agents are apart, and how far what they agree on has moved: the largest for each `Shared`.
+
+    Attributes
+    ----------
+    disagreement, change : float arrays, shape (groups,)
+    scaled : float array, shape (groups,)
+        Disagreement times the square root of its penalty as given: comparable between groups, whatever their units.
+    """
+
+    disagreement: Array
+    change: Array
+    scaled: Array
 
 
 @dataclass
@@ -129,22 +179,20 @@ class Coordination:
     shared : sequence of Shared
     robots : sequence of str
         Names of the agents that plan a motion of their own.
-    hub : str or None
+    hub : str
+        Empty where there is none.
     keep_apart : KeepApart or None
         Of the rounds: which distance robots keep from where the others were in the round before.
     physics : Physics or None
-    graph : networkx graph or None
-        Who talks to whom, where there is no hub in the middle.
     """
 
     engine: Engine
     facts: dict[str, ProblemFacts]
     shared: Sequence[Shared]
     robots: Sequence[str]
-    hub: str | None
+    hub: str
     keep_apart: KeepApart | None
     physics: Physics | None
-    graph: Any = None
     rounds: list[Round] = field(default_factory=list)
     plans: dict[str, Mapping[str, Array]] = field(default_factory=dict)
     frozen: dict[str, str] = field(default_factory=dict)
@@ -156,10 +204,6 @@ class Coordination:
     def __post_init__(self) -> None:
         """Line the shared values up."""
         self.consensus = Consensus(self.facts, self.shared)
-        # In the order of the robots, so that sums are the same everywhere.
-        self.neighbours: dict[str, list[str]] = {}
-        if self.graph is not None:
-            self.neighbours = {name: [n for n in self.robots if self.graph.has_edge(name, n)] for name in self.robots}
 
     def first_state(self, mu: float) -> TeamState:
         """The state before any round: no values, multipliers zero, penalties as given; mu where there are pairs."""
@@ -236,7 +280,7 @@ class Coordination:
     def end_round(
         self,
         state: TeamState,
-        residuals: ConsensusResiduals,
+        residuals: Residuals,
         barrier: BarrierPath,
         penalties: TargetedPenalties | None,
         *,
@@ -253,9 +297,7 @@ class Coordination:
         record = Round(
             state.round,
             state.mu,
-            residuals.disagreement,
-            residuals.change,
-            residuals.scaled,
+            *residuals,
             state.factors.copy(),
             float(sum(self._objectives.values())),
             {name: (report.status, report.iterations, report.cpu_seconds) for name, report in self._asked.items()},
@@ -264,36 +306,27 @@ class Coordination:
             down,
             up,
             time.perf_counter() - self._started,
-            self.hub,
+            self.hub or None,
         )
         self.rounds.append(record)
         if penalties is not None:
-            state.factors = penalties.after(state.factors, state.mu, residuals)
+            state.factors = penalties.after(state.factors, state.mu, record.scaled)
         if state.mu is not None:
-            state.mu = barrier.after(state.mu, record.disagreement, state.slowness)
+            state.mu = barrier.after(state.mu, record.disagreement)
         state.round += 1
         return record
 
-    def residuals(self, state: TeamState, agreed: Array, before: Array) -> tuple[ConsensusResiduals, dict[str, Array]]:
+    def residuals(self, state: TeamState, agreed: Array, before: Array) -> tuple[Residuals, dict[str, Array]]:
         """How far the robots are from what is agreed on now, which has moved since before; and each robot's gap."""
-        residuals, gaps = ConsensusResiduals(len(self.shared)), {}
+        residuals, gaps = Residuals(*np.zeros((3, len(self.shared)))), {}
         for name in self.robots:
-            own = self.consensus.of_agent(name, agreed)
+            fact, own = self.facts[name], self.consensus.of_agent(name, agreed)
             gaps[name] = self.consensus.masked(name, state.values[name]) - own
-            residuals.add(self.facts[name].penalty, gaps[name], own - self.consensus.of_agent(name, before))
+            moved = own - self.consensus.of_agent(name, before)
+            np.maximum.at(residuals.disagreement, fact.groups, np.abs(gaps[name]))
+            np.maximum.at(residuals.change, fact.groups, np.abs(moved))
+            np.maximum.at(residuals.scaled, fact.groups, np.sqrt(fact.penalties) * np.abs(gaps[name]))
         return residuals, gaps
-
-    def as_seen_by(self, name: str, other: str, values: Mapping[str, Array]) -> Array:
-        """Another agent's values in the order of the first one's; its own where the other does not hold a value."""
-        team = np.full(len(self.consensus.keys), np.nan)
-        places = self.consensus.values_of[other]
-        team[places.places[places.agreed]] = values[other][places.agreed]
-        seen = values[name].copy()
-        mine = self.consensus.values_of[name]
-        found = team[mine.places[mine.agreed]]
-        known = np.isfinite(found)
-        seen[mine.agreed[known]] = found[known]
-        return seen
 
     @staticmethod
     def tolerance(mu: float | None) -> float:

@@ -10,11 +10,8 @@ from pyrobocop_pyomo.numerics import Array
 
 from .coordination import Coordination, TeamState
 from .messages import Order, ProblemFacts
-from .method import Method
+from .method import FIRST_ITERATIONS, Method
 from .rounds import Round
-
-_FIRST_ITERATIONS = 300
-_HUB_ITERATIONS = 300
 
 
 @dataclass(frozen=True)
@@ -57,18 +54,12 @@ class Hub(Method):
 
     def begin(self, work: Coordination) -> TeamState:
         """Ask the hub for a first motion of the object, and start there."""
-        hub, state = _name_of(work), work.first_state(self.barrier.start)
+        hub, state = work.hub, work.first_state(self.barrier.start)
         single = np.array([self.object_first if shared.of_one_robot else 0.0 for shared in work.shared])
         work.begin_round()
         zero = np.zeros(work.facts[hub].values.size)
-        order = Order(
-            zero,
-            single,
-            state.mu if work.facts[hub].pairs else None,
-            iterations=_FIRST_ITERATIONS,
-            warm=False,
-            weights=self._weights_in_time(work.facts[hub]),
-        )
+        weights = self._weights_in_time(work.facts[hub])
+        order = self.order(work, hub, state, zero, single, first=True, tolerance=1e-6, weights=weights)
         found = work.ask_until_all({hub: order})
         work.refuse_missing(found, [hub])
         state.target = found[hub].values
@@ -82,7 +73,7 @@ class Hub(Method):
     def round(self, work: Coordination, state: TeamState) -> Round:
         """All robots, then the hub, then the multipliers."""
         work.begin_round()
-        scored = work.physics is not None and (state.mu is None or state.mu <= self.score_below)
+        scored = self.is_scored(work, state)
         ask = work.ask if state.values else work.ask_until_all
         reports = ask(self._robots_orders(work, state, with_plan=scored))
         work.take(state, reports)
@@ -91,11 +82,12 @@ class Hub(Method):
         accelerated = state.mu is None and len(reports) == len(work.robots)
         before, at = state.target, _point(work, state) if accelerated else None
         state.target = self._hub_values(work, state, with_plan=scored)
-        hub = _name_of(work)
-        residuals, gaps = work.residuals(state, _of_team(work, hub, state.target), _of_team(work, hub, before))
+        hub = work.hub
+        of_team = work.consensus.of_team
+        residuals, gaps = work.residuals(state, of_team(hub, state.target), of_team(hub, before))
         for name in work.robots:
             if name in reports:  # the multipliers of a robot without a new plan stay
-                pull = work.facts[name].penalty.times(state.factors, gaps[name])
+                pull = work.facts[name].weighted(state.factors, gaps[name])
                 state.multipliers[name] = state.multipliers[name] + pull
         penalties = self.penalties
         if at is not None:
@@ -107,44 +99,40 @@ class Hub(Method):
 
     def _robots_orders(self, work: Coordination, state: TeamState, *, with_plan: bool) -> dict[str, Order]:
         others = work.others(state.positions)
-        proposal = _of_team(work, _name_of(work), state.target)
+        hub = work.hub
+        proposal = work.consensus.of_team(hub, state.target)
         first = not state.values
         orders = {}
         for name in work.robots:
-            own = work.consensus.of_agent(name, proposal)
             fact = work.facts[name]
-            mu = state.mu if fact.pairs else None
-            orders[name] = Order(
-                state.multipliers[name] - fact.penalty.times(state.factors, own),
+            linear = state.multipliers[name] - fact.weighted(state.factors, work.consensus.of_agent(name, proposal))
+            start = work.consensus.seen_by(name, hub, {hub: state.target, name: fact.values}) if first else None
+            orders[name] = self.order(
+                work,
+                name,
+                state,
+                linear,
                 state.factors,
-                mu,
-                tolerance=work.tolerance(mu),
-                iterations=_FIRST_ITERATIONS if first else self.iterations,
-                warm=not first,
-                values=np.where(work.consensus.values_of[name].places >= 0, own, fact.values) if first else None,
+                first=first,
+                values=start,
                 others=others.get(name),
                 with_plan=with_plan,
             )
         return orders
 
     def _hub_values(self, work: Coordination, state: TeamState, *, with_plan: bool) -> Array:
-        hub = _name_of(work)
-        linear_of_team, count = np.zeros(len(work.consensus.keys)), np.zeros(len(work.consensus.keys))
+        hub = work.hub
+        linear_of_team, count = np.zeros((2, len(work.consensus.keys)))
         for name in work.robots:
-            pull = work.facts[name].penalty.times(state.factors, state.values[name])
-            work.consensus.add_to_team(name, linear_of_team, -state.multipliers[name] - pull)
-            work.consensus.add_to_team(name, count, np.ones(pull.size))
+            pull = work.facts[name].weighted(state.factors, state.values[name])
+            linear_of_team += work.consensus.of_team(name, -state.multipliers[name] - pull)
+            count += work.consensus.presence(name)
         holders = np.array(
             [count[work.consensus.groups == group].max(initial=0.0) for group in range(len(work.shared))]
         )
-        mu = state.mu if work.facts[hub].pairs else None
-        order = Order(
-            work.consensus.of_agent(hub, linear_of_team),
-            state.factors * holders,
-            mu,
-            tolerance=work.tolerance(mu),
-            iterations=_HUB_ITERATIONS,
-            with_plan=with_plan,
+        linear = work.consensus.of_agent(hub, linear_of_team)
+        order = self.order(
+            work, hub, state, linear, state.factors * holders, iterations=FIRST_ITERATIONS, with_plan=with_plan
         )
         reports = work.ask({hub: order})
         return reports[hub].values if hub in reports else state.target
@@ -166,16 +154,5 @@ def _go_to(work: Coordination, state: TeamState, point: Array) -> None:
 
 def _scales(work: Coordination) -> list[Array]:
     """Square roots of the penalties as given, for the target; their inverses, for the robots' multipliers."""
-    of_hub = np.sqrt(work.facts[_name_of(work)].penalty.diagonal)
-    return [of_hub, *(1.0 / np.sqrt(work.facts[name].penalty.diagonal) for name in work.robots)]
-
-
-def _name_of(work: Coordination) -> str:
-    assert work.hub is not None, "teams without a hub do not get here"
-    return work.hub
-
-
-def _of_team(work: Coordination, agent: str, values: Array) -> Array:
-    total = np.zeros(len(work.consensus.keys))
-    work.consensus.add_to_team(agent, total, values)
-    return total
+    of_hub = np.sqrt(work.facts[work.hub].penalties)
+    return [of_hub, *(1.0 / np.sqrt(work.facts[name].penalties) for name in work.robots)]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from pyomo.core.base.block import Block, BlockData
+from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.param import Param
 from pyomo.core.base.var import Var
@@ -23,8 +23,8 @@ from pyrobocop_pyomo.programs.quadratic_cost import QuadraticCost
 from pyrobocop_pyomo.solving.persistent_nlp import PersistentNLP
 
 from .agents import Agent, KeepApart, Shared
-from .merging import merge_agents, variable_numbers
-from .messages import Order, PenaltyMatrix, ProblemFacts, QuantityFacts, Report
+from .merging import merge_agents, variable_numbers, variables_behind
+from .messages import Order, ProblemFacts, QuantityFacts, Report
 from .shifting import TimeShift
 
 FAR_AWAY = 1e3  # metres: where a neighbour stands that a robot does not have
@@ -91,19 +91,17 @@ class LocalProblem:
         self.model = self._merged.model
         self._quantities: list[QuantityFacts] = []
         self._variables: list[Any] = []
-        weights: list[Array] = [np.zeros(0)]
+        penalties: list[float] = []
         groups: list[int] = []
-        blocks: list[tuple[int, np.ndarray, Array]] = []
         for group, shared, names in spec.shared:
             found = [variable for name in names for variable in self._variables_of(name)]
-            first = len(self._variables)
             for name, component in found:
                 self._add_quantity(name, component)
             lengths = [len(component) for _, component in found]
             groups += [group] * sum(lengths)
-            weights.append(self._weights_of(shared, lengths, first, group, blocks))
-        self.penalty = PenaltyMatrix(np.array(groups, dtype=np.intp), np.concatenate(weights), tuple(blocks))
-        self.cost = QuadraticCost(self._variables, [positions for _, positions, _ in blocks])
+            penalties += self._penalties_of(shared, lengths).tolist()
+        self._groups, self._penalties = np.array(groups, dtype=np.intp), np.array(penalties, dtype=float)
+        self.cost = QuadraticCost(self._variables)
         rule = spec.keep_apart
         self._coordinates = [] if rule is None else [self._coordinate(name) for name in rule.components]
         if rule is not None and spec.neighbours:
@@ -112,7 +110,6 @@ class LocalProblem:
         self._barrier = None
         self._pairs = 0
         self._shift: TimeShift | None = None
-        self._was_moved = False
         if active_sources(self.model):
             relax(self.model, delta=1.0)
             self._pairs = len(pairs_of(self.model))
@@ -147,12 +144,7 @@ class LocalProblem:
 
     def _variables_of(self, name: str) -> list[tuple[str, Any]]:
         component = self._component(name)
-        if isinstance(component, BlockData) or component.ctype is Block:
-            found = [(self._merged.own_name(v), v) for v in component.component_objects(Var, descend_into=True)]
-        elif component.ctype is Var:
-            found = [(self._merged.own_name(component), component)]
-        else:
-            found = []
+        found = [(self._merged.own_name(variable), variable) for variable in variables_behind(component)]
         if not found:
             raise TeamError(
                 f"agent '{self.spec.name}': '{name}' is no variable and no block with variables, but "
@@ -168,27 +160,14 @@ class LocalProblem:
         self._quantities.append(QuantityFacts(name, tuple(component.keys()), units))
         self._variables += data
 
-    def _weights_of(
-        self, shared: Shared, lengths: list[int], first: int, group: int, blocks: list[tuple[int, np.ndarray, Array]]
-    ) -> Array:
-        weights, what = shared.weights, f"agent '{self.spec.name}': Shared({', '.join(map(repr, shared.components))})"
-        total = sum(lengths)
-        if weights.ndim == 2 and weights.shape[0] == total and total != len(lengths):
-            blocks.append((group, first + np.arange(total), weights - np.diag(np.diag(weights))))
-            return np.diag(weights)
-        if weights.ndim and weights.shape[0] != len(lengths):
+    def _penalties_of(self, shared: Shared, lengths: list[int]) -> Array:
+        given = np.asarray(shared.penalty)
+        if given.ndim and given.size != len(lengths):
             raise TeamError(
-                f"{what} stands for {len(lengths)} variables with {total} values, its penalty is for "
-                f"{weights.shape[0]}. Give one number, one for each variable, or a matrix for either."
+                f"agent '{self.spec.name}': Shared({', '.join(map(repr, shared.components))}) stands for "
+                f"{len(lengths)} variables, its penalty is for {given.size}. Give one number, or one for each variable."
             )
-        if weights.ndim < 2:
-            return np.repeat(np.broadcast_to(weights, len(lengths)), lengths).astype(float)
-        if len(set(lengths)) > 1:
-            raise TeamError(f"{what}: a matrix as penalty needs variables of the same length; they have {lengths}.")
-        for k in range(lengths[0]):
-            positions = first + k + lengths[0] * np.arange(len(lengths))
-            blocks.append((group, positions, weights - np.diag(np.diag(weights))))
-        return np.repeat(np.diag(weights), lengths)
+        return np.repeat(np.broadcast_to(given, len(lengths)), lengths)
 
     def _keep_apart(self, rule: KeepApart, neighbours: int) -> None:
         """Rows that keep the robot away from points that are numbers."""
@@ -221,7 +200,8 @@ class LocalProblem:
         """What the coordinator has to know of this problem."""
         return ProblemFacts(
             tuple(self._quantities),
-            self.penalty,
+            self._groups,
+            self._penalties,
             self._pairs,
             variable_numbers(self._variables),
             np.array([variable.fixed for variable in self._variables], dtype=bool),
@@ -252,11 +232,9 @@ class LocalProblem:
                 for parameter, column in row:
                     parameter.set_value(float(numbers[column]))
         self.cost.linear[:] = order.linear
-        self.cost.diagonal[:] = order.factors[self.penalty.groups] * self.penalty.diagonal
+        self.cost.diagonal[:] = order.factors[self._groups] * self._penalties
         if order.weights is not None:
             self.cost.diagonal *= order.weights
-        for dense, (group, _, matrix) in zip(self.cost.dense, self.penalty.blocks, strict=True):
-            dense[:] = order.factors[group] * matrix
         if self._barrier is not None:
             self._barrier.fixed = None if order.mu is not None else order.delta
         options: dict[str, Any] = {"tol": order.tolerance, "max_iter": order.iterations}
@@ -266,7 +244,6 @@ class LocalProblem:
         return Report(
             variable_numbers(self._variables),
             outcome.status.name,
-            outcome.status.solved,
             usable,
             outcome.iterations,
             time.process_time() - started,
@@ -280,17 +257,15 @@ class LocalProblem:
     def state(self) -> dict[str, Array]:
         """Everything that a later solve depends on, as arrays."""
         state = self.nlp.state
-        # Where it starts is what its builder says, unless the plan was moved ahead.
-        start = {} if not self._was_moved else {"start": np.array(list(self.start_states().values()))}
+        start = np.array(list(self.start_states().values()))  # a plan that was moved ahead starts elsewhere
         if state is None:
-            return {"x": self.nlp.point(), **start}
+            return {"start": start, "x": self.nlp.point()}
         rows, lower, upper = state.complete(self.nlp.program)
-        return {"x": state.x, "rows": rows, "lower": lower, "upper": upper, **start}
+        return {"start": start, "x": state.x, "rows": rows, "lower": lower, "upper": upper}
 
     def restore(self, state: Mapping[str, Array]) -> None:
         """Go on from a state of this problem, or of one built alike elsewhere."""
-        if "start" in state:
-            self._start_at(dict(zip(self.start_states(), state["start"].tolist(), strict=True)))
+        self._start_at(dict(zip(self.start_states(), state["start"].tolist(), strict=True)))
         if "rows" in state:
             self.nlp.restore(PrimalDualPoint(state["x"], state["rows"], state["lower"], state["upper"]))
         else:
@@ -321,7 +296,9 @@ class LocalProblem:
         self._merged.put_on(values)
         self.nlp.restore(PrimalDualPoint(self.nlp.point()), cold=True)
 
-    def advance(self, start: Mapping[str, float], elements: int = 1) -> tuple[Array, Array | None]:
+    def advance(
+        self, start: Mapping[str, float], elements: int = 1, multipliers: Array | None = None
+    ) -> tuple[Array, Array | None, Array | None]:
         """Move the plan and its multipliers ahead in time; what comes after its end stays as the last element.
 
         Parameters
@@ -329,11 +306,13 @@ class LocalProblem:
         start : mapping of component name to float
             Where the states are now, as `start_states` names them; those of other agents are left out.
         elements : int
+        multipliers : float array, shape (n,), optional
+            Of the agreement on the shared values.
 
         Returns
         -------
         tuple of float arrays
-            Shared values and positions, as in `Report`.
+            Shared values and positions, as in `Report`, and the multipliers, moved as the values are.
 
         Raises
         ------
@@ -346,7 +325,10 @@ class LocalProblem:
         if state is not None:
             rows, lower, upper = state.complete(self.nlp.program)
             self.nlp.restore(state)  # what a solve that failed has left on the model is of no use
+        place = {id(variable): i for i, variable in enumerate(self._variables)}
+        sources = [place.get(id(shift.later(variable)), i) for i, variable in enumerate(self._variables)]
         for _ in range(elements):
+            multipliers = None if multipliers is None else multipliers[sources]
             x = shift.values()
             if state is not None:
                 rows, lower, upper = rows[shift.rows_from], lower[shift.variables_from], upper[shift.variables_from]
@@ -355,7 +337,7 @@ class LocalProblem:
                 self.nlp.restore(PrimalDualPoint(x), cold=True)
         if start:
             self._start_at(start)
-        return variable_numbers(self._variables), self._read_positions()
+        return variable_numbers(self._variables), self._read_positions(), multipliers
 
     def _paths_of_states(self) -> dict[str, list[list[Any]]]:
         """Variables over time of the states that start where they are told, by name: one list in each agent's model."""
@@ -369,7 +351,6 @@ class LocalProblem:
         return paths
 
     def _start_at(self, start: Mapping[str, float]) -> None:
-        self._was_moved = True
         for name, paths in self._paths_of_states().items():
             if name in start:
                 for path in paths:

@@ -90,6 +90,13 @@ def variable_numbers(variables: Iterable[Any]) -> Array:
     return np.array([0.0 if variable.value is None else variable.value for variable in variables], dtype=float)
 
 
+def variables_behind(component: Any) -> list[Any]:
+    """The component, or all variables of a block; nothing for what is neither."""
+    if isinstance(component, BlockData) or component.ctype is Block:
+        return list(component.component_objects(Var, descend_into=True))
+    return [component] if component.ctype is Var else []
+
+
 def build_model(agent: Agent) -> Any:
     """What the builder of an agent gives.
 
@@ -158,11 +165,7 @@ def _variable_components(block: Any, name: str) -> dict[str, Any]:
     if component is None:
         return {}
     cut = len(block.name) + 1 if block.parent_block() is not None else 0
-    if isinstance(component, BlockData) or component.ctype is Block:
-        variables = list(component.component_objects(Var, descend_into=True))
-    else:
-        variables = [component] if component.ctype is Var else []
-    return {variable.name[cut:]: variable for variable in variables}
+    return {variable.name[cut:]: variable for variable in variables_behind(component)}
 
 
 def _unify(first: Any, other: Any, names: Sequence[str], agreement: ConstraintList) -> None:

@@ -30,31 +30,6 @@ class QuantityFacts:
 
 
 @dataclass(frozen=True)
-class PenaltyMatrix:
-    """The penalties of an agent's shared values: a diagonal, and couplings of a few values each.
-
-    Attributes
-    ----------
-    groups : int array, shape (n,)
-        The number of the `Shared` that each value belongs to.
-    diagonal : float array, shape (n,)
-    blocks : tuple of (group, positions, matrix)
-        What dense penalties add beside the diagonal.
-    """
-
-    groups: np.ndarray
-    diagonal: Array
-    blocks: tuple[tuple[int, np.ndarray, Array], ...] = ()
-
-    def times(self, factors: Array, values: Array) -> Array:
-        """The matrix, each group times its factor, applied to values."""
-        product: Array = factors[self.groups] * self.diagonal * values
-        for group, positions, matrix in self.blocks:
-            product[positions] += factors[group] * (matrix @ values[positions])
-        return product
-
-
-@dataclass(frozen=True)
 class ProblemFacts:
     """What the coordinator learns about an agent's problem when it is built.
 
@@ -62,7 +37,10 @@ class ProblemFacts:
     ----------
     quantities : tuple of QuantityFacts
         In the order of the agent's shared values.
-    penalty : PenaltyMatrix
+    groups : int array, shape (n,)
+        The number of the `Shared` that each value belongs to.
+    penalties : float array, shape (n,)
+        As given, of each value.
     pairs : int
         Complementarity pairs.
     values, fixed : float and bool arrays, shape (n,)
@@ -74,12 +52,18 @@ class ProblemFacts:
     """
 
     quantities: tuple[QuantityFacts, ...]
-    penalty: PenaltyMatrix
+    groups: np.ndarray
+    penalties: Array
     pairs: int
     values: Array
     fixed: np.ndarray
     positions: Array | None
     own_controls: Mapping[str, tuple[str, ...]]
+
+    def weighted(self, factors: Array, values: Array) -> Array:
+        """Values times their penalties, each group of these times its factor."""
+        product: Array = factors[self.groups] * self.penalties * values
+        return product
 
 
 @dataclass(frozen=True)
@@ -136,8 +120,8 @@ class Report:
         Its shared values.
     status : str
         Name of the `IpoptStatus`.
-    solved, usable : bool
-        Whether Ipopt met its tolerances; whether the point can be used at all, which it can at an iteration limit too.
+    usable : bool
+        Whether the point can be used, which it can at an iteration limit too.
     iterations : int
     cpu_seconds : float
     objective : float
@@ -149,7 +133,6 @@ class Report:
 
     values: Array
     status: str
-    solved: bool
     usable: bool
     iterations: int
     cpu_seconds: float

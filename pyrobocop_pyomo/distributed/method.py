@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
+from typing import Any
 
 from pyrobocop_pyomo.errors import TeamError
+from pyrobocop_pyomo.numerics import Array
 
 from .closing import Closing
 from .coordination import Coordination, TeamState
+from .messages import Order
 from .rounds import ENDINGS, Round
-from .team_schedules import BarrierPath, PenaltyRestart, TargetedPenalties
+from .team_schedules import BarrierPath, TargetedPenalties
+
+FIRST_ITERATIONS = 300  # least limit of a solve without one to go on from
 
 
 @dataclass(frozen=True)
@@ -33,8 +38,6 @@ class Method(ABC):
         Limit of Ipopt's iterations per solve after the first round.
     score_below : float
         The plan is scored from this mu on.
-    restart : PenaltyRestart
-        What happens where a contact mode froze too early.
     closing : Closing or None
         For teams with physics: when one planner makes exact what the agents have nearly agreed on.
 
@@ -51,7 +54,6 @@ class Method(ABC):
     tolerance: float = 1e-6
     iterations: int = 150
     score_below: float = 2e-3
-    restart: PenaltyRestart = field(default_factory=PenaltyRestart)
     closing: Closing | None = field(default_factory=Closing)
 
     def __post_init__(self) -> None:
@@ -61,6 +63,44 @@ class Method(ABC):
             raise TeamError(f"{name}: rounds = {self.rounds!r}; expected at least 1.")
         if self.until not in ENDINGS:
             raise TeamError(f"{name}: until = {self.until!r}; expected {', '.join(map(repr, ENDINGS))}.")
+
+    def is_scored(self, work: Coordination, state: TeamState) -> bool:
+        """Whether the plan of the next round is scored."""
+        is_late = self.until == "rounds" or state.mu is None or state.mu <= self.score_below
+        return work.physics is not None and is_late
+
+    def order(
+        self,
+        work: Coordination,
+        name: str,
+        state: TeamState,
+        linear: Array,
+        factors: Array,
+        *,
+        first: bool = False,
+        **further: Any,
+    ) -> Order:
+        """What an agent solves: the barrier problem of mu where it has pairs.
+
+        Parameters
+        ----------
+        work : Coordination
+        name : str
+        state : TeamState
+        linear, factors : float arrays
+            As of `Order`.
+        first : bool
+            Whether there is no solve to go on from.
+        **further
+            What else the `Order` has, or has instead.
+        """
+        mu = state.mu if work.facts[name].pairs else None
+        usual = {
+            "tolerance": work.tolerance(mu),
+            "iterations": max(FIRST_ITERATIONS, self.iterations) if first else self.iterations,
+            "warm": not first,
+        }
+        return Order(linear, factors, mu, **{**usual, **further})
 
     @abstractmethod
     def begin(self, work: Coordination) -> TeamState:

@@ -51,7 +51,7 @@ def later_times(model: Any) -> dict[float, float]:
     return dict(pairwise(times))
 
 
-def later_index(index: Hashable, later: Mapping[float, float]) -> Hashable | None:
+def _later_index(index: Hashable, later: Mapping[float, float]) -> Hashable | None:
     """The index an element later; None where it holds no time, or the last one."""
     entries = index if isinstance(index, tuple) else (index,)
     moved = tuple(later.get(entry, entry) if isinstance(entry, float) else entry for entry in entries)
@@ -82,7 +82,7 @@ class TimeShift:
     def __init__(self, model: Any, variables: Sequence[VarData], rows: Sequence[ConstraintData]) -> None:
         self._later = later_times(model)
         self._variables = list(variables)
-        self._sources = [self._later_variable(variable) for variable in variables]
+        self._sources = [self.later(variable) for variable in variables]
         position = {id(variable): i for i, variable in enumerate(variables)}
         self.variables_from = np.array(
             [position.get(id(source), i) for i, source in enumerate(self._sources)], dtype=np.intp
@@ -93,9 +93,10 @@ class TimeShift:
         """What the variables' values are an element later, read from the model."""
         return np.array([source.value for source in self._sources], dtype=float)
 
-    def _later_variable(self, variable: VarData) -> VarData:
+    def later(self, variable: VarData) -> VarData:
+        """What an element later is what this variable is now; itself where nothing is."""
         component = variable.parent_component()
-        index = later_index(variable.index(), self._later)
+        index = _later_index(variable.index(), self._later)
         return component[index] if index is not None and index in component else variable
 
     def _rows_from(self, rows: Sequence[ConstraintData]) -> np.ndarray:
@@ -106,7 +107,7 @@ class TimeShift:
             mine: Iterable[VarData] = list(variables_in(row.body, include_fixed=True))
             for variable in mine:
                 if id(variable) not in moved:
-                    moved[id(variable)] = id(self._later_variable(variable))
+                    moved[id(variable)] = id(self.later(variable))
             where = id(row.parent_component())
             found.setdefault((where, frozenset(map(id, mine))), []).append(i)
             wanted.append((where, frozenset(moved[id(variable)] for variable in mine)))

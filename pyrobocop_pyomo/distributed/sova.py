@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -65,7 +66,7 @@ class Sova(Method):
         others = work.others(state.positions)
         factors = state.factors * self.regularisation
         orders = {
-            name: self._order(work, name, state, zero, factors, others.get(name), first=True, with_plan=False)
+            name: self.order(work, name, state, zero, factors, first=True, others=others.get(name))
             for name, zero in state.multipliers.items()
         }
         reports = work.ask_until_all(orders)
@@ -75,59 +76,35 @@ class Sova(Method):
         return state
 
     def round(self, work: Coordination, state: TeamState) -> Round:
-        """All robots, then the multipliers of all edges."""
+        """All robots, then their multipliers."""
         work.begin_round()
-        scored = work.physics is not None and (
-            self.until == "rounds" or state.mu is None or state.mu <= self.score_below
-        )
+        scored = self.is_scored(work, state)
         others = work.others(state.positions)
         orders = {}
         for name in work.robots:
-            neighbours, penalty = work.neighbours[name], work.facts[name].penalty
-            middles = len(neighbours) * state.values[name]
-            for other in neighbours:
-                middles = middles + work.as_seen_by(name, other, state.values)
-            pull = penalty.times(state.factors, work.consensus.masked(name, middles))
+            middles = (len(work.robots) - 1) * state.values[name] + self._of_all_others(work, name, state)
+            pull = work.facts[name].weighted(state.factors, work.consensus.masked(name, middles))
             linear = state.multipliers[name] - pull
-            factors = 2.0 * len(neighbours) * state.factors
-            orders[name] = self._order(
-                work, name, state, linear, factors, others.get(name), first=False, with_plan=scored
-            )
+            factors = 2.0 * (len(work.robots) - 1) * state.factors
+            orders[name] = self.order(work, name, state, linear, factors, others=others.get(name), with_plan=scored)
         before = state.target
         work.take(state, work.ask(orders))
         state.target = work.consensus.mean(state.values)
         for name in work.robots:
-            penalty = work.facts[name].penalty
-            apart = np.zeros(penalty.diagonal.size)
-            for other in work.neighbours[name]:
-                apart += state.values[name] - work.as_seen_by(name, other, state.values)
-            apart = work.consensus.masked(name, apart)
-            state.multipliers[name] = state.multipliers[name] + penalty.times(state.factors, apart)
+            apart = (len(work.robots) - 1) * state.values[name] - self._of_all_others(work, name, state)
+            state.multipliers[name] = state.multipliers[name] + work.facts[name].weighted(state.factors, apart)
         residuals, _ = work.residuals(state, state.target, before)
         return work.end_round(state, residuals, self.barrier, self.penalties, scored=scored)
 
-    def _order(
-        self,
-        work: Coordination,
-        name: str,
-        state: TeamState,
-        linear: Array,
-        factors: Array,
-        others: Array | None,
-        *,
-        first: bool,
-        with_plan: bool,
-    ) -> Order:
-        pairs = work.facts[name].pairs > 0
-        follow = pairs and self.follow_barrier and state.mu is not None
-        return Order(
-            linear,
-            factors,
-            state.mu if follow else None,
-            delta=DELTA.factor * state.mu if pairs and state.mu is not None and not follow else None,
-            tolerance=work.tolerance(state.mu) if follow else 1e-6 if pairs else 1e-9,
-            iterations=max(300, self.iterations) if first else self.iterations,
-            warm=not first and (follow or not pairs),
-            others=others,
-            with_plan=with_plan,
-        )
+    @staticmethod
+    def _of_all_others(work: Coordination, name: str, state: TeamState) -> Array:
+        """Sum of the values of all others, in the order of a robot's."""
+        others = (other for other in work.robots if other != name)
+        return sum((work.consensus.seen_by(name, other, state.values) for other in others), np.zeros(1))
+
+    def order(self, work: Coordination, name: str, state: TeamState, *arguments: Any, **further: Any) -> Order:
+        """As of `Method`; the paper solves the problem with its delta, from the primal point."""
+        order = super().order(work, name, state, *arguments, **further)
+        if self.follow_barrier or order.mu is None:
+            return order
+        return replace(order, mu=None, delta=DELTA.factor * order.mu, tolerance=1e-6, warm=False)

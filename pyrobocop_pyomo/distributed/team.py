@@ -9,14 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import TeamError
 from pyrobocop_pyomo.execution.engine import Engine
 from pyrobocop_pyomo.execution.engines import find_engine
 from pyrobocop_pyomo.execution.fingerprints import fingerprint
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.optional_imports import networkx
 from pyrobocop_pyomo.solving.progress import Progress
 
 from .agents import Agent, KeepApart, Shared
@@ -25,7 +23,7 @@ from .closing import ClosedPlan, Closing
 from .coordination import Coordination, Physics, Plans, TeamState
 from .hub_method import Hub
 from .local_problem import ProblemSpec
-from .merging import MergedModel, build_model, merge_agents
+from .merging import MergedModel, build_model, merge_agents, variables_behind
 from .messages import ProblemFacts
 from .method import Method
 from .rounds import PlanScore, Round, ends_rounds, is_success
@@ -48,14 +46,11 @@ class Team:
     keep_apart : KeepApart, optional
     physics : callable, optional
         Scores a combined plan by physics, such as ``rcp.mechanics.planar.PlanScore``.
-    graph : networkx.Graph, optional
-        Which robots talk to each other, for the method `Sova`: connected, its nodes the names of the robots. By default
-        all to all.
 
     Raises
     ------
     TeamError
-        When names are double, nothing is shared, or the graph is not connected or has other nodes.
+        When names are double, or nothing is shared.
 
     Notes
     -----
@@ -73,7 +68,6 @@ class Team:
     hub: Agent | None = None
     keep_apart: KeepApart | None = None
     physics: Physics | None = None
-    graph: Any = None
 
     def __post_init__(self) -> None:
         """Refuse what makes no team."""
@@ -104,20 +98,6 @@ class Team:
             )
         if self.hub is None and any(shared.of_one_robot for shared in self.shared):
             raise TeamError("what is named with {robot} is shared with a hub; this team has none. Give hub=Agent(...).")
-        if self.graph is not None:
-            nodes, robots = set(self.graph.nodes), set(self.names)
-            if nodes != robots:
-                odd = sorted(map(str, nodes ^ robots))
-                raise TeamError(
-                    f"the nodes of the graph are not the robots: {', '.join(odd)} {'is' if len(odd) == 1 else 'are'} "
-                    "in one and not in the other. Use the names of the robots as nodes."
-                )
-            if not networkx.is_connected(self.graph):
-                parts = [sorted(part) for part in networkx.connected_components(self.graph)]
-                raise TeamError(
-                    f"the graph is not connected: {' and '.join(map(str, parts))} have no edge between them, so they "
-                    "could never agree. Add an edge."
-                )
 
     def without(self, *robots: str) -> Team:
         """Make the team without some of its robots.
@@ -136,7 +116,7 @@ class Team:
         Raises
         ------
         TeamError
-            For an unknown robot, or when nobody would be left, or the graph would fall apart.
+            For an unknown robot, or when nobody would be left.
         """
         for name in robots:
             if name not in self.names:
@@ -147,8 +127,7 @@ class Team:
             of_one = [shared for shared in self.shared if shared.of_one_robot]
             zero = tuple(component for shared in of_one for name in robots for component in shared.names_for(name))
             hub = Agent(hub.name, _built_with_zeros, hub, zero)
-        graph = None if self.graph is None else self.graph.subgraph([robot.name for robot in left])
-        return replace(self, robots=left, hub=hub, graph=graph)
+        return replace(self, robots=left, hub=hub)
 
     def closing_of(self, method: Method) -> Closing | None:
         """The closing step of a method, for a team whose physics can say when it is needed."""
@@ -280,8 +259,7 @@ def _built_with_zeros(agent: Agent, components: Sequence[str]) -> Any:
         component = model.find_component(name)
         if component is None:
             raise TeamError(f"agent '{agent.name}': its model has no component '{name}', which its team shares.")
-        variables = [component] if component.ctype is Var else component.component_objects(Var)
-        for variable in variables:
+        for variable in variables_behind(component):
             variable.fix(0.0)
     return model
 
@@ -300,10 +278,9 @@ def start_team(team: Team, method: Method, engine: Engine) -> Coordination:
     _refuse_forces_of_nobody(team, facts)
     if len({fact.positions.shape for fact in facts.values() if fact.positions is not None}) > 1:
         raise TeamError("KeepApart: the robots have positions at different numbers of times. Give all the same mesh.")
-    hub = team.hub.name if team.hub is not None and not isinstance(method, Sova) else None
-    graph = networkx.complete_graph(team.names) if team.graph is None else team.graph
+    hub = "" if team.hub is None or isinstance(method, Sova) else team.hub.name
     rule = team.kept_apart_in_rounds(method)
-    return Coordination(engine, facts, team.shared, team.names, hub, rule, team.physics, graph)
+    return Coordination(engine, facts, team.shared, team.names, hub, rule, team.physics)
 
 
 def _refuse_forces_of_nobody(team: Team, facts: Mapping[str, ProblemFacts]) -> None:
@@ -363,9 +340,6 @@ class _Rounds:
     def __init__(self, team: Team, method: Method, work: Coordination, progress: Progress, on_round: Any) -> None:
         self._team, self._method, self._work, self._progress = team, method, work, progress
         self._on_round = on_round
-        self._kept: tuple[dict[str, Any], dict[str, Array]] | None = None
-        self._restarts = 0
-        self._since = 0  # number of rounds before the last restart
         self._closings: list[ClosedPlan] = []
         self._best: _BestPlan | None = None
 
@@ -382,7 +356,6 @@ class _Rounds:
                 self._keep_best(record.score, work.plans, record.objective)
                 self._progress.live(self._line(record))
                 done = self._is_done(state, record) or self._is_closed(state, record)
-                state = self._restarted(state)
                 if path is not None:
                     self._save(path, mark, state)
                 if self._on_round is not None and self._on_round(record) is False:
@@ -393,25 +366,6 @@ class _Rounds:
             logger.warning("round %d was interrupted; the result is that of the rounds before", state.round + 1)
         self._progress.line(self._line(work.rounds[-1]))
         return self._result(state)
-
-    def _restarted(self, state: TeamState) -> TeamState:
-        """The state, or an earlier one with everything that belongs to it, where the rounds came to a stop too
-        early."""
-        rule, engine = self._method.restart, self._work.engine
-        if state.mu is None or self._work.physics is None or self._restarts >= rule.times:
-            return state
-        if self._kept is None and state.mu <= rule.at:
-            self._kept = engine.states(), state.arrays()
-        if self._kept is None or not rule.is_frozen(self._work.rounds[self._since :]):
-            return state
-        logger.info("round %d: modes froze before the agents agreed; back to larger mu", state.round)
-        states, arrays = self._kept
-        engine.restore({name: kept for name, kept in states.items() if name not in self._work.frozen})
-        earlier = TeamState.of_arrays(arrays)
-        earlier.round, earlier.slowness = state.round, 2.0 * state.slowness
-        self._restarts += 1
-        self._since = len(self._work.rounds)
-        return earlier
 
     def _is_done(self, state: TeamState, record: Round) -> bool:
         if self._work.physics is None:
@@ -460,14 +414,14 @@ class _Rounds:
 
     def _result(self, state: TeamState) -> TeamResult:
         work, rule = self._work, self._team.keep_apart
-        names = tuple(work.consensus.group_names)
+        names = tuple(", ".join(shared.components) for shared in self._team.shared)
         best = self._best
         if best is None:
             plans = work.plans if work.physics is not None else work.all_values()
             best = _BestPlan(len(work.rounds) - 1, None, dict(plans), work.rounds[-1].objective, keeps_apart=False)
         agreement = bool(work.rounds) and work.rounds[-1].agrees(self._method.tolerance)
         source = work.hub or work.robots[0]
-        target = state.target if work.hub is not None else work.consensus.of_agent(source, state.target)
+        target = state.target if work.hub else work.consensus.of_agent(source, state.target)
         agreed: dict[str, Array] = {}
         first = 0
         for quantity in work.facts[source].quantities:
@@ -475,7 +429,7 @@ class _Rounds:
             first += len(quantity.keys)
         return TeamResult(
             best.plans, dict(state.values), agreed, work.rounds, best.round, best.score, agreement, names,
-            dict(work.frozen), dict(work.engine.deaths), self._restarts, best.objective, self._closings,
+            dict(work.frozen), dict(work.engine.deaths), best.objective, self._closings,
             self._team.physics, rule, None if rule is None else rule.least_distance(best.plans, self._team.names),
         )  # fmt: skip
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -19,10 +17,8 @@ from pyrobocop_pyomo.numerics import Array
 from .agents import Shared
 from .coordination import TeamState
 from .hub_method import Hub
-from .messages import ProblemFacts
 from .method import Method
 from .rounds import Round, is_success
-from .shifting import later_index
 from .sova import Sova
 from .team import Team, find_method, start_team
 from .team_schedules import BarrierPath
@@ -181,16 +177,16 @@ class TeamHorizon:
     def _move(self, state: TeamState, starts: Mapping[str, Mapping[str, float]], elements: int) -> None:
         """Move the plans of all agents ahead, and take over what they share then."""
         work = self._work
-        moved = self._of_all("advance", {name: (start, elements) for name, start in starts.items()})
-        for name, (values, positions) in moved.items():
+        asked = {name: (start, elements, state.multipliers.get(name)) for name, start in starts.items()}
+        for name, (values, positions, multipliers) in self._of_all("advance", asked).items():
             if positions is not None:
                 state.positions[name] = positions
             if name == work.hub:
                 state.target = values
                 continue
             state.values[name] = values
-            state.multipliers[name] = state.multipliers[name][_later_values(work.facts[name], elements)]
-        if work.hub is None:
+            state.multipliers[name] = multipliers
+        if not work.hub:
             state.target = work.consensus.mean(state.values)
 
     def change_team(self, team: Team) -> None:
@@ -259,9 +255,7 @@ class TeamHorizon:
     def __enter__(self) -> TeamHorizon:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self.stop()
 
     def _of_all(self, method: str, arguments: Mapping[str, tuple[Any, ...]] | None = None) -> dict[str, Any]:
@@ -293,17 +287,3 @@ class TeamHorizon:
         if self._work.physics is None:
             return record.agrees(self._method.tolerance)
         return is_success(record.score)
-
-
-def _later_values(fact: ProblemFacts, elements: int) -> np.ndarray:
-    """Position of what takes the place of each shared value so many elements later; the last ones stand."""
-    keys = [(quantity.name, key) for quantity in fact.quantities for key in quantity.keys]
-    position = {key: i for i, key in enumerate(keys)}
-    entries = {e for _, key in keys for e in (key if isinstance(key, tuple) else (key,)) if isinstance(e, float)}
-    times = sorted(entries)
-    later = dict(pairwise(times))
-    step = np.array([position.get((name, later_index(key, later)), i) for i, (name, key) in enumerate(keys)], np.intp)
-    source = np.arange(len(keys))
-    for _ in range(elements):
-        source = step[source]
-    return source

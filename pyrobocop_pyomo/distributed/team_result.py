@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,6 @@ import numpy as np
 from pyrobocop_pyomo.errors import SolveFailed
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.plotting import AnimationFile, animation_file
 from pyrobocop_pyomo.presentation import Presented
 
 from .agents import TOO_NEAR, KeepApart
@@ -48,8 +46,6 @@ class TeamResult(Presented):
         Agents that stood still from some round on, and why.
     deaths : mapping of agent to int
         How often a worker was lost.
-    restarts : int
-        How often the rounds were taken up again from an earlier round.
     objective : float
         Sum of the agents' objectives for the plans.
     closings : sequence of ClosedPlan
@@ -71,7 +67,6 @@ class TeamResult(Presented):
     shared: tuple[str, ...]
     frozen: Mapping[str, str]
     deaths: Mapping[str, int]
-    restarts: int
     objective: float
     closings: Sequence[ClosedPlan] = ()
     physics: Any = None
@@ -136,31 +131,6 @@ class TeamResult(Presented):
         if not self.success:
             raise SolveFailed(f"the team found no plan that holds.\n{self}", self)
 
-    def animate(self, path: str | Path | None = None, **options: Any) -> AnimationFile:
-        """Write an animation of the plan, drawn by the team's physics; in a notebook, what is returned plays.
-
-        Parameters
-        ----------
-        path : str or Path, optional
-            Such as ``"rod.gif"``, or ``"rod.mp4"`` where ffmpeg is there; a temporary GIF by default.
-        **options
-            Of the ``animate`` of the physics.
-
-        Raises
-        ------
-        SolveFailed
-            When the team has no physics that can draw, or no plan.
-        """
-        animate = getattr(self.physics, "animate", None)
-        if animate is None or not self.plans:
-            raise SolveFailed(
-                "there is nothing to animate: the team has no physics that can draw its plan, or no plan."
-            )
-        target = animation_file(None) if path is None else AnimationFile(path)
-        # A user's own physics need not say where it wrote. A temporary file is removed with its own object, not a copy.
-        written = AnimationFile(animate(self.plans, target, **options) or target)
-        return target if written == target else written
-
     def __str__(self) -> str:
         last = self.rounds[-1]
         apart = ", ".join(
@@ -180,8 +150,6 @@ class TeamResult(Presented):
         lines += [
             f"closing step: {closed.iterations} iterations, {closed.cpu_seconds:.1f} CPU s" for closed in self.closings
         ]
-        if self.restarts:
-            lines.append(f"taken up again from an earlier round: {self.restarts} times")
         if wrong:
             lines.append("Give more rounds, or plan for all in one model: rcp.solve(team.central().model).")
         lines += [f"'{name}' was frozen: {reason}" for name, reason in self.frozen.items()]

@@ -10,9 +10,6 @@ import numpy as np
 from pyrobocop_pyomo.errors import TeamError
 from pyrobocop_pyomo.numerics import Array
 
-from .consensus_residuals import ConsensusResiduals
-from .rounds import Round
-
 
 @dataclass(frozen=True)
 class BarrierPath:
@@ -50,7 +47,7 @@ class BarrierPath:
         if not all(0 < factor < 1 for factor in (self.factor, self.fast, self.slow)):
             raise TeamError(f"{self!r}: factor, fast and slow must lie between 0 and 1.")
 
-    def after(self, mu: float, disagreement: Array, slowness: float) -> float:
+    def after(self, mu: float, disagreement: Array) -> float:
         """Return mu of the next round.
 
         Parameters
@@ -59,11 +56,9 @@ class BarrierPath:
             Of the last round.
         disagreement : float array
             Largest disagreement of the last round, for each `Shared` in its own unit.
-        slowness : float
-            1 at first; doubled each time that the path is taken again from an earlier round.
         """
         if mu > self.turn:
-            return max(self.turn, mu * self.factor ** (1.0 / slowness))
+            return max(self.turn, mu * self.factor)
         agreed = bool((disagreement < np.asarray(self.marks) * np.sqrt(mu)).all())
         return max(self.floor, mu * (self.fast if agreed else self.slow))
 
@@ -103,7 +98,7 @@ class TargetedPenalties:
         if not (self.accuracy > 0 and self.factor >= 1 and 0 < self.fall <= 1 and self.largest >= 1):
             raise TeamError(f"{self!r}: expected accuracy > 0, factor >= 1, 0 < fall <= 1 and largest >= 1.")
 
-    def after(self, factors: Array, mu: float | None, residuals: ConsensusResiduals) -> Array:
+    def after(self, factors: Array, mu: float | None, disagreement: Array) -> Array:
         """Return the factors of the next round.
 
         Parameters
@@ -112,50 +107,11 @@ class TargetedPenalties:
             On the penalty of each `Shared` in the last round, first 1.
         mu : float or None
             Of the last round.
-        residuals : ConsensusResiduals
-            Of the last round.
+        disagreement : float array
+            Of the last round, for each `Shared`, times the square root of its penalty as given.
         """
         if mu is not None and mu > self.below:
             return factors
-        up, down = residuals.scaled > self.accuracy, residuals.scaled < self.ease * self.accuracy
+        up, down = disagreement > self.accuracy, disagreement < self.ease * self.accuracy
         moved: Array = np.where(up, factors * self.factor, np.where(down, factors * self.fall, factors))
         return np.clip(moved, 1.0, self.largest)
-
-
-@dataclass(frozen=True)
-class PenaltyRestart:
-    """When the rounds are taken up again from an earlier one, because a contact mode froze before the agents agreed.
-
-    Small mu freezes who pushes where. Where a robot cannot arrive in time for what the others expect of it, the
-    disagreement stops to fall and the plan is not practical. Everything then goes back to a round with a larger mu: the
-    agents' points and multipliers, the multipliers of the consensus, the penalties; and mu falls half as fast.
-
-    Attributes
-    ----------
-    times : int
-        How often at most.
-    at : float
-        Kept is the first state with mu at most this.
-    patience : int
-        Rounds with small mu (1e-3) over which the disagreement has to fall.
-    improvement : float
-        By this factor at least.
-    """
-
-    times: int = 1
-    at: float = 0.03
-    patience: int = 14
-    improvement: float = 0.8
-
-    def is_frozen(self, rounds: Sequence[Round]) -> bool:
-        """Whether the rounds since the last restart came to a stop before the plan was practical.
-
-        Parameters
-        ----------
-        rounds : sequence of Round
-        """
-        late = [record for record in rounds if record.mu is not None and record.mu <= 1e-3 and record.score is not None]
-        if len(late) <= self.patience or any(record.score.practical for record in late if record.score is not None):
-            return False
-        before, now = late[-self.patience - 1].scaled, late[-1].scaled
-        return bool(now.max(initial=0.0) > self.improvement * before.max(initial=0.0))

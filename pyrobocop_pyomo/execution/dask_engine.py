@@ -8,7 +8,7 @@ import multiprocessing
 import os
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 from uuid import uuid4
 
@@ -16,10 +16,9 @@ from pyrobocop_pyomo._version import __version__
 from pyrobocop_pyomo.errors import EngineError
 from pyrobocop_pyomo.optional_imports import distributed, distributed_available
 
-from .engine import Engine, Exchange
-from .sending import build_request
-from .worker_host import Answer, HostedSpec, Lost, Request, WorkerHost
-from .worker_process import UNPROTECTED, available_cores
+from .homes import EngineWithHomes, Home
+from .worker_host import Answer, HostedSpec, Request, WorkerHost
+from .worker_process import UNPROTECTED
 
 _SECONDS_FOR_HOME = 30.0  # for a worker to appear, and for an actor to be made on it
 _SECONDS_FOR_NEW_WORKER = 3.0  # a nanny starts a new worker in about two
@@ -27,8 +26,82 @@ _SECONDS_BETWEEN_LOOKS = 0.1
 _SILENT = logging.CRITICAL
 
 
-class DaskEngine(Engine):
-    """Actors of Dask distributed, one for each agent.
+class ActorHome(Home):
+    """A host that is an actor on a worker of Dask.
+
+    A host answers whatever its agents raise, so every exception here is the loss of the worker; its type is up to Dask.
+
+    Parameters
+    ----------
+    client : distributed.Client
+    address : str
+        Of the worker.
+    """
+
+    def __init__(self, client: Any, address: str) -> None:
+        self.address, self._client = address, client
+        # Dask ends an actor whose future nobody holds.
+        self._made = client.submit(
+            WorkerHost,
+            actor=True,
+            workers=[address],
+            allow_other_workers=False,
+            pure=False,
+            key=f"agents-{uuid4().hex}",
+        )
+        self._actor: Any = None
+        self._reply: Any = None
+        self._failure: Exception | None = None
+
+    def wait_until_ready(self) -> None:
+        """Wait for the actor; where its worker has died meanwhile, the first request finds out."""
+        with contextlib.suppress(Exception):
+            self._actor = self._made.result(timeout=_SECONDS_FOR_HOME)
+
+    def send(self, request: Request) -> None:
+        """Have a request answered."""
+        try:
+            with self._client.as_current():  # where an actor looks for its client when it is first called
+                self._reply = self._actor.answer(request)
+        except Exception as error:
+            self._failure = error
+
+    def is_done(self) -> bool:
+        """Whether it has answered or ended."""
+        return self._failure is not None or self._reply.done()
+
+    def wait(self, seconds: float) -> None:
+        """Wait for its answer, not longer."""
+        with contextlib.suppress(Exception):
+            self._reply.result(timeout=seconds)
+
+    def look(self, living: Collection[str]) -> None:
+        """Find out from the addresses of all workers whether it has ended: of some losses Dask tells nobody."""
+        if self.address not in living or self._made.status != "finished":
+            self._failure = self._failure or TimeoutError("no answer")
+
+    def receive(self) -> Answer | None:
+        """The answer; None when the worker has ended."""
+        if self._failure is None:
+            try:
+                answer: Answer = self._reply.result(timeout=_SECONDS_FOR_HOME)
+                return answer
+            except Exception as error:
+                self._failure = error
+        self.has_ended = True
+        return None
+
+    def how_it_ended(self) -> str:
+        """In words, with what Dask said."""
+        return f"worker {self.address} was lost ({type(self._failure).__name__}: {self._failure})"
+
+    def kill(self) -> None:
+        """Count it as lost: a stopped worker keeps its connection for minutes."""
+        self._failure = TimeoutError("it did not answer in time")
+
+
+class DaskEngine(EngineWithHomes[ActorHome]):
+    """Actors of Dask distributed, one for each worker.
 
     By default a cluster of processes on this machine that listens on the loopback interface only, and ends with the
     engine. Where a worker dies, its agents move to the one that replaces it, or to the others.
@@ -64,7 +137,7 @@ class DaskEngine(Engine):
         workers: int | None = None,
         **of_every_engine: Any,
     ) -> None:
-        super().__init__(**of_every_engine)
+        super().__init__(workers, **of_every_engine)
         if not distributed_available:
             raise EngineError(
                 "engine 'dask': Dask distributed is not installed. Run: pip install 'pyrobocop_pyomo[dask]', or take "
@@ -74,37 +147,27 @@ class DaskEngine(Engine):
             raise EngineError(
                 "engine 'dask': give an address, a client, or a number of workers here; not two of these."
             )
-        if workers is not None and workers < 1:
-            raise EngineError(f"engine 'dask': workers = {workers!r}; expected at least 1.")
         self.address = address
-        self.workers = workers
         self._given_client = client
         self._client: Any = None
         self._cluster: Any = None
-        self._actors: dict[str, Any] = {}
-        self._futures: dict[str, Any] = {}  # Dask ends an actor whose future nobody holds
-        self._homes: dict[str, str] = {}
-        self._pending: dict[str, Any] = {}  # of agents that were asked: the future, or why there is none
-        self._worker_count = 0
+        self._worker_count = 1
 
     @property
     def process_ids(self) -> dict[str, int]:
         """Of the process in which each agent lives, on the machine of its worker."""
         by_worker = self._client.run(os.getpid)
-        return {name: by_worker[home] for name, home in self._homes.items() if home in by_worker}
-
-    def _build_request(self, spec: HostedSpec) -> Request:
-        return build_request(spec, main_is_known=self.address is None)
+        addresses = {name: self._homes[home].address for name, home in self._home_of.items()}
+        return {name: by_worker[address] for name, address in addresses.items() if address in by_worker}
 
     def _open(self, specs: Mapping[str, HostedSpec]) -> None:
         self._find_client()
         if self._client is None:
             self._cluster = self._local_cluster(self.places(len(specs)))
             self._client = distributed.Client(self._cluster, set_as_default=False)
-        workers = self._workers(deadline=time.monotonic() + _SECONDS_FOR_HOME)
-        self._worker_count = len(workers)
+        self._worker_count = len(self._workers(_SECONDS_FOR_HOME))
         self._check_versions()
-        self._make_actors({name: workers[i % len(workers)] for i, name in enumerate(specs)})
+        super()._open(specs)
 
     def _find_client(self) -> None:
         """Take the client that was given, or connect to the address that was."""
@@ -117,8 +180,8 @@ class DaskEngine(Engine):
         """How many agents can solve side by side: one on each worker."""
         self._find_client()
         if self._client is None:
-            return min(most, self.workers or available_cores())
-        return min(most, len(self._workers(deadline=time.monotonic() + _SECONDS_FOR_HOME)))
+            return super().places(most)
+        return min(most, len(self._workers(_SECONDS_FOR_HOME)))
 
     def _connect(self, address: str) -> Any:
         try:
@@ -142,13 +205,15 @@ class DaskEngine(Engine):
         except (RuntimeError, OSError, TimeoutError) as error:
             raise EngineError(f"engine 'dask': no workers could be started here: {error}. {UNPROTECTED}") from error
 
-    def _workers(self, deadline: float, wanted: int = 1, without: frozenset[str] = frozenset()) -> list[str]:
-        """Addresses of the workers there are; waits for so many of them, and for one if need be."""
+    def _workers(self, seconds: float, wanted: int = 1, without: Collection[str] = ()) -> list[str]:
+        """Addresses of the workers there are; waits so long for so many of them, and longer for one if need be."""
+        started = time.monotonic()
         while True:
-            found = sorted(set(self._client.nthreads()) - without)
-            if len(found) >= wanted or (found and time.monotonic() > deadline):
+            found = sorted(set(self._client.nthreads()).difference(without))
+            waited = time.monotonic() - started
+            if len(found) >= wanted or (found and waited > seconds):
                 return found
-            if time.monotonic() > deadline + _SECONDS_FOR_HOME:
+            if waited > seconds + _SECONDS_FOR_HOME:
                 raise EngineError("engine 'dask': the cluster has no worker. Start one: dask worker ADDRESS.")
             time.sleep(0.05)
 
@@ -164,104 +229,28 @@ class DaskEngine(Engine):
                     "Install the same version everywhere."
                 )
 
-    def _make_actors(self, homes: Mapping[str, str]) -> None:
-        futures = {
-            name: self._client.submit(
-                WorkerHost,
-                actor=True,
-                workers=[home],
-                allow_other_workers=False,
-                pure=False,
-                key=f"agent-{name}-{uuid4().hex}",
-            )
-            for name, home in homes.items()
-        }
-        self._futures.update(futures)
-        for name, future in futures.items():
-            self._homes[name] = homes[name]
-            try:
-                self._actors[name] = future.result(timeout=_SECONDS_FOR_HOME)
-            except Exception:  # its worker has died meanwhile; the next request finds out
-                self._actors.pop(name, None)
+    def _make_home(self, number: int) -> ActorHome:
+        """An actor on the worker with the fewest; in place of a worker that was lost a new one may come soon."""
+        homes = [home for other, home in self._homes.items() if other != number]
+        lost = {home.address for home in self._homes.values() if home.has_ended}
+        workers = self._workers(_SECONDS_FOR_NEW_WORKER, self._worker_count, without=lost)
+        load = Counter(home.address for home in homes)
+        return ActorHome(self._client, min(workers, key=lambda worker: (load[worker], worker)))
 
-    def submit(self, request: Request) -> None:
-        """Send a request to its agent's worker."""
-        with self._client.as_current():  # where an actor looks for its client when it is first called
-            try:
-                self._pending[request.agent] = self._actors[request.agent].answer(request)
-            except Exception as error:  # a method of a lost actor cannot be called; the type is up to Dask
-                self._pending[request.agent] = error
-
-    def wait(self, timeout: float | None = None) -> Exchange:
-        """Answers and lost workers: the first that come, and none where `timeout` seconds pass before."""
+    def _ready(self, homes: Sequence[ActorHome], timeout: float | None) -> list[ActorHome]:
         end = None if timeout is None else time.monotonic() + timeout
-        answers: dict[str, Answer] = {}
-        lost: dict[str, Lost] = {}
-        while self._pending and not answers and not lost:
-            self._look(answers, lost)
-            if end is not None and time.monotonic() > end:
-                break
-        return answers, lost
-
-    def _look(self, answers: dict[str, Answer], lost: dict[str, Lost]) -> None:
-        """Take what has come; if there is nothing, wait a moment for the first agent, and look who is still there.
-
-        A host answers whatever its agent raises, so every exception here is the loss of a worker. Agents of one worker
-        are solved in the order of their requests: the first one without an answer was at work.
-        """
-        first = next(iter(self._pending))
-        for name, future in list(self._pending.items()):
-            if name in lost:
-                continue
-            try:
-                if isinstance(future, Exception):
-                    raise future
-                if name == first or future.done():
-                    answers[name] = future.result(timeout=_SECONDS_BETWEEN_LOOKS)
-                    del self._pending[name]
-            except (TimeoutError, multiprocessing.TimeoutError):
-                continue
-            except Exception as error:
-                self._lose_home_of(name, error, lost)
-        if not answers and not lost:
-            # A worker that is gone, or an actor: of some losses Dask does not tell who waits.
-            living = self._client.nthreads()
-            for name in list(self._pending):
-                if name in self._pending and (
-                    self._homes[name] not in living or self._futures[name].status != "finished"
-                ):
-                    self._lose_home_of(name, TimeoutError("no answer"), lost)
-
-    def end_silent_workers(self) -> None:
-        """Count the workers that owe an answer as lost: a stopped one keeps its connection for minutes."""
-        for name in self._pending:
-            self._pending[name] = RuntimeError(f"no answer within {self.answer_within:g} s")
-
-    def _lose_home_of(self, name: str, error: Exception, lost: dict[str, Lost]) -> None:
-        home = self._homes[name]
-        reason = f"worker {home} was lost ({type(error).__name__}: {error})"
-        for other in [other for other in self._homes if self._homes[other] == home]:
-            lost.setdefault(other, Lost(reason, at_work=other == name))
-            self._pending.pop(other, None)
-
-    def respawn(self, agents: Sequence[str]) -> None:
-        """Make actors on workers that live, new ones if they come soon."""
-        dead = frozenset(self._homes[name] for name in agents)
-        for name in agents:
-            self._actors.pop(name, None)
-            self._futures.pop(name, None)
-        wanted = self._worker_count
-        workers = self._workers(time.monotonic() + _SECONDS_FOR_NEW_WORKER, wanted, without=dead)
-        load = Counter(dict.fromkeys(workers, 0))
-        load.update(home for name, home in self._homes.items() if home in load and name not in agents)
-        homes = {}
-        for name in agents:
-            homes[name] = min(load, key=lambda worker: (load[worker], worker))
-            load[homes[name]] += 1
-        self._make_actors(homes)
+        while True:
+            ready = [home for home in homes if home.is_done()]
+            if ready or (end is not None and time.monotonic() > end):
+                return ready
+            homes[0].wait(_SECONDS_BETWEEN_LOOKS)
+            if not homes[0].is_done():
+                living = self._client.nthreads()
+                for home in homes:
+                    home.look(living)
 
     def _close(self) -> None:
-        self._actors, self._futures, self._homes, self._pending = {}, {}, {}, {}
+        super()._close()
         client, cluster, self._client, self._cluster = self._client, self._cluster, None, None
         if client is not None and client is not self._given_client:
             with contextlib.suppress(Exception):

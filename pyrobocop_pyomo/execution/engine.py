@@ -9,14 +9,13 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Any
 
 import numpy as np
 
 from pyrobocop_pyomo.errors import EngineError, PyRobocopError
 
-from .worker_host import PROTOCOL, Answer, HostedSpec, Lost, Raised, Request
+from .worker_host import PROTOCOL, Answer, HostedSpec, Lost, Request
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -64,7 +63,7 @@ class Engine(ABC):
     snapshot_every : int
         Rounds between two states of an agent: more is less traffic, and longer to come back.
     deaths_allowed : int
-        How often the worker of an agent may die.
+        How often the worker of an agent may die, and of one task of a study.
     answer_within : float
         Seconds without an answer of anybody after which the workers that still owe one count as dead.
 
@@ -73,7 +72,7 @@ class Engine(ABC):
     name : str
     deaths : Counter
         How often the worker of each agent died, while the agent was at work.
-    bytes_down, bytes_up : list of dict
+    bytes_down, bytes_up : list of Counter
         Bytes to and from each agent: entry 0 is the start, entry k the k-th round with all that was asked after it.
         States and recoveries are counted as well.
     writes_files : bool
@@ -102,13 +101,14 @@ class Engine(ABC):
 
     def _forget(self) -> None:
         self.deaths: Counter[str] = Counter()
-        self.bytes_down: list[dict[str, int]] = []
-        self.bytes_up: list[dict[str, int]] = []
+        self.bytes_down: list[Counter[str]] = []
+        self.bytes_up: list[Counter[str]] = []
         self._specs: dict[str, bytes] = {}
         self._snapshots: dict[str, bytes] = {}
         self._asked_since: dict[str, list[Request]] = {}
         self._due: dict[str, int] = {}
         self._given_up: dict[str, AgentFailure] = {}
+        self._returning: dict[str, Lost] = {}  # lost agents that are being built again
 
     # ---------------------------------------------------------------- what an engine is made of
 
@@ -133,10 +133,6 @@ class Engine(ABC):
 
     def respawn(self, agents: Sequence[str]) -> None:  # noqa: B027  # an engine that loses nobody needs none
         """Make new homes for agents that were lost."""
-
-    def interrupt(self) -> Exchange:
-        """Let all solves end as Ctrl-C would, and wait for what they have; nothing where that is not possible."""
-        return {}, {}
 
     def places(self, most: int) -> int:
         """How many agents can solve side by side, at most so many."""
@@ -185,16 +181,14 @@ class Engine(ABC):
         first = {name: self.snapshot_every - i % self.snapshot_every for i, name in enumerate(requests)}
         self._due, self._asked_since = first, {name: [] for name in requests}
         self._new_round()
-        facts: dict[str, Any] = {}
         with _stopped_on_error(self):
             self._open({spec.name: spec for spec in specs})
-            answers, lost = self._send(requests.values())
-            for name, loss in lost.items():
-                if loss.at_work:
-                    raise EngineError(f"agent '{name}': its worker ended while it was built: {loss.reason}")
-            for name, answer in answers.items():
-                facts[name] = self._value(name, answer, "could not be built")
-        return {name: facts[name] for name in requests}
+            facts = {
+                name: self._value(name, reply, "could not be built") for name, reply in self._ask(requests).items()
+            }
+            for failure in self._given_up.values():
+                raise EngineError(f"agent '{failure.agent}' could not be built: {failure.reason}")
+            return facts
 
     def solve(self, orders: Mapping[str, Any]) -> dict[str, Any]:
         """One round: have each of these agents solve its order, side by side.
@@ -213,19 +207,12 @@ class Engine(ABC):
             name: Request.of(name, "solve", order, with_state=self._keeps_snapshots and self._is_due(name))
             for name, order in orders.items()
         }
-        return {
-            name: self._failure(name, reply.value) if isinstance(reply, Answer) and reply.raised else _opened(reply)
-            for name, reply in self._ask(requests).items()
-        }
+        return {name: _report(name, reply) for name, reply in self._ask(requests).items()}
 
     def states(self) -> dict[str, dict[str, np.ndarray]]:
         """The states of all agents that are not given up."""
-        requests = {name: Request.of(name, "state") for name in self._living()}
-        states = {}
-        for name, reply in self._ask(requests).items():
-            if isinstance(reply, Answer):
-                states[name] = self._value(name, reply, "has no state")
-        return states
+        found = self.call_all("state", dict.fromkeys(self._specs, ()))
+        return {name: state for name, state in found.items() if not isinstance(state, AgentFailure)}
 
     def restore(self, states: Mapping[str, State]) -> None:
         """Put agents into states; agents without one stay as they are.
@@ -235,15 +222,12 @@ class Engine(ABC):
         EngineError
             When an agent is unknown or given up, or refuses its state.
         """
-        self._check(states)
-        requests = {name: Request.of(name, "restore", dict(state)) for name, state in states.items()}
-        for name, reply in self._ask(requests).items():
+        for name, reply in self.call_all("restore", {name: (dict(state),) for name, state in states.items()}).items():
             if isinstance(reply, AgentFailure):
                 raise EngineError(f"agent '{name}' is given up ({reply.reason}) and cannot be restored. Start anew.")
-            self._value(name, reply, "refused its state")
 
     def call_all(self, method: str, arguments: Mapping[str, tuple[Any, ...]]) -> dict[str, Any]:
-        """Call a method of several agents' problems, side by side, for what is neither an order nor a state.
+        """Call a method of several agents' problems, side by side.
 
         Parameters
         ----------
@@ -259,21 +243,35 @@ class Engine(ABC):
         EngineError
             When the method raises an exception. Exceptions of this package keep their class.
         """
-        self._check(arguments)
-        requests = {name: Request.of(name, "call", method, *given) for name, given in arguments.items()}
-        return {
-            name: reply if isinstance(reply, AgentFailure) else self._value(name, reply, f"{method}() failed")
-            for name, reply in self._ask(requests).items()
-        }
+        requests = {name: Request.of(name, method, *given) for name, given in arguments.items()}
+        return {name: self._value(name, reply, f"{method}() failed") for name, reply in self._ask(requests).items()}
 
     def end_silent_workers(self) -> None:  # noqa: B027 - an engine without other processes has none
         """Give up workers that owe an answer, such as stopped ones; `wait` then tells which were lost."""
 
-    def build_again(self, agents: Sequence[str]) -> None:
-        """Begin to build agents that were lost as they were first; whoever waits next hears of it."""
-        self.respawn(agents)
-        for name in agents:
-            self.submit(Request(name, "build", self._specs[name]))
+    def hear(self, timeout: float | None = None) -> Exchange | None:
+        """Wait until something has come of the requests. Lost agents are built again before it is told.
+
+        Returns
+        -------
+        tuple of dicts, or None
+            Answers; and agents whose requests were lost, with how that came. They are again as they were before these,
+            unless they are given up now. None where nothing came within so many seconds.
+        """
+        answers, lost = self.wait(timeout)
+        if not answers and not lost:
+            return None
+        for name, answer in answers.items():
+            self.bytes_up[-1][name] += answer.size
+        told: dict[str, Lost] = {}
+        for name in [name for name in answers if name in self._returning]:
+            answer, loss = answers.pop(name), self._returning.pop(name)
+            if answer.raised:
+                lost[name] = Lost(f"it could not be built again: {answer.value.reason}", at_work=True)
+            else:
+                told[name] = loss
+        told.update(self._bring_back(lost))
+        return answers, told
 
     def stop(self) -> None:
         """End all workers. What was counted can still be read."""
@@ -283,9 +281,7 @@ class Engine(ABC):
     def __enter__(self) -> Engine:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self.stop()
 
     # ---------------------------------------------------------------- death and recovery
@@ -294,47 +290,52 @@ class Engine(ABC):
 
     def _ask(self, requests: Mapping[str, Request]) -> dict[str, Answer | AgentFailure]:
         """Have requests answered, whatever workers die meanwhile."""
-        replies: dict[str, Answer | AgentFailure] = {
-            name: self._given_up[name] for name in requests if name in self._given_up
-        }
-        waiting = {name: request for name, request in requests.items() if name not in replies}
+        self._check(requests)
+        replies: dict[str, Answer | AgentFailure] = {}
         with _stopped_on_error(self):
-            while waiting:
-                answers, lost = self._send(waiting.values())
-                replies.update(answers)
-                if self._keeps_snapshots:
-                    for name, answer in answers.items():
-                        self._remember(waiting[name], answer)
-                waiting = {name: request for name, request in waiting.items() if name not in replies}
-                given_up = self._recover(lost)
-                replies.update({name: failure for name, failure in given_up.items() if name in waiting})
-                waiting = {name: request for name, request in waiting.items() if name not in replies}
+            for name, request in requests.items():
+                if name in self._given_up:
+                    replies[name] = self._given_up[name]
+                else:
+                    self._tell(request)
+            while len(replies) < len(requests) or self._returning:
+                heard = self.hear(self.answer_within)
+                if heard is None:
+                    _LOGGER.warning("engine '%s': no answer within %g s", self.name, self.answer_within)
+                    self.end_silent_workers()
+                    continue
+                answers, lost = heard
+                for name, answer in answers.items():
+                    replies[name] = answer
+                    self._remember(requests[name], answer)
+                for name in [name for name in lost if name in requests and name not in replies]:
+                    if name in self._given_up:
+                        replies[name] = self._given_up[name]
+                    else:
+                        self._tell(requests[name])
         return {name: replies[name] for name in requests}
 
-    def _recover(self, lost: Mapping[str, Lost]) -> dict[str, AgentFailure]:
-        """Bring lost agents back to where they were; gives those that are given up."""
-        given_up: dict[str, AgentFailure] = {}
-        lost = {name: loss for name, loss in lost.items() if name not in self._given_up}
-        while lost:
-            for name, loss in lost.items():
-                self.deaths.update([name] * loss.at_work)
-                if self.deaths[name] > self.deaths_allowed:
-                    reason = f"its worker died {self.deaths[name]} times; {loss.reason}"
-                    given_up[name] = self._given_up[name] = AgentFailure(name, reason, final=True)
-                    _LOGGER.error("agent '%s' is given up: %s", name, reason)
-                else:
-                    _LOGGER.warning("agent '%s' is built again: %s", name, loss.reason)
-            names = [name for name in lost if name not in given_up]
-            self.respawn(names)
-            requests = [
-                Request.of(name, "rebuild", self._specs[name], self._snapshots.get(name), self._asked_since[name])
-                for name in names
-            ]
-            answers, again = self._send(requests)
-            lost = {name: loss for name, loss in again.items() if name not in self._given_up}
-            for name, answer in answers.items():
-                if answer.raised and name not in lost:
-                    lost[name] = Lost(f"it could not be built again: {answer.value.reason}", at_work=True)
+    def _bring_back(self, lost: Mapping[str, Lost]) -> dict[str, Lost]:
+        """Begin to build lost agents again, and have them do what they did since their last state; gives those whose
+        workers died too often."""
+        given_up: dict[str, Lost] = {}
+        for name, loss in lost.items():
+            if name in self._given_up:
+                continue
+            self.deaths.update([name] * loss.at_work)
+            if self.deaths[name] > self.deaths_allowed:
+                reason = f"its worker died {self.deaths[name]} times; {loss.reason}"
+                given_up[name], self._given_up[name] = loss, AgentFailure(name, reason, final=True)
+                self._returning.pop(name, None)
+                _LOGGER.error("agent '%s' is given up: %s", name, reason)
+            else:
+                self._returning[name] = loss
+                _LOGGER.warning("agent '%s' is built again: %s", name, loss.reason)
+        names = [name for name in lost if name in self._returning]
+        self.respawn(names)
+        for name in names:
+            rebuilt = self._specs[name], self._snapshots.get(name), self._asked_since[name]
+            self._tell(Request.of(name, "rebuild", *rebuilt))
         return given_up
 
     def _is_due(self, name: str) -> bool:
@@ -352,7 +353,7 @@ class Engine(ABC):
             self._snapshots[name] = state
             self._asked_since[name] = []
             self._due[name] = self.snapshot_every
-        elif request.task != "state":
+        elif self._keeps_snapshots and request.task not in ("state", "build"):
             self._asked_since[name].append(request)
 
     # ---------------------------------------------------------------- small things
@@ -361,38 +362,13 @@ class Engine(ABC):
         """What has an agent built, with its spec where workers have memory of their own."""
         return Request.of(spec.name, "build")
 
-    def _send(self, requests: Iterable[Request]) -> Exchange:
-        requests = list(requests)
-        if not requests:
-            return {}, {}
-        for request in requests:
-            self._count(self.bytes_down, request.agent, len(request.payload))
-        answers: dict[str, Answer] = {}
-        lost: dict[str, Lost] = {}
-        for request in requests:
-            self.submit(request)
-        while any(request.agent not in answers and request.agent not in lost for request in requests):
-            more, gone = self.wait(self.answer_within)
-            if not more and not gone:
-                _LOGGER.warning("engine '%s': no answer within %g s", self.name, self.answer_within)
-                self.end_silent_workers()
-            answers.update(more)
-            lost.update(gone)
-        for name, answer in answers.items():
-            self._count(self.bytes_up, name, answer.size)
-        return answers, lost
+    def _tell(self, request: Request) -> None:
+        self.bytes_down[-1][request.agent] += len(request.payload)
+        self.submit(request)
 
     def _new_round(self) -> None:
-        self.bytes_down.append({})
-        self.bytes_up.append({})
-
-    @staticmethod
-    def _count(rounds: list[dict[str, int]], name: str, size: int) -> None:
-        rounds[-1][name] = rounds[-1].get(name, 0) + size
-
-    def _living(self) -> list[str]:
-        self._check(())
-        return [name for name in self._specs if name not in self._given_up]
+        self.bytes_down.append(Counter())
+        self.bytes_up.append(Counter())
 
     def _check(self, names: Iterable[str]) -> None:
         if not self._specs:
@@ -401,22 +377,24 @@ class Engine(ABC):
         if unknown:
             raise EngineError(f"no agent '{unknown[0]}'; the agents are {', '.join(self._specs)}.")
 
-    def _value(self, name: str, reply: Answer | AgentFailure, label: str) -> Any:
-        value = _opened(reply)
-        if not isinstance(value, Raised):
-            return value
-        error = value.original()
-        if not isinstance(error, PyRobocopError):
-            error = EngineError(f"agent '{name}' {label}: {value.reason}")
-        raise error from RuntimeError(f"in agent '{name}'\n{value.traceback}")
-
     @staticmethod
-    def _failure(name: str, raised: Raised) -> AgentFailure:
-        return AgentFailure(name, raised.reason, traceback=raised.traceback)
+    def _value(name: str, reply: Answer | AgentFailure, label: str) -> Any:
+        """What an agent gave; what it raised is raised here."""
+        if isinstance(reply, AgentFailure) or not reply.raised:
+            return reply if isinstance(reply, AgentFailure) else reply.value
+        raised = reply.value
+        error = raised.original()
+        if not isinstance(error, PyRobocopError):
+            error = EngineError(f"agent '{name}' {label}: {raised.reason}")
+        raise error from RuntimeError(f"in agent '{name}'\n{raised.traceback}")
 
 
-def _opened(reply: Answer | AgentFailure) -> Any:
-    return reply.value if isinstance(reply, Answer) else reply
+def _report(name: str, reply: Answer | AgentFailure) -> Any:
+    """The report of a solve, or why there is none."""
+    if isinstance(reply, AgentFailure) or not reply.raised:
+        return reply if isinstance(reply, AgentFailure) else reply.value
+    raised = reply.value
+    return AgentFailure(name, raised.reason, traceback=raised.traceback)
 
 
 @contextmanager

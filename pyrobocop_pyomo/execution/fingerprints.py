@@ -33,57 +33,43 @@ def fingerprint(things: Iterable[Any]) -> str:
     ModelError
         When something has no such number, such as an open file.
     """
-    digest = hashlib.sha256()
-    for part in _all_parts(things):
-        digest.update(f"{len(part)}:".encode())
-        digest.update(part)
-    return digest.hexdigest()
+    return hashlib.sha256(repr(_plain(list(things))).encode()).hexdigest()
 
 
-def _parts(value: Any) -> Iterator[bytes]:
-    """A value as sequences of bytes, each kind with a mark of its own."""
+def _plain(value: Any) -> Any:
+    """A value as something whose text says all of it, each kind with a mark of its own."""
     if isinstance(value, np.generic):
-        yield from _parts(value.item())
-    elif isinstance(value, (bool, int, float, complex, str, bytes, type(None))):
-        yield f"{type(value).__name__} {value!r}".encode()
-    elif isinstance(value, np.ndarray) and not value.dtype.hasobject:
-        yield f"array {value.dtype.str} {value.shape}".encode()
-        yield np.ascontiguousarray(value).tobytes()
-    elif isinstance(value, Mapping):
-        yield f"mapping {len(value)}".encode()
-        yield from _all_parts(item for pair in value.items() for item in pair)
-    elif isinstance(value, (tuple, list)):
-        yield f"sequence {len(value)}".encode()
-        yield from _all_parts(value)
-    elif isinstance(value, (set, frozenset)):
-        yield f"set {sorted(map(repr, value))}".encode()
-    elif is_dataclass(value) and not isinstance(value, type):
-        yield f"dataclass {type(value).__qualname__}".encode()
-        yield from _all_parts((item.name, getattr(value, item.name)) for item in fields(value))
-    elif isinstance(value, MethodType):
-        yield from _all_parts((value.__func__, value.__self__))
-    elif hasattr(value, "__qualname__"):  # a function or a class
-        yield f"name {value.__module__}.{value.__qualname__}".encode()
-        yield from _all_parts((getattr(value, "__defaults__", None), *_closed_over(value)))
-    elif hasattr(value, "func") and hasattr(value, "keywords"):  # a partial
-        yield from _all_parts((value.func, value.args, value.keywords))
-    elif hasattr(value, "name") and hasattr(value, "ctype"):
-        yield f"component {value.name}".encode()
-    elif hasattr(value, "to_dict") and hasattr(value, "to_numpy"):  # a data frame or a series
-        yield from _parts(value.to_dict())
-    elif hasattr(value, "__dict__"):
-        yield f"object {type(value).__qualname__}".encode()
-        yield from _parts(vars(value))
-    else:
-        raise ModelError(
-            f"a {type(value).__name__} has no fingerprint, by which a file knows what it is of. Give numbers, texts, "
-            "arrays, lists and mappings, or go without a file."
-        )
-
-
-def _all_parts(values: Iterable[Any]) -> Iterator[bytes]:
-    for value in values:
-        yield from _parts(value)
+        return _plain(value.item())
+    if isinstance(value, (bool, int, float, complex, str, bytes, type(None))):
+        return value
+    if isinstance(value, np.ndarray) and not value.dtype.hasobject:
+        return "array", value.dtype.str, value.shape, value.tobytes()
+    if isinstance(value, Mapping):
+        return {"mapping": [(_plain(key), _plain(item)) for key, item in value.items()]}
+    if isinstance(value, (tuple, list)):
+        return [_plain(item) for item in value]
+    if isinstance(value, (set, frozenset)):
+        return {"set": sorted(map(repr, value))}
+    if is_dataclass(value) and not isinstance(value, type):
+        parts = [(item.name, _plain(getattr(value, item.name))) for item in fields(value)]
+        return {"dataclass": type(value).__qualname__, "fields": parts}
+    if isinstance(value, MethodType):
+        return {"method": _plain([value.__func__, value.__self__])}
+    if hasattr(value, "__qualname__"):
+        defaults = getattr(value, "__defaults__", None)
+        return {"name": f"{value.__module__}.{value.__qualname__}", "holds": _plain([defaults, *_closed_over(value)])}
+    if hasattr(value, "func") and hasattr(value, "keywords"):
+        return {"partial": _plain([value.func, value.args, value.keywords])}
+    if hasattr(value, "name") and hasattr(value, "ctype"):
+        return {"component": value.name}
+    if hasattr(value, "to_dict") and hasattr(value, "to_numpy"):  # a data frame or a series
+        return _plain(value.to_dict())
+    if hasattr(value, "__dict__"):
+        return {"object": type(value).__qualname__, "holds": _plain(vars(value))}
+    raise ModelError(
+        f"a {type(value).__name__} has no fingerprint, by which a file knows what it is of. Give numbers, texts, "
+        "arrays, lists and mappings, or go without a file."
+    )
 
 
 def _closed_over(function: Any) -> Iterator[Any]:

@@ -2,39 +2,28 @@
 
 from __future__ import annotations
 
-import pickle
-from collections.abc import Callable, Iterable
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from pyrobocop_pyomo.errors import EngineError, ModelError, PyRobocopError
 from pyrobocop_pyomo.modeling.deadline import Deadline
 
 from .engine import Engine
 from .engines import find_engine
+from .homes import available_cores
 from .process_engine import ProcessEngine
-from .sending import pickled_by_value
 from .serial_engine import SerialEngine
 from .worker_host import Answer, Lost, Raised, Request
-from .worker_process import available_cores
 
 SECONDS_TO_ANSWER = 0.5  # after the deadline, which tasks keep by themselves
-DEATHS_ALLOWED = 2  # workers that one task may take down before it is given up
 GIVEN_UP = "its process ended abruptly, several times"
-
-
-class TaskSolver(Protocol):
-    """What does the tasks of a study; one lives on each worker."""
-
-    @property
-    def solve(self) -> Callable[..., Any]:
-        """Called as ``solve(*arguments, deadline=...)`` for what comes of one task."""
-        ...
 
 
 @dataclass(frozen=True)
 class Task:
-    """One call of `TaskSolver.solve`.
+    """One call of what does the tasks of a study: ``solve(*arguments, deadline=...)`` gives what comes of it.
 
     Attributes
     ----------
@@ -48,6 +37,7 @@ class Task:
 
 
 Take = Callable[[Any], "Iterable[Task] | None"]
+Make = Callable[[], Callable[..., Any]]
 
 
 def study_engine(workers: Any, engine: str | Engine | None) -> Engine | None:
@@ -94,7 +84,7 @@ def run_tasks(
     tasks: Iterable[Task],
     take: Take,
     *,
-    make: Callable[[], TaskSolver],
+    make: Make,
     engine: Engine | None,
     most: int,
     deadline: Deadline,
@@ -110,7 +100,7 @@ def run_tasks(
     take : callable
         Told of each result here, in this process; returns further tasks, which come next, or None to begin no more.
     make : callable
-        Makes what does the tasks: here, or once on each worker, where it comes pickled.
+        Makes the function that does the tasks: here, or once on each worker, where it comes pickled.
     engine : Engine or None
         None does all in this process.
     most : int
@@ -136,12 +126,12 @@ def run_tasks(
             _TaskRun(listed, take, engine, deadline, given_up).run(make, most)
 
 
-def _run_here(tasks: Iterable[Task], take: Take, solver: TaskSolver, deadline: Deadline) -> None:
+def _run_here(tasks: Iterable[Task], take: Take, solve: Callable[..., Any], deadline: Deadline) -> None:
     waiting, begun = list(tasks)[::-1], False
     try:
         while waiting and not (begun and deadline.has_passed):
             begun = True
-            following = take(solver.solve(*waiting.pop().arguments, deadline=deadline))
+            following = take(solve(*waiting.pop().arguments, deadline=deadline))
             if following is None:
                 return
             waiting += list(following)[::-1]
@@ -158,31 +148,25 @@ class _TaskRun:
         self._waiting, self._take, self._engine = tasks[::-1], take, engine
         self._deadline, self._given_up = deadline, given_up
         self._idle: list[str] = []
-        self._running: dict[str, Task | None] = {}  # None while a worker is made again
-        self._deaths: dict[Any, int] = {}
+        self._running: dict[str, Task] = {}
+        self._deaths: Counter[Any] = Counter()
         self._begun = False
 
-    def run(self, make: Callable[[], TaskSolver], most: int) -> None:
-        packed = pickled_by_value(make)
+    def run(self, make: Make, most: int) -> None:
         try:
             names = [f"worker {number}" for number in range(self._engine.places(most))]
-            self._engine.start(_WorkerSpec(name, packed) for name in names)
+            self._engine.start(_WorkerSpec(name, make) for name in names)
             self._idle = names[::-1]
             self._submit()
             while self._running:
                 left = self._deadline.left
-                answers, lost = self._engine.wait(None if left is None else max(left, 0.0) + SECONDS_TO_ANSWER)
-                if not answers and not lost:
+                heard = self._engine.hear(None if left is None else max(left, 0.0) + SECONDS_TO_ANSWER)
+                if heard is None:
                     return  # the end of the engine ends them
-                for name, answer in answers.items():
-                    self._hear(name, answer)
-                self._replace(lost)
+                self._take_all(*heard)
                 self._submit()
         except KeyboardInterrupt:
-            answers, _ = self._engine.interrupt()
-            self._waiting = []
-            for name, answer in answers.items():
-                self._hear(name, answer)
+            return
 
     def _submit(self) -> None:
         """Only as many as there is room for: time passes, and whose worker dies is known."""
@@ -193,16 +177,26 @@ class _TaskRun:
             self._running[name], self._begun = task, True
             self._engine.submit(Request.of(name, "solve", (task.arguments, self._deadline.left)))
 
-    def _hear(self, name: str, answer: Answer) -> None:
-        task = self._running.pop(name)
-        self._idle.append(name)
-        value = answer.value
-        if answer.raised:
-            raise _error_of(value)
-        if task is None:
-            self._deaths.pop(_Starting(name), None)
-        else:
+    def _take_all(self, answers: Mapping[str, Answer], lost: Mapping[str, Lost]) -> None:
+        for name, answer in answers.items():
+            self._idle.append(name)
+            del self._running[name]
+            value = answer.value
+            if answer.raised:
+                raise _error_of(value)
             self._go_on_after(value)
+        for name, loss in lost.items():
+            if self._engine.deaths[name] > self._engine.deaths_allowed:
+                raise EngineError(f"a worker ended while it was started again, several times: {loss.reason}")
+            # The task is to blame, and the worker may go on.
+            del self._engine.deaths[name]
+            self._idle.append(name)
+            task = self._running.pop(name)
+            self._deaths[task.key] += loss.at_work
+            if self._deaths[task.key] <= self._engine.deaths_allowed:
+                self._waiting.append(task)
+            else:
+                self._go_on_after(self._given_up(task))
 
     def _go_on_after(self, result: Any) -> None:
         following = self._take(result)
@@ -210,33 +204,6 @@ class _TaskRun:
             self._waiting = []
         else:
             self._waiting += list(following)[::-1]
-
-    def _replace(self, lost: dict[str, Lost]) -> None:
-        for name, loss in lost.items():
-            if name in self._idle:
-                self._idle.remove(name)
-            if name not in self._running:
-                continue
-            task = self._running.pop(name)
-            culprit = _Starting(name) if task is None else task.key
-            self._deaths[culprit] = self._deaths.get(culprit, 0) + loss.at_work
-            often = self._deaths[culprit] >= DEATHS_ALLOWED
-            if task is None and often:
-                raise EngineError(f"a worker ended while it was started again, several times: {loss.reason}")
-            if task is not None and often:
-                self._go_on_after(self._given_up(task))
-            elif task is not None:
-                self._waiting.append(task)
-        if lost:
-            self._running.update(dict.fromkeys(lost))
-            self._engine.build_again(list(lost))
-
-
-@dataclass(frozen=True)
-class _Starting:
-    """In place of a task's key: that a worker was made again."""
-
-    name: str
 
 
 def _error_of(raised: Raised) -> BaseException:
@@ -250,25 +217,17 @@ class _WorkerSpec:
     """How the solver of a study is made on a worker."""
 
     name: str
-    packed: bytes
+    make: Make
 
     def build(self) -> _Worker:
-        try:
-            make = pickle.loads(self.packed)
-        except Exception as error:
-            raise ModelError(
-                f"a worker process cannot read what was sent to it ({type(error).__name__}: {error}). Functions have "
-                "to stand in a file that other processes can import: next to the notebook, or in a module. workers=1 "
-                "needs no other process."
-            ) from error
-        return _Worker(make())
+        return _Worker(self.make())
 
 
 class _Worker:
-    """The solver of a study as an agent, which has no state between its tasks."""
+    """What does tasks as an agent, which has no state between them."""
 
-    def __init__(self, solver: TaskSolver) -> None:
-        self._solver = solver
+    def __init__(self, solve: Callable[..., Any]) -> None:
+        self._solve = solve
 
     def facts(self) -> None:
         """There is nothing to know of it."""
@@ -276,11 +235,4 @@ class _Worker:
     def solve(self, order: tuple[tuple[Any, ...], float | None]) -> Any:
         """Do a task, in the seconds that are left."""
         arguments, left = order
-        return self._solver.solve(*arguments, deadline=Deadline.after(left))
-
-    def state(self) -> dict[str, Any]:
-        """Empty."""
-        return {}
-
-    def restore(self, state: Any) -> None:
-        """There is nothing to restore."""
+        return self._solve(*arguments, deadline=Deadline.after(left))

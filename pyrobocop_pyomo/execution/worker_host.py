@@ -6,37 +6,26 @@ import pickle
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Protocol
 
-import numpy as np
+from pyrobocop_pyomo.errors import ModelError
 
 PROTOCOL = 5  # of pickle: the same everywhere, so that counted bytes can be compared
 
 
-class HostedProblem(Protocol):
-    """What an agent is where it is solved: a deterministic function of its state and of what it is told."""
-
-    def facts(self) -> Any:
-        """What the coordinator has to know once it is built; can be pickled."""
-
-    def solve(self, order: Any) -> Any:
-        """The answer to one order; both are plain data that can be pickled."""
-
-    def state(self) -> dict[str, np.ndarray]:
-        """All that a later solve depends on."""
-
-    def restore(self, state: Mapping[str, np.ndarray]) -> None:
-        """Go back to a state."""
-
-
 class HostedSpec(Protocol):
-    """How an agent is built, small enough to be sent; an attribute ``builder``, if any, is checked before it is."""
+    """How an agent is built, small enough to be sent.
+
+    What is built is a deterministic function of its state and of what it is told: an object with ``facts()``,
+    ``solve(order)``, ``state()`` and ``restore(state)``, of which all arguments and answers can be pickled.
+    """
 
     @property
     def name(self) -> str:
         """Of the agent, unique in its team."""
 
-    def build(self) -> HostedProblem:
+    def build(self) -> Any:
         """Build the problem, here."""
 
 
@@ -48,9 +37,9 @@ class Request:
     ----------
     agent : str
     task : str
-        A method of `WorkerHost`.
+        A method of its problem, "build" or "rebuild".
     payload : bytes
-        Its arguments after the agent's name, pickled.
+        Its arguments, pickled.
     with_state : bool
         Whether the state afterwards is wanted as well.
     """
@@ -158,14 +147,18 @@ class WorkerHost:
 
     def __init__(self, specs: Mapping[str, HostedSpec] | None = None) -> None:
         self._specs = dict(specs or {})
-        self._problems: dict[str, HostedProblem] = {}
+        self._problems: dict[str, Any] = {}
 
     def answer(self, request: Request) -> Answer:
         """Do what is required."""
         try:
-            task: Callable[..., Any] = getattr(self, request.task)
-            value = pickle.dumps(task(request.agent, *pickle.loads(request.payload)), PROTOCOL)
-            state = pickle.dumps(self.state(request.agent), PROTOCOL) if request.with_state else None
+            own: dict[str, Callable[..., Any]] = {"build": self.build, "rebuild": self.rebuild}
+            if request.task in own:
+                task = partial(own[request.task], request.agent)
+            else:
+                task = getattr(self._problems[request.agent], request.task)
+            value = pickle.dumps(task(*_read(request.payload)), PROTOCOL)
+            state = pickle.dumps(self._problems[request.agent].state(), PROTOCOL) if request.with_state else None
         except Exception as error:
             return Answer(pickle.dumps(Raised.of(error), PROTOCOL), raised=True)
         return Answer(value, state=state)
@@ -178,24 +171,19 @@ class WorkerHost:
 
     def rebuild(self, agent: str, spec: bytes, state: bytes | None, requests: Sequence[Request]) -> None:
         """Build an agent anew, put it into a state, and let it do again what it was asked since."""
-        self.build(agent, *pickle.loads(spec))
+        self.build(agent, *_read(spec))
         if state is not None:
-            self.restore(agent, pickle.loads(state))
+            self._problems[agent].restore(pickle.loads(state))
         for request in requests:
             self.answer(request)  # what raised an exception then, does so again
 
-    def solve(self, agent: str, order: Any) -> Any:
-        """The report of one solve."""
-        return self._problems[agent].solve(order)
 
-    def state(self, agent: str) -> dict[str, np.ndarray]:
-        """The state of an agent."""
-        return self._problems[agent].state()
-
-    def restore(self, agent: str, state: Mapping[str, np.ndarray]) -> None:
-        """Put an agent into a state."""
-        self._problems[agent].restore(state)
-
-    def call(self, agent: str, method: str, *arguments: Any) -> Any:
-        """Call a method of an agent's problem."""
-        return getattr(self._problems[agent], method)(*arguments)
+def _read(payload: bytes) -> Any:
+    try:
+        return pickle.loads(payload)
+    except Exception as error:
+        raise ModelError(
+            f"a worker process cannot read what was sent to it ({type(error).__name__}: {error}). Functions have to "
+            "stand in a file that other processes can import: in a module, or next to the notebook. Or install "
+            "cloudpickle, by which they travel as they are."
+        ) from error

@@ -8,7 +8,6 @@ import os
 import signal
 import sys
 import threading
-from collections import deque
 from collections.abc import Iterator, Mapping
 from multiprocessing import forkserver
 from multiprocessing.connection import Connection
@@ -16,6 +15,7 @@ from typing import Any
 
 from pyrobocop_pyomo.errors import EngineError
 
+from .homes import Home
 from .worker_host import Answer, Request, WorkerHost
 
 # One thread each: the processes are the parallelism, and pools of threads would fight over the cores, and change the
@@ -30,18 +30,8 @@ _READY = "ready"
 _SECONDS_TO_END = 2.0
 
 
-def available_cores() -> int:
-    """Cores that this process may use: fewer than the machine has where somebody has restricted it."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-class WorkerProcess:
-    """A process with a host, seen from the coordinator.
-
-    It gets its next request once it has answered the last one: so neither end of the pipe ever waits for the other with
-    a full one, and when the process ends, it is known at what.
+class WorkerProcess(Home):
+    """A process with a host, connected by a pipe.
 
     Parameters
     ----------
@@ -52,8 +42,6 @@ class WorkerProcess:
     ----------
     connection : Connection
         Ready to be read when an answer has come, or when the process has ended.
-    queue : deque of Request
-        What it has not answered; the first is what it works at.
 
     Raises
     ------
@@ -75,8 +63,6 @@ class WorkerProcess:
             with _threads_limited():
                 self.process.start()
         theirs.close()  # so that the end of the process is the end of the pipe
-        self.queue: deque[Request] = deque()
-        self.has_ended = False
 
     def wait_until_ready(self) -> None:
         """Wait until it takes requests.
@@ -95,31 +81,19 @@ class WorkerProcess:
                 f"{UNPROTECTED}"
             ) from None
 
-    def submit(self, request: Request) -> None:
-        """Have a request answered, after those before it."""
-        self.queue.append(request)
-        if len(self.queue) == 1:
-            self._send()
+    def send(self, request: Request) -> None:
+        """Have a request answered."""
+        with contextlib.suppress(OSError):  # of a worker that has ended: `receive` tells
+            self.connection.send(request)
 
     def receive(self) -> Answer | None:
-        """The answer to the first request of the queue; None when the process has ended."""
+        """The answer; None when the process has ended."""
         try:
             answer: Answer = self.connection.recv()
         except (EOFError, OSError):
             self.has_ended = True
-            self.queue.clear()
             return None
-        self.queue.popleft()
-        if self.queue:
-            self._send()
         return answer
-
-    def interrupt(self) -> None:
-        """Let the solve that runs there end, as Ctrl-C would; what waits behind it is dropped."""
-        while len(self.queue) > 1:
-            self.queue.pop()
-        with contextlib.suppress(OSError):
-            os.kill(self.process.pid or 0, signal.SIGINT)
 
     def how_it_ended(self) -> str:
         """In words, with its exit code or signal."""
@@ -129,26 +103,18 @@ class WorkerProcess:
             return f"process {self.process.pid} was ended by signal {-code} ({signal.Signals(-code).name})"
         return f"process {self.process.pid} ended with exit code {code}"
 
-    def ask_to_end(self) -> None:
-        """Let it end; in the middle of a solve it would hear it afterwards only, and is terminated."""
-        if self.queue:
-            self.process.terminate()
-        else:
-            with contextlib.suppress(OSError):
-                self.connection.send(None)
+    def kill(self) -> None:
+        """End the process, whatever it does."""
+        self.process.kill()
 
     def end(self) -> None:
-        """Wait until it has ended, not for long."""
+        """Wait until it has ended, which it does with the connection."""
         self.connection.close()
         self.process.join(_SECONDS_TO_END)
         if self.process.is_alive():
             self.process.kill()
             self.process.join()
         self.process.close()
-
-    def _send(self) -> None:
-        with contextlib.suppress(OSError):  # of a worker that has ended: `receive` tells
-            self.connection.send(self.queue[0])
 
 
 def _process_context() -> Any:
@@ -179,8 +145,8 @@ def _serve(connection: Connection, environment: Mapping[str, str]) -> None:
     host = WorkerHost()
     with contextlib.suppress(EOFError, OSError):
         connection.send(_READY)
-        while (request := connection.recv()) is not None:
-            connection.send(host.answer(request))
+        while True:
+            connection.send(host.answer(connection.recv()))
 
 
 def _end_with_parent() -> None:

@@ -19,7 +19,7 @@ from .homotopy import homotopy
 from .multistart import multistart
 from .receding_horizon import RecedingHorizon
 from .sensitivity import sensitivity
-from .sequences import mode_sequences
+from .sweep_cases import mode_sequences
 
 __all__ = [
     "PersistentNLP",

@@ -6,7 +6,6 @@ import contextlib
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,7 +29,7 @@ from pyrobocop_pyomo.solving.persistent_solve import PersistentSolve, is_certifi
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.settings import Settings
 
-from .outcomes import Column, Outcome, seconds_left, solve_as_given
+from .outcomes import Outcome, seconds_left, solve_as_given
 from .sweep_cases import SweepCase, put_mapping
 
 Put = Callable[[Any, Any], object]
@@ -73,7 +72,8 @@ class ModelState:
 
     def __init__(self, model: Any) -> None:
         self.variables = list(model.component_data_objects(Var))
-        self._of_variables = [self._facts(variable) for variable in self.variables]
+        # The stored bounds: the public ones are joined with the domain's.
+        self._kept = [(v, v.value, v.fixed, v._lb, v._ub, v.stale) for v in self.variables]
         self._params = [
             (member, member.value)
             for param in model.component_objects(Param)
@@ -82,23 +82,13 @@ class ModelState:
             if member.value.__class__ in native_numeric_types or member.value is None
         ]
 
-    @staticmethod
-    def _facts(variable: Any) -> tuple[Any, ...]:
-        # The stored bounds: the public ones are joined with the domain's.
-        return variable.value, variable.fixed, variable._lb, variable._ub, variable.stale
-
-    @property
-    def values(self) -> Values:
-        """Of all variables, as they were."""
-        return [facts[0] for facts in self._of_variables]
-
     def restore(self) -> None:
         """Put all back."""
         for member, number in self._params:
             is_there = member.parent_component() is not None  # a plan around obstacles may have put others in its place
             if is_there and member.value is not number and number is not None:
                 member.set_value(number)
-        for variable, (number, fixed, lower, upper, stale) in zip(self.variables, self._of_variables, strict=True):
+        for variable, number, fixed, lower, upper, stale in self._kept:
             variable.set_value(number, skip_validation=True)
             variable.fixed, variable.stale = fixed, stale
             variable._lb, variable._ub = lower, upper
@@ -113,15 +103,14 @@ class ModelState:
         """The values now."""
         return [variable.value for variable in self.variables]
 
-    def structure(self) -> tuple[Any, ...]:
+    def structure(self) -> list[Any]:
         """What decides which program the model is: fixings and bounds."""
-        fixed = np.array([variable.fixed for variable in self.variables], dtype=bool)
-        bounds = [
-            bound if bound.__class__ in native_numeric_types or bound is None else id(bound)
-            for variable in self.variables
-            for bound in (variable._lb, variable._ub)
+        plain = (*native_numeric_types, type(None))
+        bounds = ((v._lb, v._ub) for v in self.variables)
+        return [
+            (v.fixed, *(bound if bound.__class__ in plain else id(bound) for bound in pair))
+            for v, pair in zip(self.variables, bounds, strict=True)
         ]
-        return fixed.tobytes(), tuple(bounds)
 
 
 class CaseSolver:
@@ -137,57 +126,52 @@ class CaseSolver:
         ``read(target, result)`` gives numbers to keep.
     options : mapping
         Of `solve`.
+
+    Attributes
+    ----------
+    state : ModelState or None
+        Of the model that all cases share, as it was; None where each has its own.
     """
 
     def __init__(self, source: Any, put: Put | None, read: Read | None, options: Mapping[str, Any]) -> None:
-        self._put, self._read, self._options = put, read, {"progress": False, **options}
-        self._build = source if not isinstance(source, BlockData) else None
-        self._target: Any = source if self._build is None else None
-        self._state: ModelState | None = None
+        is_model = isinstance(source, BlockData)
+        self._put, self._read = put_mapping if put is None and is_model else put, read
+        self._build, self._options = source, {"progress": False, **options}
         self._persistent: PersistentSolve | None = None
-        self._structure: tuple[Any, ...] = ()
+        self._structure: list[Any] = []
         self._open = contextlib.ExitStack()
-        if self._build is not None and put is not None:
-            self._target, self._build = source(), None
-        if self._target is not None:
+        self.state: ModelState | None = None
+        if self._put is not None:
+            self._target = source if is_model else source()
             self.model = model_of(self._target)
-            self._state = ModelState(self.model)
-
-    @property
-    def state(self) -> ModelState | None:
-        """Of the model that all cases share, as it was; None where each has its own."""
-        return self._state
+            self.state = ModelState(self.model)
 
     def check(self, data: Any) -> None:
         """Put the data of a case on the model and take them off again, to see whether they fit; nothing is solved."""
-        if self._state is not None and self._put is None:
+        if self.state is not None and self._put is put_mapping:
             try:
                 put_mapping(self.model, data)
             finally:
-                self._state.restore()
+                self.state.restore()
 
     def close(self) -> None:
         """Leave the model as it was."""
         self._leave()
-        if self._state is not None:
-            self._state.restore()
+        if self.state is not None:
+            self.state.restore()
 
     def put(self, data: Any) -> ModelState:
         """Make the model that of a case; returns the state before its data."""
-        if self._build is not None:
+        if self._put is None or self.state is None:
             self._leave()
             self._target = self._build(data)
             self.model = model_of(self._target)
             return ModelState(self.model)
-        assert self._state is not None
         if self._persistent is not None and self._persistent.decided_pairs:
             self._leave()  # it has changed bounds
-        self._state.restore()
-        if self._put is not None:
-            self._put(self._target, data)
-        else:
-            put_mapping(self.model, data)
-        return self._state
+        self.state.restore()
+        self._put(self._target, data)
+        return self.state
 
     def solve(
         self, case: SweepCase, near: tuple[int, Values] | None, limit: float | None, *, deadline: Deadline
@@ -330,22 +314,6 @@ def plain_numbers(found: Any) -> dict[str, Any]:
         else:
             plain[str(name)] = np.asarray(number, dtype=float).tolist()
     return plain
-
-
-def own_numbers(outcomes: Any) -> tuple[Column, ...]:
-    """A column for each single number that `read` gave."""
-    names: dict[str, None] = {}
-    for outcome in outcomes:
-        names.update(
-            (name, None)
-            for name, number in outcome.numbers.items()
-            if isinstance(number, (int, float)) and not isinstance(number, bool)
-        )
-    return tuple(Column(name, max(12, len(name)), partial(_number_of, name), ".6g") for name in names)
-
-
-def _number_of(name: str, outcome: SweepOutcome) -> Any:
-    return outcome.numbers.get(name, np.nan)
 
 
 def _warm_possible(model: Any) -> bool:

@@ -17,7 +17,7 @@ from pyrobocop_pyomo.solving import Quality
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.strategies import in_order
 
-from .named_data import by_component, data_members
+from .named_data import by_component, fixed_members
 from .outcomes import Column, Outcome, StudyResult, seconds_left, solve_as_given, table_row
 
 # Near a solution the tight problem is solved at once; what it leaves goes through looser ones.
@@ -192,7 +192,7 @@ class DataPath:
             component.set_value(number)
 
     def _add(self, component: Any, ends: Any) -> None:
-        members = data_members(component)
+        members = fixed_members(component)
         first, last = ends if isinstance(ends, (tuple, list)) and len(ends) == 2 else (None, ends)
         for member in members:
             now = value(member, exception=False)

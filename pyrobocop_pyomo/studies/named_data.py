@@ -11,8 +11,8 @@ from pyomo.core.base.var import Var
 from pyrobocop_pyomo.errors import ModelError
 
 
-def data_members(component: Any) -> list[Any]:
-    """The members of a component that holds data, or the component itself where it is one member.
+def data_members(component: Any) -> dict[Any, Any]:
+    """The members, by index, of a component whose numbers are data: a mutable Param, or a Var.
 
     Raises
     ------
@@ -25,10 +25,24 @@ def data_members(component: Any) -> list[Any]:
         if not component.parent_component().mutable:
             raise ModelError(f"'{name}': is not mutable, so expressions hold its number. Declare mutable=True.")
     elif kind is not Var:
-        raise ModelError(f"{name}: expected a mutable Param or a fixed Var, found {type(component).__name__}.")
-    members = list(component.values()) if component.is_indexed() else [component]
+        raise ModelError(f"'{name}': mutable Params and Vars hold data; this is a {type(component).__name__}.")
+    if not component.is_indexed():
+        return {None: component}
+    # A Param with a default has a member for each index only once it is used.
+    return {index: component[index] for index in (component.index_set() if kind is Param else component)}
+
+
+def fixed_members(component: Any) -> list[Any]:
+    """The members of a component whose numbers are data as the model stands: a mutable Param, or a fixed Var.
+
+    Raises
+    ------
+    ModelError
+        If its numbers cannot change from outside.
+    """
+    members = list(data_members(component).values())
     for member in members:
-        if kind is Var and not member.fixed:
+        if member.is_variable_type() and not member.fixed:
             raise ModelError(f"'{member.name}': is free, so it is part of the solution. Fix it, or use a Param.")
     return members
 

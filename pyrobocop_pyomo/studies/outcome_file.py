@@ -7,7 +7,7 @@ import json
 import os
 import zlib
 from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -92,24 +92,15 @@ class OutcomeFile:
     def _append(self, facts: Mapping[str, Any]) -> None:
         if not self._writes:
             return
-        text = json.dumps(facts)
-        line = (json.dumps({**facts, _CHECKSUM: zlib.crc32(text.encode())}) + "\n").encode()
-        descriptor = os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
-        before = os.fstat(descriptor).st_size
-        try:
-            written = 0
-            while written < len(line):  # a disk that fills up takes a part
-                written += os.write(descriptor, line[written:])
-            os.fsync(descriptor)
-        except BaseException:
-            os.ftruncate(descriptor, before)  # the next line begins where this one did
-            raise
-        finally:
-            os.close(descriptor)
+        checksum = zlib.crc32(json.dumps(facts).encode())
+        with self._path.open("ab") as file:
+            file.write((json.dumps({**facts, _CHECKSUM: checksum}) + "\n").encode())
+            file.flush()
+            os.fsync(file.fileno())
 
 
 def _facts_of(line: bytes) -> dict[str, Any]:
-    """What a line holds; files of version 0.1 have no checksums.
+    """What a line holds.
 
     Raises
     ------
@@ -117,59 +108,39 @@ def _facts_of(line: bytes) -> dict[str, Any]:
         When it is not what was written.
     """
     facts: dict[str, Any] = json.loads(line)
-    checksum = facts.pop(_CHECKSUM, None)
-    if checksum is not None and checksum != zlib.crc32(json.dumps(facts).encode()):
+    if facts.pop(_CHECKSUM, None) != zlib.crc32(json.dumps(facts).encode()):
         raise ValueError("a line is not what its checksum says")
     return facts
 
 
-_SHORT = ("label", "delta", "mu", "iterations", "seconds", "objective", "constraint_violation", "largest_product",
-          "largest_natural_residual", "strategy", "number", "stationarity")  # fmt: skip
+_OF_RESULT = ("name", "decided_pairs", "solver", "derivatives", "checking_seconds", "seconds")
+_OF_BEST = ("label", "delta", "mu", "iterations", "seconds", "objective", "constraint_violation", "largest_product",
+            "largest_natural_residual", "strategy", "number", "stationarity")  # fmt: skip
 
 
 def result_to_json(result: SolveResult) -> dict[str, Any]:
     """What a file keeps of a result: everything but its steps, pairs and multipliers."""
     return {
-        "name": result.name,
-        "stop_reason": result.stop_reason.name,
-        "quality": result.quality.name,
-        "certificate": result.certificate.name,
+        **{name: getattr(result, name) for name in _OF_RESULT},
+        **{name: getattr(result, name).name for name in ("stop_reason", "quality", "certificate")},
         "iterations": result.iterations,
-        "best": {name: getattr(result.best, name) for name in _SHORT},
+        "best": {name: getattr(result.best, name) for name in _OF_BEST},
         "standing": asdict(result.standing),
-        "decided_pairs": result.decided_pairs,
-        "solver": result.solver,
-        "derivatives": result.derivatives,
-        "checking_seconds": result.checking_seconds,
-        "seconds": result.seconds,
     }
 
 
 def result_from_json(facts: Mapping[str, Any]) -> SolveResult:
     """The result again; one step stands for all."""
-    best = Iterate(
-        status=None,
-        stop_reason=StopReason[facts["stop_reason"]],
-        certificate=Certificate[facts["certificate"]],
-        **facts["best"],
-    )
-    all_steps = Iterate(
-        "all steps", delta=None, mu=None, status=None, iterations=facts["iterations"], seconds=facts["seconds"]
-    )
+    reason, certificate = StopReason[facts["stop_reason"]], Certificate[facts["certificate"]]
     return SolveResult(
-        name=facts["name"],
-        stop_reason=StopReason[facts["stop_reason"]],
+        **{name: facts[name] for name in _OF_RESULT},
+        stop_reason=reason,
         quality=Quality[facts["quality"]],
-        best=best,
+        best=Iterate(status=None, stop_reason=reason, certificate=certificate, **facts["best"]),
         multipliers=None,
         residuals=[],
-        steps=[all_steps],
-        standing=Standing(**{part.name: facts["standing"][part.name] for part in fields(Standing)}),
-        decided_pairs=facts["decided_pairs"],
-        solver=facts["solver"],
-        derivatives=facts["derivatives"],
-        checking_seconds=facts["checking_seconds"],
-        seconds=facts["seconds"],
+        steps=[Iterate("all steps", None, None, None, facts["iterations"], facts["seconds"])],
+        standing=Standing(**facts["standing"]),
     )
 
 

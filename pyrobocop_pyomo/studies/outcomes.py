@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cmp_to_key
 from typing import Any, ClassVar, Generic, TypeVar
@@ -263,9 +263,6 @@ class StudyResult(Presented, Sequence[OutcomeType], Generic[OutcomeType]):
 
     def __getitem__(self, place: Any) -> Any:
         return self.outcomes[place]
-
-    def __iter__(self) -> Iterator[OutcomeType]:
-        return iter(self.outcomes)
 
     def _best_first(self) -> Sequence[OutcomeType]:
         """Where outcomes are in the order of a ranking, as they are."""

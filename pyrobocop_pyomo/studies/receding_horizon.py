@@ -236,11 +236,12 @@ class RecedingHorizon:
         remark = ""
         if outcome.status is IpoptStatus.INVALID_NUMBER and self._program.state is None:
             # Nothing was solved yet: the initial guess is at fault, such as states that are zero without one.
-            remark = self._move_to_defined_start()
+            remark = defined_start(self._program.model)
             if remark:
+                logger.info("phase '%s': %s", self.phase.name, remark)
                 outcome = solve(mu)
-            else:
-                remark = self._undefined()
+            elif undefined := named_undefined_rows(self._program.model):
+                remark = f"The initial guess could not be evaluated: {undefined}. Give another by initialize()."
         natural, runs = None, [outcome]
         if self._exact is not None and outcome.status is not IpoptStatus.INVALID_NUMBER:
             outcome, natural, runs = self._made_exact(self._exact, outcome, ahead, mu, deadline)
@@ -343,17 +344,6 @@ class RecedingHorizon:
         if found is not None:
             zeros = np.zeros(compiled.nlp.n)
             yield PrimalDualPoint(found, np.zeros(compiled.nlp.m), zeros, zeros)
-
-    def _move_to_defined_start(self) -> str:
-        """As `solve` does it; what was done, or nothing where no such start is found."""
-        remark = defined_start(self._program.model)
-        if remark:
-            logger.info("phase '%s': %s", self.phase.name, remark)
-        return remark
-
-    def _undefined(self) -> str:
-        undefined = named_undefined_rows(self._program.model)
-        return undefined and f"The initial guess could not be evaluated: {undefined}. Give another by initialize()."
 
     def _place_in_program(self) -> PlaceInProgram:
         if self._place is None or self._place.variables is not self._program.variables:

@@ -39,7 +39,7 @@ from pyrobocop_pyomo.solving.iterates import Quality
 from pyrobocop_pyomo.solving.pair_report import ZERO_SIDE
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 
-from .named_data import by_component, data_members, named
+from .named_data import by_component, fixed_members, named
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +237,7 @@ def sensitivity(
 def _members(model: Any, parameters: Any) -> list[Any]:
     """The single parameters, each once."""
     several = parameters if isinstance(parameters, (list, tuple)) else [parameters]
-    found = {id(member): member for component in several for member in data_members(named(component, model))}
+    found = {id(member): member for component in several for member in fixed_members(named(component, model))}
     if not found:
         raise ModelError("no parameters were given; name at least one mutable Param or fixed Var.")
     for member in found.values():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,6 @@ from pyrobocop_pyomo.phases.phase_values import PhaseValues, read_values, sample
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 
 Move = Callable[[Array], Array]
-
-# Distances whose weights are kept: a controller has one, or a few that its clock gives.
-KEPT = 8
 
 
 class ShiftedPlan:
@@ -35,7 +33,8 @@ class ShiftedPlan:
         self._phase, self._values = phase, values
         # Rates that are values of their own may belong to the polynomials of the states.
         self._by_trajectory = bool(phase.record.kept_derivatives)
-        self._kept: dict[float, dict[str, Move]] = {}
+        # A controller has one distance, or a few that its clock gives.
+        self._moves_for = lru_cache(maxsize=8)(self.moves)
 
     def ahead(self, values: Mapping[str, Array], advance: float) -> dict[str, Array]:
         """The values that stand `advance` later in a plan; beyond its end the last ones.
@@ -51,11 +50,7 @@ class ShiftedPlan:
             rates = {name: values[f"{name}_derivative"] for name in self._phase.record.kept_derivatives}
             plan = replace(self._values.trajectory(values, evaluate=False), rates=rates)
             return self._values.sampled(plan, lambda t: t + advance)
-        moves = self._kept.get(advance)
-        if moves is None:
-            if len(self._kept) >= KEPT:
-                self._kept.clear()
-            moves = self._kept[advance] = self.moves(advance)
+        moves = self._moves_for(advance)
         return {name: moves[name](found) for name, found in values.items()}
 
     def moves(self, advance: float) -> dict[str, Move]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
@@ -15,8 +16,8 @@ from pyomo.core.base.block import BlockData
 from pyrobocop_pyomo.errors import ModelError, SolveFailed
 from pyrobocop_pyomo.execution.engine import Engine
 from pyrobocop_pyomo.execution.fingerprints import fingerprint
-from pyrobocop_pyomo.execution.sending import check_picklable
-from pyrobocop_pyomo.execution.tasks import GIVEN_UP, Task, run_tasks, study_engine
+from pyrobocop_pyomo.execution.sending import packed
+from pyrobocop_pyomo.execution.tasks import GIVEN_UP, Make, Task, run_tasks, study_engine
 from pyrobocop_pyomo.ipopt.backends import best_backend
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.rule_slips import takes_arguments
@@ -25,7 +26,7 @@ from pyrobocop_pyomo.phases import note_outcome
 from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason
 from pyrobocop_pyomo.solving.progress import Progress
 
-from .case_solver import CaseSolver, Put, Read, SweepOutcome, own_numbers
+from .case_solver import CaseSolver, Put, Read, SweepOutcome
 from .outcome_file import OutcomeFile, result_from_json, result_to_json, values_from_text, values_to_text
 from .outcomes import Column, StudyResult, ranked
 from .sweep_cases import SweepCase, doubts_on_cases, numbers_of, read_cases, starting_cases
@@ -50,13 +51,13 @@ class SweepResult(StudyResult[SweepOutcome]):
         found = [numbers_of(outcome.case.data) for outcome in self.outcomes]
         names = list(dict.fromkeys(name for numbers in found for name in numbers))
         if names and all(len(numbers) == len(names) for numbers in found) and len(names) <= 6:
-            given: tuple[Column, ...] = tuple(
-                Column(name, max(10, len(name)), partial(_given_number, name), ".6g") for name in names
-            )
+            given = tuple(_number_column(name, 10, lambda outcome: numbers_of(outcome.case.data)) for name in names)
         else:
             width = max([len("name"), *(len(outcome.name) for outcome in self.outcomes)])
             given = (Column("name", width, lambda outcome: outcome.name),)
-        return (*given, *own_numbers(self.outcomes), *super().columns)
+        read = dict.fromkeys(name for outcome in self.outcomes for name in numbers_of(outcome.numbers))
+        own = tuple(_number_column(name, 12, lambda outcome: outcome.numbers) for name in read)
+        return (*given, *own, *super().columns)
 
     def _best_first(self) -> tuple[SweepOutcome, ...]:
         return ranked(self.outcomes)
@@ -150,7 +151,7 @@ def sweep(
     start_from : "nearest", callable or None
         From whose solution a case starts: by default that of the nearest case, along the shortest tree over the
         numbers of the cases; every eighth one in a row starts from the initial guess. Or a function from the number of
-        a case to that of another one, or to None. With None, all cases start from the initial guess.
+        a case to that of an earlier one, or to None. With None, all cases start from the initial guess.
     workers : int or "all"
         Number of processes, or one on each core; with 1 all is done in this one. More need a model that can be pickled,
         or a builder that stands at the top level of a module (or a `functools.partial` of such), the same for `put` and
@@ -211,10 +212,11 @@ def sweep(
                 study.doubts = doubts_on_cases(model, [case.data for case in listed])
         if running is None:
             assert local is not None
-            study.run(lambda: local, None)
+            study.run(lambda: local.solve, None)
         else:
-            check_picklable({"the model": model, "put": put, "read": read, "the options": options})
-            study.run(partial(_WorkerCaseSolver, model, put, read, options), running)
+            for label, sent in {"the model": model, "put": put, "read": read, "the options": options}.items():
+                packed(label, sent, "workers=1")
+            study.run(partial(_solving, model, put, read, options), running)
     finally:
         if local is not None:
             local.close()
@@ -283,7 +285,7 @@ class _Sweep:
             parent = self._parents[parent]
         return None
 
-    def run(self, make: Callable[[], CaseSolver], engine: Engine | None) -> None:
+    def run(self, make: Make, engine: Engine | None) -> None:
         """Solve each case as soon as its neighbour is done, until all is done, the time is over or Ctrl-C comes."""
         run_tasks(
             self._tasks(None), self._take, make=make, engine=engine, most=len(self._cases), deadline=self._deadline,
@@ -322,40 +324,34 @@ class _Sweep:
         )
 
 
-def _given_number(name: str, outcome: SweepOutcome) -> float:
-    return numbers_of(outcome.case.data)[name]
+def _number_column(name: str, width: int, numbers: Callable[[SweepOutcome], Mapping[str, Any]]) -> Column:
+    return Column(name, max(width, len(name)), lambda outcome: numbers(outcome).get(name, math.nan), ".6g")
 
 
-class _WorkerCaseSolver(CaseSolver):
-    """Sends less back: neither multipliers nor pairs are worth their way; the sides stand on the model."""
+def _solving(*of_case_solver: Any) -> Callable[..., SweepOutcome]:
+    """What solves cases on a worker. It sends less back: rounds of safe planning are not worth their way."""
+    solver = CaseSolver(*of_case_solver)
 
-    def solve(self, *arguments: Any, deadline: Deadline) -> SweepOutcome:
-        """Solve a case in a worker."""
-        outcome = super().solve(*arguments, deadline=deadline)
-        if outcome.result is None:
-            return outcome
-        return replace(outcome, result=replace(outcome.result, rounds=()))
+    def solve(*arguments: Any, deadline: Deadline) -> SweepOutcome:
+        outcome = solver.solve(*arguments, deadline=deadline)
+        return outcome if outcome.result is None else replace(outcome, result=replace(outcome.result, rounds=()))
+
+    return solve
+
+
+_OF_OUTCOME = ("error", "seconds", "numbers", "started_from")
 
 
 def _outcome_to_json(outcome: SweepOutcome) -> dict[str, Any]:
     return {
         "name": outcome.name,
         "result": None if outcome.result is None else result_to_json(outcome.result),
-        "error": outcome.error,
-        "seconds": outcome.seconds,
-        "numbers": dict(outcome.numbers),
-        "started_from": outcome.started_from,
+        **{name: getattr(outcome, name) for name in _OF_OUTCOME},
         "values": values_to_text(outcome.values),
     }
 
 
 def _outcome_from_json(case: SweepCase, facts: Mapping[str, Any]) -> SweepOutcome:
-    return SweepOutcome(
-        case=case,
-        result=None if facts["result"] is None else result_from_json(facts["result"]),
-        error=facts["error"],
-        seconds=facts["seconds"],
-        numbers=facts["numbers"],
-        started_from=facts["started_from"],
-        values=values_from_text(facts["values"]),
-    )
+    result = None if facts["result"] is None else result_from_json(facts["result"])
+    own = {name: facts[name] for name in _OF_OUTCOME}
+    return SweepOutcome(case=case, result=result, values=values_from_text(facts["values"]), **own)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any
@@ -12,7 +12,6 @@ import numpy as np
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
-from pyomo.core.base.param import Param
 from pyomo.core.base.var import Var
 from pyomo.core.expr.visitor import identify_mutable_parameters
 
@@ -23,7 +22,9 @@ from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases.structure import sides_of
 
-from .named_data import by_component
+from .named_data import by_component, data_members
+
+ModeSequence = tuple[str, ...]
 
 # So many cases may start one from the other before one starts cold: what goes wrong at one does not go on forever, and
 # a long row of cases is divided among processes.
@@ -145,16 +146,7 @@ def doubts_on_cases(model: Any, data: Iterable[Any]) -> tuple[str, ...]:
 
 
 def _member_values(component: Any, given: Any) -> list[tuple[Any, float]]:
-    kind, name = getattr(component, "ctype", None), getattr(component, "name", None) or repr(component)
-    if kind is Param:
-        if not component.parent_component().mutable:
-            raise ModelError(f"'{name}': is not mutable, so expressions hold its number. Declare mutable=True.")
-    elif kind is not Var:
-        raise ModelError(f"'{name}': a case sets mutable Params and Vars; this is a {type(component).__name__}.")
-    indexed = component.is_indexed()
-    members = dict(component.items()) if indexed else {None: component}
-    if indexed and kind is Param:
-        members = {index: component[index] for index in component.index_set()}
+    members, name = data_members(component), getattr(component, "name", None) or repr(component)
     if isinstance(given, Mapping):
         unknown = [index for index in given if index not in members]
         if unknown:
@@ -191,7 +183,7 @@ def starting_cases(cases: Sequence[SweepCase], start_from: Any) -> list[int | No
     Raises
     ------
     ModelError
-        When it is none of these, names no case or goes round in a circle.
+        When it is none of these, or names no earlier case.
     """
     if start_from is None:
         return [None] * len(cases)
@@ -211,17 +203,8 @@ def starting_cases(cases: Sequence[SweepCase], start_from: Any) -> list[int | No
 
 def _checked(chosen: list[Any]) -> list[int | None]:
     for number, parent in enumerate(chosen):
-        known = parent is None or (isinstance(parent, (int, np.integer)) and 0 <= parent < len(chosen))
-        if not known:
-            raise ModelError(f"start_from({number}) is {parent!r}; expected the number of another case, or None.")
-    for number in range(len(chosen)):
-        seen: set[int] = set()
-        here: int | None = number
-        while here is not None:
-            if here in seen:
-                raise ModelError(f"start_from: case {number} would start from itself, by way of others.")
-            seen.add(here)
-            here = chosen[here]
+        if parent is not None and not (isinstance(parent, (int, np.integer)) and 0 <= parent < number):
+            raise ModelError(f"start_from({number}) is {parent!r}; expected the number of an earlier case, or None.")
     return [None if parent is None else int(parent) for parent in chosen]
 
 
@@ -237,14 +220,10 @@ def _coordinates(cases: Sequence[SweepCase]) -> Array:
 
 
 def _flat(data: Any) -> Array:
-    values = list(data.values()) if isinstance(data, Mapping) else data
+    """All numbers of a case; none where there is anything else."""
+    values = list(data.values()) if isinstance(data, Mapping) else data if isinstance(data, (list, tuple)) else [data]
     try:
-        if isinstance(values, (list, tuple)):
-            parts = [
-                _flat(entry) if not np.isscalar(entry) else np.atleast_1d(np.asarray(entry, float)) for entry in values
-            ]
-            return np.concatenate(parts) if parts else np.zeros(0)
-        flat = np.asarray(values, dtype=float).ravel()
+        flat = np.concatenate([np.zeros(0), *(np.ravel(np.asarray(value, dtype=float)) for value in values)])
     except (TypeError, ValueError):
         return np.zeros(0)
     return flat if np.isfinite(flat).all() else np.zeros(0)
@@ -265,3 +244,55 @@ def _nearest(points: Array) -> list[tuple[int, int | None]]:
         here = int(np.where(left, distance, np.inf).argmin())
         found.append((here, int(neighbour[here])))
     return found
+
+
+def mode_sequences(
+    modes: Iterable[str], length: int | Iterable[int], *, allowed: Callable[[str, str], bool] | None = None
+) -> list[ModeSequence]:
+    """All sequences of modes of a length, or of several lengths, whose successions are allowed.
+
+    Parameters
+    ----------
+    modes : iterable of str
+        Their names; of a dictionary, its keys.
+    length : int or iterable of int
+        Number of modes in a sequence, such as ``3`` or ``range(1, 4)``.
+    allowed : callable, optional
+        ``allowed(before, after)`` says whether one mode may follow another. By default every mode may follow every
+        mode, itself included.
+
+    Returns
+    -------
+    list of tuple of str
+        The shortest first, otherwise in the order of ``modes``; an ordinary list, to be filtered further.
+
+    Raises
+    ------
+    ModelError
+        When a mode is named twice or is unknown, a length is not positive, or nothing is left.
+
+    Examples
+    --------
+    >>> mode_sequences(["stick", "slip"], 2, allowed=lambda before, after: before != after)
+    [('stick', 'slip'), ('slip', 'stick')]
+    """
+    names = list(modes)
+    if len(set(names)) != len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ModelError(f"mode '{twice}' is named twice; each mode needs a name of its own.")
+    lengths = [length] if isinstance(length, int) else sorted(set(length))
+    for count in lengths:
+        if not isinstance(count, int) or count < 1:
+            raise ModelError(f"length = {count!r}; a sequence has at least one mode.")
+    followers = {name: [other for other in names if allowed is None or allowed(name, other)] for name in names}
+    sequences: list[ModeSequence] = []
+    grown: list[ModeSequence] = [(name,) for name in names]
+    # Grown one by one, and not filtered out of the product, whose size may explode where few successions are allowed.
+    for count in range(1, max(lengths, default=0) + 1):
+        if count > 1:
+            grown = [(*sequence, name) for sequence in grown for name in followers[sequence[-1]]]
+        if count in lengths:
+            sequences += grown
+    if not sequences:
+        raise ModelError(f"no sequence of {', '.join(map(repr, names)) or 'no modes'} has the length {length!r}.")
+    return sequences

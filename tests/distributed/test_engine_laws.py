@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import pytest
@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 from tiny_agents import NAMES, SPECS, TinyOrder, TinySpec, contradiction, missing_data, noise, play
 
 from pyrobocop_pyomo.errors import EngineError, ModelError
+from pyrobocop_pyomo.execution import sending
 from pyrobocop_pyomo.execution.engine import AgentFailure, Engine, Exchange
 from pyrobocop_pyomo.execution.engines import find_engine
 from pyrobocop_pyomo.execution.process_engine import ProcessEngine
-from pyrobocop_pyomo.execution.sending import build_request
+from pyrobocop_pyomo.execution.sending import packed
 from pyrobocop_pyomo.execution.serial_engine import SerialEngine
 from pyrobocop_pyomo.execution.tasks import Task, run_tasks
 from pyrobocop_pyomo.execution.worker_host import HostedSpec, Lost, Request, WorkerHost
@@ -35,7 +36,7 @@ class FragileEngine(Engine):
         self.submitted: list[Request] = []
 
     def _build_request(self, spec: HostedSpec) -> Request:
-        return build_request(spec, main_is_known=True)
+        return Request(spec.name, "build", packed(spec.name, (spec,), "", EngineError))
 
     def _open(self, specs: Mapping[str, HostedSpec]) -> None:
         self.homes = {name: i % 2 for i, name in enumerate(specs)}
@@ -95,11 +96,9 @@ def test_states_are_all_that_is_needed_to_go_on(
         assert play(second, 12, first=rounds) == undisturbed[rounds:]
 
 
-class Doubling:
-    """A solver of tasks of which each asks for another, until they are large enough."""
-
-    def solve(self, number: int, *, deadline: Deadline) -> int:
-        return 2 * number
+def doubling() -> Callable[..., int]:
+    """What does tasks of which each asks for another, until they are large enough."""
+    return lambda number, *, deadline: 2 * number
 
 
 def doubled(engine: Engine | None) -> tuple[set[int], set[str]]:
@@ -117,7 +116,7 @@ def doubled(engine: Engine | None) -> tuple[set[int], set[str]]:
 
     tasks = [Task(str(number), (number,)) for number in (1, 3, 5, 7)]
     run_tasks(
-        tasks, take, make=Doubling, engine=engine, most=9, deadline=Deadline.after(None), given_up=lambda task: task.key
+        tasks, take, make=doubling, engine=engine, most=9, deadline=Deadline.after(None), given_up=lambda task: task.key
     )
     return results, given_up
 
@@ -225,40 +224,23 @@ def test_two_agents_with_one_name() -> None:
         ProcessEngine().start([TinySpec("a"), TinySpec("b"), TinySpec("a")])
 
 
-def test_a_builder_without_a_name_to_find_it_by() -> None:
+def test_a_builder_without_a_name_travels_by_value_or_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     def inner() -> np.ndarray:
         return np.ones(2)
 
+    monkeypatch.setattr(sending, "cloudpickle_available", False)
     for builder, data in ((lambda: np.ones(2), ()), (inner, ()), (noise, (0, lambda: 1))):
-        with pytest.raises(EngineError, match="agent 'a' cannot be sent to a worker: .* top level of a module"):
+        with pytest.raises(EngineError, match="agent 'a' cannot be sent to another process .* top level of a module"):
             ProcessEngine().start([TinySpec("a", builder, data)])
+    pytest.importorskip("cloudpickle")
+    monkeypatch.undo()
+    assert FragileEngine().start([TinySpec("a", inner, ())]) == {"a": {"name": "a", "size": 2}}
 
 
-def test_a_builder_of_a_prompt_or_script(monkeypatch: pytest.MonkeyPatch) -> None:
-    import __main__
-
-    def builder() -> np.ndarray:
-        return np.ones(2)
-
-    builder.__module__, builder.__qualname__ = "__main__", "builder"
-    monkeypatch.setattr(__main__, "builder", builder, raising=False)
-    monkeypatch.setattr(__main__, "__file__", "script.py", raising=False)  # workers of pytest-xdist have none
-    build_request(TinySpec("a", builder, ()), main_is_known=True)
-    with pytest.raises(EngineError, match="the script that runs here"):
-        build_request(TinySpec("a", builder, ()), main_is_known=False)
-    monkeypatch.setattr(__main__, "__spec__", None)
-    monkeypatch.delattr(__main__, "__file__", raising=False)
-    with pytest.raises(EngineError, match="interactively"):
-        build_request(TinySpec("a", builder, ()), main_is_known=True)
-
-
-def test_a_builder_that_was_defined_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    import tiny_agents
-
-    spec = TinySpec("a")
-    monkeypatch.setattr(tiny_agents, "noise", missing_data)
-    with pytest.raises(EngineError, match="it's not the same object as tiny_agents.noise"):
-        build_request(spec, main_is_known=True)
+def test_what_a_worker_cannot_read_is_told() -> None:
+    found = WorkerHost().answer(Request("a", "build", b"cno_such_module\nbuilder\n."))
+    assert found.raised
+    assert "cannot read what was sent to it (ModuleNotFoundError" in found.value.reason
 
 
 @pytest.mark.parametrize("engine", [SerialEngine, FragileEngine])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import networkx as nx
 import numpy as np
 import pyomo.environ as pyo
 import pytest
@@ -55,8 +54,6 @@ def hopeless() -> pyo.ConcreteModel:
             "share something.*keep out of each other's way need no team.*ObstacleAvoidanceBlock",
         ),
         ({"robots": robots(), "shared": [rcp.Shared("push[{robot}]")]}, "shared with a hub"),
-        ({"robots": robots(), "graph": nx.path_graph(["r0", "r7"])}, "r1, r7"),
-        ({"robots": robots(4), "graph": nx.Graph([("r0", "r1"), ("r2", "r3")])}, "not connected"),
     ],
 )
 def test_a_team_that_makes_no_sense_is_refused(arguments: dict, message: str) -> None:
@@ -124,9 +121,9 @@ def test_what_ends_the_rounds_is_a_success(until: str, strict: bool, practical: 
             result.raise_for_failure()
 
 
-@pytest.mark.parametrize("penalty", [0.0, -1.0, [1.0, 0.0], [[1.0, 2.0], [2.0, 1.0]], [[1.0, 0.5], [0.0, 1.0]], "high"])
-def test_a_penalty_that_is_not_positive_definite_is_refused(penalty) -> None:
-    with pytest.raises(TeamError, match="positive definite|symmetric|expected numbers"):
+@pytest.mark.parametrize("penalty", [0.0, -1.0, [1.0, 0.0], [[1.0, 2.0], [2.0, 1.0]], "high"])
+def test_a_penalty_that_is_not_positive_is_refused(penalty) -> None:
+    with pytest.raises(TeamError, match="not positive|one for each variable|expected numbers"):
         rcp.Shared("v", penalty=penalty)
 
 

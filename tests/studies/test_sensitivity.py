@@ -247,7 +247,7 @@ def test_a_bound_that_nothing_pushes_against_is_refused_by_name():
         ("unused", r"'unused' is used in no active constraint"),
         ("number", r"'number': is not mutable"),
         ("x", r"'x': is free, so it is part of the solution"),
-        ("cost", r"expected a mutable Param or a fixed Var"),
+        ("cost", r"mutable Params and Vars hold data"),
         ("missing", r"has no component 'missing'"),
     ],
 )

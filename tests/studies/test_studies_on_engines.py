@@ -80,7 +80,7 @@ def test_the_death_of_a_worker_changes_nothing_and_deaths_without_end_one_case(
     (tmp_path / "second").mkdir()
     lost = swept(engine_of(name), str(tmp_path / "second"), deaths=1000)
     assert lost[1][-1] == GIVEN_UP
-    assert len(list((tmp_path / "second").iterdir())) == 2
+    assert len(list((tmp_path / "second").iterdir())) == 3
     assert [verdict for _, verdict, *_ in lost] == ["optimal", "error", "optimal", "optimal"]
     assert [row[:4] for row in lost[:1]] == [row[:4] for row in serial[0][:1]]
 
