@@ -12,6 +12,7 @@ import numpy as np
 from pyrobocop_pyomo.errors import TeamError
 from pyrobocop_pyomo.execution.engine import AgentFailure, Engine
 from pyrobocop_pyomo.execution.engines import find_engine
+from pyrobocop_pyomo.modeling.failures import undone_on_failure
 from pyrobocop_pyomo.numerics import Array
 
 from .agents import Shared
@@ -117,13 +118,10 @@ class TeamHorizon:
         self._start()
 
     def _start(self) -> None:
-        try:
+        with undone_on_failure(self.stop):
             self._work = start_team(self.team, self._method, self.engine)
             self._needed = {name: set(states) for name, states in self._of_all("start_states").items()}
             self._of_all("advance", {name: ({}, 0) for name in self._work.facts})  # refuses what cannot be moved ahead
-        except BaseException:
-            self.stop()
-            raise
 
     def plan(self) -> PlanningStep:
         """Make the first plan, with all rounds of the method.

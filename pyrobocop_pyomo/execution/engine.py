@@ -6,14 +6,14 @@ import logging
 import pickle
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from pyrobocop_pyomo.errors import EngineError, PyRobocopError
+from pyrobocop_pyomo.modeling.failures import undone_on_failure
 
 from .worker_host import PROTOCOL, Answer, HostedSpec, Lost, Request
 
@@ -181,7 +181,7 @@ class Engine(ABC):
         first = {name: self.snapshot_every - i % self.snapshot_every for i, name in enumerate(requests)}
         self._due, self._asked_since = first, {name: [] for name in requests}
         self._new_round()
-        with _stopped_on_error(self):
+        with undone_on_failure(self.stop):  # what its workers do then is not known any more
             self._open({spec.name: spec for spec in specs})
             facts = {
                 name: self._value(name, reply, "could not be built") for name, reply in self._ask(requests).items()
@@ -292,7 +292,7 @@ class Engine(ABC):
         """Have requests answered, whatever workers die meanwhile."""
         self._check(requests)
         replies: dict[str, Answer | AgentFailure] = {}
-        with _stopped_on_error(self):
+        with undone_on_failure(self.stop):  # what its workers do then is not known any more
             for name, request in requests.items():
                 if name in self._given_up:
                     replies[name] = self._given_up[name]
@@ -395,13 +395,3 @@ def _report(name: str, reply: Answer | AgentFailure) -> Any:
         return reply if isinstance(reply, AgentFailure) else reply.value
     raised = reply.value
     return AgentFailure(name, raised.reason, traceback=raised.traceback)
-
-
-@contextmanager
-def _stopped_on_error(engine: Engine) -> Iterator[None]:
-    """Stop an engine where anything is raised, Ctrl-C included: what its workers do then is not known any more."""
-    try:
-        yield
-    except BaseException:
-        engine.stop()
-        raise

@@ -12,6 +12,7 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ModelError, PyRobocopError, SolveFailed, SolverNotFoundError
 from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.modeling.failures import undone_on_failure
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.solving import Quality
 from pyrobocop_pyomo.solving.progress import Progress
@@ -240,11 +241,8 @@ class _Follower:
             # Sums of tenths miss one by rounding.
             wanted = 0.0 if self._position < 0.0 else self._position + length
             wanted = 1.0 if wanted > 1.0 - 1e-9 else wanted
-            try:
+            with undone_on_failure(self._go_back):
                 step = self._try(wanted)
-            except BaseException:
-                self._go_back()
-                raise
             self._steps.append(step)
             self._bar.line(f"{self._model.name}: {table_row(columns, step, len(self._steps))}")
             if step.accepted:
