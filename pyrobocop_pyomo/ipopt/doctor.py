@@ -32,7 +32,7 @@ from .linear_solvers import OWN_SOLVER
 OPTIMUM = 17.0140172891520542  # of Hock and Schittkowski's problem 71
 
 _EXECUTABLE_REMEDY = (
-    "conda install -c conda-forge ipopt, or (Debian, Ubuntu) python -m pyrobocop_pyomo build-asl, or set "
+    "conda install -c conda-forge ipopt, or (Debian, Ubuntu) python build_asl.py in a clone, or set "
     "PYROBOCOP_IPOPT_EXECUTABLE"
 )
 _CASADI_REMEDY = "pip install 'pyrobocop_pyomo[ipopt]'"
