@@ -1,4 +1,4 @@
-"""Values on common times in other forms: pandas frames, xarray data sets, time series, files."""
+"""Values on common times in other forms: time series of `pyomo.contrib.mpc`, and files."""
 
 from __future__ import annotations
 
@@ -17,16 +17,10 @@ from pyomo.core.base.componentuid import ComponentUID
 from pyomo.core.base.set import Set
 
 from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.numerics import Array, Grid, Mesh, lobatto
-from pyrobocop_pyomo.optional_imports import pandas, xarray
+from pyrobocop_pyomo.numerics import Array
 
 
-def as_data_frame(times: Array, values: Mapping[str, Array]) -> Any:
-    """A data frame with one row per time and one column per signal."""
-    return pandas.DataFrame(dict(values), index=pandas.Index(times, name="time"))
-
-
-def as_time_series(owner: str, times: Array, values: Mapping[str, Array]) -> TimeSeriesData:
+def time_series(owner: str, times: Array, values: Mapping[str, Array]) -> TimeSeriesData:
     """Time series with a key such as ``push.theta[*]`` per signal, as ``contrib.mpc`` reads and writes them."""
     index = Set(initialize=times.tolist(), ordered=True)
     index.construct()
@@ -35,49 +29,7 @@ def as_time_series(owner: str, times: Array, values: Mapping[str, Array]) -> Tim
     )
 
 
-def as_data_set(times: Array, values: Mapping[str, Array], facts: Mapping[str, Any]) -> Any:
-    """An xarray data set over the coordinate ``time``, with facts as its attributes."""
-    variables = {name: ("time", samples) for name, samples in values.items()}
-    return xarray.Dataset(variables, coords={"time": times}, attrs=dict(facts))
-
-
-def facts_of_time_series(series: Any, like: Any = None) -> dict[str, Any]:
-    """What a trajectory of a time series consists of; ``like`` is a trajectory whose grid and kinds it has.
-
-    Raises
-    ------
-    TrajectoryError
-        When it is no time series of one phase, or does not have the names and times of the other trajectory.
-    """
-    owner, times, values = _read(series)
-    facts: dict[str, Any] = {"name": owner, "pairs": {}}
-    if like is None:
-        grid = Grid(lobatto(2), Mesh(tuple(times.tolist())))
-        return {**facts, "grid": grid, "states": values, "signals": {}, "parameters": {}}
-    same = len(times) == len(like.time) and np.allclose(times, like.time, rtol=0, atol=1e-9 * like.duration)
-    if not same or set(values) != set(like.names):
-        raise TrajectoryError(
-            f"the time series has {', '.join(values)} at {len(times)} times, trajectory '{like.name}' has "
-            f"{', '.join(like.names)} at {len(like.time)}; they must agree. Leave 'like' out to join the samples "
-            "by straight lines."
-        )
-    positions = np.searchsorted(like.time, like.points)
-    return {
-        **facts,
-        "grid": like.grid,
-        "states": {name: values[name] for name in like.states},
-        "signals": {name: values[name][positions] for name in like.signals},
-        "expressions": {
-            name: values[name] if name in like.over_time else values[name][positions] for name in like.expressions
-        },
-        "parameters": like.parameters,
-        "piecewise_constant": like.piecewise_constant,
-        "families": like.families,
-        "phase": like.phase,
-    }
-
-
-def _read(series: Any) -> tuple[str, Array, dict[str, Array]]:
+def read_time_series(series: Any) -> tuple[str, Array, dict[str, Array]]:
     """Owner, times and values by name of a time series whose keys look like ``push.theta[*]``.
 
     Raises
