@@ -11,11 +11,7 @@ from pyrobocop_pyomo.distributed.rounds import Round
 from pyrobocop_pyomo.distributed.sova import Sova
 from pyrobocop_pyomo.distributed.team_horizon import TeamHorizon
 from pyrobocop_pyomo.distributed.team_result import TeamResult
-from pyrobocop_pyomo.distributed.team_schedules import (
-    BarrierPath,
-    PenaltyRestart,
-    TargetedPenalties,
-)
+from pyrobocop_pyomo.distributed.team_schedules import BarrierPath, PenaltyRestart, TargetedPenalties
 from pyrobocop_pyomo.errors import removed_names
 from pyrobocop_pyomo.execution.dask_engine import DaskEngine
 from pyrobocop_pyomo.execution.engine import Engine

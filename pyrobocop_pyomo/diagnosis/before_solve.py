@@ -8,7 +8,7 @@ from typing import Any
 from pyrobocop_pyomo.errors import ContradictionError, ModelError
 from pyrobocop_pyomo.phases import phases_of
 
-from .determinacy import excess_findings, freedom_findings, is_determined_by_counts
+from .determinacy import excess_findings, freedom_findings
 from .findings import Finding, Severity, Subject
 from .joining import joining_findings
 from .linearised_rows import Equations
@@ -62,7 +62,7 @@ def findings_before_solve(model: Any) -> Iterator[Finding]:
         return
     yield from objective_findings(model)
     without = without_objective(model)
-    if without and not is_determined_by_counts(model):
+    if without:
         equations = Equations(model)
         yield from freedom_findings(model, equations, without)
         yield from excess_findings(model, equations, without)

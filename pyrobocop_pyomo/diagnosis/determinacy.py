@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from itertools import chain
 from typing import Any
 
@@ -93,20 +93,6 @@ def excess_findings(block: Any, equations: Equations, without: str = "") -> Iter
             yield error_about(Subject.CONTRADICTION, f"{said}.{_fixed_ends(block)}", names, remedy)
 
 
-def is_determined_by_counts(block: Any) -> bool:
-    """True, without a walk over expressions, where all phases determine themselves and nothing outside is free."""
-    phases = {id(phase): phase for phase in phases_of(block)}
-    outside = (
-        component
-        for component in block.component_objects(Var, active=True, descend_into=Block)
-        if id(component.parent_block()) not in phases
-    )
-    chosen = {id(component) for component in _chosen(block)}
-    return all(map(_is_determined, phases.values())) and all(
-        data.fixed for each in outside if id(each) not in chosen for data in each.values()
-    )
-
-
 def _undetermined(block: Any, equations: Equations) -> list[Any]:
     """Variables that a maximum matching with equations and pairs leaves over."""
     chosen = {id(component) for component in _chosen(block)}
@@ -128,26 +114,6 @@ def _undetermined(block: Any, equations: Equations) -> list[Any]:
     return [variable for i, variable in enumerate(variables.values()) if i in read]
 
 
-def _is_determined(phase: Any) -> bool:
-    """Whether a phase determines itself, by counts alone: each state has as many rows as values that are not given."""
-    record = phase.record
-
-    def free(name: str) -> int:
-        return sum(not data.fixed for data in phase.component(name).values())
-
-    def rows(names: Iterable[str]) -> int:
-        found = (phase.component(name) for name in names)
-        return sum(row.active for component in found if component is not None for row in component.values())
-
-    for name in record.names_of_states:
-        values = [name, f"{name}_derivative"] if name in record.kept_derivatives else [name]
-        own = rows(each for each in record.generated_rows if each.rpartition("_")[0] == name)
-        if own < sum(map(free, values)):
-            return False
-    algebraics = sum(map(free, record.names(Algebraic)))
-    return algebraics <= rows(statement.name for statement in record.statements_of("residual"))
-
-
 def _chosen(block: Any) -> Iterator[Any]:
     """Components whose values are there to be chosen."""
     for phase in phases_of(block):
@@ -157,10 +123,6 @@ def _chosen(block: Any) -> Iterator[Any]:
         yield from (var for name, var in phase.component_map(Var).items() if name not in determined)
     for avoidance in blocks_of_kind(block, (ObstacleAvoidanceBlockData, ContainmentData)):
         yield from avoidance.component_objects(Var, descend_into=True)
-
-
-# Well above rounding, well below what a long horizon or an unstable motion leaves of independent equations.
-DEPENDENT = 1e-10
 
 
 def dependence_findings(block: Any, equations: Equations) -> Iterator[Finding]:
@@ -215,7 +177,8 @@ def left_null_vector(matrix: Any) -> Array | None:
         if not np.isfinite(size) or size == 0.0:
             return None
         vector = vector / size
-    return vector if np.linalg.norm(matrix.T @ vector) < np.sqrt(DEPENDENT) * 1e-4 else None
+    # Well above rounding, well below what a long horizon or an unstable motion leaves of independent equations.
+    return vector if np.linalg.norm(matrix.T @ vector) < 1e-9 else None
 
 
 def _components(rows: Any) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ import pytest
 from harness.small_problems import hock_schittkowski_71
 from pyomo.contrib.pynumero.asl import AmplInterface
 
+import build_asl
 import pyrobocop_pyomo.__main__ as command_line
 from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt import backends, doctor, in_process, ipopt_executable, ipopt_library
@@ -21,11 +22,6 @@ from pyrobocop_pyomo.linear_solver import find_linear_solver
 from pyrobocop_pyomo.programs import asl_program, compiled_model
 
 REAL_EXECUTABLE = ipopt_executable.find_ipopt_executable()
-_SPEC = importlib.util.spec_from_file_location("build_asl", Path(__file__).parents[2] / "build_asl.py")
-assert _SPEC is not None
-assert _SPEC.loader is not None
-build_asl = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(build_asl)
 ENVIRONMENT = ("PYROBOCOP_IPOPT_LIBRARY", "PYROBOCOP_IPOPT_EXECUTABLE")
 
 
