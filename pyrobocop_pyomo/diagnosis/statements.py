@@ -31,33 +31,24 @@ from .findings import Finding, Subject, error_about, quoted, warning_about
 
 def statement_findings(block: Any) -> Iterator[Finding]:
     """Statements that are refused, or misread, later on."""
-    objectives = [
-        objective.name for objective in block.model().component_data_objects(Objective, active=True, descend_into=Block)
-    ]
+    stated = block.model().component_data_objects(Objective, active=True, descend_into=Block)
+    objectives = [objective.name for objective in stated]
     if len(objectives) > 1:
-        yield _error(
-            f"{len(objectives)} objectives are active: {', '.join(map(repr, objectives))}.",
-            tuple(objectives),
-            "Add them up in one, or deactivate all but one.",
-        )
+        message = f"{len(objectives)} objectives are active: {', '.join(map(repr, objectives))}."
+        yield _error(message, objectives, "Add them up in one, or deactivate all but one.")
     variables = block.component_data_objects(Var, active=True, descend_into=Block)
-    discrete = dict.fromkeys(
-        data.parent_component().name for data in variables if not (data.is_continuous() or data.fixed)
-    )
-    for name in discrete:
-        yield _error(
-            f"'{name}' is a discrete variable.", (name,), "Ipopt knows real numbers only: fix it, or use a pair."
-        )
-    wrong: set[str] = set()
+    discrete = (data for data in variables if not (data.is_continuous() or data.fixed))
+    for name in dict.fromkeys(data.parent_component().name for data in discrete):
+        remedy = "Ipopt knows real numbers only: fix it, or use a pair."
+        yield _error(f"'{name}' is a discrete variable.", (name,), remedy)
+    wrong: dict[str, str] = {}
     for source in active_sources(block):
-        name = source.parent_component().name
-        if name in wrong:
-            continue
         try:
             canonical_form(source)
         except ComplementarityError as error:
-            wrong.add(name)
-            yield _error(str(error), (name,), "rcp.solve refuses the model until then.")
+            wrong.setdefault(source.parent_component().name, str(error))
+    for name, message in wrong.items():
+        yield _error(message, (name,), "rcp.solve refuses the model until then.")
     for phase in phases_of(block):
         if not phase.record.names_of_states:
             yield warning_about(
@@ -143,18 +134,18 @@ def misplaced_findings(block: Any) -> Iterator[Finding]:
 def scaled_pair_findings(block: Any) -> Iterator[Finding]:
     """Pairs that Pyomo's ``core.scale_model`` has passed over, while it scaled the variables that they hold."""
     factors = getattr(block.model(), "component_scaling_factor_map", {})
-    named: set[str] = set()
+    scaled: dict[str, Any] = {}
     for source in active_sources(block) if factors else ():
-        name = source.parent_component().name
-        scaled = [held for side in sides_of(source) for held in variables_in(side) if factors.get(held, 1) != 1]
-        if scaled and name not in named:
-            named.add(name)
-            yield _error(
-                f"'{name}' holds '{scaled[0].name}', which core.scale_model multiplied by {factors[scaled[0]]:g}; it "
-                "changes constraints, and leaves pairs as they were: they mean something else now.",
-                (name,),
-                "Apply pyrobocop.relax_complementarity before core.scale_model, or solve the model itself.",
-            )
+        held = (variable for side in sides_of(source) for variable in variables_in(side))
+        for variable in (variable for variable in held if factors.get(variable, 1) != 1):
+            scaled.setdefault(source.parent_component().name, variable)
+    for name, variable in scaled.items():
+        yield _error(
+            f"'{name}' holds '{variable.name}', which core.scale_model multiplied by {factors[variable]:g}; it "
+            "changes constraints, and leaves pairs as they were: they mean something else now.",
+            (name,),
+            "Apply pyrobocop.relax_complementarity before core.scale_model, or solve the model itself.",
+        )
 
 
 def without_objective(block: Any) -> str:

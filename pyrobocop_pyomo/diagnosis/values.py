@@ -134,35 +134,18 @@ def discretised_start_findings(block: Any) -> Iterator[Finding]:
 def bound_findings(block: Any) -> Iterator[Finding]:
     """Fixed values outside their bounds, and bounds that cross: the first of each component."""
     for component in block.component_objects(Var, active=True, descend_into=Block):
-        outside = [data for data in component.values() if data.fixed and _is_outside(data)]
-        if outside:
-            data = outside[0]
-            yield error_about(
-                Subject.CONTRADICTION,
-                f"'{data.name}' is fixed to {data.value:g}, outside its bounds ({data.lower}, {data.upper})"
-                f"{_and_more(len(outside), 'index')}.",
-                (data.name,),
-                "Change the value or widen the bounds.",
-            )
-        crossed = [data for data in component.values() if not data.fixed and _crosses(*data.bounds)]
-        if crossed:
-            lower, upper = crossed[0].bounds
-            yield error_about(
-                Subject.CONTRADICTION,
-                f"'{crossed[0].name}' has the lower bound {lower:g} above the upper {upper:g}"
-                f"{_and_more(len(crossed), 'index')}.",
-                (crossed[0].name,),
-                "Swap or widen them.",
-            )
-
-
-def _crosses(lower: float | None, upper: float | None) -> bool:
-    return lower is not None and upper is not None and lower > upper
-
-
-def _is_outside(data: Any) -> bool:
-    lower, upper = data.bounds
-    return data.value is not None and bound_violation(data.value, lower, upper) > TOLERANCE
+        outside, crossed = [], []
+        for data in component.values():
+            lower, upper = data.bounds
+            if data.fixed and data.value is not None and bound_violation(data.value, lower, upper) > TOLERANCE:
+                message = f"'{data.name}' is fixed to {data.value:g}, outside its bounds ({lower}, {upper})"
+                outside.append((message, data.name, "Change the value or widen the bounds."))
+            elif not data.fixed and lower is not None and upper is not None and lower > upper:
+                message = f"'{data.name}' has the lower bound {lower:g} above the upper {upper:g}"
+                crossed.append((message, data.name, "Swap or widen them."))
+        for wrong in filter(None, (outside, crossed)):
+            message, name, remedy = wrong[0]
+            yield error_about(Subject.CONTRADICTION, f"{message}{_and_more(len(wrong), 'index')}.", (name,), remedy)
 
 
 def decided_findings(block: Any) -> Iterator[Finding]:

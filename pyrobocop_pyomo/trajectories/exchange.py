@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
-import stat
-import tempfile
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import numpy as np
 from pyomo.contrib.mpc import TimeSeriesData
@@ -88,26 +87,18 @@ def write_archive(path: str | Path, facts: Mapping[str, Any], groups: Mapping[st
     arrays = {f"{group}_{i}": values for group, named in groups.items() for i, values in enumerate(named.values())}
     members: dict[str, Any] = {"header": np.array(json.dumps(header)), **arrays}
     # In the same folder: a rename there is atomic. Threads and processes may write to the same path.
-    descriptor, temporary = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=".npz", dir=path.parent)
+    temporary = path.with_name(f".{path.stem}-{uuid4().hex}.npz")
     try:
-        with os.fdopen(descriptor, "wb") as file:
+        with temporary.open("xb") as file:
             np.savez_compressed(file, **members)
             file.flush()
             os.fsync(file.fileno())
-        Path(temporary).chmod(_mode_of(path))
-        Path(temporary).replace(path)
+        if path.exists():
+            shutil.copymode(path, temporary)
+        temporary.replace(path)
     finally:
-        Path(temporary).unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
     return path
-
-
-def _mode_of(path: Path) -> int:
-    """Rights of the file that is replaced, or those that a new file gets."""
-    with contextlib.suppress(OSError):
-        return stat.S_IMODE(path.stat().st_mode)
-    mask = os.umask(0)
-    os.umask(mask)
-    return 0o666 & ~mask
 
 
 def read_archive(path: str | Path) -> tuple[dict[str, Any], dict[str, dict[str, Array]]]:
