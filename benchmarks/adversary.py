@@ -27,7 +27,7 @@ QUICK = ("scaled_objective", "row_said_twice", "contradiction")
 def main() -> None:
     """Run and print."""
     if not executable_found() and not {"-h", "--help"} & set(sys.argv):
-        sys.exit("the judge needs the executable of Ipopt: python -m pyrobocop_pyomo build-asl")
+        sys.exit("the judge needs the executable of Ipopt: python build_asl.py")
     seeds = chosen_seeds(__doc__, KINDS, QUICK, tried, Verdict.FAULT)
     faults = [trial for trial in tabulated(seeds, tried, KINDS, Verdict.FAULT) if trial.verdict is Verdict.FAULT]
     print(f"\n{len(faults)} faults in {len(seeds)} trials")

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 
+from pyrobocop_pyomo.plotting.figures import evenly_moved, time_colours
 from pyrobocop_pyomo.plotting.outlines import outline
-from pyrobocop_pyomo.plotting.time_colours import evenly_moved, time_colours
 
 
 def draw_linkage(

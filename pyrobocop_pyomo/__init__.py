@@ -52,43 +52,25 @@ if TYPE_CHECKING:
 # What states a problem is loaded at once; what reads obstacles, solves, studies or draws, when it is first used: a
 # program that only builds models starts in half the time. The solvers' names are known to Pyomo all the same.
 solvers_on_demand.register()
-_NAMESPACES_ON_DEMAND = {
-    "estimation": "contrib.estimation",
-    "ipopt": "ipopt",
-    "mechanics": "mechanics",
-    "scenes": "scenes",
-    "studies": "studies",
-    "teams": "teams",
+_NAMESPACES_ON_DEMAND = ("estimation", "ipopt", "mechanics", "scenes", "studies", "teams")
+_NAMES_ON_DEMAND = {
+    "contrib.estimation.estimate": "estimate",
+    "contrib.estimation.measurements": "label_measurements",
+    "contrib.pyrobocop_classes": "from_pyrobocop solution_arrays",
+    "diagnosis": "diagnose",
+    "distributed.agents": "Agent KeepApart Shared",
+    "distributed.team": "Team",
+    "geometry": "Polytope planar_pose spatial_pose",
+    "motion": "Body TablePath",
+    "mpcc": "Certificate Stationarity",
+    "numerics.gaussian_process": "GaussianProcessMean",
+    "obstacles": "Containment ObstacleAvoidanceBlock verify_motion",
+    "phases": "Verification",
+    "planning": "solve",
+    "solving": "Quality SolveResult StopReason Strategy",
+    "studies.sweep": "sweep",
 }
-_HOMES_ON_DEMAND = {
-    "Agent": "distributed.agents",
-    "Body": "motion",
-    "Certificate": "mpcc",
-    "Containment": "obstacles",
-    "GaussianProcessMean": "numerics.gaussian_process",
-    "KeepApart": "distributed.agents",
-    "ObstacleAvoidanceBlock": "obstacles",
-    "Polytope": "geometry",
-    "Quality": "solving",
-    "Shared": "distributed.agents",
-    "SolveResult": "solving",
-    "Stationarity": "mpcc",
-    "StopReason": "solving",
-    "Strategy": "solving",
-    "TablePath": "motion",
-    "Team": "distributed.team",
-    "Verification": "phases",
-    "diagnose": "diagnosis",
-    "estimate": "contrib.estimation.estimate",
-    "from_pyrobocop": "contrib.pyrobocop_classes",
-    "label_measurements": "contrib.estimation.measurements",
-    "planar_pose": "geometry",
-    "solution_arrays": "contrib.pyrobocop_classes",
-    "solve": "planning",
-    "spatial_pose": "geometry",
-    "sweep": "studies.sweep",
-    "verify_motion": "obstacles",
-}
+_HOMES_ON_DEMAND = {name: home for home, names in _NAMES_ON_DEMAND.items() for name in names.split()}
 
 _removed = errors.removed_names(
     __name__,
@@ -163,7 +145,7 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     """A public name that is loaded on demand."""
     if name in _NAMESPACES_ON_DEMAND:
-        return import_module(f"{__name__}.{_NAMESPACES_ON_DEMAND[name]}")
+        return import_module(f"{__name__}.contrib.{name}" if name == "estimation" else f"{__name__}.{name}")
     if name not in _HOMES_ON_DEMAND:
         _removed(name, _similar_names.where_it_is(name, sys.modules[__name__], __all__))
     found = globals()[name] = getattr(import_module(f"{__name__}.{_HOMES_ON_DEMAND[name]}"), name)

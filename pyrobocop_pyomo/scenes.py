@@ -9,33 +9,15 @@ from typing import Any
 
 from pyrobocop_pyomo.errors import removed_names
 from pyrobocop_pyomo.geometry import Pose, signed_distance
-from pyrobocop_pyomo.obstacles import (
-    animate_avoidance,
-    draw_avoidance,
-    waypoint_initial_guess,
-)
-from pyrobocop_pyomo.plotting import (
-    BodyPath,
-    animate_scene,
-    draw_scene,
-)
+from pyrobocop_pyomo.obstacles import animate_avoidance, draw_avoidance, waypoint_initial_guess
+from pyrobocop_pyomo.plotting import BodyPath, animate_scene, draw_scene
 
 # Names of `contrib`, whose folders are loaded at their first use.
-_ON_DEMAND = {
-    "CarSearch": "vehicles",
-    "ParkingCar": "vehicles",
-    "ParkingCase": "vehicles",
-    "Trailer": "vehicles",
-    "VehiclesCase": "vehicles",
-    "cover_occupancy_grid": "robots",
-    "cover_point_cloud": "robots",
-    "decompose": "robots",
-    "from_urdf": "robots",
-    "hybrid_a_star": "vehicles",
-    "parking_model": "vehicles",
-    "plan_vehicles": "vehicles",
-    "sampled_path": "robots",
+_OF_CONTRIB = {
+    "robots": "cover_occupancy_grid cover_point_cloud decompose from_urdf sampled_path",
+    "vehicles": "CarSearch ParkingCar ParkingCase Trailer VehiclesCase hybrid_a_star parking_model plan_vehicles",
 }
+_ON_DEMAND = {name: home for home, names in _OF_CONTRIB.items() for name in names.split()}
 
 _removed = removed_names(
     __name__,

@@ -7,6 +7,7 @@ itself in the stand-in's place.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
@@ -15,10 +16,7 @@ from pyomo.contrib.solver.common.factory import SolverFactory
 from pyomo.opt.base.solvers import LegacySolverFactory
 
 SOLVERS = {
-    "pyrobocop.ipopt": (
-        "pyrobocop_pyomo.ipopt.in_process",
-        "Ipopt in this process: no executable needed",
-    ),
+    "pyrobocop.ipopt": ("pyrobocop_pyomo.ipopt.in_process", "Ipopt in this process: no executable needed"),
     "pyrobocop.mpcc": (
         "pyrobocop_pyomo.planning.older_interface",
         "Mathematical programs with complementarity constraints: continuation, polish and certificate",
@@ -26,28 +24,14 @@ SOLVERS = {
 }
 
 
-class SolverOnDemand:
-    """Stands in a factory for a solver whose module is not loaded yet.
+def _stand_in(factory: Factory, name: str, module: str) -> Callable[..., Any]:
+    """What loads the module that registers a solver's class in a factory, and makes a solver of that class."""
 
-    Parameters
-    ----------
-    factory : pyomo.common.factory.Factory
-        Where the solver's module registers the class.
-    name : str
-        The solver's name there.
-    module : str
-        The module that registers it.
-    """
+    def make(**options: Any) -> Any:
+        import_module(module)
+        return factory.get_class(name)(**options)
 
-    def __init__(self, factory: Factory, name: str, module: str) -> None:
-        self._factory = factory
-        self._name = name
-        self._module = module
-
-    def __call__(self, **options: Any) -> Any:
-        """Load the solver's class, and make one."""
-        import_module(self._module)
-        return self._factory.get_class(self._name)(**options)
+    return make
 
 
 def register() -> None:
@@ -56,4 +40,4 @@ def register() -> None:
         for factory, doc in ((SolverFactory, meaning), (LegacySolverFactory, f"{meaning} (new interface)")):
             if name not in factory:
                 # The registration that all factories have: that of solvers would make a class of the stand-in.
-                Factory.register(factory, name, doc)(SolverOnDemand(factory, name, module))
+                Factory.register(factory, name, doc)(_stand_in(factory, name, module))

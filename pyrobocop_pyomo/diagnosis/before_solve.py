@@ -11,9 +11,36 @@ from pyrobocop_pyomo.phases import phases_of
 from .determinacy import excess_findings, freedom_findings
 from .findings import Finding, Severity, Subject
 from .joining import joining_findings
-from .statements import foreign_findings, objective_findings, scaled_pair_findings
-from .unfinished import unfinished_findings
+from .linearised_rows import Equations
+from .statements import (
+    foreign_findings,
+    objective_findings,
+    scaled_pair_findings,
+    unfinished_findings,
+    without_objective,
+)
 from .values import bound_findings, boundary_findings, discretised_start_findings
+
+
+def shared_findings(model: Any, remarks: list[str], rows_of_each: int | None = None) -> Iterator[Finding]:
+    """What both a solve and a diagnosis look at.
+
+    Parameters
+    ----------
+    model : Block
+    remarks : list of str
+        Gets what cannot be checked.
+    rows_of_each : int, optional
+        How many rows of each component are looked at for variables of another model; all by default.
+    """
+    yield from scaled_pair_findings(model)
+    yield from unfinished_findings(model)
+    yield from foreign_findings(model, rows_of_each)
+    yield from discretised_start_findings(model)
+    if not _is_renamed(model):
+        for phase in phases_of(model):
+            yield from boundary_findings(phase, remarks)
+        yield from joining_findings(model)
 
 
 def findings_before_solve(model: Any) -> Iterator[Finding]:
@@ -28,21 +55,22 @@ def findings_before_solve(model: Any) -> Iterator[Finding]:
     Finding
         An error where the model has no solution or cannot mean what it says; a warning where it may be meant.
     """
-    yield from scaled_pair_findings(model)
-    yield from unfinished_findings(model)
-    # One row tells of most components; a variable that is met elsewhere is refused when the model is compiled.
-    yield from foreign_findings(model, rows_of_each=1)
     yield from bound_findings(model)
-    yield from discretised_start_findings(model)
-    phases = phases_of(model)
-    if any(phase.component(name) is None for phase in phases for name in phase.record.declarations):
-        return  # a transformation has renamed the variables, as scaling does: the records are about another model
-    for phase in phases:
-        yield from boundary_findings(phase, [])
+    # One row tells of most components; a variable that is met elsewhere is refused when the model is compiled.
+    yield from shared_findings(model, [], rows_of_each=1)
+    if _is_renamed(model):
+        return
     yield from objective_findings(model)
-    yield from joining_findings(model)
-    yield from freedom_findings(model)
-    yield from excess_findings(model)
+    without = without_objective(model)
+    if without:
+        equations = Equations(model)
+        yield from freedom_findings(model, equations, without)
+        yield from excess_findings(model, equations, without)
+
+
+def _is_renamed(model: Any) -> bool:
+    """Whether a transformation has renamed variables of phases, as scaling does: the records are of another model."""
+    return any(phase.component(name) is None for phase in phases_of(model) for name in phase.record.declarations)
 
 
 def doubts_before_solve(model: Any) -> tuple[Finding, ...]:

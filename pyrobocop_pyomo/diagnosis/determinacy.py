@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from itertools import chain
 from typing import Any
 
@@ -15,7 +15,7 @@ from pyomo.core.base.var import Var
 from pyrobocop_pyomo.complementarity import active_sources, pairs_of
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
-from pyrobocop_pyomo.modeling.shared_nodes import variables_in, variables_in_any
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.numerics import Array, maximum_matching
 from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.optional_imports import scipy
@@ -23,8 +23,7 @@ from pyrobocop_pyomo.phases import Algebraic, phases_of
 from pyrobocop_pyomo.phases.structure import sides_of
 
 from .findings import Finding, Subject, error_about, quoted, warning_about
-from .linearised_rows import LinearisedRows, Row, equilibrate
-from .statements import without_objective
+from .linearised_rows import Equations, equilibrate
 
 
 def appearance_findings(block: Any, known: set[str]) -> Iterator[Finding]:
@@ -42,109 +41,77 @@ def appearance_findings(block: Any, known: set[str]) -> Iterator[Finding]:
             Subject.UNDETERMINED,
             f"{len(lost)} variables are in no active row, pair or objective, for example '{lost[0].name}': their "
             "values come back as they are.",
-            tuple(dict.fromkeys(data.parent_component().name for data in lost)),
+            (data.parent_component().name for data in lost),
             "Use them, fix them or remove them.",
         )
 
 
-def freedom_findings(block: Any) -> Iterator[Finding]:
+def freedom_findings(block: Any, equations: Equations, without: str) -> Iterator[Finding]:
     """Variables that no equation and no pair is left for, in a model without an objective that could choose them.
 
     What a phase declares to be chosen is not counted: controls, parameters and its horizon; nor the planes that keep
     shapes apart.
+
+    Parameters
+    ----------
+    block : Block
+    equations : Equations
+        Of the block.
+    without : str
+        Words that say that there is no objective.
     """
-    without = without_objective(block)
-    left = _undetermined(block) if without else []
+    left = _undetermined(block, equations)
     if left:
         yield warning_about(
             Subject.UNDETERMINED,
             f"{without}, and {len(left)} variable{'s are' if len(left) > 1 else ' is'} left that no equation "
             f"determines, for example {quoted(data.name for data in left)}: the point is one of many that meet all "
             "constraints.",
-            tuple(dict.fromkeys(data.parent_component().name for data in left)),
+            (data.parent_component().name for data in left),
             "Give them values, such as initial conditions, add the equations that are missing, or state an objective.",
         )
 
 
-def excess_findings(block: Any) -> Iterator[Finding]:
-    """More equations than variables in a part of a model without an objective, which is meant to be square."""
-    without = without_objective(block)
-    if not without or _is_determined_by_counts(block):
-        return
-    rows = [row for row in block.component_data_objects(Constraint, active=True) if row.equality]
-    column: dict[int, int] = {}
-    held = []
-    for row in rows:
-        ids = {id(variable): None for variable in variables_in(row.body, include_fixed=False)}
-        if ids:  # a row without free variables is judged by its values
-            held.append((row, [column.setdefault(key, len(column)) for key in ids]))
-    over, columns = maximum_matching([own for _, own in held], len(column)).overdetermined
+def excess_findings(block: Any, equations: Equations, without: str = "") -> Iterator[Finding]:
+    """More equations than variables somewhere: a doubt of a model that is said to be without an objective.
+
+    Such a model is meant to be square, and its equations may hold all the same.
+    """
+    over, columns = maximum_matching(equations.incidence, len(equations.variables)).overdetermined
     if over:
-        yield warning_about(
-            Subject.CONTRADICTION,
-            f"{without}, and {len(over)} equations hold only {len(columns)} variables that may move: "
-            f"{quoted(held[i][0].name for i in over)}. A point that meets them all is chance.",
-            tuple(dict.fromkeys(held[i][0].parent_component().name for i in over)),
-            "Free a variable that is fixed, such as an initial condition, or remove an equation.",
-        )
+        names = _components(equations.rows[i] for i in over)
+        said = f"{len(over)} equations hold only {len(columns)} variables that may move: {quoted(names)}"
+        if without:
+            yield warning_about(
+                Subject.CONTRADICTION,
+                f"{without}, and {said}. A point that meets them all is chance.",
+                names,
+                "Free a variable that is fixed, such as an initial condition, or remove an equation.",
+            )
+        else:
+            remedy = "Remove an equation, or free an initial or final value."
+            yield error_about(Subject.CONTRADICTION, f"{said}.{_fixed_ends(block)}", names, remedy)
 
 
-def _is_determined_by_counts(block: Any) -> bool:
-    """True, without a walk over expressions, where all phases determine themselves and nothing outside is free."""
-    phases = {id(phase): phase for phase in phases_of(block)}
-    outside = (
-        component
-        for component in block.component_objects(Var, active=True, descend_into=Block)
-        if id(component.parent_block()) not in phases
-    )
-    chosen = {id(component) for component in _chosen(block)}
-    return all(map(_is_determined, phases.values())) and all(
-        data.fixed for each in outside if id(each) not in chosen for data in each.values()
-    )
-
-
-def _undetermined(block: Any) -> list[Any]:
+def _undetermined(block: Any, equations: Equations) -> list[Any]:
     """Variables that a maximum matching with equations and pairs leaves over."""
-    if _is_determined_by_counts(block):
-        return []
     chosen = {id(component) for component in _chosen(block)}
-    components = block.component_objects(Var, active=True, descend_into=Block)
     # In the order of declaration. Rows take the last first, so that of a chain in time the start is left.
-    column: dict[int, int] = {}
-    variables: list[Any] = []
-    for data in (data for component in components if id(component) not in chosen for data in component.values()):
-        if not data.fixed and id(data) not in column:
-            column[id(data)] = len(variables)
-            variables.append(data)
-    rows = [(row.body,) for row in block.component_data_objects(Constraint, active=True) if row.equality]
+    variables = {
+        id(data): data
+        for component in block.component_objects(Var, active=True, descend_into=Block)
+        if id(component) not in chosen
+        for data in component.values()
+        if not data.fixed
+    }
+    column = {key: i for i, key in enumerate(variables)}
     sources = {id(source): source for source in (*active_sources(block), *(pair.source for pair in pairs_of(block)))}
-    incidence = []
-    for sides in [*rows, *map(sides_of, sources.values())]:
-        found = {column.get(id(variable), -1) for side in sides for variable in variables_in(side, include_fixed=False)}
-        incidence.append(sorted(found - {-1}, reverse=True))
-    read = set(chain.from_iterable(incidence))
-    left = maximum_matching(incidence, len(variables)).unmatched_columns
-    return [variables[i] for i in left if i in read]
-
-
-def _is_determined(phase: Any) -> bool:
-    """Whether a phase determines itself, by counts alone: each state has as many rows as values that are not given."""
-    record = phase.record
-
-    def free(name: str) -> int:
-        return sum(not data.fixed for data in phase.component(name).values())
-
-    def rows(names: Iterable[str]) -> int:
-        found = (phase.component(name) for name in names)
-        return sum(row.active for component in found if component is not None for row in component.values())
-
-    for name in record.names_of_states:
-        values = [name, f"{name}_derivative"] if name in record.kept_derivatives else [name]
-        own = rows(each for each in record.generated_rows if each.rpartition("_")[0] == name)
-        if own < sum(map(free, values)):
-            return False
-    algebraics = sum(map(free, record.names(Algebraic)))
-    return algebraics <= rows(statement.name for statement in record.statements_of("residual"))
+    held = [[equations.variables[j] for j in own] for own in equations.incidence]
+    held += [list(variables_in_any(sides_of(source)).values()) for source in sources.values()]
+    incidence = [sorted((column[id(v)] for v in own if id(v) in column), reverse=True) for own in held]
+    left = maximum_matching(incidence, len(column)).unmatched_columns
+    read = set(chain.from_iterable(incidence)).intersection(left)
+    return [variable for i, variable in enumerate(variables.values()) if i in read]
 
 
 def _chosen(block: Any) -> Iterator[Any]:
@@ -158,40 +125,22 @@ def _chosen(block: Any) -> Iterator[Any]:
         yield from avoidance.component_objects(Var, descend_into=True)
 
 
-# Well above rounding, well below what a long horizon or an unstable motion leaves of independent equations.
-DEPENDENT = 1e-10
-
-
-def dependence_findings(block: Any, linearised: LinearisedRows) -> Iterator[Finding]:
-    """More equations than variables somewhere, else equations of which one follows from the others."""
-    rows = linearised.equalities
-    matching = maximum_matching([sorted(row.gradient) for row in rows], len(linearised.variables))
-    over, columns = matching.overdetermined
-    if over:
-        yield error_about(
-            Subject.CONTRADICTION,
-            f"{len(over)} equations hold only {len(columns)} variables that may move: "
-            f"{quoted(_components(rows[i] for i in over))}.{_fixed_ends(block)}",
-            _components(rows[i] for i in over),
-            "Remove an equation, or free an initial or final value.",
-        )
-    elif rows and all(row.is_finite for row in rows):
-        yield from _dependent(block, linearised, rows)
-
-
-def _dependent(block: Any, linearised: LinearisedRows, rows: list[Row]) -> Iterator[Finding]:
-    jacobian = linearised.jacobian(rows)
+def dependence_findings(block: Any, equations: Equations) -> Iterator[Finding]:
+    """Equations of which one follows from the others, where none is too many."""
+    jacobian, residuals = equations.jacobian, equations.residuals
+    if not equations.rows or not (np.isfinite(jacobian.data).all() and np.isfinite(residuals).all()):
+        return
     row_factors, column_factors = equilibrate(jacobian)
-    scaled = scipy.sparse.diags(row_factors) @ jacobian @ scipy.sparse.diags(column_factors)
-    weights = left_null_vector(scaled)
+    weights = left_null_vector(scipy.sparse.diags(row_factors) @ jacobian @ scipy.sparse.diags(column_factors))
     if weights is None:
         return
-    concerned = [row for row, weight in zip(rows, weights, strict=True) if abs(weight) > 1e-3 * np.abs(weights).max()]
-    residuals = row_factors * np.array([row.residual for row in rows])
-    gap = abs(weights @ residuals)
-    linear = all(row.data.body.polynomial_degree() in (0, 1) for row in concerned)
+    heavy = np.abs(weights) > 1e-3 * np.abs(weights).max()
+    concerned = [row for row, counts in zip(equations.rows, heavy, strict=True) if counts]
+    residuals = row_factors * residuals
     names = _components(concerned)
-    if linear and gap > 1e-8 * max(1.0, float(np.abs(residuals).max())):
+    gap, largest = abs(weights @ residuals), float(np.abs(residuals).max())
+    is_linear = all(row.body.polynomial_degree() in (0, 1) for row in concerned)
+    if is_linear and gap > 1e-8 * max(1.0, largest):
         yield error_about(
             Subject.CONTRADICTION,
             f"the equations {quoted(names)} contradict each other.{_fixed_ends(block)}",
@@ -228,11 +177,12 @@ def left_null_vector(matrix: Any) -> Array | None:
         if not np.isfinite(size) or size == 0.0:
             return None
         vector = vector / size
-    return vector if np.linalg.norm(matrix.T @ vector) < np.sqrt(DEPENDENT) * 1e-4 else None
+    # Well above rounding, well below what a long horizon or an unstable motion leaves of independent equations.
+    return vector if np.linalg.norm(matrix.T @ vector) < 1e-9 else None
 
 
 def _components(rows: Any) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(row.data.parent_component().name for row in rows))
+    return tuple(dict.fromkeys(row.parent_component().name for row in rows))
 
 
 def _fixed_ends(block: Any) -> str:

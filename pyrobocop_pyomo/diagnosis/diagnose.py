@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from pyomo.core.base.block import Block, BlockData
@@ -11,39 +12,22 @@ from pyomo.core.base.var import Var
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.phases import Control, phases_of
+from pyrobocop_pyomo.phases.structure import HIGHER_INDEX_REMEDY, PointStructure, describe_higher_index
 
-from .determinacy import appearance_findings, dependence_findings, freedom_findings
+from .before_solve import shared_findings
+from .determinacy import appearance_findings, dependence_findings, excess_findings, freedom_findings
 from .difficult_forms import form_findings
-from .findings import DegreesOfFreedom, Diagnosis, Finding, Severity
-from .joining import joining_findings
-from .linearised_rows import LinearisedRows
-from .statements import (
-    misplaced_findings,
-    objective_findings,
-    scaled_pair_findings,
-    statement_findings,
-    unit_findings,
-)
-from .structure import structural_findings
-from .unfinished import unfinished_findings
-from .values import (
-    boundary_findings,
-    data_findings,
-    decided_findings,
-    discretised_start_findings,
-    rate_findings,
-    row_findings,
-    values_missing,
-)
-
-_ORDER = list(Severity)
+from .findings import DegreesOfFreedom, Diagnosis, Finding, Severity, Subject, error_about, quoted, warning_about
+from .linearised_rows import Equations
+from .statements import misplaced_findings, objective_findings, statement_findings, unit_findings, without_objective
+from .values import decided_findings, parameter_findings, undefined_findings, values_missing
 
 
 def diagnose(model: Any) -> Diagnosis:
     """Look at a model before a solve: structure, numbers at the initial guess, units and scaling.
 
-    Nothing is solved and nothing is changed. The Jacobian is evaluated row by row with Pyomo's expressions,
-    which takes some seconds for ten thousand rows; `rcp.solve` makes the cheap part of it each time.
+    Nothing is solved and nothing is changed. The Jacobian of the equations is evaluated row by row with Pyomo's
+    expressions, which takes some seconds for ten thousand rows; `rcp.solve` makes the cheap part of it each time.
 
     Parameters
     ----------
@@ -66,36 +50,73 @@ def diagnose(model: Any) -> Diagnosis:
         )
     phases = phases_of(model)
     remarks: list[str] = []
-    findings: list[Finding] = [*statement_findings(model), *misplaced_findings(model)]
-    findings += [*scaled_pair_findings(model), *unfinished_findings(model)]
+    equations = Equations(model)
+    findings = [*shared_findings(model, remarks), *statement_findings(model), *misplaced_findings(model)]
     if model is model.model():  # what solves a part of it may have its objective elsewhere
         findings += objective_findings(model)
-        findings += freedom_findings(model)
-    findings += joining_findings(model)
-    findings += form_findings(model)
-    for phase in phases:
-        findings += structural_findings(phase)
-        findings += rate_findings(phase)
-        findings += boundary_findings(phase, remarks)
-    reported = {
-        f"{name}_{kind}" for finding in findings for name in finding.components for kind in ("collocation", "equation")
-    }
+        if without := without_objective(model):
+            findings += freedom_findings(model, equations, without)
+    findings += [*form_findings(model), *(finding for phase in phases for finding in structural_findings(phase))]
     missing = values_missing(model)
     if missing:
         remarks.append(f"rows that hold a variable without a value: {', '.join(missing)}")
-    linearised = LinearisedRows(model)
-    findings += data_findings(model)
-    findings += row_findings(linearised, reported)
-    findings += decided_findings(model)
-    findings += discretised_start_findings(model)
+    findings += [*parameter_findings(model), *undefined_findings(model), *decided_findings(model)]
     findings += appearance_findings(model, {name for finding in findings for name in finding.components})
-    findings += dependence_findings(model, linearised)
+    findings += [*excess_findings(model, equations)] or [*dependence_findings(model, equations)]
     findings += unit_findings(model)
     degrees = [degrees_of_freedom(phase) for phase in phases]
     if len(phases) != 1 or phases[0] is not model:
         degrees.append(degrees_of_freedom(model))
-    findings.sort(key=lambda finding: _ORDER.index(finding.severity))
+    findings.sort(key=lambda finding: list(Severity).index(finding.severity))
     return Diagnosis(model.name, tuple(findings), tuple(degrees), tuple(remarks))
+
+
+def structural_findings(phase: Any) -> Iterator[Finding]:
+    """What the statements and the structure of one instant say, the first point at which it shows."""
+    refused = None
+    try:
+        phase.check()
+    except ModelError as error:
+        refused = str(error)
+    if refused is not None and "index is higher" not in refused:
+        yield error_about(Subject.STATEMENT, refused, (phase.name,), "rcp.solve refuses this phase until then.")
+        return
+    structures = [PointStructure(phase, phase.record, time) for time in phase.record.grid.points]
+    higher = next((point for point in structures if point.has_higher_index), None)
+    if higher is not None:
+        allowed = phase.record.allow_higher_index
+        yield Finding(
+            Severity.WARNING if allowed else Severity.ERROR,
+            Subject.INDEX,
+            f"phase '{phase.name}': {describe_higher_index(higher)}",
+            _names(phase, [*higher.leftover_rows, *higher.undetermined]),
+            "It was allowed; expect less accurate algebraics." if allowed else HIGHER_INDEX_REMEDY,
+        )
+        return
+    leftover = next((point for point in structures if point.leftover_rows), None)
+    if leftover is not None:
+        yield warning_about(
+            Subject.INDEX,
+            f"phase '{phase.name}': at t = {leftover.time:g} {quoted(leftover.leftover_rows)} can determine "
+            "controls only.",
+            _names(phase, leftover.leftover_rows),
+            "Declare as Algebraic what an equation determines, or state the equation as a 'constraint'.",
+        )
+    # Without rows and helpers there is nothing to look at: a structure that is square by rows alone is fine.
+    short = next((point for point in structures if point.of_rows.unmatched_columns and point.undetermined), None)
+    if short is not None:
+        yield warning_about(
+            Subject.UNDETERMINED,
+            f"phase '{phase.name}': at t = {short.time:g} no equation and no pair is left to determine "
+            f"{quoted(short.undetermined)}.",
+            _names(phase, short.undetermined),
+            "Add an equation or a pair that holds it, or declare it as Control: the optimiser chooses it.",
+        )
+
+
+def _names(phase: Any, names: list[str]) -> tuple[str, ...]:
+    """Names of components in the model: 'derivative of v' is about the variable of v."""
+    return tuple(f"{phase.name}.{name.rsplit(' ', 1)[-1]}" for name in names)
 
 
 def degrees_of_freedom(block: Any) -> DegreesOfFreedom:

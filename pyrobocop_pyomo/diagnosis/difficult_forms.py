@@ -29,28 +29,39 @@ def form_findings(model: Any) -> Iterator[Finding]:
     ----------
     model : Block
     """
-    for component in model.component_objects((Constraint, Objective), active=True, descend_into=Block):
-        objective = component.ctype is Objective
-        rows = list(islice(component.values(), _ROWS))
-        kinks = (_absolute_value(row.expr if objective else row.body) for row in rows)
-        if (kink := next((kink for kink in kinks if kink is not None), None)) is not None:
-            yield _of_absolute_value(component, kink, objective)
-        if not objective and any(map(is_zero_product, rows)):
-            yield _of_product(component)
+    for component, argument in _absolute_values(model):
+        yield _of_absolute_value(component, argument)
+    for component in model.component_objects(Constraint, active=True, descend_into=Block):
+        if any(map(is_zero_product, islice(component.values(), _ROWS))):
+            yield warning_about(
+                Subject.STATEMENT,
+                f"constraint '{component.name}' states that a product is zero; its derivatives vanish where both "
+                "factors do, and solvers stall there.",
+                (component.name,),
+                "State a pair, on a phase under @b.complementarity: rcp.complements(first >= 0, second >= 0), or "
+                "rcp.either_zero(first >= 0, second) where the second factor may have any sign.",
+            )
 
 
 def holds_absolute_value(model: Any) -> bool:
     """Whether `form_findings` would name an absolute value of a model."""
-    components = model.component_objects((Constraint, Objective), active=True, descend_into=Block)
-    rows = (row for component in components for row in islice(component.values(), _ROWS))
-    return any(row.active and _absolute_value(row.expr) is not None for row in rows)
+    return any(True for _ in _absolute_values(model))
 
 
-def _of_absolute_value(component: Any, argument: Any, objective: bool) -> Finding:
+def _absolute_values(model: Any) -> Iterator[tuple[Any, Any]]:
+    """Components with the argument of their first absolute value that may pass zero."""
+    for component in model.component_objects((Constraint, Objective), active=True, descend_into=Block):
+        arguments = (_absolute_value(row.expr) for row in islice(component.values(), _ROWS) if row.active)
+        argument = next((argument for argument in arguments if argument is not None), None)
+        if argument is not None:
+            yield component, argument
+
+
+def _of_absolute_value(component: Any, argument: Any) -> Finding:
     parts = (
         "In an objective that falls with it, split the quantity: two controls with bounds=(0, None) whose difference "
         "it is, and their sum in place of abs(...). "
-        if objective
+        if component.ctype is Objective
         else ""
     )
     return warning_about(
@@ -62,17 +73,6 @@ def _of_absolute_value(component: Any, argument: Any, objective: bool) -> Findin
         "such parts in place of every absolute value. On a phase, b.size = "
         "rcp.mechanics.AbsoluteValue(lambda b, t: ...) states it exactly, and "
         "sqrt(x**2 + 1e-6) rounds it off.",
-    )
-
-
-def _of_product(component: Any) -> Finding:
-    return warning_about(
-        Subject.STATEMENT,
-        f"constraint '{component.name}' states that a product is zero; its derivatives vanish where both factors do, "
-        "and solvers stall there.",
-        (component.name,),
-        "State a pair, on a phase under @b.complementarity: rcp.complements(first >= 0, second >= 0), or "
-        "rcp.either_zero(first >= 0, second) where the second factor may have any sign.",
     )
 
 

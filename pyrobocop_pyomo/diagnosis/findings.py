@@ -47,8 +47,6 @@ class Finding(Presented):
         Names of the components and equations concerned, as in the model.
     remedy : str
         What to do about it.
-    time : float or None
-        The time index at which it shows, where there is one.
     """
 
     severity: Severity
@@ -56,24 +54,19 @@ class Finding(Presented):
     message: str
     components: tuple[str, ...]
     remedy: str
-    time: float | None = None
 
     def __str__(self) -> str:
         return f"{self.severity.value}, {self.subject.value}: {self.message} {self.remedy}"
 
 
-def error_about(
-    subject: Subject, message: str, components: tuple[str, ...], remedy: str, time: float | None = None
-) -> Finding:
+def error_about(subject: Subject, message: str, components: Iterable[str], remedy: str) -> Finding:
     """What has to be changed before a solve can succeed."""
-    return Finding(Severity.ERROR, subject, message, components, remedy, time)
+    return Finding(Severity.ERROR, subject, message, tuple(dict.fromkeys(components)), remedy)
 
 
-def warning_about(
-    subject: Subject, message: str, components: tuple[str, ...], remedy: str, time: float | None = None
-) -> Finding:
+def warning_about(subject: Subject, message: str, components: Iterable[str], remedy: str) -> Finding:
     """What may be meant."""
-    return Finding(Severity.WARNING, subject, message, components, remedy, time)
+    return Finding(Severity.WARNING, subject, message, tuple(dict.fromkeys(components)), remedy)
 
 
 def quoted(names: Iterable[object], most: int = 4) -> str:

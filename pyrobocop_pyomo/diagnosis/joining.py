@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Hashable, Iterable, Iterator
-from itertools import chain, islice
+from itertools import chain, islice, permutations
 from typing import Any
 
 from pyomo.core.base.block import Block
@@ -35,25 +36,27 @@ def joining_findings(block: Any) -> Iterator[Finding]:
     if len(phases) < 2 and not links:
         return
     joined = _Joined(block, phases)
-    yield from chain.from_iterable(map(joined.starts_left_open, links))
-    if joined.are_all():
-        return
-    groups = [joined.group_of(phase) for phase in phases]
-    for second, own_group in zip(phases, groups, strict=True):
-        start = [name for name in second.record.names_of_states if joined.is_open(second, name, first=True)]
-        for first, group in zip(phases, groups, strict=True):
-            end = [name for name in first.record.names_of_states if joined.is_open(first, name, first=False)]
-            if group != own_group and start and end:
-                yield warning_about(
-                    Subject.STATEMENT,
-                    f"nothing joins the phases '{first.name}' and '{second.name}': no link, no constraint and no pair "
-                    f"holds variables of both, nothing says where {quoted(start)} of '{second.name}' "
-                    f"{'starts' if len(start) == 1 else 'start'}, and '{first.name}' may end anywhere.",
-                    (first.name, second.name),
-                    f"Join them: m.link = rcp.Link(m.{first.name}, m.{second.name}). Where each is meant by itself, "
-                    "give that start, or solve one after the other.",
-                )
-                return
+    for link in links:
+        if left := joined.starts_left_open(link):
+            yield warning_about(
+                Subject.STATEMENT,
+                f"link '{link.name}' leaves {quoted(left)} of '{link.second.name}' without a start: it may jump there.",
+                (link.name, link.second.name),
+                f"Give it in states= or jump=, or leave it alone by omit={left[:1]} where that is meant.",
+            )
+    for second, first in permutations(phases, 2):
+        start, end = joined.open_ends(second, first=True), joined.open_ends(first, first=False)
+        if start and end and not joined.are_one_group(first, second):
+            yield warning_about(
+                Subject.STATEMENT,
+                f"nothing joins the phases '{first.name}' and '{second.name}': no link, no constraint and no pair "
+                f"holds variables of both, nothing says where {quoted(start)} of '{second.name}' "
+                f"{'starts' if len(start) == 1 else 'start'}, and '{first.name}' may end anywhere.",
+                (first.name, second.name),
+                f"Join them: m.link = rcp.Link(m.{first.name}, m.{second.name}). Where each is meant by itself, "
+                "give that start, or solve one after the other.",
+            )
+            return
 
 
 def _deactivated_findings(block: Any) -> Iterator[Finding]:
@@ -94,21 +97,25 @@ class _Joined:
         self._phases = {id(phase): phase for phase in phases}
         self._home: dict[int, Any] = {}
         self._parent: dict[Hashable, Hashable] = {}
-        self._in_others: set[int] = set()
+        self._in_others: set[int] = set()  # in inequalities and pairs beside the phases
         self._equations: list[set[int]] = []
-        components = list(block.component_objects((Constraint, *PAIR_TYPES), active=True, descend_into=Block))
-        inside = [component for component in components if self._is_per_point(component)]
-        known = {id(component) for component in inside}
-        for component in components:
-            if id(component) not in known:
-                self._join(component.values(), holds=True)
+        inside = []
+        for component in block.component_objects((Constraint, *PAIR_TYPES), active=True, descend_into=Block):
+            if self._is_per_point(component):
+                inside.append(component)
+                continue
+            for row, variables in self._united(component.values()):
+                held = set(map(id, variables))
+                if row.ctype is Constraint and row.equality:
+                    self._equations.append(held)
+                else:
+                    self._in_others |= held
         for avoidance in blocks_of_kind(block, ObstacleAvoidanceBlockData):
             poses = {body: pose for (body, _), pose in avoidance.record.poses.items()}
             self._unite(chain.from_iterable(map(variables_of, poses.values())))
         for some in (slice(1), slice(1, None)):
-            if not self.are_all():
-                for component in inside:
-                    self._join(islice(component.values(), some.start, some.stop))
+            for component in inside if len({self._root(number) for number in self._phases}) > 1 else ():
+                deque(self._united(islice(component.values(), some.start, some.stop)), maxlen=0)
 
     def _is_per_point(self, component: Any) -> bool:
         """Whether a rule of a phase, or a differential equation, has made it."""
@@ -118,21 +125,17 @@ class _Joined:
         record = phase.record
         return component.local_name in record.generated_rows | {statement.name for statement in record.statements}
 
-    def _join(self, rows: Iterable[Any], holds: bool = False) -> None:
+    def _united(self, rows: Iterable[Any]) -> Iterator[tuple[Any, list[Any]]]:
+        """Active rows with what may move in them, which is put into one group."""
         for row in rows:
-            if not row.active:
-                continue
-            variables = _variables_of(row)
-            if holds and row.ctype is Constraint and row.equality:
-                self._equations.append(set(map(id, variables)))
-            elif holds:
-                self._in_others.update(map(id, variables))
-            self._unite(variables)
+            if row.active:
+                variables = _variables_of(row)
+                self._unite(variables)
+                yield row, variables
 
     def _unite(self, variables: Iterable[Any]) -> None:
-        keys = list({self._key(variable) for variable in variables if not variable.fixed})
-        for key in keys[1:]:
-            self._parent[self._root(key)] = self._root(keys[0])
+        roots = {self._root(self._key(variable)) for variable in variables if not variable.fixed}
+        self._parent.update(dict.fromkeys(roots, next(iter(roots), None)))
 
     def _key(self, variable: Any) -> Hashable:
         """The phase that a variable belongs to, or the variable itself."""
@@ -148,18 +151,15 @@ class _Joined:
             key = above
         return key
 
-    def are_all(self) -> bool:
-        """Whether all phases are in one group."""
-        return len({self._root(number) for number in self._phases}) == 1
+    def are_one_group(self, first: Any, second: Any) -> bool:
+        """Whether something joins two phases."""
+        return self._root(id(first)) == self._root(id(second))
 
-    def group_of(self, phase: Any) -> Hashable:
-        """What is the same for all phases of a group."""
-        return self._root(id(phase))
-
-    def is_open(self, phase: Any, name: str, *, first: bool) -> bool:
-        """Whether a state may have any value where the phase starts, or ends: not given, and in no row beside."""
-        data = self._end(phase, name, first=first)
-        return data is not None and not any(id(data) in held for held in (self._in_others, *self._equations))
+    def open_ends(self, phase: Any, *, first: bool) -> list[str]:
+        """States that may have any value where the phase starts, or ends: not given, and in no row beside."""
+        ends = {name: self._end(phase, name, first=first) for name in phase.record.names_of_states}
+        held = self._in_others.union(*self._equations)
+        return [name for name, data in ends.items() if data is not None and id(data) not in held]
 
     def _end(self, phase: Any, name: str, *, first: bool) -> Any:
         """A state where a phase starts or ends, unless its value is given there."""
@@ -168,16 +168,9 @@ class _Joined:
         data = variable[phase.initial_time if first else phase.final_time]
         return None if isinstance(given, tuple) or data.fixed else data
 
-    def starts_left_open(self, link: Any) -> Iterator[Finding]:
+    def starts_left_open(self, link: Any) -> list[str]:
         """Starts of states behind a link that no equation is left for: one equation gives one of them."""
         ends = {name: self._end(link.second, name, first=True) for name in link.starts_asked_for}
         starts = {name: id(data) for name, data in ends.items() if data is not None and id(data) not in self._in_others}
         incidence = [[i for i, key in enumerate(starts.values()) if key in held] for held in self._equations]
-        left = [list(starts)[i] for i in maximum_matching(incidence, len(starts)).unmatched_columns]
-        if left:
-            yield warning_about(
-                Subject.STATEMENT,
-                f"link '{link.name}' leaves {quoted(left)} of '{link.second.name}' without a start: it may jump there.",
-                (link.name, link.second.name),
-                f"Give it in states= or jump=, or leave it alone by omit={left[:1]} where that is meant.",
-            )
+        return [list(starts)[i] for i in maximum_matching(incidence, len(starts)).unmatched_columns]

@@ -1,16 +1,14 @@
-"""Rows, variables and the Jacobian of a model at its current values, by Pyomo's own differentiation."""
+"""The equations of a model and their Jacobian at its current values, by Pyomo's own differentiation."""
 
 from __future__ import annotations
 
 import contextlib
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pyomo.common.collections import ComponentMap
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
@@ -19,6 +17,7 @@ from pyomo.core.expr.numvalue import native_numeric_types
 
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
+from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import scipy
 
 NAN = float("nan")
@@ -27,62 +26,51 @@ NAN = float("nan")
 NO_VALUE = (ValueError, TypeError, ArithmeticError)
 
 
-@dataclass(frozen=True)
-class Row:
-    """One active constraint at the current values.
-
-    Attributes
-    ----------
-    data : constraint data
-    residual : float
-        Body less right-hand side of an equality, violation of an inequality; NaN where it has no value.
-    gradient : dict of column number to float
-        Derivatives by the variables that may move; a NaN where one does not exist.
-    """
-
-    data: Any
-    residual: float
-    gradient: dict[int, float]
-
-    @property
-    def is_finite(self) -> bool:
-        """True when value and derivatives are numbers."""
-        return math.isfinite(self.residual) and all(map(math.isfinite, self.gradient.values()))
-
-
-class LinearisedRows:
-    """All active rows of a block and below, in all variables that may move.
+class Equations:
+    """All active equations of a block and below, in all variables that may move.
 
     Parameters
     ----------
     block : Block
+
+    Attributes
+    ----------
+    rows : list of constraint data
+        Those that hold a variable that may move: the others are judged by their values.
+    variables : list of variable data
+    incidence : list of list of int
+        Positions in `variables` of what each row holds.
     """
 
     def __init__(self, block: Any) -> None:
-        data = block.component_data_objects(Constraint, active=True, descend_into=Block)
-        constraints = list(data)
-        variables: dict[int, Any] = {}
-        variables_of = [list(variables_in(row.body, include_fixed=False)) for row in constraints]
-        for some in variables_of:
-            variables.update((id(variable), variable) for variable in some)
-        self.variables = list(variables.values())
-        self.column = {number: i for i, number in enumerate(variables)}
-        self.rows = [
-            Row(row, residual_of(row), {self.column[id(v)]: g for v, g in gradient(row.body, some)})
-            for row, some in zip(constraints, variables_of, strict=True)
-        ]
+        self.rows: list[Any] = []
+        self.incidence: list[list[int]] = []
+        column: dict[int, int] = {}
+        self.variables: list[Any] = []
+        for row in block.component_data_objects(Constraint, active=True, descend_into=Block):
+            own = list(variables_in(row.body, include_fixed=False)) if row.equality else []
+            if own:
+                for variable in own:
+                    if column.setdefault(id(variable), len(column)) == len(self.variables):
+                        self.variables.append(variable)
+                self.rows.append(row)
+                self.incidence.append([column[id(variable)] for variable in own])
 
     @cached_property
-    def equalities(self) -> list[Row]:
-        """The rows that are equalities and hold a variable that may move."""
-        return [row for row in self.rows if row.data.equality and row.gradient]
-
-    def jacobian(self, rows: Iterable[Row]) -> Any:
-        """Sparse matrix of the gradients of some rows, in all variables."""
-        triplets = [(i, j, entry) for i, row in enumerate(rows) for j, entry in row.gradient.items()]
+    def jacobian(self) -> Any:
+        """Sparse matrix of derivatives; a NaN where one does not exist."""
+        triplets = [
+            (i, j, entry)
+            for i, (row, own) in enumerate(zip(self.rows, self.incidence, strict=True))
+            for j, (_, entry) in zip(own, gradient(row.body, [self.variables[j] for j in own]), strict=True)
+        ]
         i, j, entries = zip(*triplets, strict=True) if triplets else ((), (), ())
-        count = len(list(rows))
-        return scipy.sparse.csr_matrix((entries, (i, j)), shape=(count, len(self.variables)))
+        return scipy.sparse.csr_matrix((entries, (i, j)), shape=(len(self.rows), len(self.variables)))
+
+    @property
+    def residuals(self) -> Array:
+        """Bodies less right-hand sides; NaN where there is no value."""
+        return np.array([residual_of(row) for row in self.rows])
 
 
 def residual_of(row: Any) -> float:
@@ -109,7 +97,7 @@ def gradient(body: Any, variables: Iterable[Any]) -> Iterator[tuple[Any, float]]
         yield variable, float(derivative) if real else NAN
 
 
-def equilibrate(matrix: Any, rounds: int = 10) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def equilibrate(matrix: Any, rounds: int = 10) -> tuple[Array, Array]:
     """Factors of rows and columns that bring the largest entry of each near one.
 
     References

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import chain, islice
 from typing import Any
 
@@ -12,50 +12,43 @@ from pyomo.core.base.objective import Objective
 from pyomo.core.base.units_container import InconsistentUnitsError, UnitsError
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
+from pyomo.dae import DerivativeVar, Integral
+from pyomo.gdp import Disjunct, Disjunction
 from pyomo.util.check_units import assert_units_consistent
 
 from pyrobocop_pyomo.complementarity import Complements, canonical_form
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES, active_sources
 from pyrobocop_pyomo.errors import ComplementarityError, ModelError
+from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES
 from pyrobocop_pyomo.modeling.foreign_variables import ONE_MODEL, foreign_read, foreign_variable
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in, variables_in_any
 from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.phases.declarations import Declaration
 from pyrobocop_pyomo.phases.structure import sides_of
 
-from .findings import Finding, Subject, error_about, warning_about
+from .findings import Finding, Subject, error_about, quoted, warning_about
 
 
 def statement_findings(block: Any) -> Iterator[Finding]:
     """Statements that are refused, or misread, later on."""
-    objectives = [
-        objective.name for objective in block.model().component_data_objects(Objective, active=True, descend_into=Block)
-    ]
+    stated = block.model().component_data_objects(Objective, active=True, descend_into=Block)
+    objectives = [objective.name for objective in stated]
     if len(objectives) > 1:
-        yield _error(
-            f"{len(objectives)} objectives are active: {', '.join(map(repr, objectives))}.",
-            tuple(objectives),
-            "Add them up in one, or deactivate all but one.",
-        )
+        message = f"{len(objectives)} objectives are active: {', '.join(map(repr, objectives))}."
+        yield _error(message, objectives, "Add them up in one, or deactivate all but one.")
     variables = block.component_data_objects(Var, active=True, descend_into=Block)
-    discrete = dict.fromkeys(
-        data.parent_component().name for data in variables if not (data.is_continuous() or data.fixed)
-    )
-    for name in discrete:
-        yield _error(
-            f"'{name}' is a discrete variable.", (name,), "Ipopt knows real numbers only: fix it, or use a pair."
-        )
-    yield from foreign_findings(block)
-    wrong: set[str] = set()
+    discrete = (data for data in variables if not (data.is_continuous() or data.fixed))
+    for name in dict.fromkeys(data.parent_component().name for data in discrete):
+        remedy = "Ipopt knows real numbers only: fix it, or use a pair."
+        yield _error(f"'{name}' is a discrete variable.", (name,), remedy)
+    wrong: dict[str, str] = {}
     for source in active_sources(block):
-        name = source.parent_component().name
-        if name in wrong:
-            continue
         try:
             canonical_form(source)
         except ComplementarityError as error:
-            wrong.add(name)
-            yield _error(str(error), (name,), "rcp.solve refuses the model until then.")
+            wrong.setdefault(source.parent_component().name, str(error))
+    for name, message in wrong.items():
+        yield _error(message, (name,), "rcp.solve refuses the model until then.")
     for phase in phases_of(block):
         if not phase.record.names_of_states:
             yield warning_about(
@@ -85,8 +78,38 @@ def foreign_findings(block: Any, rows_of_each: int | None = None) -> Iterator[Fi
             yield _error(f"'{component.name}' {foreign_read(foreign, block)}", (component.name,), ONE_MODEL)
 
 
-def _error(message: str, names: tuple[str, ...], remedy: str) -> Finding:
+def _error(message: str, names: Iterable[str], remedy: str) -> Finding:
     return error_about(Subject.STATEMENT, message, names, remedy)
+
+
+def unfinished_findings(block: Any) -> Iterator[Finding]:
+    """Derivatives and integrals along sets that were not discretised, and disjunctions that were not transformed.
+
+    What is transformed has another type, or is not active any more.
+    """
+    along: dict[str, list[str]] = {}
+    for component in block.component_objects((DerivativeVar, Integral), active=True, descend_into=BLOCK_TYPES):
+        is_derivative = component.ctype is DerivativeVar
+        for domain in component.get_continuousset_list() if is_derivative else [component.get_continuousset()]:
+            if "scheme" not in domain.get_discretization_info():
+                along.setdefault(domain.name, []).append(component.name)
+    for name, components in along.items():
+        yield _error(
+            f"the ContinuousSet '{name}' was not discretised: nothing ties {quoted(components)} to values along it.",
+            components,
+            f"Call pyo.TransformationFactory('pyrobocop.collocation').apply_to(m, wrt=m.{name}, nfe=20), or Pyomo's "
+            "'dae.collocation', before the solve.",
+        )
+    choices = [*block.component_data_objects((Disjunction, Disjunct), active=True, descend_into=Block)]
+    if choices:
+        names = list(dict.fromkeys(data.parent_component().name for data in choices))
+        yield _error(
+            f"{quoted(names)} {'is a choice' if len(names) == 1 else 'are choices'} of pyomo.gdp, which no interior "
+            "method sees.",
+            names,
+            "Apply 'gdp.bigm' or 'gdp.hull' and use a mixed-integer solver, or SolverFactory('gdpopt'); or state the "
+            "choice as a pair, which rcp.solve takes.",
+        )
 
 
 def misplaced_findings(block: Any) -> Iterator[Finding]:
@@ -111,18 +134,18 @@ def misplaced_findings(block: Any) -> Iterator[Finding]:
 def scaled_pair_findings(block: Any) -> Iterator[Finding]:
     """Pairs that Pyomo's ``core.scale_model`` has passed over, while it scaled the variables that they hold."""
     factors = getattr(block.model(), "component_scaling_factor_map", {})
-    named: set[str] = set()
+    scaled: dict[str, Any] = {}
     for source in active_sources(block) if factors else ():
-        name = source.parent_component().name
-        scaled = [held for side in sides_of(source) for held in variables_in(side) if factors.get(held, 1) != 1]
-        if scaled and name not in named:
-            named.add(name)
-            yield _error(
-                f"'{name}' holds '{scaled[0].name}', which core.scale_model multiplied by {factors[scaled[0]]:g}; it "
-                "changes constraints, and leaves pairs as they were: they mean something else now.",
-                (name,),
-                "Apply pyrobocop.relax_complementarity before core.scale_model, or solve the model itself.",
-            )
+        held = (variable for side in sides_of(source) for variable in variables_in(side))
+        for variable in (variable for variable in held if factors.get(variable, 1) != 1):
+            scaled.setdefault(source.parent_component().name, variable)
+    for name, variable in scaled.items():
+        yield _error(
+            f"'{name}' holds '{variable.name}', which core.scale_model multiplied by {factors[variable]:g}; it "
+            "changes constraints, and leaves pairs as they were: they mean something else now.",
+            (name,),
+            "Apply pyrobocop.relax_complementarity before core.scale_model, or solve the model itself.",
+        )
 
 
 def without_objective(block: Any) -> str:
@@ -197,17 +220,30 @@ def refuse_misplaced(model: Any) -> None:
         raise ModelError(f"{finding.message} {finding.remedy}")
 
 
-def unit_findings(block: Any) -> Iterator[Finding]:
-    """Rows and objectives whose terms have different units, one finding per component; nothing without units."""
-    if not any(_has_units(component) for component in block.component_objects(Var, active=True, descend_into=Block)):
+def unit_findings(block: Any, rows_of_each: int | None = None) -> Iterator[Finding]:
+    """Rows and objectives whose terms have different units, one finding per component; nothing without units.
+
+    Parameters
+    ----------
+    block : Block
+    rows_of_each : int, optional
+        How many rows or pairs of each component are looked at; all by default.
+    """
+    variables = block.component_data_objects(Var, active=True, descend_into=Block)
+    if all(data.get_units() is None for data in variables):
         return
     for component in block.component_objects((Constraint, Objective, *PAIR_TYPES), active=True, descend_into=Block):
         try:
-            pairs = component.values() if component.ctype in PAIR_TYPES else ()
-            for part in chain.from_iterable(map(sides_of, pairs)) if pairs else (component,):
-                assert_units_consistent(part)
+            for row in islice(component.values(), rows_of_each):
+                for part in sides_of(row) if component.ctype in PAIR_TYPES else (row,):
+                    assert_units_consistent(part)
         except (InconsistentUnitsError, UnitsError) as inconsistency:
-            yield _finding(component, inconsistency)
+            yield error_about(
+                Subject.UNITS,
+                f"'{component.name}': {str(inconsistency).strip().rstrip('.')}.",
+                (component.name,),
+                "Give constants their units (9.81 * units.m / units.s**2), or correct the units of a declaration.",
+            )
 
 
 def refuse_inconsistent_units(model: Any) -> None:
@@ -227,25 +263,6 @@ def refuse_inconsistent_units(model: Any) -> None:
     """
     for phase in phases_of(model):
         declarations = phase.record.declarations.values()
-        if not declarations or any(declaration.units is None for declaration in declarations):
-            continue
-        for component in phase.component_objects(Constraint, active=True, descend_into=False):
-            for row in islice(component.values(), 1):
-                try:
-                    assert_units_consistent(row)
-                except (InconsistentUnitsError, UnitsError) as error:
-                    finding = _finding(component, error)
-                    raise ModelError(f"phase '{phase.name}': {finding.message} {finding.remedy}") from None
-
-
-def _has_units(component: Any) -> bool:
-    return any(data.get_units() is not None for data in component.values())
-
-
-def _finding(component: Any, error: Exception) -> Finding:
-    return error_about(
-        Subject.UNITS,
-        f"'{component.name}': {str(error).strip().rstrip('.')}.",
-        (component.name,),
-        "Give constants their units (9.81 * units.m / units.s**2), or correct the units of a declaration.",
-    )
+        if declarations and all(declaration.units is not None for declaration in declarations):
+            for finding in unit_findings(phase, rows_of_each=1):
+                raise ModelError(f"phase '{phase.name}': {finding.message} {finding.remedy}")

@@ -30,11 +30,14 @@ class UndefinedRow:
 
     Attributes
     ----------
+    component : str
+        Its name; of a right-hand side that of the state.
     where : str
         The component and, in a phase, the time.
     part : UndefinedPart
     """
 
+    component: str
     where: str
     part: UndefinedPart
 
@@ -55,10 +58,10 @@ def undefined_rows(model: Any) -> Iterator[UndefinedRow]:
     ----------
     model : Block
     """
-    for where, expression in _expressions(model):
+    for component, where, expression in _expressions(model):
         part = undefined_part(expression)
         if part is not None:
-            yield UndefinedRow(where, part)
+            yield UndefinedRow(component, where, part)
 
 
 def named_undefined_rows(model: Any) -> str:
@@ -94,18 +97,19 @@ def _place(row: Any) -> str:
     return f"a side of {place_in_words(sources[0])}" if sources else place_in_words(row)
 
 
-def _expressions(model: Any) -> Iterator[tuple[str, Any]]:
-    """Every expression with the words for its place; those of right-hand sides stand for their generated rows."""
+def _expressions(model: Any) -> Iterator[tuple[str, str, Any]]:
+    """Every expression with its component and the words for its place; right-hand sides stand for generated rows."""
     generated: set[int] = set()
     for phase in phases_of(model):
         for state, rates in phase.record.rates.items():
             for time, rate in rates.items():
-                yield f"right-hand side of '{state}' of phase '{phase.name}'{at_point(phase, time)}", rate
+                where = f"right-hand side of '{state}' of phase '{phase.name}'{at_point(phase, time)}"
+                yield f"{phase.name}.{state}", where, rate
         rows = (phase.component(name) for name in phase.record.generated_rows)
         generated.update(id(component) for component in rows if component is not None)
     for row in model.component_data_objects(Constraint, active=True, descend_into=Block):
         if id(row.parent_component()) not in generated:
-            yield _place(row), row.body
+            yield row.parent_component().name, _place(row), row.body
     for data in model.component_data_objects((*PAIR_TYPES, Objective), active=True, descend_into=Block):
         place = f"objective '{data.name}'" if data.ctype is Objective else f"a side of {place_in_words(data)}"
-        yield from ((place, side) for side in sides_of(data))
+        yield from ((data.parent_component().name, place, side) for side in sides_of(data))

@@ -8,7 +8,6 @@ from typing import Any
 
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
-from pyomo.core.base.objective import Objective
 from pyomo.core.base.param import Param
 from pyomo.core.base.var import Var
 
@@ -17,107 +16,42 @@ from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.continuous.discretisation import discretisations_on
 from pyrobocop_pyomo.modeling.row_violations import bound_violation, number_or_nan
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
-from pyrobocop_pyomo.modeling.undefined_values import undefined_part
 from pyrobocop_pyomo.phases.given_ends import KINDS, EndViolation, end_violations, relations_of, values_given
 from pyrobocop_pyomo.phases.horizon import real_grid
 
 from .findings import Finding, Subject, error_about
-from .linearised_rows import LinearisedRows, gradient, residual_of
+from .linearised_rows import residual_of
+from .undefined_rows import UndefinedRow, undefined_rows
 
 REMEDY = "Change the initial guess or the data, or keep the expression away from its edge by bounds."
 
 
-def rate_findings(phase: Any) -> Iterator[Finding]:
-    """Right-hand sides without a finite value at the initial guess, by the first time at which it shows."""
-    for name, rates in phase.record.rates.items():
-        wrong = [(time, number) for time, rate in rates.items() if not math.isfinite(number := number_or_nan(rate))]
-        if wrong and not _waits_for_a_value(rates[wrong[0][0]]):
-            time, number = wrong[0]
-            rule = phase.record.equation_of[name]
-            yield error_about(
-                Subject.DATA,
-                f"phase '{phase.name}': the right-hand side of '{name}' in ode '{rule}' is {number:g} at t = {time:g}"
-                f"{_and_more(len(wrong), 'point')}{_because(rates[time])}.",
-                (f"{phase.name}.{name}",),
-                REMEDY,
-                time,
-            )
+def undefined_findings(block: Any) -> Iterator[Finding]:
+    """What has no finite value or derivative at the initial guess, the first place of each component."""
+    found: dict[str, list[UndefinedRow]] = {}
+    for row in undefined_rows(block):
+        found.setdefault(row.component, []).append(row)
+    for name, rows in found.items():
+        message = f"no finite value or derivative at the initial guess: {rows[0]}{_and_more(len(rows), 'point')}."
+        yield error_about(Subject.DATA, message, (name,), REMEDY)
 
 
-def row_findings(linearised: LinearisedRows, reported: set[str]) -> Iterator[Finding]:
-    """Rows without a finite value or derivative at the initial guess, one finding per component."""
-    wrong: dict[str, list[Any]] = {}
-    for row in linearised.rows:
-        if not row.is_finite and not _waits_for_a_value(row.data.body):
-            wrong.setdefault(row.data.parent_component().name, []).append(row)
-    for name, rows in wrong.items():
-        if name in reported:
-            continue
-        first = rows[0]
-        if math.isfinite(first.residual):
-            column = next(j for j, entry in first.gradient.items() if not math.isfinite(entry))
-            what = f"has no finite derivative by '{linearised.variables[column].name}'"
-        else:
-            what = f"has the value {first.residual:g}"
-        index = first.data.index()
-        yield error_about(
-            Subject.DATA,
-            f"'{first.data.name}' {what} at the initial guess{_and_more(len(rows), 'row')}{_because(first.data.body)}.",
-            (name,),
-            REMEDY,
-            index if isinstance(index, float) else None,
-        )
-
-
-def data_findings(block: Any) -> Iterator[Finding]:
-    """Objectives, parameters, bounds and initial guesses."""
-    for objective in block.component_data_objects(Objective, active=True, descend_into=Block):
-        entries = gradient(objective.expr, variables_in(objective.expr, include_fixed=False))
-        number = number_or_nan(objective.expr)
-        if not _waits_for_a_value(objective.expr):
-            bad = next((v.name for v, entry in entries if not math.isfinite(entry)), None)
-            if not math.isfinite(number) or bad is not None:
-                what = f"has no finite derivative by '{bad}'" if math.isfinite(number) else f"is {number:g}"
-                yield _error(
-                    objective.name,
-                    f"objective '{objective.name}' {what} at the initial guess{_because(objective.expr)}.",
-                    REMEDY,
-                )
+def parameter_findings(block: Any) -> Iterator[Finding]:
+    """Parameters that are no numbers."""
     for component in block.component_objects(Param, active=True, descend_into=Block):
         for index in component.sparse_keys():
             number = number_or_nan(component[index], without=0.0)
             if not math.isfinite(number):
                 name = component.name if index is None else f"{component.name}[{index}]"
-                yield _error(name, f"parameter '{name}' is {number:g}.", "Give it a finite number.")
-    for data in block.component_data_objects(Var, active=True, descend_into=Block):
-        if data.value is not None and not math.isfinite(data.value):
-            yield _error(data.name, f"'{data.name}' starts at {data.value:g}.", "Give it a finite initial guess.")
-        for which, bound in (("lower", data.lower), ("upper", data.upper)):
-            if bound is not None and math.isnan(number_or_nan(bound)):
-                yield _error(data.name, f"'{data.name}' has a {which} bound that is no number.", "Set it, or None.")
-
-
-def _because(expression: Any) -> str:
-    """The part of an expression that has no value, in words."""
-    part = undefined_part(expression)
-    return "" if part is None else f": {part.what}"
+                yield error_about(
+                    Subject.DATA, f"parameter '{name}' is {number:g}.", (name,), "Give it a finite number."
+                )
 
 
 def values_missing(block: Any) -> list[str]:
     """Names of components some of whose variables have no value to start from."""
     variables = block.component_data_objects(Var, active=True, descend_into=Block)
     return sorted({data.parent_component().name for data in variables if data.value is None})
-
-
-def _error(name: str, message: str, remedy: str) -> Finding:
-    return error_about(Subject.DATA, message, (name,), remedy)
-
-
-def _waits_for_a_value(expression: Any) -> bool:
-    """True when the expression has no value just because a variable in it has none yet."""
-    if not hasattr(expression, "is_expression_type"):
-        return False
-    return any(variable.value is None for variable in variables_in(expression, include_fixed=True))
 
 
 def _and_more(count: int, noun: str) -> str:
@@ -153,7 +87,6 @@ def boundary_findings(phase: Any, remarks: list[str]) -> Iterator[Finding]:
                 f"by {found.amount:.3g} at t = {time:g}: {known}.",
                 (f"{phase.name}.{found.statement}",),
                 f"Give {where} values that satisfy it, or leave one of them free.{_UNLESS.get(found.kind, '')}",
-                time,
             )
 
 
@@ -201,35 +134,18 @@ def discretised_start_findings(block: Any) -> Iterator[Finding]:
 def bound_findings(block: Any) -> Iterator[Finding]:
     """Fixed values outside their bounds, and bounds that cross: the first of each component."""
     for component in block.component_objects(Var, active=True, descend_into=Block):
-        outside = [data for data in component.values() if data.fixed and _is_outside(data)]
-        if outside:
-            data = outside[0]
-            yield error_about(
-                Subject.CONTRADICTION,
-                f"'{data.name}' is fixed to {data.value:g}, outside its bounds ({data.lower}, {data.upper})"
-                f"{_and_more(len(outside), 'index')}.",
-                (data.name,),
-                "Change the value or widen the bounds.",
-            )
-        crossed = [data for data in component.values() if not data.fixed and _crosses(*data.bounds)]
-        if crossed:
-            lower, upper = crossed[0].bounds
-            yield error_about(
-                Subject.CONTRADICTION,
-                f"'{crossed[0].name}' has the lower bound {lower:g} above the upper {upper:g}"
-                f"{_and_more(len(crossed), 'index')}.",
-                (crossed[0].name,),
-                "Swap or widen them.",
-            )
-
-
-def _crosses(lower: float | None, upper: float | None) -> bool:
-    return lower is not None and upper is not None and lower > upper
-
-
-def _is_outside(data: Any) -> bool:
-    lower, upper = data.bounds
-    return data.value is not None and bound_violation(data.value, lower, upper) > TOLERANCE
+        outside, crossed = [], []
+        for data in component.values():
+            lower, upper = data.bounds
+            if data.fixed and data.value is not None and bound_violation(data.value, lower, upper) > TOLERANCE:
+                message = f"'{data.name}' is fixed to {data.value:g}, outside its bounds ({lower}, {upper})"
+                outside.append((message, data.name, "Change the value or widen the bounds."))
+            elif not data.fixed and lower is not None and upper is not None and lower > upper:
+                message = f"'{data.name}' has the lower bound {lower:g} above the upper {upper:g}"
+                crossed.append((message, data.name, "Swap or widen them."))
+        for wrong in filter(None, (outside, crossed)):
+            message, name, remedy = wrong[0]
+            yield error_about(Subject.CONTRADICTION, f"{message}{_and_more(len(wrong), 'index')}.", (name,), remedy)
 
 
 def decided_findings(block: Any) -> Iterator[Finding]:

@@ -16,7 +16,7 @@ NO_IPOPT = f"""\
 no Ipopt is found on this machine. Any one of these brings it:
   pip install 'pyrobocop_pyomo[ipopt]'      CasADi's Ipopt, used in this process: works at once
   conda install -c conda-forge ipopt        the ipopt executable
-  python -m pyrobocop_pyomo build-asl       Debian, Ubuntu: the executable, and ASL for use in this process
+  python build_asl.py, in a clone           Debian, Ubuntu: the executable, and ASL for use in this process
 or, for an Ipopt that is there already, one of these environment variables:
   {EXECUTABLE_VARIABLE}=/path/to/ipopt
   {LIBRARY_VARIABLE}=/path/to/libipopt.so

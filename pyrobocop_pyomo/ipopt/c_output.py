@@ -12,7 +12,7 @@ import threading
 from collections.abc import Iterator, Sequence
 from typing import TextIO
 
-from pyomo.common.tee import capture_output
+from pyomo.common.tee import capture_output, redirect_fd
 
 
 def flush_c_streams() -> None:
@@ -88,14 +88,30 @@ def c_output_captured() -> Iterator[list[str]]:
     """
     captured: list[str] = []
     descriptor = _descriptor
-    if not descriptor.acquire(blocking=False):
+    if not _has_standard_output() or not descriptor.acquire(blocking=False):
         yield captured
         return
     try:
-        with _swapped_descriptor(captured):
-            yield captured
+        with contextlib.suppress(ValueError, OSError):
+            sys.stdout.flush()
+        flush_c_streams()
+        with tempfile.TemporaryFile() as file:
+            with redirect_fd(1, file.fileno(), synchronize=False):
+                yield captured
+                flush_c_streams()
+            file.seek(0)
+            captured.append(file.read().decode(errors="replace"))
     finally:
         descriptor.release()
+
+
+def _has_standard_output() -> bool:
+    """A service may have none."""
+    try:
+        os.fstat(1)
+    except OSError:
+        return False
+    return True
 
 
 @contextlib.contextmanager
@@ -105,25 +121,3 @@ def c_output_muted() -> Iterator[None]:
         if threading.active_count() == 1:
             stack.enter_context(c_output_captured())
         yield
-
-
-@contextlib.contextmanager
-def _swapped_descriptor(captured: list[str]) -> Iterator[None]:
-    with contextlib.suppress(ValueError, OSError):
-        sys.stdout.flush()
-    flush_c_streams()
-    try:
-        original = os.dup(1)
-    except OSError:  # no standard output at all, as in a service
-        yield
-        return
-    with tempfile.TemporaryFile() as file:
-        try:
-            os.dup2(file.fileno(), 1)
-            yield
-        finally:
-            flush_c_streams()
-            os.dup2(original, 1)
-            os.close(original)
-            file.seek(0)
-            captured.append(file.read().decode(errors="replace"))

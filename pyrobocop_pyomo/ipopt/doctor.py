@@ -31,14 +31,13 @@ from .linear_solvers import OWN_SOLVER
 
 OPTIMUM = 17.0140172891520542  # of Hock and Schittkowski's problem 71
 
-_EXECUTABLE_REMEDY = (
-    "conda install -c conda-forge ipopt, or (Debian, Ubuntu) python -m pyrobocop_pyomo build-asl, or set "
+
+EXECUTABLE_REMEDY = (
+    "conda install -c conda-forge ipopt, or (Debian, Ubuntu) python build_asl.py in a clone, or set "
     "PYROBOCOP_IPOPT_EXECUTABLE"
 )
-_CASADI_REMEDY = "pip install 'pyrobocop_pyomo[ipopt]'"
-_COMPILER_REMEDY = "python -m pyrobocop_pyomo build-native, with any C compiler (without it Ipopt uses MUMPS)"
-# Importing this package leaves Pyomo as it is: an executable outside of PATH is shown to Pyomo on request only.
-_NOT_ON_PATH = "Pyomo's own SolverFactory finds it after pyrobocop_pyomo.ipopt.configure_ipopt_executable()"
+CASADI_REMEDY = "pip install 'pyrobocop_pyomo[ipopt]'"
+COMPILER_REMEDY = "python -m pyrobocop_pyomo build-native, with any C compiler (without it Ipopt uses MUMPS)"
 
 
 def report() -> tuple[str, bool]:
@@ -47,18 +46,13 @@ def report() -> tuple[str, bool]:
     packages = ["pyomo", "numpy", "scipy", "networkx", "casadi", "matplotlib", "pandas"]
     lines += [f"  {package:<12}{_installed(package) or 'not installed'}" for package in packages]
     in_process = 'SolverFactory("pyrobocop.ipopt"), derivatives="{}"'.format
-    backends = [
-        _examined("the ipopt executable", find_ipopt_executable, _solved_by_executable, _EXECUTABLE_REMEDY),
+    *backends, solver = (
+        _examined("the ipopt executable", find_ipopt_executable, _solved_by_executable, EXECUTABLE_REMEDY),
         _examined(in_process("asl"), find_asl_library, partial(_solved_in_process, "asl"), ASL_REMEDY),
-        _examined(
-            in_process("vectorised"),
-            lambda: f"casadi {_installed('casadi')}" if casadi_available() else None,
-            partial(_solved_in_process, "vectorised"),
-            _CASADI_REMEDY,
-        ),
-    ]
-    # No backend, and nothing is missing without it.
-    solver = _examined(f"linear solver '{OWN_SOLVER}'", find_linear_solver, _factored, _COMPILER_REMEDY)
+        _examined(in_process("vectorised"), _find_casadi, partial(_solved_in_process, "vectorised"), CASADI_REMEDY),
+        # No backend, and nothing is missing without it.
+        _examined(f"linear solver '{OWN_SOLVER}'", find_linear_solver, _factored, COMPILER_REMEDY),
+    )
     works = any(fine for fine, _ in backends)
     lines += [line for _, examined in (*backends, solver) for line in examined]
     lines += ["", "At least one backend to Ipopt works." if works else NO_IPOPT]
@@ -69,21 +63,21 @@ def _examined(
     title: str, find: Callable[[], str | None], use: Callable[[str], list[str]], remedy: str
 ) -> tuple[bool, list[str]]:
     """Whether what is found can be used, and lines that say so."""
-    facts: list[tuple[str, str]] = []
-    works = False
+    lines: list[str] = []
+    verdict = "not found"
     try:
         found = find()
         if found:
-            facts.append(("found", found))
+            lines.append(f"  found       {found}")
             with LoggingIntercept(module="pyomo"):  # Pyomo's warnings say the same in other words
-                facts += [("result", line) for line in use(found)]
-            works = True
+                lines += [f"  result      {line}" for line in use(found)]
+            verdict = "works"
     except Exception as error:  # a diagnosis reports whatever goes wrong
-        facts.append(("result", f"{type(error).__name__}: {error}"))
-    if not works:
-        facts.append(("remedy", remedy))
-    verdict = "works" if works else "fails" if len(facts) > 1 else "not found"
-    return works, ["", f"{title}: {verdict}", *(f"  {label:<12}{text}" for label, text in facts)]
+        lines.append(f"  result      {type(error).__name__}: {error}")
+        verdict = "fails"
+    if verdict != "works":
+        lines.append(f"  remedy      {remedy}")
+    return verdict == "works", ["", f"{title}: {verdict}", *lines]
 
 
 def _installed(package: str) -> str:
@@ -93,18 +87,24 @@ def _installed(package: str) -> str:
         return ""
 
 
+def _find_casadi() -> str | None:
+    return f"casadi {_installed('casadi')}" if casadi_available() else None
+
+
 def _solved_by_executable(path: str) -> list[str]:
     version = ipopt_executable_version(path)
     if version is None:
         raise SolverNotFoundError(f"'{path} --version' does not run")
-    notes = [] if Executable("ipopt").path() == path else [_NOT_ON_PATH]
-    return [version, _solved(NewSolverFactory("ipopt", executable=path)), *notes]
+    lines = [version, _solved(NewSolverFactory("ipopt", executable=path))]
+    if Executable("ipopt").path() != path:
+        # Importing this package leaves Pyomo as it is: an executable outside of PATH is shown to Pyomo on request only.
+        lines.append("Pyomo's own SolverFactory finds it after pyrobocop_pyomo.ipopt.configure_ipopt_executable()")
+    return lines
 
 
 def _solved_in_process(derivatives: str, found: str) -> list[str]:
-    solver = InProcessIpopt(derivatives=derivatives)
     notes = [how_terms_are_evaluated()] if derivatives == "vectorised" else []
-    return [str(load_ipopt_library()), _solved(solver), *notes]
+    return [str(load_ipopt_library()), _solved(InProcessIpopt(derivatives=derivatives)), *notes]
 
 
 def _factored(library: str) -> list[str]:

@@ -37,16 +37,13 @@ logger = logging.getLogger(__name__)
 
 # As Pyomo reads the executable's codes; only what it calls "limit" or "failure" is told apart further here.
 CONDITIONS = {
-    IpoptStatus.SOLVED: (TerminationCondition.convergenceCriteriaSatisfied, SolutionStatus.optimal),
-    IpoptStatus.ACCEPTABLE: (TerminationCondition.convergenceCriteriaSatisfied, SolutionStatus.optimal),
-    IpoptStatus.FEASIBLE_POINT: (TerminationCondition.convergenceCriteriaSatisfied, SolutionStatus.optimal),
-    IpoptStatus.INFEASIBLE: (TerminationCondition.locallyInfeasible, SolutionStatus.infeasible),
-    IpoptStatus.TINY_STEP: (TerminationCondition.minStepLength, SolutionStatus.unknown),
-    IpoptStatus.DIVERGING: (TerminationCondition.unbounded, SolutionStatus.unknown),
-    IpoptStatus.INTERRUPTED: (TerminationCondition.interrupted, SolutionStatus.unknown),
-    IpoptStatus.STOPPED: (TerminationCondition.interrupted, SolutionStatus.unknown),
-    IpoptStatus.ITERATION_LIMIT: (TerminationCondition.iterationLimit, SolutionStatus.unknown),
-    IpoptStatus.TIME_LIMIT: (TerminationCondition.maxTimeLimit, SolutionStatus.unknown),
+    IpoptStatus.INFEASIBLE: TerminationCondition.locallyInfeasible,
+    IpoptStatus.TINY_STEP: TerminationCondition.minStepLength,
+    IpoptStatus.DIVERGING: TerminationCondition.unbounded,
+    IpoptStatus.INTERRUPTED: TerminationCondition.interrupted,
+    IpoptStatus.STOPPED: TerminationCondition.interrupted,
+    IpoptStatus.ITERATION_LIMIT: TerminationCondition.iterationLimit,
+    IpoptStatus.TIME_LIMIT: TerminationCondition.maxTimeLimit,
 }
 
 
@@ -185,12 +182,17 @@ def _run(compiled: CompiledModel, config: InProcessIpoptConfig) -> IpoptOutcome:
 
 
 def _report(results: Results, compiled: CompiledModel, outcome: IpoptOutcome) -> None:
-    failure = (TerminationCondition.error, SolutionStatus.unknown)
-    results.termination_condition, results.solution_status = CONDITIONS.get(outcome.status, failure)
+    if outcome.status.solved:
+        results.termination_condition = TerminationCondition.convergenceCriteriaSatisfied
+        results.solution_status = SolutionStatus.optimal
+    else:
+        results.termination_condition = CONDITIONS.get(outcome.status, TerminationCondition.error)
+        is_infeasible = outcome.status is IpoptStatus.INFEASIBLE
+        results.solution_status = SolutionStatus.infeasible if is_infeasible else SolutionStatus.unknown
     results.solution_loader = InProcessSolutionLoader(compiled, outcome)
     results.solver_log = outcome.log
     results.extra_info.derivatives = compiled.nlp.derivatives
-    if results.solution_status is SolutionStatus.optimal and compiled.objective is not None:
+    if outcome.status.solved and compiled.objective is not None:
         results.incumbent_objective = compiled.sign * outcome.objective
     results.extra_info.solver_message = outcome.status.value
     results.extra_info.ipopt_status = outcome.status

@@ -1,4 +1,4 @@
-"""Between Ipopt's C callbacks and a nonlinear program in Python, and Ctrl-C meanwhile."""
+"""Between Ipopt's C interface and a nonlinear program in Python: callbacks, Ctrl-C meanwhile, the problem object."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import ctypes
 import signal
 import threading
 import time
-from collections.abc import Callable
-from types import FrameType, TracebackType
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -16,48 +17,35 @@ from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.programs.compiled_run import EVALUATIONS, compiled_functions_of
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram
 
-from .ipopt_library import EvalF, EvalG, EvalGradF, EvalH, EvalJacG, Intermediate
+from .ipopt_library import EvalF, EvalG, EvalGradF, EvalH, EvalJacG, Intermediate, IpoptLibrary
 from .ipopt_outcome import IterationRecord
 
+OnIteration = Callable[[IterationRecord], bool | None]
 
-class Interruption:
-    """Context that turns the first Ctrl-C into a request, which the callbacks of the run look at.
+
+@contextmanager
+def first_ctrl_c(request: Callable[[], None]) -> Iterator[None]:
+    """Let the first Ctrl-C call a function, which asks the run to end.
 
     The second Ctrl-C finds the handler that was there before (usually the one that raises `KeyboardInterrupt`).
-    Outside of the main thread Python gives no access to signals, and the context does nothing.
-
-    Attributes
-    ----------
-    requested : bool
-        Whether Ctrl-C was pressed inside the context.
+    Outside of the main thread Python gives no access to signals, and this does nothing.
     """
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    previous = signal.getsignal(signal.SIGINT)
+    # None: a handler that C code installed, which Python could not put back. Ignored: leave it ignored.
+    if not in_main_thread or previous in (None, signal.SIG_IGN):
+        yield
+        return
 
-    def __init__(self) -> None:
-        self.requested = False
-        self._previous: Any = None
+    def pressed(number: int, frame: FrameType | None) -> None:
+        signal.signal(signal.SIGINT, previous)
+        request()
 
-    def __enter__(self) -> Interruption:
-        """Watch for Ctrl-C from here on."""
-        in_main_thread = threading.current_thread() is threading.main_thread()
-        # None: a handler that C code installed, which Python could not put back. Ignored: leave it ignored.
-        if in_main_thread and signal.getsignal(signal.SIGINT) not in (None, signal.SIG_IGN):
-            self._previous = signal.signal(signal.SIGINT, self._request)
-        return self
-
-    def _request(self, number: int, frame: FrameType | None) -> None:
-        self.requested = True
-        self._restore()
-
-    def _restore(self) -> None:
-        if self._previous is not None:
-            signal.signal(signal.SIGINT, self._previous)
-            self._previous = None
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Put the former handler back."""
-        self._restore()
+    signal.signal(signal.SIGINT, pressed)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, previous)
 
 
 class IpoptCallbacks:
@@ -69,8 +57,6 @@ class IpoptCallbacks:
         What is evaluated.
     on_iteration : callable or None
         The user's callback.
-    interruption : Interruption
-        Looked at after each iteration.
 
     Attributes
     ----------
@@ -85,18 +71,15 @@ class IpoptCallbacks:
         else call Python.
     data : int or None
         What Ipopt hands to the evaluators.
+    interrupted : bool
+        Whether the run is to end after the iteration.
     """
 
-    def __init__(
-        self,
-        nlp: NonlinearProgram,
-        on_iteration: Callable[[IterationRecord], bool | None] | None,
-        interruption: Interruption,
-    ) -> None:
+    def __init__(self, nlp: NonlinearProgram, on_iteration: OnIteration | None) -> None:
         self.nlp = nlp
         self._compiled, compiled = compiled_functions_of(nlp)
         self.data = None if self._compiled is None else self._compiled.data
-        self.begin(on_iteration, interruption)
+        self.begin(on_iteration)
         in_python = self._eval_f, self._eval_g, self._eval_grad_f, self._eval_jac_g, self._eval_h
         functions: dict[str, Any] = {**dict(zip(EVALUATIONS, in_python, strict=True)), **compiled}
         kinds = (EvalF, EvalG, EvalGradF, EvalJacG, EvalH)
@@ -106,10 +89,10 @@ class IpoptCallbacks:
         )
         self.intermediate: Any = Intermediate(self._intermediate)
 
-    def begin(self, on_iteration: Callable[[IterationRecord], bool | None] | None, interruption: Interruption) -> None:
+    def begin(self, on_iteration: OnIteration | None) -> None:
         """Forget the run before; the next one has its own callback and its own Ctrl-C."""
         self.on_iteration = on_iteration
-        self.interruption = interruption
+        self.interrupted = False
         self.records: list[IterationRecord] = []
         self.failure: BaseException | None = None
         self._seconds = 0.0
@@ -117,6 +100,10 @@ class IpoptCallbacks:
         if self._compiled is not None:
             self._compiled.begin()
         self.after_record: Callable[[], None] | None = None
+
+    def interrupt(self) -> None:
+        """End the run after the iteration."""
+        self.interrupted = True
 
     def release(self) -> None:
         """Break the cycle of callbacks and their owner, which would keep the program in memory for a while."""
@@ -189,7 +176,7 @@ class IpoptCallbacks:
             self.records.append(record)
             if self.after_record is not None:
                 self.after_record()
-            if self.failure is not None or self.interruption.requested:
+            if self.failure is not None or self.interrupted:
                 return 0
             if self.on_iteration is not None:
                 return int(self.on_iteration(record) is not False)
@@ -211,3 +198,87 @@ def _write_structure(structure: tuple[Any, Any], rows: int, columns: int) -> int
         if indices.size:
             np.ctypeslib.as_array((ctypes.c_int * indices.size).from_address(address))[:] = indices
     return 1
+
+
+class KeptProblem:
+    """Keeps Ipopt's problem object from one run to the next: making and freeing one takes most of a millisecond.
+
+    It is made anew for another program, other bounds or options of other names. Ipopt never forgets an option, so a
+    run that does not set it would be given what an earlier one has set.
+    """
+
+    def __init__(self) -> None:
+        self._address: int | None = None
+        self._library: IpoptLibrary | None = None
+        self._callbacks: IpoptCallbacks | None = None
+        self._made_for: tuple[Any, ...] = ()
+        self._busy = False
+
+    @property
+    def library(self) -> IpoptLibrary | None:
+        """What the object was made by: looking for a library in each run takes a tenth of a millisecond."""
+        return self._library
+
+    @contextmanager
+    def opened(
+        self, library: IpoptLibrary, nlp: NonlinearProgram, names: frozenset[str], on_iteration: OnIteration | None
+    ) -> Iterator[tuple[int, IpoptCallbacks]]:
+        """The address of a problem object for one run, and its callbacks.
+
+        Parameters
+        ----------
+        library : IpoptLibrary
+        nlp : NonlinearProgram
+        names : frozenset of str
+            Of the options that the run sets, and of whatever else stays on the object.
+        on_iteration : callable or None
+            The user's callback.
+
+        Raises
+        ------
+        MemoryError
+            When Ipopt makes no object.
+        """
+        if self._busy:  # a run within a callback of a run
+            with closing(KeptProblem()) as own, own.opened(library, nlp, names, on_iteration) as opened:
+                yield opened
+            return
+        bounds = [np.array(bound, dtype=np.float64) for bound in (nlp.x_lower, nlp.x_upper, nlp.g_lower, nlp.g_upper)]
+        made_for = (library, nlp, names, *(bound.tobytes() for bound in bounds))
+        if self._callbacks is not None and self._made_for == made_for:
+            self._callbacks.begin(on_iteration)
+        else:
+            self.close()
+            self._callbacks = IpoptCallbacks(nlp, on_iteration)
+            self._address = library.functions.CreateIpoptProblem(  # Ipopt copies the bounds
+                nlp.n, bounds[0].ctypes.data, bounds[1].ctypes.data, nlp.m, bounds[2].ctypes.data,
+                bounds[3].ctypes.data, nlp.jacobian_structure[0].size, nlp.hessian_structure[0].size, 0,
+                *self._callbacks.evaluators,
+            )  # fmt: skip
+            self._library, self._made_for = library, made_for
+            if not self._address:
+                self.close()
+                raise MemoryError(f"Ipopt could not create a problem with {nlp.n} variables and {nlp.m} rows.")
+            library.functions.SetIntermediateCallback(self._address, self._callbacks.intermediate)
+        self._busy = True
+        try:
+            yield self._address, self._callbacks  # type: ignore[misc]
+        finally:
+            self._busy = False
+
+    def close(self) -> None:
+        """Free the object; the next run makes another one."""
+        address, library, callbacks = self._address, self._library, self._callbacks
+        self._address = self._library = self._callbacks = None
+        self._made_for = ()
+        if address and library is not None:
+            library.functions.FreeIpoptProblem(address)
+        if callbacks is not None:
+            callbacks.release()
+
+    def __del__(self) -> None:
+        self.close()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # In a copy or in another process there is no such object yet.
+        return KeptProblem, ()

@@ -21,8 +21,8 @@ def find_ipopt_executable() -> str | None:
     """Path of an ``ipopt`` executable, or None; nothing is started.
 
     The order: the environment variable ``PYROBOCOP_IPOPT_EXECUTABLE``; where Pyomo looks (PATH, ``~/.pyomo/bin``, a
-    path set before); the ``bin`` folder of this Python environment, where ``python -m pyrobocop_pyomo build-asl``
-    puts it; the folder of IDAES.
+    path set before); the ``bin`` folder of this Python environment, where ``build_asl.py`` puts it; the folder of
+    IDAES.
 
     Raises
     ------
@@ -53,9 +53,9 @@ def configure_ipopt_executable() -> str | None:
     """Let Pyomo's own solvers ``ipopt`` and ``ipopt_v2`` find the executable of this Python environment.
 
     Importing this package changes nothing of Pyomo, and the solvers of this package need no call: this function is
-    for ``SolverFactory("ipopt")`` in a Python environment where ``python -m pyrobocop_pyomo build-asl`` or conda has
-    put the executable, without its folder being on PATH. An executable that Pyomo finds by itself stays the one that
-    it uses, unless the environment variable ``PYROBOCOP_IPOPT_EXECUTABLE`` asks for another.
+    for ``SolverFactory("ipopt")`` in a Python environment where ``build_asl.py`` or conda has put the executable,
+    without its folder being on PATH. An executable that Pyomo finds by itself stays the one that it uses, unless the
+    environment variable ``PYROBOCOP_IPOPT_EXECUTABLE`` asks for another.
 
     Returns
     -------

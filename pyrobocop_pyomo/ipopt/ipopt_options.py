@@ -61,7 +61,7 @@ def set_options(library: IpoptLibrary, problem: int, options: Mapping[str, Any],
     if refused is not None:
         told = "".join(explanations)
         raise ModelError(
-            f"Ipopt option '{refused}': the value {settings[refused]!r} is refused by Ipopt {_version(library)}. "
+            f"Ipopt option '{refused}': the value {settings[refused]!r} is refused by {library}. "
             f"{_last_explanation(told)}{_nearest(refused, told)} "
             "See https://coin-or.github.io/Ipopt/OPTIONS.html for names and values."
         )
@@ -80,10 +80,6 @@ def _last_explanation(text: str) -> str:
     ranges = [line for line in lines if "<" in line and "(" in line]
     told = sentences[-1] if sentences else "Ipopt gives no reason."
     return f"{told} Allowed, with the default in brackets: {ranges[-1]}." if ranges else told
-
-
-def _version(library: IpoptLibrary) -> str:
-    return ".".join(map(str, library.version)) if library.version else "older than 3.14.19"
 
 
 def _set(library: IpoptLibrary, problem: int, name: str, value: Any) -> bool:

@@ -10,53 +10,44 @@ from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoi
 
 
 class IpoptStatus(enum.Enum):
-    """Why Ipopt stopped; the value is a sentence."""
+    """Why Ipopt stopped; the value is a sentence, beside it the codes of Ipopt's ApplicationReturnStatus."""
 
-    SOLVED = "Ipopt found a point that satisfies its tolerances."
-    ACCEPTABLE = "Ipopt found a point that satisfies its acceptable tolerances, looser than asked for."
-    FEASIBLE_POINT = "Ipopt found a feasible point of a square problem."
-    INFEASIBLE = "Ipopt converged to a point of local infeasibility."
-    TINY_STEP = "Ipopt's search direction became too small; the point may still be a solution."
-    DIVERGING = "Ipopt's iterates diverge; the problem may be unbounded."
+    codes: tuple[int, ...]
+
+    def __new__(cls, sentence: str, *codes: int) -> IpoptStatus:
+        """A status by its sentence and the return codes that it stands for."""
+        member = object.__new__(cls)
+        member._value_, member.codes = sentence, codes
+        return member
+
+    SOLVED = "Ipopt found a point that satisfies its tolerances.", 0
+    ACCEPTABLE = "Ipopt found a point that satisfies its acceptable tolerances, looser than asked for.", 1
+    FEASIBLE_POINT = "Ipopt found a feasible point of a square problem.", 6
+    INFEASIBLE = "Ipopt converged to a point of local infeasibility.", 2
+    TINY_STEP = "Ipopt's search direction became too small; the point may still be a solution.", 3
+    DIVERGING = "Ipopt's iterates diverge; the problem may be unbounded.", 4
     INTERRUPTED = "Ctrl-C interrupted Ipopt."
-    STOPPED = "The iteration callback stopped Ipopt."
-    ITERATION_LIMIT = "Ipopt reached its iteration limit."
-    TIME_LIMIT = "Ipopt reached its time limit."
-    RESTORATION_FAILED = "Ipopt's restoration phase failed."
-    STEP_FAILED = "Ipopt could not compute a step."
-    TOO_FEW_FREEDOMS = "The problem has more equations than free variables."
-    INVALID_PROBLEM = "Ipopt refused the problem as inconsistent, for example for crossed bounds."
-    INVALID_OPTION = "Ipopt refused its options as inconsistent."
-    INVALID_NUMBER = "A function or derivative was not finite where Ipopt could not avoid the point."
-    OUT_OF_MEMORY = "Ipopt ran out of memory."
+    STOPPED = "The iteration callback stopped Ipopt.", 5
+    ITERATION_LIMIT = "Ipopt reached its iteration limit.", -1
+    TIME_LIMIT = "Ipopt reached its time limit.", -4, -5
+    RESTORATION_FAILED = "Ipopt's restoration phase failed.", -2
+    STEP_FAILED = "Ipopt could not compute a step.", -3
+    TOO_FEW_FREEDOMS = "The problem has more equations than free variables.", -10
+    INVALID_PROBLEM = "Ipopt refused the problem as inconsistent, for example for crossed bounds.", -11
+    INVALID_OPTION = "Ipopt refused its options as inconsistent.", -12
+    INVALID_NUMBER = "A function or derivative was not finite where Ipopt could not avoid the point.", -13
+    OUT_OF_MEMORY = "Ipopt ran out of memory.", -102
     INTERNAL_ERROR = "Ipopt failed internally."
+
+    @classmethod
+    def of_code(cls, code: int) -> IpoptStatus:
+        """What a return code says. 5, a stop that the caller requested, may have been Ctrl-C."""
+        return next((status for status in cls if code in status.codes), cls.INTERNAL_ERROR)
 
     @property
     def solved(self) -> bool:
         """Whether Ipopt reports success."""
         return self in (IpoptStatus.SOLVED, IpoptStatus.ACCEPTABLE, IpoptStatus.FEASIBLE_POINT)
-
-
-# Ipopt's ApplicationReturnStatus; 5, a stop that the caller requested, is told apart by who requested it.
-STATUS_OF_RETURN_CODE = {
-    0: IpoptStatus.SOLVED,
-    1: IpoptStatus.ACCEPTABLE,
-    2: IpoptStatus.INFEASIBLE,
-    3: IpoptStatus.TINY_STEP,
-    4: IpoptStatus.DIVERGING,
-    5: IpoptStatus.STOPPED,
-    6: IpoptStatus.FEASIBLE_POINT,
-    -1: IpoptStatus.ITERATION_LIMIT,
-    -2: IpoptStatus.RESTORATION_FAILED,
-    -3: IpoptStatus.STEP_FAILED,
-    -4: IpoptStatus.TIME_LIMIT,
-    -5: IpoptStatus.TIME_LIMIT,
-    -10: IpoptStatus.TOO_FEW_FREEDOMS,
-    -11: IpoptStatus.INVALID_PROBLEM,
-    -12: IpoptStatus.INVALID_OPTION,
-    -13: IpoptStatus.INVALID_NUMBER,
-    -102: IpoptStatus.OUT_OF_MEMORY,
-}
 
 
 class IterationRecord(NamedTuple):

@@ -7,7 +7,7 @@ import ctypes
 import io
 import logging
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, TextIO
 
@@ -16,13 +16,14 @@ import numpy as np
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
+from pyrobocop_pyomo.programs.scaled_program import ScaledProgram
+from pyrobocop_pyomo.programs.scales import Scales
 
 from .c_output import c_output_sent_to, flush_c_streams
-from .ipopt_callbacks import Interruption
+from .ipopt_callbacks import KeptProblem, OnIteration, first_ctrl_c
 from .ipopt_library import IpoptLibrary, load_ipopt_library
 from .ipopt_options import set_options
-from .ipopt_outcome import STATUS_OF_RETURN_CODE, IpoptOutcome, IpoptStatus, IterationRecord
-from .kept_problem import KeptProblem
+from .ipopt_outcome import IpoptOutcome, IpoptStatus, IterationRecord
 from .linear_solvers import FALL_BACK, IN_DOUBT, OWN_SOLVER, SAID_OF_OWN_SOLVER, refused_options, with_linear_solver
 
 logger = logging.getLogger(__name__)
@@ -43,7 +44,7 @@ def run_ipopt(
     *,
     deadline: Deadline = NO_DEADLINE,
     scaling: ProblemScaling | None = None,
-    on_iteration: Callable[[IterationRecord], bool | None] | None = None,
+    on_iteration: OnIteration | None = None,
     output: Sequence[TextIO] = (),
     head: str = "",
     kept: KeptProblem | None = None,
@@ -108,6 +109,38 @@ def run_ipopt(
     )
 
 
+def run_scaled(
+    nlp: NonlinearProgram,
+    scales: Scales,
+    options: Mapping[str, Any],
+    start: PrimalDualPoint,
+    *,
+    on_iteration: OnIteration | None = None,
+    **how: Any,
+) -> IpoptOutcome:
+    """As `run_ipopt`, whose other arguments are handed on; Ipopt's options and log are about the scaled program."""
+
+    def unscaled(record: IterationRecord) -> IterationRecord:
+        return record._replace(objective=record.objective * scales.objective)
+
+    def told(record: IterationRecord) -> bool | None:
+        return None if on_iteration is None else on_iteration(unscaled(record))
+
+    head = (
+        f"The log below is about the scaled program: the objective divided by {scales.objective:.3g}, variables and "
+        "rows by their typical sizes.\n"
+    )
+    scaled = ScaledProgram(nlp, scales)
+    outcome = run_ipopt(scaled, options, scales.scaled(start), on_iteration=on_iteration and told, head=head, **how)
+    return replace(
+        outcome,
+        objective=outcome.objective * scales.objective,
+        g=outcome.g * scales.g,
+        records=[unscaled(record) for record in outcome.records],
+        **vars(scales.unscaled(outcome.point, nlp)),
+    )
+
+
 def _run_once(
     nlp: NonlinearProgram,
     options: Mapping[str, Any],
@@ -116,7 +149,7 @@ def _run_once(
     *,
     deadline: Deadline,
     scaling: ProblemScaling | None,
-    on_iteration: Callable[[IterationRecord], bool | None] | None,
+    on_iteration: OnIteration | None,
     output: Sequence[TextIO],
     head: str,
 ) -> IpoptOutcome:
@@ -129,7 +162,6 @@ def _run_once(
         for name, values in zip(("lower", "upper"), multipliers[1:], strict=True)
     )
     g, objective = np.full(nlp.m, np.nan), ctypes.c_double(np.nan)
-    interruption = Interruption()
     log = io.StringIO()
     settings = {**options, **_time_limit(options, deadline)}
     started, cpu_started = time.perf_counter(), time.process_time()
@@ -142,25 +174,23 @@ def _run_once(
         if kept is None or scaling is not None or output:
             kept = KeptProblem()
             stack.callback(kept.close)
-        problem, callbacks = stack.enter_context(
-            kept.opened(library, nlp, frozenset(settings), on_iteration, interruption)
-        )
+        problem, callbacks = stack.enter_context(kept.opened(library, nlp, frozenset(settings), on_iteration))
         if output:
             callbacks.after_record = flush_c_streams
         if scaling is not None:
             _set_scaling(library, problem, nlp, scaling)
         set_options(library, problem, settings, silent=not output)
-        stack.enter_context(interruption)
+        stack.enter_context(first_ctrl_c(callbacks.interrupt))
         code = library.functions.IpoptSolve(
             problem, point.ctypes.data, g.ctypes.data, ctypes.addressof(objective),
             row_multipliers.ctypes.data, lower.ctypes.data, upper.ctypes.data, callbacks.data,
         )  # fmt: skip
     if callbacks.failure is not None:
         raise callbacks.failure
-    status = STATUS_OF_RETURN_CODE.get(code, IpoptStatus.INTERNAL_ERROR)
+    status = IpoptStatus.of_code(code)
     if status is IpoptStatus.INVALID_OPTION:
         raise refused_options(options)
-    if interruption.requested:
+    if callbacks.interrupted:
         # Also when Ipopt ended by itself at that moment: whoever pressed Ctrl-C wants the program to stop.
         status = IpoptStatus.INTERRUPTED
     if np.isnan(objective.value) or np.isnan(g).any():

@@ -95,17 +95,16 @@ def with_linear_solver(options: Mapping[str, Any], nlp: NonlinearProgram | None 
     ModelError
         When it is requested together with another library.
     """
-    resolved = dict(options)
-    if "linear_solver" not in resolved and "hsllib" not in resolved and nlp is not None and suits(nlp):
-        return {**resolved, **linear_solver_options()}, True
-    if resolved.get("linear_solver") != OWN_SOLVER:
-        return resolved, False
-    if "hsllib" in resolved:
+    is_requested = options.get("linear_solver") == OWN_SOLVER
+    if is_requested and "hsllib" in options:
         raise ModelError(
-            f"linear_solver='{OWN_SOLVER}' is the solver of this package, and hsllib='{resolved['hsllib']}' another "
+            f"linear_solver='{OWN_SOLVER}' is the solver of this package, and hsllib='{options['hsllib']}' another "
             "one. Leave one of both out, or name what that library has: linear_solver='ma27' or 'ma57'."
         )
-    return {**resolved, **linear_solver_options()}, True
+    is_open = not {"linear_solver", "hsllib"}.intersection(options)
+    if is_requested or (is_open and nlp is not None and suits(nlp)):
+        return {**options, **linear_solver_options()}, True
+    return dict(options), False
 
 
 def refused_options(options: Mapping[str, Any]) -> ModelError:

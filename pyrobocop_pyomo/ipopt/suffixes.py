@@ -11,7 +11,8 @@ AMPL: ``dual`` is the change of the objective, as the user stated it, per unit o
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -112,10 +113,8 @@ class InProcessSolutionLoader(SolutionLoader):
 
     def get_duals(self, cons_to_load: Sequence[ConstraintData] | None = None) -> Mapping[ConstraintData, float]:
         """Multipliers of constraints, in the sign of Pyomo's ``dual``."""
-        duals = -self._compiled.sign * self._outcome.g_multipliers
-        if cons_to_load is None:
-            return dict(zip(self._compiled.constraints, duals.tolist(), strict=True))
-        return {constraint: float(duals[self._compiled.row_of[constraint]]) for constraint in cons_to_load}
+        duals = dict(zip(self._compiled.constraints, self._row_multipliers().tolist(), strict=True))
+        return duals if cons_to_load is None else {constraint: duals[constraint] for constraint in cons_to_load}
 
     def get_reduced_costs(self, vars_to_load: Sequence[VarData] | None = None) -> Mapping[VarData, float]:
         """Multipliers of bounds: that of the lower or of the upper one, whichever is larger in size."""
@@ -125,22 +124,20 @@ class InProcessSolutionLoader(SolutionLoader):
     def row_multipliers(self) -> RowMultipliers:
         """Multipliers of rows and bounds, in the signs of Pyomo's suffixes."""
         variables, lower_upper = [id(variable) for variable in self._compiled.variables], self._bound_multipliers()
-        duals = -self._compiled.sign * self._outcome.g_multipliers
-        lower, upper = (dict(zip(variables, of.tolist(), strict=True)) for of in lower_upper)
-        return RowMultipliers(dict(zip(map(id, self._compiled.constraints), duals.tolist(), strict=True)), lower, upper)
+        duals = dict(zip(map(id, self._compiled.constraints), self._row_multipliers().tolist(), strict=True))
+        return RowMultipliers(duals, *(dict(zip(variables, of.tolist(), strict=True)) for of in lower_upper))
 
     def load_import_suffixes(self) -> None:
         """Fill ``dual``, ``rc``, ``ipopt_zL_out`` and ``ipopt_zU_out`` where they are declared for import."""
-        suffixes = self._collect_and_clear_import_suffixes()
-        lower, upper = self._bound_multipliers()
-        if "dual" in suffixes:
-            suffixes["dual"].update(self.get_duals())
-        if "rc" in suffixes:
-            suffixes["rc"].update(self.get_reduced_costs())
-        if "ipopt_zL_out" in suffixes:
-            suffixes["ipopt_zL_out"].update(_selected(self._compiled.variables, lower, None))
-        if "ipopt_zU_out" in suffixes:
-            suffixes["ipopt_zU_out"].update(_selected(self._compiled.variables, upper, None))
+        sources: dict[str, Callable[[], Any]] = {"dual": self.get_duals, "rc": self.get_reduced_costs}
+        for name, of in zip(("ipopt_zL_out", "ipopt_zU_out"), self._bound_multipliers(), strict=True):
+            sources[name] = partial(_selected, self._compiled.variables, of, None)
+        for name, suffix in self._collect_and_clear_import_suffixes().items():
+            if name in sources:
+                suffix.update(sources[name]())
+
+    def _row_multipliers(self) -> FloatArray:
+        return -self._compiled.sign * self._outcome.g_multipliers
 
     def _bound_multipliers(self) -> tuple[FloatArray, FloatArray]:
         sign = self._compiled.sign

@@ -12,9 +12,6 @@ from pyrobocop_pyomo.numerics import Array
 
 from .figures import figure_or_new
 
-# Distances beyond so many times the clearance are off the picture: what counts is near the line that is requested.
-_HIGHEST = 8.0
-
 
 @dataclass(frozen=True, eq=False)
 class ClearanceCurve:
@@ -79,7 +76,10 @@ def plot_clearances(title: str, curves: Sequence[ClearanceCurve], *, most: int =
     for curve in rest:
         label = f"{len(rest)} others" if curve is rest[0] else None
         _steps(axis, curve.spans, curve.proven, color="0.75", linewidth=0.8, zorder=1, label=label)
-    _draw_asked(axis, drawn, curves)
+    for curve in drawn:
+        label = "asked" if curve is drawn[0] else None
+        dashed = {"linewidth": 1.2, "linestyle": (0, (5, 3)), "zorder": 4}
+        _steps(axis, curve.spans, curve.asked, color="black", label=label, **dashed)
     axis.axhline(0.0, color="C3", linewidth=0.8, zorder=1)
     axis.axhspan(-1e9, 0.0, color="C3", alpha=0.06, linewidth=0)
     axis.set_ylim(*_limits(drawn))
@@ -90,17 +90,6 @@ def plot_clearances(title: str, curves: Sequence[ClearanceCurve], *, most: int =
         axis.margins(x=0.01)
         figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize="small")
     return figure
-
-
-def _draw_asked(axis: Any, drawn: Sequence[ClearanceCurve], curves: Sequence[ClearanceCurve]) -> None:
-    dashed = {"linewidth": 1.2, "linestyle": (0, (5, 3)), "zorder": 4}
-    numbers = sorted({float(asked) for curve in curves for asked in curve.asked})
-    if len(numbers) <= len(drawn):
-        for i, number in enumerate(numbers):
-            axis.axhline(number, color="black", label="asked" if i == 0 else None, **dashed)
-        return
-    for i, curve in enumerate(drawn):  # clearances that change in time
-        _steps(axis, curve.spans, curve.asked, color=f"C{i}", label="asked" if i == 0 else None, **dashed)
 
 
 def _steps(axis: Any, spans: Array, values: Array, **style: Any) -> None:
@@ -122,6 +111,7 @@ def _limits(curves: Sequence[ClearanceCurve]) -> tuple[float, float]:
     joined = np.concatenate([*known, [asked]])
     # The pair with most to spare of those drawn is to be seen at its closest.
     closest = max((float(values.min()) for values in known if values.size), default=asked)
-    high = min(float(joined.max()), max(_HIGHEST * asked, 1.5 * closest))
+    # Larger distances are off the picture: what counts is near the line that is requested.
+    high = min(float(joined.max()), max(8.0 * asked, 1.5 * closest))
     low = min(0.0, float(joined.min()))
     return low - 0.05 * (high - low), high + 0.1 * (high - low)

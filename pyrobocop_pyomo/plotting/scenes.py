@@ -15,9 +15,8 @@ from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import art3d, matplotlib
 
 from .animation_files import AnimationFile, animation_file, frame_writer
-from .figures import figure_or_new
+from .figures import evenly_moved, figure_or_new, time_colours
 from .outlines import faces, outline
-from .time_colours import evenly_moved, time_colours
 
 
 def draw_scene(
@@ -63,93 +62,91 @@ def draw_scene(
     ObstacleError
         When there is no body, bodies or obstacles differ in dimension, or the number of poses is not that of times.
     """
-    time = np.asarray(time, dtype=float)
-    dimension = check_scene(time, bodies, obstacles)
+    scene = _Scene(time, bodies, obstacles, view)
     figure = figure_or_new(figure, 6.4, 6.0)
-    axis = scene_axis(figure, bodies, obstacles, view=view, title=title, unit=unit)
-    colours = time_colours(time)
+    axis = scene.axis(figure, title, unit)
+    colours = time_colours(scene.time)
     chosen = evenly_moved(np.concatenate([body.places() for body in bodies], axis=1), snapshots)
     for body in bodies:
-        draw_path(axis, body, named=len(bodies) > 1)
-        local = local_polygons(body)
+        local = _local_polygons(body)
         for layer, i in enumerate(chosen.tolist()):
-            colour = colours.to_rgba(time[i])
+            colour = colours.to_rgba(scene.time[i])
             for polygon in body.at(i, local):
                 # Each snapshot covers the earlier ones a little: where they overlap, the eye can tell which came later.
-                add_polygon(axis, polygon, (*colour[:3], 0.13), colour, 2 + 0.01 * layer)
-    show_window(axis, bodies, obstacles, view)
-    figure.colorbar(colours, ax=axis, label="time [s]", **({"shrink": 0.6, "pad": 0.12} if dimension == 3 else {}))
+                _add_polygon(axis, polygon, (*colour[:3], 0.13), colour, 2 + 0.01 * layer)
+    scene.set_limits(axis)
+    room = {"shrink": 0.6, "pad": 0.12} if scene.dimension == 3 else {}
+    figure.colorbar(colours, ax=axis, label="time [s]", **room)
     return figure
 
 
-def check_scene(time: Array, bodies: Sequence[BodyPath], obstacles: Sequence[Any]) -> int:
-    """The dimension of a scene, after checking that its parts fit together."""
-    if not bodies:
-        raise ObstacleError("a scene without a body: nothing would move. Give at least one BodyPath.")
-    dimension = bodies[0].dimension
-    for item in (*bodies, *obstacles):
-        if item.dimension != dimension:
-            raise ObstacleError(
-                f"'{item.name}' has dimension {item.dimension} and '{bodies[0].name}' has {dimension}: a scene is "
-                "either planar or spatial."
-            )
-    for body in bodies:
-        if len(body.translation) != len(time):
-            raise ObstacleError(f"body '{body.name}' has {len(body.translation)} poses at {len(time)} times.")
-    return dimension
+class _Scene:
+    """Bodies and obstacles that fit together, and the axes that they are drawn on; parameters as of `draw_scene`."""
+
+    def __init__(self, time: Array, bodies: Sequence[BodyPath], obstacles: Sequence[Any], view: Any) -> None:
+        self.time, self.bodies, self.obstacles = np.asarray(time, dtype=float), bodies, obstacles
+        if not bodies:
+            raise ObstacleError("a scene without a body: nothing would move. Give at least one BodyPath.")
+        self.dimension = bodies[0].dimension
+        for item in (*bodies, *obstacles):
+            if item.dimension != self.dimension:
+                raise ObstacleError(
+                    f"'{item.name}' has dimension {item.dimension} and '{bodies[0].name}' has {self.dimension}: a "
+                    "scene is either planar or spatial."
+                )
+        for body in bodies:
+            if len(body.translation) != len(self.time):
+                raise ObstacleError(f"body '{body.name}' has {len(body.translation)} poses at {len(self.time)} times.")
+        self.is_fitted = view is None
+        self.window = _window(bodies, obstacles) if view is None else np.asarray(view, dtype=float)
+
+    def axis(self, figure: Any, title: str, unit: str) -> Any:
+        """Axes with the obstacles and the paths of the bodies."""
+        if self.dimension == 3:
+            axis = figure.subplots(subplot_kw={"projection": "3d"})
+            for obstacle in self.obstacles:
+                # Facets approximate round shapes, so their edges are faint.
+                edge = (0.4, 0.4, 0.4, 0.1 if obstacle.radius else 0.8)
+                for polygon in faces(obstacle, self.window):
+                    _add_polygon(axis, polygon, (0.55, 0.55, 0.55, 0.35), edge, 1)
+            axis.set_zlabel(f"z [{unit}]")
+            axis.set_box_aspect(self.window[1] - self.window[0])
+        else:
+            axis = figure.subplots()
+            # Axes with a fixed aspect may show more than the window.
+            beyond = (self.window[1] - self.window[0]).max() * np.array([[-3.0], [3.0]])
+            for obstacle in self.obstacles:
+                corners = outline(obstacle, self.window + beyond if self.is_fitted else self.window)
+                if len(corners):
+                    _add_polygon(axis, corners, (0.72, 0.72, 0.72, 1.0), (0.45, 0.45, 0.45, 1.0), 1)
+            axis.set_aspect("equal", adjustable="datalim" if self.is_fitted else "box")
+            axis.grid(alpha=0.25)
+            axis.set_axisbelow(True)
+        for body in self.bodies:
+            _draw_path(axis, body, named=len(self.bodies) > 1)
+        axis.set_xlabel(f"x [{unit}]")
+        axis.set_ylabel(f"y [{unit}]")
+        axis.set_title(title)
+        return axis
+
+    def set_limits(self, axis: Any) -> None:
+        """Set the limits, once everything is drawn."""
+        # Where Matplotlib may fit the limits to the shape of the axes, it complains about limits that are fixed.
+        free = self.is_fitted and self.dimension == 2
+        axis.set_xlim(*self.window[:, 0], auto=free)
+        axis.set_ylim(*self.window[:, 1], auto=free)
+        if self.dimension == 3:
+            axis.set_zlim(*self.window[:, 2])
 
 
-def scene_axis(
-    figure: Any, bodies: Sequence[BodyPath], obstacles: Sequence[Any], *, view: Any, title: str, unit: str
-) -> Any:
-    """Axes with the obstacles drawn; `show_window` then sets their limits."""
-    dimension = bodies[0].dimension
-    window = _window(bodies, obstacles) if view is None else np.asarray(view, dtype=float)
-    if dimension == 3:
-        axis = figure.subplots(subplot_kw={"projection": "3d"})
-        for obstacle in obstacles:
-            # Facets approximate round shapes, so their edges are faint.
-            edge = (0.4, 0.4, 0.4, 0.1 if obstacle.radius else 0.8)
-            for polygon in faces(obstacle, window):
-                add_polygon(axis, polygon, (0.55, 0.55, 0.55, 0.35), edge, 1)
-        axis.set_zlabel(f"z [{unit}]")
-        axis.set_box_aspect(window[1] - window[0])
-    else:
-        axis = figure.subplots()
-        # Axes with a fixed aspect may show more than the window.
-        shown = window if view is not None else window + (window[1] - window[0]).max() * np.array([[-3.0], [3.0]])
-        for obstacle in obstacles:
-            corners = outline(obstacle, shown)
-            if len(corners):
-                add_polygon(axis, corners, (0.72, 0.72, 0.72, 1.0), (0.45, 0.45, 0.45, 1.0), 1)
-        axis.set_aspect("equal", adjustable="datalim" if view is None else "box")
-        axis.grid(alpha=0.25)
-        axis.set_axisbelow(True)
-    axis.set_xlabel(f"x [{unit}]")
-    axis.set_ylabel(f"y [{unit}]")
-    axis.set_title(title)
-    return axis
-
-
-def show_window(axis: Any, bodies: Sequence[BodyPath], obstacles: Sequence[Any], view: Any) -> None:
-    """Set the limits, once everything is drawn."""
-    window = _window(bodies, obstacles) if view is None else np.asarray(view, dtype=float)
-    # Where Matplotlib may fit the limits to the shape of the axes, it complains about limits that are fixed.
-    free = view is None and bodies[0].dimension == 2
-    axis.set_xlim(*window[:, 0], auto=free)
-    axis.set_ylim(*window[:, 1], auto=free)
-    if bodies[0].dimension == 3:
-        axis.set_zlim(*window[:, 2])
-
-
-def local_polygons(body: BodyPath) -> list[Array]:
+def _local_polygons(body: BodyPath) -> list[Array]:
     """What is drawn of a body, in its own frame."""
     if body.dimension == 3:
         return [polygon for part in body.parts for polygon in faces(part)]  # type: ignore[union-attr]
     return [outline(part) for part in body.parts]  # type: ignore[union-attr]
 
 
-def add_polygon(axis: Any, corners: Array, face: Any, edge: Any, layer: float) -> Any:
+def _add_polygon(axis: Any, corners: Array, face: Any, edge: Any, layer: float) -> Any:
     """One polygon onto an axis of either kind; a point becomes a dot."""
     width = 0.8 if corners.shape[1] == 3 else 1.4
     if len(corners) == 1:
@@ -161,7 +158,7 @@ def add_polygon(axis: Any, corners: Array, face: Any, edge: Any, layer: float) -
     return axis.add_patch(patch)
 
 
-def draw_path(axis: Any, body: BodyPath, *, named: bool) -> None:
+def _draw_path(axis: Any, body: BodyPath, *, named: bool) -> None:
     """The path of the reference point, with a circle at its start and a star at its end."""
     path = body.translation
     axis.plot(*path.T, color="black", linewidth=1.2, linestyle=(0, (4, 2)), zorder=99)
@@ -234,21 +231,18 @@ def animate_scene(
     ObstacleError
         As in `draw_scene`, or when there are fewer than two frames, no time for them, or no ffmpeg for a film.
     """
-    time = np.asarray(time, dtype=float)
-    check_scene(time, bodies, obstacles)
+    scene = _Scene(time, bodies, obstacles, view)
+    time = scene.time
     lasts = float(np.clip(time[-1] - time[0], 2.0, 10.0)) if seconds is None else float(seconds)
     if frames < 2 or not lasts > 0:
         raise ObstacleError(f"an animation of {frames} frames in {lasts:g} s; give at least 2, and a positive time.")
     target = animation_file(path)
-    window = _window(bodies, obstacles) if view is None else np.asarray(view, dtype=float)
-    forces = _arrows(bodies, 0.25 * float((window[1] - window[0]).max()))
+    forces = _arrows(bodies, 0.25 * float((scene.window[1] - scene.window[0]).max()))
     figure = matplotlib.figure.Figure(figsize=size, dpi=100, layout="constrained")
-    axis = scene_axis(figure, bodies, obstacles, view=view, title=title, unit=unit)
-    for body in bodies:
-        draw_path(axis, body, named=len(bodies) > 1)
-    show_window(axis, bodies, obstacles, view)
-    polygons = [local_polygons(body) for body in bodies]
-    write = axis.text2D if bodies[0].dimension == 3 else axis.text
+    axis = scene.axis(figure, title, unit)
+    scene.set_limits(axis)
+    polygons = [_local_polygons(body) for body in bodies]
+    write = axis.text2D if scene.dimension == 3 else axis.text
     label = write(0.02, 0.97, "", transform=axis.transAxes, verticalalignment="top", fontsize="small")
 
     # Frames are written directly: `FuncAnimation` draws an additional first frame.
@@ -261,12 +255,12 @@ def animate_scene(
         for patch in shown:
             patch.remove()
         shown = [
-            add_polygon(axis, corners, (0.13, 0.33, 0.55, 0.45), (0.13, 0.33, 0.55, 1.0), 3)
+            _add_polygon(axis, corners, (0.13, 0.33, 0.55, 0.45), (0.13, 0.33, 0.55, 1.0), 3)
             for body, local in zip(bodies, polygons, strict=True)
             for corners in body.at(i, local)
         ]
         shown += [
-            add_polygon(axis, np.array([tip[i] - vector[i], tip[i]]), (0.8, 0.2, 0.1), (0.8, 0.2, 0.1), 4)
+            _add_polygon(axis, np.array([tip[i] - vector[i], tip[i]]), (0.8, 0.2, 0.1), (0.8, 0.2, 0.1), 4)
             for tip, vector in forces
         ]
         label.set_text(f"{frame:.2f} s")

@@ -84,7 +84,7 @@ def show_no_noise(axis: Any, values: Array) -> None:
         axis.set_ylim(middle - half, middle + half)
 
 
-def write_above(axis: Any, place: float, text: str) -> None:
+def _write_above(axis: Any, place: float, text: str) -> None:
     """Write small grey text above a panel."""
     axis.annotate(
         text,
@@ -99,7 +99,7 @@ def write_above(axis: Any, place: float, text: str) -> None:
 
 
 def mark_phases(figure: Any, boundaries: Array, names: Sequence[str]) -> None:
-    """Shade every other phase in each panel, and write the names above the topmost panels.
+    """Shade every other phase, or run of a solve, in each panel, and write the names above the topmost panels.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def mark_phases(figure: Any, boundaries: Array, names: Sequence[str]) -> None:
         points_per_second = 0.85 * place.width * figure.bbox.width * 72 / figure.dpi / (boundaries[-1] - boundaries[0])
         room = [points_per_second * (end - start) for start, end in spans]
         for (start, end), name in zip(spans, _that_fit(names, room), strict=True):
-            write_above(axis, (start + end) / 2, name)
+            _write_above(axis, (start + end) / 2, name)
 
 
 def _that_fit(names: Sequence[str], room: Sequence[float]) -> list[str]:

@@ -11,7 +11,7 @@ import numpy as np
 from pyrobocop_pyomo.numerics import Array
 
 from .figures import figure_or_new
-from .signals import show_no_noise, write_above
+from .signals import mark_phases, show_no_noise
 
 _MOST_NAMES = 8
 
@@ -53,11 +53,7 @@ def plot_history(
     """
     figure = figure_or_new(figure, 7.2, 5.4)
     upper, lower = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": (2, 3)})
-    borders = [0.0, *ends.tolist()]
     for axis in (upper, lower):
-        for i, (start, end) in enumerate(itertools.pairwise(borders)):
-            if i % 2:
-                axis.axvspan(start, end, color="0.94", zorder=0, linewidth=0)
         axis.axvline(ends[best], color="0.4", linewidth=0.9, linestyle=(0, (1, 2)), zorder=1, label="returned point")
         axis.grid(alpha=0.3)
     upper.plot(ends, objective, "o-", linewidth=1, markersize=4, zorder=3)
@@ -74,9 +70,9 @@ def plot_history(
     lower.set_ylim(bottom=floor)
     lower.set_ylabel("tolerances, residuals" if dots else "tolerances")
     lower.set_xlabel("iteration")
-    lower.set_xlim(0.0, max(float(ends[-1]), 1.0))
     figure.legend(*lower.get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize="small")
-    _name_runs(upper, borders, labels)
+    mark_phases(figure, np.array([0.0, *ends[:-1], max(ends[-1], 1.0)]), [str(i + 1) for i in range(len(labels))])
+    _name_runs(upper, labels)
     if title:
         figure.suptitle(title)
     return figure
@@ -88,18 +84,11 @@ def _floor(values: Array) -> float:
     return float(10.0 ** (np.floor(np.log10(positive.min())) - 1)) if positive.size else 1e-16
 
 
-def _name_runs(axis: Any, borders: Sequence[float], labels: Sequence[str]) -> None:
-    """Write the numbers of the runs above the panel and their names beside it, where there is room."""
-    width = borders[-1] or 1.0
-    last = -1.0
-    for number, (start, end) in enumerate(itertools.pairwise(borders), start=1):
-        middle = (start + end) / 2 / width
-        if middle - last < 0.022:  # about the width of a number
-            continue
-        last = middle
-        write_above(axis, (start + end) / 2, str(number))
+def _name_runs(axis: Any, labels: Sequence[str]) -> None:
+    """Write beside the panel which run was of which kind."""
     # Runs of one kind in a row share a line.
-    grouped = [(label, [number for number, _ in members]) for label, members in _in_a_row(labels)]
+    in_a_row = itertools.groupby(range(len(labels)), key=lambda i: labels[i])
+    grouped = [(label, [i + 1 for i in members]) for label, members in in_a_row]
     names = [f"{n[0]} {label}" if len(n) == 1 else f"{n[0]}-{n[-1]} {label}" for label, n in grouped]
     shown = names if len(names) <= _MOST_NAMES else [*names[: _MOST_NAMES - 1], f"... {len(labels)} runs"]
     axis.annotate(
@@ -112,8 +101,3 @@ def _name_runs(axis: Any, borders: Sequence[float], labels: Sequence[str]) -> No
         fontsize="small",
         color="0.35",
     )
-
-
-def _in_a_row(labels: Sequence[str]) -> list[tuple[str, list[tuple[int, str]]]]:
-    numbered = enumerate(labels, start=1)
-    return [(label, list(members)) for label, members in itertools.groupby(numbered, key=lambda member: member[1])]

@@ -16,7 +16,7 @@ from pyrobocop_pyomo.errors import EvaluationError, ModelError, SolverNotFoundEr
 from .nonlinear_program import FloatArray, finite
 
 ASL_REMEDY = (
-    "Run 'python -m pyrobocop_pyomo build-asl' (Debian, Ubuntu), or install conda-forge's pynumero_libraries, "
+    "Run 'python build_asl.py' in a clone (Debian, Ubuntu), or install conda-forge's pynumero_libraries, "
     "or run 'pyomo build-extensions'"
 )
 
@@ -25,7 +25,7 @@ def find_asl_library() -> str | None:
     """Path of PyNumero's ``pynumero_ASL`` library, or None.
 
     Pyomo's own places come first (its configuration folder, LD_LIBRARY_PATH, PATH); then the library folder of
-    this Python environment, where ``python -m pyrobocop_pyomo build-asl`` puts it.
+    this Python environment, where ``build_asl.py`` puts it.
     """
     if AmplInterface.available():
         return str(AmplInterface.libname)

@@ -14,9 +14,8 @@ from pyrobocop_pyomo.complementarity import BarrierSchedule
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
-from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
+from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt, run_scaled
 from pyrobocop_pyomo.ipopt.linear_solvers import FELL_BACK
-from pyrobocop_pyomo.ipopt.scaled_run import run_scaled
 from pyrobocop_pyomo.ipopt.standstill import Standstill
 from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader, scaling_factors, starting_point
 from pyrobocop_pyomo.modeling.deadline import Deadline

@@ -14,9 +14,9 @@ from pyomo.core.base.var import VarData
 from pyrobocop_pyomo.complementarity import BarrierSchedule, delta_of, shifted_rows_of
 from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.ipopt.c_output import standard_output
+from pyrobocop_pyomo.ipopt.ipopt_callbacks import KeptProblem
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
-from pyrobocop_pyomo.ipopt.kept_problem import KeptProblem
 from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel

@@ -1,15 +1,14 @@
-"""Values on common times in other forms: pandas frames, xarray data sets, time series, files."""
+"""Values on common times in other forms: time series of `pyomo.contrib.mpc`, and files."""
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
-import stat
-import tempfile
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import numpy as np
 from pyomo.contrib.mpc import TimeSeriesData
@@ -17,16 +16,10 @@ from pyomo.core.base.componentuid import ComponentUID
 from pyomo.core.base.set import Set
 
 from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.numerics import Array, Grid, Mesh, lobatto
-from pyrobocop_pyomo.optional_imports import pandas, xarray
+from pyrobocop_pyomo.numerics import Array
 
 
-def as_data_frame(times: Array, values: Mapping[str, Array]) -> Any:
-    """A data frame with one row per time and one column per signal."""
-    return pandas.DataFrame(dict(values), index=pandas.Index(times, name="time"))
-
-
-def as_time_series(owner: str, times: Array, values: Mapping[str, Array]) -> TimeSeriesData:
+def time_series(owner: str, times: Array, values: Mapping[str, Array]) -> TimeSeriesData:
     """Time series with a key such as ``push.theta[*]`` per signal, as ``contrib.mpc`` reads and writes them."""
     index = Set(initialize=times.tolist(), ordered=True)
     index.construct()
@@ -35,49 +28,7 @@ def as_time_series(owner: str, times: Array, values: Mapping[str, Array]) -> Tim
     )
 
 
-def as_data_set(times: Array, values: Mapping[str, Array], facts: Mapping[str, Any]) -> Any:
-    """An xarray data set over the coordinate ``time``, with facts as its attributes."""
-    variables = {name: ("time", samples) for name, samples in values.items()}
-    return xarray.Dataset(variables, coords={"time": times}, attrs=dict(facts))
-
-
-def facts_of_time_series(series: Any, like: Any = None) -> dict[str, Any]:
-    """What a trajectory of a time series consists of; ``like`` is a trajectory whose grid and kinds it has.
-
-    Raises
-    ------
-    TrajectoryError
-        When it is no time series of one phase, or does not have the names and times of the other trajectory.
-    """
-    owner, times, values = _read(series)
-    facts: dict[str, Any] = {"name": owner, "pairs": {}}
-    if like is None:
-        grid = Grid(lobatto(2), Mesh(tuple(times.tolist())))
-        return {**facts, "grid": grid, "states": values, "signals": {}, "parameters": {}}
-    same = len(times) == len(like.time) and np.allclose(times, like.time, rtol=0, atol=1e-9 * like.duration)
-    if not same or set(values) != set(like.names):
-        raise TrajectoryError(
-            f"the time series has {', '.join(values)} at {len(times)} times, trajectory '{like.name}' has "
-            f"{', '.join(like.names)} at {len(like.time)}; they must agree. Leave 'like' out to join the samples "
-            "by straight lines."
-        )
-    positions = np.searchsorted(like.time, like.points)
-    return {
-        **facts,
-        "grid": like.grid,
-        "states": {name: values[name] for name in like.states},
-        "signals": {name: values[name][positions] for name in like.signals},
-        "expressions": {
-            name: values[name] if name in like.over_time else values[name][positions] for name in like.expressions
-        },
-        "parameters": like.parameters,
-        "piecewise_constant": like.piecewise_constant,
-        "families": like.families,
-        "phase": like.phase,
-    }
-
-
-def _read(series: Any) -> tuple[str, Array, dict[str, Array]]:
+def read_time_series(series: Any) -> tuple[str, Array, dict[str, Array]]:
     """Owner, times and values by name of a time series whose keys look like ``push.theta[*]``.
 
     Raises
@@ -136,26 +87,18 @@ def write_archive(path: str | Path, facts: Mapping[str, Any], groups: Mapping[st
     arrays = {f"{group}_{i}": values for group, named in groups.items() for i, values in enumerate(named.values())}
     members: dict[str, Any] = {"header": np.array(json.dumps(header)), **arrays}
     # In the same folder: a rename there is atomic. Threads and processes may write to the same path.
-    descriptor, temporary = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=".npz", dir=path.parent)
+    temporary = path.with_name(f".{path.stem}-{uuid4().hex}.npz")
     try:
-        with os.fdopen(descriptor, "wb") as file:
+        with temporary.open("xb") as file:
             np.savez_compressed(file, **members)
             file.flush()
             os.fsync(file.fileno())
-        Path(temporary).chmod(_mode_of(path))
-        Path(temporary).replace(path)
+        if path.exists():
+            shutil.copymode(path, temporary)
+        temporary.replace(path)
     finally:
-        Path(temporary).unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
     return path
-
-
-def _mode_of(path: Path) -> int:
-    """Rights of the file that is replaced, or those that a new file gets."""
-    with contextlib.suppress(OSError):
-        return stat.S_IMODE(path.stat().st_mode)
-    mask = os.umask(0)
-    os.umask(mask)
-    return 0o666 & ~mask
 
 
 def read_archive(path: str | Path) -> tuple[dict[str, Any], dict[str, dict[str, Array]]]:

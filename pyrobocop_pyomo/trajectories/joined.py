@@ -14,11 +14,12 @@ from numpy.typing import ArrayLike
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.variable_families import FamilyNames
 from pyrobocop_pyomo.numerics import Array, Grid, Mesh
-from pyrobocop_pyomo.plotting import mark_phases, plot_signals
+from pyrobocop_pyomo.optional_imports import pandas
+from pyrobocop_pyomo.plotting import mark_phases
 from pyrobocop_pyomo.presentation import Presented, table
 
-from .exchange import as_data_frame, write_archive
-from .trajectory import Trajectory, family_values, member_labels, members_of, read_trajectories
+from .exchange import write_archive
+from .trajectory import Trajectory, drawn_parts, family_values, nothing_known, read_trajectories
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,32 +42,43 @@ class JoinedTrajectory(Presented):
 
     def __getattr__(self, name: str) -> Array:
         if not name.startswith("_"):
-            if name in self._states:
-                return np.concatenate([_at_own_times(part, name) for part in self.parts])
-            if name in self._signals:
-                return np.concatenate([part.over_points.get(name, _nothing(part.points)) for part in self.parts])
-            if name in self._families:
-                names = self._families[name]
+            for values in (self.over_time, self.over_points):
+                if name in values:
+                    return values[name]
+            if name in self.families:
+                names = self.families[name]
                 return family_values(names, [getattr(self, member) for member in names.members])
-        raise AttributeError(f"a joined trajectory of {self._parts_named()} has no '{name}'.")
+        raise AttributeError(f"{self._called} has no '{name}'.")
 
     @cached_property
-    def _states(self) -> list[str]:
-        return list(dict.fromkeys(name for part in self.parts for name in part.over_time))
+    def over_time(self) -> dict[str, Array]:
+        """What is a state in any of the phases, and the expressions that have values at the times of the states."""
+        names = dict.fromkeys(name for part in self.parts for name in part.over_time)
+        return {name: np.concatenate([_at_own_times(part, name) for part in self.parts]) for name in names}
 
     @cached_property
-    def _signals(self) -> list[str]:
-        every = dict.fromkeys(name for part in self.parts for name in part.over_points)
-        return [name for name in every if name not in self._states]
+    def over_points(self) -> dict[str, Array]:
+        """Everything else that changes in time."""
+        names = dict.fromkeys(name for part in self.parts for name in part.over_points if name not in self.over_time)
+        return {
+            name: np.concatenate([part.over_points.get(name, nothing_known(part.points)) for part in self.parts])
+            for name in names
+        }
 
     @cached_property
-    def _families(self) -> dict[str, FamilyNames]:
+    def families(self) -> dict[str, FamilyNames]:
+        """Vectors and matrices that change in time."""
         return {name: names for part in self.parts for name, names in part.families.items() if names.in_time}
 
     @property
     def names(self) -> list[str]:
         """Names of everything that changes in time, in any of the phases."""
-        return [*self._states, *self._signals]
+        return [*self.over_time, *self.over_points]
+
+    @property
+    def _called(self) -> str:
+        named = ", ".join(f"'{part.name}'" for part in self.__dict__.get("parts", ()))
+        return f"a joined trajectory of {named}"
 
     @cached_property
     def time(self) -> Array:
@@ -118,61 +130,17 @@ class JoinedTrajectory(Presented):
         return values if np.ndim(t) else {name: float(value[0]) for name, value in values.items()}
 
     def plot(self, names: list[str] | Mapping[str, str] | None = None, *, figure: Any = None) -> Any:
-        """Draw signals over time, the phases marked; returns the Matplotlib figure.
-
-        Parameters
-        ----------
-        names : list of str, or mapping of name to label, optional
-            What to draw, and what to write beside it; all states, algebraics and controls under their names by default.
-        figure : Figure or SubFigure, optional
-            Where to draw; a new figure by default.
-
-        Raises
-        ------
-        TrajectoryError
-            When a name is unknown, or none is given.
-        """
-        declared = {name for part in self.parts for name in (*part.states, *part.signals)}
-        asked = [name for name in self.names if name in declared] if names is None else names
-        chosen = [member for name in asked for member in members_of(self._families, name)]
-        unknown = [name for name in chosen if name not in self.names]
-        if unknown or not chosen:
-            missing = f"has no '{unknown[0]}'" if unknown else "was given nothing to draw"
-            raise TrajectoryError(
-                f"a joined trajectory of {self._parts_named()} {missing}; it has {', '.join(self.names)}."
-            )
-        pieces = [
-            np.unique(np.concatenate([part.time, np.linspace(part.time[0], part.time[-1], 200)])) for part in self.parts
-        ]
-        # A NaN between two phases breaks the line: what jumps is not drawn as a slope.
-        dense = np.concatenate([np.append(piece, piece[-1]) for piece in pieces])
-        values = {name: self._dense_values(name, pieces) for name in chosen}
-        nodes = {name: (self.time if name in self._states else self.points, getattr(self, name)) for name in chosen}
-        steps = {name for name in chosen if all(name not in part.names or name in part.stepwise for part in self.parts)}
-        labels = member_labels(self._families, names) if isinstance(names, Mapping) else None
-        drawn = plot_signals(
-            self._title if figure is None else "", dense, values, nodes, steps, labels=labels, figure=figure
-        )
+        """Draw signals over time as `Trajectory.plot` does, the phases marked."""
+        title = ", ".join(part.title for part in self.parts if part.title != part.name)
+        drawn = drawn_parts(self, self.parts, self._called, title, names, figure)
         mark_phases(drawn, self.boundaries, [part.name for part in self.parts])
         return drawn
 
-    @property
-    def _title(self) -> str:
-        return ", ".join(part.title for part in self.parts if part.title != part.name)
-
-    def _dense_values(self, name: str, pieces: list[Array]) -> Array:
-        values = []
-        for part, piece in zip(self.parts, pieces, strict=True):
-            values.append(part(piece)[name] if name in part.names else _nothing(piece))
-            values.append(np.array([np.nan]))
-        return np.concatenate(values)
-
     def to_pandas(self) -> Any:
         """A data frame with one row per time, the name of the phase in the column ``phase``, and NaN as in `time`."""
+        of_phases = {"phase": [part.name for part in self.parts for _ in part.time]}
         columns = {name: np.concatenate([_at_own_times(part, name) for part in self.parts]) for name in self.names}
-        frame = as_data_frame(self.time, columns)
-        frame.insert(0, "phase", [part.name for part in self.parts for _ in part.time])
-        return frame
+        return pandas.DataFrame({**of_phases, **columns}, index=pandas.Index(self.time, name="time"))
 
     def save(self, path: str | Path) -> Path:
         """Write all parts to one ``.npz`` file, as `Trajectory.save` does; returns the file written."""
@@ -243,21 +211,18 @@ class JoinedTrajectory(Presented):
             raise TrajectoryError(f"model '{model.name}' has no phase '{part.name}', of which there is a trajectory.")
         return phase
 
-    def _parts_named(self) -> str:
-        return ", ".join(f"'{part.name}'" for part in self.__dict__.get("parts", ()))
-
     def __dir__(self) -> list[str]:
-        return sorted({*super().__dir__(), *self._states, *self._signals, *self._families})
+        return sorted({*super().__dir__(), *self.names, *self.families})
 
     def _summary(self) -> str:
         count = len(self.parts)
         return (
             f"{count} phase{'s' * (count != 1)} ({', '.join(repr(part.title) for part in self.parts)}): "
-            f"{', '.join([*self._states, *self._signals])}"
+            f"{', '.join(self.names)}"
         )
 
     def _html_parts(self) -> list[str]:
-        rows = [*((name, "state") for name in self._states), *((name, "signal") for name in self._signals)]
+        rows = [*((name, "state") for name in self.over_time), *((name, "signal") for name in self.over_points)]
         return [table(("name", "kind"), rows)]
 
 
@@ -289,15 +254,11 @@ def _is_beside(other: Trajectory, part: Trajectory) -> bool:
     return other.phase is not part.phase and other.grid.mesh.elements == part.grid.mesh.elements
 
 
-def _nothing(times: Array) -> Array:
-    return np.full(times.shape, np.nan)
-
-
 def _at_own_times(part: Trajectory, name: str) -> Array:
     """Values at the times of the states; what is no state is evaluated there by its polynomial."""
     if name in part.over_time:
         return part.over_time[name]
-    return part(part.time)[name] if name in part.over_points else _nothing(part.time)
+    return part(part.time)[name] if name in part.over_points else nothing_known(part.time)
 
 
 def _moved(part: Trajectory, start: float) -> Trajectory:

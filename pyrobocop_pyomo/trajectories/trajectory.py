@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
@@ -14,21 +14,15 @@ from numpy.typing import ArrayLike
 
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.variable_families import FamilyNames
-from pyrobocop_pyomo.numerics import Array, Grid, Indices, Mesh, Scheme
+from pyrobocop_pyomo.numerics import Array, Grid, Indices, Mesh, Scheme, lobatto
+from pyrobocop_pyomo.optional_imports import pandas, xarray
 from pyrobocop_pyomo.plotting import plot_signals
 from pyrobocop_pyomo.presentation import Presented, facts_table, table
 
-from .exchange import as_data_frame, as_data_set, as_time_series, facts_of_time_series, read_archive, write_archive
+from .exchange import read_archive, read_time_series, time_series, write_archive
 
 SOLVED = "solved"
 _GROUPS = ("states", "signals", "pairs", "rates", "piecewise_linear", "expressions")
-
-
-def _which_there_are(name: str, held: list[str]) -> str:
-    """The nearest names, and all of them, as the end of a message."""
-    near = get_close_matches(name, held, n=1)
-    meant = f"Did you mean '{near[0]}'? " if near else ""
-    return f"{meant}It has {', '.join(held) or 'nothing'}; and time, points and duration."
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,19 +80,20 @@ class Trajectory(Presented):
     outcome: str | None = None
 
     def __getattr__(self, name: str) -> Any:
-        if not name.startswith("_"):
-            for values in (self.states, self.signals, self.parameters, self.expressions):
-                if name in values:
-                    return values[name]
-            family = self.__dict__.get("families", {}).get(name)
-            if family is not None:
-                return family_values(family, [getattr(self, member) for member in family.members])
-            facts = self.__dict__
-            if "states" in facts:
-                held = [*facts["states"], *facts["signals"], *facts["parameters"], *facts.get("families", ())]
-                held += facts.get("expressions", ())
-                raise AttributeError(f"trajectory '{facts['name']}' has no '{name}'. {_which_there_are(name, held)}")
-        raise AttributeError(f"trajectory '{self.__dict__.get('name', '?')}' has no '{name}'.")
+        if name.startswith("_") or "states" not in self.__dict__:  # a copy that is being made has no fields yet
+            raise AttributeError(f"a trajectory has no '{name}'.")
+        held = {**self.states, **self.signals, **self.parameters, **self.expressions}
+        if name in held:
+            return held[name]
+        if name in self.families:
+            return family_values(self.families[name], [getattr(self, member) for member in self.families[name].members])
+        names = [*held, *self.families]
+        near = get_close_matches(name, names, n=1)
+        meant = f"Did you mean '{near[0]}'? " if near else ""
+        raise AttributeError(
+            f"trajectory '{self.name}' has no '{name}'. {meant}It has {', '.join(names) or 'nothing'}; and time, "
+            "points and duration."
+        )
 
     def __getitem__(self, name: str) -> Any:
         """The values by name: ``trajectory["theta"]`` is ``trajectory.theta``."""
@@ -285,46 +280,24 @@ class Trajectory(Presented):
         TrajectoryError
             When a name is unknown, or none is given.
         """
-        asked = [*self.states, *self.signals] if names is None else names
-        chosen = [member for name in asked for member in members_of(self.families, name)]
-        unknown = [name for name in chosen if name not in self.names]
-        if unknown:
-            raise TrajectoryError(f"trajectory '{self.name}' has no '{unknown[0]}'; it has {', '.join(self.names)}.")
-        if not chosen:
-            raise TrajectoryError(
-                f"trajectory '{self.name}': nothing to draw was named; it has {', '.join(self.names)}."
-            )
-        dense = np.unique(np.concatenate([self.time, np.linspace(self.time[0], self.time[-1], 400)]))
-        values = self(dense)
-        nodes = {
-            name: (self.time, self.over_time[name]) if name in self.over_time else (self.points, self.over_points[name])
-            for name in chosen
-        }
-        steps = self.stepwise & set(chosen)
-        return plot_signals(
-            self.title if figure is None else "",
-            dense,
-            {name: values[name] for name in chosen},
-            nodes,
-            steps,
-            labels=member_labels(self.families, names) if isinstance(names, Mapping) else None,
-            figure=figure,
-        )
+        return drawn_parts(self, (self,), f"trajectory '{self.name}'", self.title, names, figure)
 
     def to_pandas(self) -> Any:
         """A data frame: one row per time, one column per state, algebraic, control and expression.
 
         What lives at collocation points only is evaluated by its polynomial at the other times.
         """
-        return as_data_frame(self.time, self(self.time))
+        return pandas.DataFrame(dict(self(self.time)), index=pandas.Index(self.time, name="time"))
 
     def to_time_series(self) -> Any:
         """The same as `pyomo.contrib.mpc.TimeSeriesData`, with keys such as ``push.theta[*]``."""
-        return as_time_series(self.name, self.time, self(self.time))
+        return time_series(self.name, self.time, self(self.time))
 
     def to_xarray(self) -> Any:
         """The same as an xarray data set over ``time``; parameters and the scheme's name are its attributes."""
-        return as_data_set(self.time, self(self.time), {**self.parameters, "scheme": self.grid.scheme.name})
+        variables = {name: ("time", samples) for name, samples in self(self.time).items()}
+        facts = {**self.parameters, "scheme": self.grid.scheme.name}
+        return xarray.Dataset(variables, coords={"time": self.time}, attrs=facts)
 
     @classmethod
     def from_time_series(cls, series: Any, like: Trajectory | None = None) -> Trajectory:
@@ -343,7 +316,25 @@ class Trajectory(Presented):
         TrajectoryError
             When the series is no such thing, or does not have the names and times of the other trajectory.
         """
-        return cls(**facts_of_time_series(series, like))
+        owner, times, values = read_time_series(series)
+        if like is None:
+            return cls(owner, Grid(lobatto(2), Mesh(tuple(times.tolist()))), values, {}, {}, {})
+        same = len(times) == len(like.time) and np.allclose(times, like.time, rtol=0, atol=1e-9 * like.duration)
+        if not same or set(values) != set(like.names):
+            raise TrajectoryError(
+                f"the time series has {', '.join(values)} at {len(times)} times, trajectory '{like.name}' has "
+                f"{', '.join(like.names)} at {len(like.time)}; they must agree. Leave 'like' out to join the samples "
+                "by straight lines."
+            )
+        at_points = {name: values[name][np.searchsorted(like.time, like.points)] for name in like.over_points}
+        own: dict[str, Any] = {"name": owner, "pairs": {}, "rates": {}, "piecewise_linear": {}, "outcome": None}
+        return replace(
+            like,
+            states={name: values[name] for name in like.states},
+            signals={name: at_points[name] for name in like.signals},
+            expressions={name: at_points.get(name, values[name]) for name in like.expressions},
+            **own,
+        )
 
     def save(self, path: str | Path) -> Path:
         """Write a ``.npz`` file of arrays and JSON (no pickle); returns the file written."""
@@ -489,6 +480,47 @@ def _names_read(stored: Sequence[Any]) -> FamilyNames:
     name, axes, in_time = stored
     labels = tuple(tuple(tuple(label) if isinstance(label, list) else label for label in axis) for axis in axes)
     return FamilyNames(name, labels, in_time)
+
+
+def drawn_parts(
+    read: Any,
+    parts: Sequence[Trajectory],
+    called: str,
+    title: str,
+    names: list[str] | Mapping[str, str] | None,
+    figure: Any,
+) -> Any:
+    """The picture of a trajectory, or of a joined one, whose parts are several."""
+    declared = {name for part in parts for name in (*part.states, *part.signals)}
+    wanted = [name for name in read.names if name in declared] if names is None else names
+    chosen = [member for name in wanted for member in members_of(read.families, name)]
+    unknown = [name for name in chosen if name not in read.names]
+    if unknown or not chosen:
+        missing = f"has no '{unknown[0]}'" if unknown else "was given no name of what to draw"
+        raise TrajectoryError(f"{called} {missing}; it has {', '.join(read.names)}.")
+    pieces = [np.unique([*part.time, *np.linspace(part.time[0], part.time[-1], 400)]) for part in parts]
+    values = [(part(piece), nothing_known(piece)) for part, piece in zip(parts, pieces, strict=True)]
+    over_time = {name: (read.time, of) for name, of in read.over_time.items()}
+    nodes = {**over_time, **{name: (read.points, of) for name, of in read.over_points.items()}}
+    return plot_signals(
+        title if figure is None else "",
+        _apart(pieces),
+        {name: _apart([of.get(name, nothing) for of, nothing in values]) for name in chosen},
+        nodes,
+        {name for name in chosen if all(name not in part.names or name in part.stepwise for part in parts)},
+        labels=member_labels(read.families, names) if isinstance(names, Mapping) else None,
+        figure=figure,
+    )
+
+
+def nothing_known(times: Array) -> Array:
+    """A NaN at each time."""
+    return np.full(times.shape, np.nan)
+
+
+def _apart(pieces: list[Array]) -> Array:
+    """Pieces one after the other; a NaN between two breaks the line: what jumps is not drawn as a slope."""
+    return np.concatenate([pieces[0], *(part for piece in pieces[1:] for part in ([np.nan], piece))])
 
 
 def _range_of(values: Array) -> tuple[float, float, float, float]:

@@ -53,7 +53,7 @@ def more_ends_fixed_than_possible(m: Any) -> Mistake:
 
 
 @found_by_diagnosis(
-    Subject.DATA, "right-hand side of 'y' in ode 'gust' is nan at t = 0.83.*, and at 1 more point", "p.y"
+    Subject.DATA, "number nan, in right-hand side of 'y' of phase 'p' at t = 0.83.*, and at 1 more point", "p.y"
 )
 def right_hand_side_without_a_value(m: Any) -> Mistake:
     b = pushed(m)
@@ -66,7 +66,7 @@ def right_hand_side_without_a_value(m: Any) -> Mistake:
     b.ode(gust)
 
 
-@found_by_diagnosis(Subject.DATA, "right-hand side of 'y' in ode 'fall' is nan at t = .*, and at 7 more points", "p.y")
+@found_by_diagnosis(Subject.DATA, r"by p.y\[.* = 0, in right-hand side of 'y' .* t = .*, and at 7 more points", "p.y")
 def division_by_zero_at_the_guess(m: Any) -> Mistake:
     b = pushed(m)
     b.y = rcp.State(initial=0)
@@ -78,7 +78,7 @@ def division_by_zero_at_the_guess(m: Any) -> Mistake:
     b.ode(fall)
 
 
-@found_by_diagnosis(Subject.DATA, r"'p.limit\[0.08.*' has the value -?inf", "p.limit")
+@found_by_diagnosis(Subject.DATA, "the number -?inf, in constraint 'p.limit' at t = 0.08", "p.limit")
 def infinite_coefficient(m: Any) -> Mistake:
     b = pushed(m)
     yield
@@ -89,7 +89,7 @@ def infinite_coefficient(m: Any) -> Mistake:
     b.constraint(limit)
 
 
-@found_by_diagnosis(Subject.DATA, r"'p.speed\[0.08.*' has no finite derivative by 'p.z\[0.08", "p.speed")
+@found_by_diagnosis(Subject.DATA, r"derivative of sqrt.* p.z\[0.08.*, in constraint 'p.speed' at t = 0.08", "p.speed")
 def root_of_zero(m: Any) -> Mistake:
     b = pushed(m)
     b.z = rcp.Algebraic(initial_guess=0, bounds=(0, None))

@@ -18,7 +18,7 @@ from scipy.sparse import csr_matrix
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.diagnosis import Severity, Subject
 from pyrobocop_pyomo.diagnosis.determinacy import left_null_vector
-from pyrobocop_pyomo.diagnosis.linearised_rows import LinearisedRows, equilibrate
+from pyrobocop_pyomo.diagnosis.linearised_rows import Equations, equilibrate
 from pyrobocop_pyomo.errors import ModelError
 
 
@@ -115,15 +115,15 @@ def test_several_phases_at_once_are_refused() -> None:
 
 def test_the_jacobian_is_that_of_differences() -> None:
     m = oscillators(elements=2)
-    line = LinearisedRows(m)
-    matrix = line.jacobian(line.rows).toarray()
+    equations = Equations(m)
+    matrix = equations.jacobian.toarray()
     step = 1e-6
-    for j, variable in enumerate(line.variables):
+    for j, variable in enumerate(equations.variables):
         centre = variable.value
         sides = []
         for sign in (1, -1):
             variable.set_value(centre + sign * step)
-            sides.append(np.array([pyo.value(row.data.body) for row in line.rows]))
+            sides.append(np.array([pyo.value(row.body) for row in equations.rows]))
         variable.set_value(centre)
         assert matrix[:, j] == pytest.approx((sides[0] - sides[1]) / (2 * step), abs=1e-6)
 

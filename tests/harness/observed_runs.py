@@ -43,16 +43,15 @@ def interrupt_run(monkeypatch: pytest.MonkeyPatch, number: int) -> list[int]:
     No signal is sent: a shell may have told its children to ignore it.
     """
     runs: list[int] = []
-    enter = ipopt_run.Interruption.__enter__
+    listens = ipopt_run.first_ctrl_c
 
-    def pressed(self: Any) -> Any:
-        entered = enter(self)
+    def pressed(request: Callable[[], None]) -> Any:
         if len(runs) == number:
-            entered.requested = True
+            request()
         runs.append(len(runs))
-        return entered
+        return listens(request)
 
-    monkeypatch.setattr(ipopt_run.Interruption, "__enter__", pressed)
+    monkeypatch.setattr(ipopt_run, "first_ctrl_c", pressed)
     return runs
 
 

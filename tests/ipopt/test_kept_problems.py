@@ -10,8 +10,8 @@ import numpy as np
 import pyomo.environ as pyo
 import pytest
 
+from pyrobocop_pyomo.ipopt.ipopt_callbacks import KeptProblem
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
-from pyrobocop_pyomo.ipopt.kept_problem import KeptProblem
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 
 pytestmark = pytest.mark.casadi

@@ -10,7 +10,7 @@ pytest.importorskip("matplotlib")
 from matplotlib.figure import Figure
 from mechanism_pictures import draw_linkage, draw_planar_pushing
 
-from pyrobocop_pyomo.plotting.time_colours import evenly_moved, time_colours
+from pyrobocop_pyomo.plotting.figures import evenly_moved, time_colours
 
 
 def test_snapshots_follow_motion_not_time() -> None:

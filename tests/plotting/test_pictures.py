@@ -64,7 +64,7 @@ def test_a_held_control_is_drawn_as_steps(scheme: str) -> None:
 def test_an_unknown_or_an_empty_choice_is_refused() -> None:
     with pytest.raises(TrajectoryError, match="trajectory 'p' has no 'y'; it has x, u0"):
         trajectory(1).plot(["x", "y"])
-    with pytest.raises(TrajectoryError, match="nothing to draw was named"):
+    with pytest.raises(TrajectoryError, match="was given no name of what to draw"):
         trajectory(1).plot([])
 
 

@@ -184,7 +184,7 @@ def test_no_ipopt_anywhere_is_one_clear_message_and_leaves_nothing(monkeypatch: 
     for name in ("find_ipopt_library", "find_ipopt_executable"):
         monkeypatch.setattr(backends, name, lambda: None)
     m = corner()
-    with pytest.raises(SolverNotFoundError, match=r"no Ipopt is found(.|\n)*pip install(.|\n)*conda(.|\n)*build-asl"):
+    with pytest.raises(SolverNotFoundError, match=r"no Ipopt is found(.|\n)*pip install(.|\n)*conda(.|\n)*build_asl"):
         rcp.solve(m)
     with pytest.raises(SolverNotFoundError, match="the ipopt executable.*not found.*found: none"):
         rcp.solve(m, backend="executable")

@@ -66,7 +66,7 @@ def test_what_is_unknown_is_named() -> None:
         _ = joined.z
     with pytest.raises(TrajectoryError, match="has no 'z'; it has x, y, u, w"):
         joined.plot(["z"])
-    with pytest.raises(TrajectoryError, match="was given nothing to draw"):
+    with pytest.raises(TrajectoryError, match="was given no name of what to draw"):
         joined.plot([])
     with pytest.raises(TrajectoryError, match="no trajectories to join"):
         rcp.join_trajectories([])

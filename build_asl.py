@@ -1,4 +1,4 @@
-"""Build the ``ipopt`` executable and PyNumero's ASL library from packages of Debian or Ubuntu.
+"""Build the ``ipopt`` executable and PyNumero's ASL library from packages of Debian or Ubuntu: ``python build_asl.py``.
 
 No wheel carries an Ipopt with AMPL's solver library. But the pieces are at hand: casadi's wheel has the Ipopt
 library and its headers, the distribution has the AMPL Solver Library (``libamplsolver-dev``) and, in its source
@@ -11,9 +11,9 @@ derivatives are wrong (docs/developer/evaluation.md). Everything else of the lib
 
 from __future__ import annotations
 
+import argparse
 import ctypes
 import importlib.util
-import logging
 import os
 import platform
 import shlex
@@ -21,14 +21,11 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from pyrobocop_pyomo.errors import SolverNotFoundError
-
-from .ipopt_executable import ipopt_executable_version
-
-logger = logging.getLogger(__name__)
+from pyrobocop_pyomo.ipopt.ipopt_executable import ipopt_executable_version
 
 PACKAGES = ("libamplsolver-dev", "g++")
 ASL_HEADERS = Path("/usr/include/ampl-netlib-solvers")
@@ -45,9 +42,25 @@ _HEADER_MACROS = [
 ]
 
 
-def build_asl(
-    prefix: str | Path = sys.prefix, *, force: bool = False, report: Callable[[str], None] = logger.info
-) -> tuple[Path, Path]:
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line."""
+    parser = argparse.ArgumentParser(description=__doc__.partition(":")[0])
+    parser.add_argument("--prefix", default=sys.prefix, help="install into PREFIX/bin and PREFIX/lib (%(default)s)")
+    parser.add_argument("--force", action="store_true", help="build also what is there and works")
+    options = parser.parse_args(arguments)
+    try:
+        build_asl(options.prefix, force=options.force)
+    except SolverNotFoundError as error:
+        sys.exit(f"build_asl: {error}")
+
+
+def report(line: str) -> None:
+    """Say which step comes next."""
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()
+
+
+def build_asl(prefix: str | Path = sys.prefix, *, force: bool = False) -> tuple[Path, Path]:
     """Build what is missing, or does not run, and install it.
 
     Parameters
@@ -57,8 +70,6 @@ def build_asl(
         found without further settings.
     force : bool
         Build also what is there and works.
-    report : callable
-        Receives one line per step.
 
     Returns
     -------
@@ -81,10 +92,10 @@ def build_asl(
     casadi = _casadi_folder()
     if shutil.which("apt-get") is None:
         raise SolverNotFoundError(f"apt-get is not found: this builds on Debian and Ubuntu only. {ALTERNATIVE}")
-    _require_packages(report)
+    _require_packages()
     with tempfile.TemporaryDirectory(prefix="pyrobocop_build_") as name:
         folder = Path(name)
-        _fetch_sources(folder, report)
+        _fetch_sources(folder)
         report("compiling the reader of .nl files")
         reader = _compiled_reader(folder)
         compile_with = ["g++", "-O2", "-w", f"-I{ASL_HEADERS}", str(reader)]
@@ -148,7 +159,7 @@ def _casadi_folder() -> Path:
     return folder
 
 
-def _require_packages(report: Callable[[str], None]) -> None:
+def _require_packages() -> None:
     if (ASL_HEADERS / "asl.h").is_file() and shutil.which("g++"):
         return
     install = ["apt-get", "install", "--yes", *PACKAGES]
@@ -166,7 +177,7 @@ def _require_packages(report: Callable[[str], None]) -> None:
         _run([*prefix, *install])
 
 
-def _fetch_sources(folder: Path, report: Callable[[str], None]) -> None:
+def _fetch_sources(folder: Path) -> None:
     """Put the original archives of the distribution's source packages into a folder."""
     sources, state, cache = folder / "sources.list", folder / "state", folder / "cache"
     for path in (state / "lists" / "partial", cache / "archives" / "partial"):
@@ -250,3 +261,7 @@ def _run(command: Sequence[str], cwd: Path | None = None) -> str:
             f"this command failed with code {run.returncode}: {shlex.join(command)}\n{run.stdout}"
         )
     return run.stdout
+
+
+if __name__ == "__main__":
+    main()
