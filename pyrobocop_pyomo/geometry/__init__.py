@@ -8,7 +8,6 @@ from .poses import Pose
 from .poses import check_pose as check_pose
 from .poses import planar_pose as planar_pose
 from .poses import spatial_pose as spatial_pose
-from .separation import gap as gap
 from .separation import separating_directions as separating_directions
 
 # What users find in the namespace `geometry`. The names with "as" are for the folders of this package;

@@ -17,7 +17,7 @@ from pyrobocop_pyomo.presentation import Presented, facts_table
 from .polyhedra import affine_rank, halfspaces_of
 from .polytope_input import corners_of_halfspaces, corners_of_list, read_points, read_rays
 from .poses import Pose
-from .round_shapes import around_cone, around_ellipsoid, direction_of, frame_along
+from .round_shapes import around_cone, around_ellipsoid, frame_along
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,8 +196,9 @@ class Polytope(Presented):
             For lengths that are not positive, or fewer than 3 sides.
         """
         corners, excess = around_cone((radius, radius), height, sides, name)
-        base = _checked_position(center, name, 3) - 0.5 * height * direction_of(axis, name)
-        return replace(cls.hull(base + corners @ frame_along(axis, name).T, name=name), excess=excess)
+        middle = _checked_position(center, name, 3)
+        turned = (corners - np.array([0.0, 0.0, 0.5 * height])) @ frame_along(axis, name).T
+        return replace(cls.hull(middle + turned, name=name), excess=excess)
 
     @classmethod
     def cone(

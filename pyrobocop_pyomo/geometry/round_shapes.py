@@ -53,17 +53,12 @@ def around_ellipsoid(semi_axes: Sequence[float], sides: int | None, name: str) -
     return share * unit * lengths, float((share - 1.0) * lengths.max())
 
 
-def direction_of(axis: Sequence[float], name: str) -> np.ndarray:
-    """Unit vector along an axis in space."""
+def frame_along(axis: Sequence[float], name: str) -> np.ndarray:
+    """A rotation (3, 3) that turns the z axis into a direction; the identity for the z axis itself."""
     vector = np.array(axis, dtype=float)
     if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
         raise ObstacleError(f"'{name}': its axis is {axis!r}; expected three numbers, not all zero.")
-    return np.asarray(vector / np.linalg.norm(vector), dtype=np.float64)
-
-
-def frame_along(axis: Sequence[float], name: str) -> np.ndarray:
-    """A rotation (3, 3) that turns the z axis into a direction; the identity for the z axis itself."""
-    z = direction_of(axis, name)
+    z = vector / np.linalg.norm(vector)
     least = np.eye(3)[int(np.argmin(np.abs(z)))]
     x = np.array([1.0, 0.0, 0.0]) if abs(z[2]) == 1.0 else np.cross(least, z)
     x = x / np.linalg.norm(x)

@@ -17,21 +17,6 @@ from .polyhedra import affine_basis, complement, convex_hull, halfspaces_of
 LEVEL = 1e-8
 
 
-def gap(
-    normal: np.ndarray, p: np.ndarray, q: np.ndarray, p_rays: np.ndarray | None = None, q_rays: np.ndarray | None = None
-) -> float:
-    """Width of the gap from q to p along a normal: least height of p minus largest of q; minus infinity if none.
-
-    Parameters
-    ----------
-    normal : (d,) array
-        Unit vector from q to p.
-    p, q : (v, d) and (w, d) arrays
-    p_rays, q_rays : (k, d) arrays, optional
-    """
-    return float(gaps(normal[None, :], p, q, difference_rays(p_rays, q_rays, len(normal)))[0])
-
-
 def gaps(normals: np.ndarray, p: np.ndarray, q: np.ndarray, rays: np.ndarray) -> np.ndarray:
     """Widths of the gaps (k,) along unit normals (k, d); `rays` are those of the differences."""
     widths = (p @ normals.T).min(axis=0) - (q @ normals.T).max(axis=0)
