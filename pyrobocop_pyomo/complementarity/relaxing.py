@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from pyomo.common.config import PositiveFloat
 from pyomo.common.gc_manager import PauseGC
 
 from pyrobocop_pyomo.errors import ComplementarityError
@@ -30,7 +29,6 @@ from .preconditions import (
 )
 from .record import (
     BLOCK_NAME,
-    PairGroup,
     RelaxationRecord,
     only_record,
     record_of,
@@ -44,14 +42,6 @@ from .rows import new_record, state_rows
 logger = logging.getLogger(__name__)
 
 FIRST_DELTA = 1e-2
-
-
-def finite_positive(number: Any) -> float:
-    """Return a positive finite number as a float; any other one is a ValueError."""
-    number = PositiveFloat(number)
-    if not math.isfinite(number):
-        raise ValueError(f"expected a finite number, found {number}")
-    return number
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +97,9 @@ def relax(
     ValueError
         If an option has a value that does not exist.
     """
-    chosen, groups, delta = as_relaxation(relaxation), as_grouping(grouping), finite_positive(delta)
+    chosen, groups = as_relaxation(relaxation), as_grouping(grouping)
+    if not 0.0 < delta < math.inf:
+        raise ValueError(f"'{model.name}': delta is {delta!r}; it has to be positive and finite.")
     refuse_unusable(model)
     with PauseGC():
         sources = active_sources(model, targets)
@@ -154,9 +146,7 @@ def revert(model: Any, token: RelaxationToken | None = None) -> None:
 def pairs_of(model: Any) -> list[CanonicalPair]:
     """Return all pairs of a model in canonical form: the relaxed ones, then those still active."""
     known: dict[int, tuple[CanonicalPair, ...]] = {}
-    for record in records_below(model):
-        known.update((id(source), statement.form.pairs) for source, statement in record.statements.items())
-    for record in records_above(model):
+    for record in (*records_below(model), *records_above(model)):
         known.update(
             (id(source), statement.form.pairs)
             for source, statement in record.statements.items()
@@ -184,10 +174,10 @@ def crossed_pairs_of(model: Any) -> list[tuple[CanonicalPair, CanonicalPair]]:
     Where one of the two sides has to be zero as well, a branch of the pairs as stated does not see to it.
     """
     return [
-        (first.pair, second.pair)
+        (product.a_pair.pair, product.b_pair.pair)
         for record in records_below(model)
         for group in record.groups
-        for first, second in crossings(record, group.pairs)
+        for product in crossings(record, group.pairs)
     ]
 
 
@@ -252,25 +242,12 @@ def generating_pairs(row: Any) -> list[Any]:
 
 def relaxation_rows_of(model: Any) -> list[Any]:
     """Return the active rows that relax products, and not those that keep or define sides."""
-    return [
-        row
-        for record in records_below(model)
-        for group in _groups_seen(record, model)
-        for row in group.rows
-        if row.active
-    ]
+    return [row for record in records_below(model) for row in _rows_seen(record, model)]
 
 
 def shifted_rows_of(model: Any) -> list[Any]:
     """Return the active rows ``... <= shift(delta)`` whose bound may move while a solver runs."""
-    return [
-        row
-        for record in records_below(model)
-        if record.abilities.shifts
-        for group in _groups_seen(record, model)
-        for row in group.rows
-        if row.active
-    ]
+    return [row for record in records_below(model) if record.shifts for row in _rows_seen(record, model)]
 
 
 def _as_variable(side: Any) -> SideVariable:
@@ -279,11 +256,11 @@ def _as_variable(side: Any) -> SideVariable:
     return found
 
 
-def _groups_seen(record: RelaxationRecord, model: Any) -> list[PairGroup]:
-    """The groups whose generated block a solver sees."""
+def _rows_seen(record: RelaxationRecord, model: Any) -> Iterator[Any]:
+    """The active rows of products whose generated block a solver sees."""
     active = model.active
     seen = {id(home) for home, block in record.blocks.items() if active and outermost_inactive(block, model) is None}
-    return [group for group in record.groups if id(group.home) in seen]
+    return (row for group in record.groups if id(group.home) in seen for row in group.rows if row.active)
 
 
 def _record_of_row(row: Any) -> RelaxationRecord | None:

@@ -4,27 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from pyomo.common.config import ConfigDict, ConfigValue
 from pyomo.core.base import Transformation, TransformationFactory
 
-from .grouping import PerPair, as_grouping
-from .relaxations import Scholtes, as_relaxation
-from .relaxing import (
-    FIRST_DELTA,
-    RelaxationToken,
-    crossed_pairs_of,
-    delta_of,
-    finite_positive,
-    lifted_pairs_of,
-    pairs_of,
-    relax,
-    relaxation_of,
-    relaxation_rows_of,
-    revert,
-    rows_of,
-    shifted_rows_of,
-    sources_of,
-)
+from . import relaxing
 from .residuals import PairResidual, pair_residuals
 
 
@@ -47,47 +29,20 @@ class RelaxComplementarity(Transformation):
     pairs: revert before, or deactivate first.
     """
 
-    CONFIG = ConfigDict("pyrobocop.relax_complementarity")
-    CONFIG.declare(
-        "relaxation",
-        ConfigValue(default=Scholtes(), domain=as_relaxation, description="How one product is bounded."),
-    )
-    CONFIG.declare(
-        "grouping",
-        ConfigValue(default=PerPair(), domain=as_grouping, description="Which products share a bound."),
-    )
-    CONFIG.declare(
-        "delta",
-        ConfigValue(default=FIRST_DELTA, domain=finite_positive, description="First bound of the products."),
-    )
-    CONFIG.declare(
-        "lift",
-        ConfigValue(
-            default=False,
-            domain=bool,
-            description="Let a generated variable stand for each side that is no variable.",
-        ),
-    )
-    CONFIG.declare(
-        "targets",
-        ConfigValue(default=None, description="Blocks, Complementarity components or pairs to take; default all."),
-    )
-
     # What the functions of the same names do.
-    revert = staticmethod(revert)
-    delta_of = staticmethod(delta_of)
-    relaxation_of = staticmethod(relaxation_of)
-    pairs_of = staticmethod(pairs_of)
-    lifted_pairs_of = staticmethod(lifted_pairs_of)
-    crossed_pairs_of = staticmethod(crossed_pairs_of)
-    rows_of = staticmethod(rows_of)
-    relaxation_rows_of = staticmethod(relaxation_rows_of)
-    shifted_rows_of = staticmethod(shifted_rows_of)
-    sources_of = staticmethod(sources_of)
+    revert = staticmethod(relaxing.revert)
+    delta_of = staticmethod(relaxing.delta_of)
+    relaxation_of = staticmethod(relaxing.relaxation_of)
+    pairs_of = staticmethod(relaxing.pairs_of)
+    lifted_pairs_of = staticmethod(relaxing.lifted_pairs_of)
+    crossed_pairs_of = staticmethod(relaxing.crossed_pairs_of)
+    rows_of = staticmethod(relaxing.rows_of)
+    relaxation_rows_of = staticmethod(relaxing.relaxation_rows_of)
+    shifted_rows_of = staticmethod(relaxing.shifted_rows_of)
+    sources_of = staticmethod(relaxing.sources_of)
 
-    def _apply_to(self, model: Any, **options: Any) -> RelaxationToken:
-        config = self.CONFIG({**options.pop("options", {}), **options})
-        return relax(model, **{name: config[name] for name in config})
+    def _apply_to(self, model: Any, **options: Any) -> relaxing.RelaxationToken:
+        return relaxing.relax(model, **options)
 
     def residuals(self, model: Any) -> list[PairResidual]:
         """Evaluate all pairs, relaxed or still active, at the current values.
@@ -97,4 +52,4 @@ class RelaxComplementarity(Transformation):
         ComplementarityError
             If a variable of a pair has no value.
         """
-        return pair_residuals(pairs_of(model))
+        return pair_residuals(relaxing.pairs_of(model))
