@@ -30,6 +30,7 @@ from .relaxations import Relaxation as Relaxation
 from .relaxations import Scholtes as Scholtes
 from .relaxations import SteffensenUlbrich as SteffensenUlbrich
 from .relaxing import RelaxationToken as RelaxationToken
+from .relaxing import RelaxComplementarity as RelaxComplementarity
 from .relaxing import crossed_pairs_of as crossed_pairs_of
 from .relaxing import delta_of as delta_of
 from .relaxing import generating_pairs as generating_pairs
@@ -60,7 +61,6 @@ from .schedules import Superlinear as Superlinear
 from .statement import Complements as Complements
 from .statement import complements as complements
 from .statement import either_zero as either_zero
-from .transformation import RelaxComplementarity as RelaxComplementarity
 from .units import register_with_pyomo
 
 register_with_pyomo()

@@ -1,4 +1,7 @@
-"""Relaxing the pairs of a model, asking about what was generated, and the way back."""
+"""Relaxing the pairs of a model, asking about what was generated, and the way back.
+
+`RelaxComplementarity` is the same as a transformation of Pyomo: `pyrobocop.relax_complementarity`.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pyomo.common.gc_manager import PauseGC
+from pyomo.core.base import Transformation, TransformationFactory
 
 from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.modeling.activity import deactivate, is_inside, outermost_inactive
@@ -37,11 +41,10 @@ from .record import (
     records_below,
 )
 from .relaxations import ObjectiveTerm, Relaxation, as_relaxation
+from .residuals import PairResidual, pair_residuals
 from .rows import new_record, state_rows
 
 logger = logging.getLogger(__name__)
-
-FIRST_DELTA = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +68,7 @@ def relax(
     *,
     relaxation: str | Relaxation | ObjectiveTerm = "scholtes",
     grouping: str | Grouping = "pair",
-    delta: float = FIRST_DELTA,
+    delta: float = 1e-2,
     lift: bool = False,
     targets: Iterable[Any] | None = None,
 ) -> RelaxationToken:
@@ -268,3 +271,48 @@ def _record_of_row(row: Any) -> RelaxationRecord | None:
         return None  # no private data appear on blocks of the user
     block = record_of(row.parent_block()).main
     return None if block is None else record_of(block)
+
+
+@TransformationFactory.register(
+    "pyrobocop.relax_complementarity", doc="Bound (or penalise) the products of complementarity pairs, reversibly."
+)
+class RelaxComplementarity(Transformation):
+    """Replace complementarity pairs by rows ``a * b <= delta`` that any nonlinear solver can hold.
+
+    Pairs of this package and of `pyomo.mpec` are taken. They are deactivated and never changed. What is
+    generated sits on one block with the mutable parameter ``delta``; only the rows of pairs inside a
+    `Disjunct` sit on a block in that disjunct, so that they hold only where it is chosen.
+
+    Options of ``apply_to`` and ``create_using``: ``relaxation`` (a name such as "scholtes" or "penalty", or an
+    object), ``grouping`` ("pair", "element" or an object), ``delta`` (first value, 1e-2), ``lift`` (False) and
+    ``targets`` (blocks, components or single pairs; default all). With ``lift``, a generated variable ``s >= 0``
+    with the row ``s == side`` stands for each side that is more than a variable with a sign and an offset, so that
+    products are bilinear; it starts at the value of the side. A model is relaxed once, with all its targets. A
+    block that is deactivated afterwards takes its own constraints out of the model but not the generated rows of its
+    pairs: revert before, or deactivate first.
+    """
+
+    # What the functions of the same names do.
+    revert = staticmethod(revert)
+    delta_of = staticmethod(delta_of)
+    relaxation_of = staticmethod(relaxation_of)
+    pairs_of = staticmethod(pairs_of)
+    lifted_pairs_of = staticmethod(lifted_pairs_of)
+    crossed_pairs_of = staticmethod(crossed_pairs_of)
+    rows_of = staticmethod(rows_of)
+    relaxation_rows_of = staticmethod(relaxation_rows_of)
+    shifted_rows_of = staticmethod(shifted_rows_of)
+    sources_of = staticmethod(sources_of)
+
+    def _apply_to(self, model: Any, **options: Any) -> RelaxationToken:
+        return relax(model, **options)
+
+    def residuals(self, model: Any) -> list[PairResidual]:
+        """Evaluate all pairs, relaxed or still active, at the current values.
+
+        Raises
+        ------
+        ComplementarityError
+            If a variable of a pair has no value.
+        """
+        return pair_residuals(pairs_of(model))
