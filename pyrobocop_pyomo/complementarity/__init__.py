@@ -1,5 +1,6 @@
 """Complementarity in any Pyomo model: the component, its canonical form and its relaxations."""
 
+from . import units
 from .absolute_values import AbsoluteValuesToComplementarity as AbsoluteValuesToComplementarity
 from .canonical import CanonicalForm as CanonicalForm
 from .canonical import CanonicalPair as CanonicalPair
@@ -61,6 +62,5 @@ from .schedules import Superlinear as Superlinear
 from .statement import Complements as Complements
 from .statement import complements as complements
 from .statement import either_zero as either_zero
-from .units import register_with_pyomo
 
-register_with_pyomo()
+units.register_with_pyomo()
