@@ -17,7 +17,7 @@ from pyomo.contrib.solver.common.results import SolutionStatus
 from pyomo.opt import SolverFactory as LegacySolverFactory
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.complementarity.relaxations.registry import RELAXATIONS
+from pyrobocop_pyomo.complementarity.relaxations import RELAXATIONS
 from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable
 
 

@@ -1,117 +1,66 @@
 """Complementarity in any Pyomo model: the component, its canonical form and its relaxations."""
 
-from .absolute_values import AbsoluteValuesToComplementarity
-from .canonical import CanonicalForm, CanonicalPair, SidePart
-from .component import Complementarity, ComplementarityData
-from .disjunctions import ComplementarityToDisjunctions
-from .forms import form_of
-from .grouping import AllPairs, Crossed, Grouping, PerElement, PerPair, PerPhase
-from .lifting import LiftedPair, SideVariable
-from .pairs import active_pairs, active_sources, canonical_form, canonical_pair
-from .relaxations import (
-    ChenHarkerKanzowSmale,
-    Elastic,
-    FischerBurmeister,
-    KanzowSchwartz,
-    ObjectiveTerm,
-    Penalty,
-    Relaxation,
-    Scholtes,
-    SteffensenUlbrich,
-)
-from .relaxing import (
-    RelaxationToken,
-    crossed_pairs_of,
-    delta_of,
-    generating_pairs,
-    has_penalty,
-    lifted_pairs_of,
-    pairs_of,
-    relax,
-    relaxation_of,
-    relaxation_rows_of,
-    revert,
-    rows_of,
-    shifted_rows_of,
-    sources_of,
-    without_penalty,
-)
-from .replaced_rows import ReplacementToken
-from .residuals import (
-    ComponentResidual,
-    PairResidual,
-    component_residuals,
-    pair_residuals,
-    side_values,
-    sides_at_zero,
-)
-from .schedules import BarrierSchedule, Fixed, FollowBarrier, Geometric, Schedule, Superlinear
-from .statement import Complements, complements, either_zero
-from .transformation import RelaxComplementarity
-from .units import register_with_pyomo
+from . import units
+from .absolute_values import AbsoluteValuesToComplementarity as AbsoluteValuesToComplementarity
+from .canonical import CanonicalForm as CanonicalForm
+from .canonical import CanonicalPair as CanonicalPair
+from .canonical import SidePart as SidePart
+from .component import Complementarity as Complementarity
+from .component import ComplementarityData as ComplementarityData
+from .disjunctions import ComplementarityToDisjunctions as ComplementarityToDisjunctions
+from .forms import form_of as form_of
+from .grouping import AllPairs as AllPairs
+from .grouping import Crossed as Crossed
+from .grouping import Grouping as Grouping
+from .grouping import PerElement as PerElement
+from .grouping import PerPair as PerPair
+from .grouping import PerPhase as PerPhase
+from .lifting import LiftedPair as LiftedPair
+from .lifting import SideVariable as SideVariable
+from .pairs import active_pairs as active_pairs
+from .pairs import active_sources as active_sources
+from .pairs import canonical_form as canonical_form
+from .pairs import canonical_pair as canonical_pair
+from .relaxations import ChenHarkerKanzowSmale as ChenHarkerKanzowSmale
+from .relaxations import Elastic as Elastic
+from .relaxations import FischerBurmeister as FischerBurmeister
+from .relaxations import KanzowSchwartz as KanzowSchwartz
+from .relaxations import ObjectiveTerm as ObjectiveTerm
+from .relaxations import Penalty as Penalty
+from .relaxations import Relaxation as Relaxation
+from .relaxations import Scholtes as Scholtes
+from .relaxations import SteffensenUlbrich as SteffensenUlbrich
+from .relaxing import RelaxationToken as RelaxationToken
+from .relaxing import RelaxComplementarity as RelaxComplementarity
+from .relaxing import crossed_pairs_of as crossed_pairs_of
+from .relaxing import delta_of as delta_of
+from .relaxing import generating_pairs as generating_pairs
+from .relaxing import has_penalty as has_penalty
+from .relaxing import lifted_pairs_of as lifted_pairs_of
+from .relaxing import pairs_of as pairs_of
+from .relaxing import relax as relax
+from .relaxing import relaxation_of as relaxation_of
+from .relaxing import relaxation_rows_of as relaxation_rows_of
+from .relaxing import revert as revert
+from .relaxing import rows_of as rows_of
+from .relaxing import shifted_rows_of as shifted_rows_of
+from .relaxing import sources_of as sources_of
+from .relaxing import without_penalty as without_penalty
+from .replaced_rows import ReplacementToken as ReplacementToken
+from .residuals import ComponentResidual as ComponentResidual
+from .residuals import PairResidual as PairResidual
+from .residuals import component_residuals as component_residuals
+from .residuals import pair_residuals as pair_residuals
+from .residuals import side_values as side_values
+from .residuals import sides_at_zero as sides_at_zero
+from .schedules import BarrierSchedule as BarrierSchedule
+from .schedules import Fixed as Fixed
+from .schedules import FollowBarrier as FollowBarrier
+from .schedules import Geometric as Geometric
+from .schedules import Schedule as Schedule
+from .schedules import Superlinear as Superlinear
+from .statement import Complements as Complements
+from .statement import complements as complements
+from .statement import either_zero as either_zero
 
-register_with_pyomo()
-
-__all__ = [
-    "AbsoluteValuesToComplementarity",
-    "AllPairs",
-    "BarrierSchedule",
-    "CanonicalForm",
-    "CanonicalPair",
-    "ChenHarkerKanzowSmale",
-    "Complementarity",
-    "ComplementarityData",
-    "ComplementarityToDisjunctions",
-    "Complements",
-    "ComponentResidual",
-    "Crossed",
-    "Elastic",
-    "FischerBurmeister",
-    "Fixed",
-    "FollowBarrier",
-    "Geometric",
-    "Grouping",
-    "KanzowSchwartz",
-    "LiftedPair",
-    "ObjectiveTerm",
-    "PairResidual",
-    "Penalty",
-    "PerElement",
-    "PerPair",
-    "PerPhase",
-    "RelaxComplementarity",
-    "Relaxation",
-    "RelaxationToken",
-    "ReplacementToken",
-    "Schedule",
-    "Scholtes",
-    "SidePart",
-    "SideVariable",
-    "SteffensenUlbrich",
-    "Superlinear",
-    "active_pairs",
-    "active_sources",
-    "canonical_form",
-    "canonical_pair",
-    "complements",
-    "component_residuals",
-    "crossed_pairs_of",
-    "delta_of",
-    "either_zero",
-    "form_of",
-    "generating_pairs",
-    "has_penalty",
-    "lifted_pairs_of",
-    "pair_residuals",
-    "pairs_of",
-    "relax",
-    "relaxation_of",
-    "relaxation_rows_of",
-    "revert",
-    "rows_of",
-    "shifted_rows_of",
-    "side_values",
-    "sides_at_zero",
-    "sources_of",
-    "without_penalty",
-]
+units.register_with_pyomo()

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pyomo.core.base import TransformationFactory
+from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
@@ -23,8 +24,8 @@ from pyomo.core.expr.visitor import replace_expressions
 from pyrobocop_pyomo.modeling.expressions import holds_variable, is_plain_variable, same_expression
 from pyrobocop_pyomo.modeling.shared_nodes import nodes_of
 
-from .component import Complementarity
-from .replaced_rows import RowReplacement, index_without_time, targets_option
+from .component import Complementarity, index_without_time
+from .replaced_rows import RowReplacement
 from .statement import complements
 from .switched_products import interval_of, without_number
 
@@ -93,8 +94,8 @@ class AbsoluteValuesToComplementarity(RowReplacement):
     The parts start at those of the values on the model.
     """
 
-    CONFIG = targets_option("pyrobocop.absolute_values_to_complementarity", "constraints, objectives or single rows")
-    ctypes = (Constraint, Objective)
+    kinds = (Constraint, Objective)
+    containers = (Block,)
     block_name = "absolute_values_as_pairs"
     generated = "parts in place of absolute values"
 

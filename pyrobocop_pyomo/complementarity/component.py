@@ -18,7 +18,12 @@ from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.modeling.said_once import say_once
 
 from .sides import check_sides
-from .statement import Complements, check_families, is_family_pair, member
+from .statement import Complements
+
+
+def index_without_time(index: Any) -> Any:
+    """What is left of an index without its first part, which is the time in a phase and usually elsewhere."""
+    return index[1:] if isinstance(index, tuple) else ()
 
 
 class ComplementarityData(ActiveComponentData):
@@ -65,10 +70,7 @@ class ComplementarityData(ActiveComponentData):
 
         Where none was given, the index without its first part, which is the time in a phase and usually elsewhere.
         """
-        if self._family is not NOTSET:
-            return self._family
-        index = self.index()
-        return index[1:] if isinstance(index, tuple) else ()
+        return index_without_time(self.index()) if self._family is NOTSET else self._family
 
     @property
     def weight(self) -> Any:
@@ -157,8 +159,7 @@ class Complementarity(ActiveIndexedComponent):
     *sets : Set
         Index sets.
     rule, expr : callable, mapping or pair
-        What gives `complements` (or a 2-tuple of sides, or ``Complementarity.Skip``) for each index. A pair of
-        two indexed components over the same set as this one stands for one pair of their members per index.
+        What gives `complements` (or a 2-tuple of sides, or ``Complementarity.Skip``) for each index.
     group : callable, mapping or hashable, optional
         Label per index: pairs of one block with equal labels are bounded together where the grouping is
         "element".
@@ -210,13 +211,15 @@ class Complementarity(ActiveIndexedComponent):
             if rule is None:
                 return
             if rule.constant() and self.is_indexed():
-                self._check_constant(rule(block, None))
+                raise ComplementarityError(
+                    f"'{self.name}': one pair cannot serve all indices. Pass a rule, or a mapping from index to pair."
+                )
             if rule.contains_indices():
                 for index in rule.indices():
                     self[index] = rule(block, index)
             elif self.index_set().isfinite():
                 for index in self.index_set():
-                    self._setitem_when_not_present(index, self._pair_at(index))
+                    self._setitem_when_not_present(index, rule(block, index))
         except ComplementarityError as error:
             # Half a component would be relaxed without its other half by whoever goes on after the refusal.
             if block is not None:
@@ -226,28 +229,10 @@ class Complementarity(ActiveIndexedComponent):
         finally:
             timer.report()
 
-    def _check_constant(self, pair: Any) -> None:
-        """Let one pair serve all indices only where its sides have a member for each."""
-        if not isinstance(pair, tuple) or not is_family_pair(*pair[:2]):
-            raise ComplementarityError(
-                f"'{self.name}': one pair cannot serve all indices, unless both its sides are indexed components "
-                "over the same set. Pass a rule, or a mapping from index to pair."
-            )
-        check_families(pair[0], pair[1], self)
-
-    def _pair_at(self, index: Any) -> Any:
-        rule = self._rule
-        assert rule is not None
-        pair = rule(self.parent_block(), index)
-        if rule.constant() and self.is_indexed():
-            first, second, *bounds = pair
-            return Complements(member(first, index, self), member(second, index, self), *bounds)
-        return pair
-
     def _getitem_when_not_present(self, index: Any) -> Any:
         if self._rule is None:
             raise KeyError(index)
-        pair = self._setitem_when_not_present(index, self._pair_at(index))
+        pair = self._setitem_when_not_present(index, self._rule(self.parent_block(), index))
         if pair is None:
             raise KeyError(index)
         return pair

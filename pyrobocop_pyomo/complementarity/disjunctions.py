@@ -9,10 +9,12 @@ from pyomo.core import ConstraintList, NonNegativeIntegers
 from pyomo.core.base import TransformationFactory
 from pyomo.gdp import Disjunct, Disjunction
 
+from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES
+
 from .canonical import CanonicalForm
-from .pairs import PAIR_TYPES, active_sources, canonical_form
+from .pairs import PAIR_TYPES, canonical_form
 from .preconditions import refuse_leaves, refuse_nothing
-from .replaced_rows import RowReplacement, rows_of_block, targets_option
+from .replaced_rows import RowReplacement, rows_of_block
 from .residuals import PairResidual, pair_residuals
 
 
@@ -31,13 +33,13 @@ class ComplementarityToDisjunctions(RowReplacement):
     or apply that to a copy.
     """
 
-    CONFIG = targets_option("pyrobocop.complementarity_to_disjunctions", "Complementarity components or pairs")
-    ctypes = PAIR_TYPES
+    kinds = PAIR_TYPES
+    containers = BLOCK_TYPES
     block_name = "complementarity_disjunctions"
     generated = "disjunctions of pairs"
 
     def _rows(self, model: Any, targets: Any) -> list[Any]:
-        sources = active_sources(model, targets)
+        sources = super()._rows(model, targets)
         refuse_nothing(model, sources, targets)
         return sources
 

@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Hashable
 from typing import Any
 
+from pyomo.core.expr import EqualityExpression
 from pyomo.core.expr.numvalue import native_numeric_types, value
 
 from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.modeling.expressions import same_expression
 
 from .canonical import CanonicalForm, CanonicalPair, SidePart
-from .sides import ParsedSide, SideKind, above_lower, below_upper, check_sides, four_bounds, read_side
+from .sides import ParsedSide, above_lower, below_upper, check_sides, four_bounds, read_side
 from .statement import ANY_SIGN
 
 
@@ -58,11 +59,12 @@ def form_of(
         pair = CanonicalPair(source, *_columns(_only(a), _only(b)), group, weight)
         return CanonicalForm(source, (pair,))
     check_sides(first, second, choices, source)
-    bounded, other = (b, a) if b.kind is SideKind.EQUALITY or a.bounds < b.bounds else (a, b)
-    if bounded.kind is SideKind.EQUALITY:
+    bounded, other = (b, a) if second.__class__ is EqualityExpression or a.bounds < b.bounds else (a, b)
+    if bounded.given.__class__ is EqualityExpression:
         return CanonicalForm(source, (), (bounded.given,))
     if bounded.bounds < 2:
-        raise _too_few(other if bounded.bounds else min(a, b, key=_plainness), source)
+        # Of two sides without bounds the plain variable is the one that a bound can be given to.
+        raise _too_few(other if bounded.bounds or (b.is_variable and not a.is_variable) else a, source)
     if other.bounds == 2:
         raise four_bounds(a.given, b.given, source)
     _refuse_crossed(bounded, source)
@@ -92,7 +94,7 @@ def _any_sign(side: ParsedSide, free: ParsedSide, source: Any, group: Hashable, 
     """``F >= l`` and ``(F - l) H = 0``, with both parts of H: only where one of these is zero are they its parts."""
     if side.bounds == 0:
         raise _too_few(side, source)
-    if side.bounds == 2 or side.kind is SideKind.EQUALITY:
+    if side.bounds == 2:
         raise ComplementarityError(
             f"'{source.name}': side '{side.given}' has two finite bounds; of either_zero(first, second) the first side "
             "has one. Write 'expr >= c', or choose with first_bound= 'lower' or 'upper'."
@@ -111,7 +113,7 @@ def _any_sign(side: ParsedSide, free: ParsedSide, source: Any, group: Hashable, 
 
 def _implied_side(side: ParsedSide, signed: ParsedSide, source: Any, group: Hashable, weight: Any) -> CanonicalForm:
     """``l <= F <= u ⟂ H >= 0``: the sign of H says that only the lower bound can be the one that is met."""
-    if side.kind is SideKind.VARIABLE:
+    if side.is_variable:
         raise ComplementarityError(
             f"'{source.name}': side '{side.given}' has two finite bounds, {value(side.lower):g} and "
             f"{value(side.upper):g}; one is meant. Write '{side.given} >= {value(side.lower):g}' or "
@@ -141,11 +143,6 @@ def _columns(a: tuple[Any, Any], b: tuple[Any, Any]) -> tuple[Any, Any, Any, Any
     return a[0], b[0], a[1], b[1]
 
 
-def _plainness(side: ParsedSide) -> bool:
-    # Of two sides without bounds the plain variable is the one that a bound can be given to.
-    return side.kind is not SideKind.VARIABLE
-
-
 def _too_few(side: ParsedSide, source: Any) -> ComplementarityError:
     if side.infinite is not None:
         return ComplementarityError(
@@ -153,7 +150,7 @@ def _too_few(side: ParsedSide, source: Any) -> ComplementarityError:
         )
     remedy = (
         f"Set it, for example by {side.given}.setlb(0), or write a relation such as '{side.given} >= 0'."
-        if side.kind is SideKind.VARIABLE
+        if side.is_variable
         else "Write expr >= 0."
     )
     return ComplementarityError(
@@ -200,7 +197,7 @@ def _decided_row(a: ParsedSide, b: ParsedSide) -> Any:
 
 def _farthest(side: ParsedSide) -> float:
     """Largest distance to the stated bound that constants leave to a plain variable; 0 if unknown."""
-    if side.own is None or side.kind is SideKind.VARIABLE:
+    if side.own is None or side.is_variable:
         return 0
     below = side.lower is not None
     end, bound = side.own[below], side.lower if below else side.upper

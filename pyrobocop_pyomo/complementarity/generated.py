@@ -13,14 +13,6 @@ from pyrobocop_pyomo.modeling.bulk_parts import new_row, new_variable, put_part
 
 from .record import RelaxationRecord
 
-# Type and purpose of the components that a generated block may have.
-_COMPONENTS: dict[str, tuple[type, str]] = {
-    "rows": (Constraint, "bound the products"),
-    "sides": (Constraint, "keep the signs of the sides"),
-    "lifted": (Var, "stand for sides that are no variables"),
-    "definitions": (Constraint, "define the lifted variables"),
-}
-
 
 class GeneratedBlock:
     """A generated block that is in no model yet, while parts are added to it.
@@ -40,26 +32,16 @@ class GeneratedBlock:
         Bound of the products: delta, or the variable of the penalty term.
     """
 
-    __slots__ = ("_components", "_counts", "block", "bound", "record")
-
     def __init__(self, record: RelaxationRecord, block: Any, counts: Counter[str]) -> None:
         self.record = record
         self.block = block
         main = record.main
         self.bound = main.delta if main.component("excess") is None else main.excess
         self._counts = counts
-        self._components: dict[str, Any] = {}
-        for name in ("rows", "sides"):
-            self._component(name)
-
-    def _component(self, name: str) -> Any:
-        component = self._components.get(name)
-        if component is None:
-            kind, purpose = _COMPONENTS[name]
-            options = {"dense": False} if kind is Var else {}
-            component = self._components[name] = kind(NonNegativeIntegers, doc=purpose, **options)
-            self.block.add_component(name, component)
-        return component
+        block.rows = Constraint(NonNegativeIntegers, doc="bound the products")
+        block.sides = Constraint(NonNegativeIntegers, doc="keep the signs of the sides")
+        block.lifted = Var(NonNegativeIntegers, dense=False, doc="stand for sides that are no variables")
+        block.definitions = Constraint(NonNegativeIntegers, doc="define the lifted variables")
 
     def _take_position(self, name: str) -> int:
         self._counts[name] += 1
@@ -68,7 +50,7 @@ class GeneratedBlock:
     def put_row(self, name: str, expression: Any, sources: list[Any]) -> ConstraintData:
         """Make a row, put it into its component, and remember its sources."""
         position = self._take_position(name)
-        row = new_row(self._component(name), position, expression)
+        row = new_row(self.block.component(name), position, expression)
         self.record.origins[name, position] = sources
         for source in sources:
             self.record.statements[source].rows += (row,)
@@ -76,7 +58,6 @@ class GeneratedBlock:
 
     def put_variable(self, start: float) -> VarData:
         """Make a nonnegative variable that stands for a side."""
-        component = self._component("lifted")
-        variable = new_variable(component, 0, start)
-        put_part(component, self._take_position("lifted"), variable)
+        variable = new_variable(self.block.lifted, 0, start)
+        put_part(self.block.lifted, self._take_position("lifted"), variable)
         return variable

@@ -15,80 +15,53 @@ from .units import in_units_of, without_units
 
 
 class Product(NamedTuple):
-    """A product of (sums of) sides, ``(sum_i a_i) * (sum_j b_j)``; nearly always of the two sides of one pair."""
+    """A product of a side of one pair and a side of another one; nearly always of the two sides of one pair."""
 
-    a_pairs: Sequence[RelaxedPair]
-    b_pairs: Sequence[RelaxedPair]
+    a_pair: RelaxedPair
+    b_pair: RelaxedPair
 
     @property
     def a(self) -> Any:
         """First factor."""
-        return self._sum([pair.a for pair in self.a_pairs])
+        return without_units(self.a_pair.a)
 
     @property
     def b(self) -> Any:
         """Second factor."""
-        return self._sum([pair.b for pair in self.b_pairs])
-
-    @staticmethod
-    def _sum(sides: list[Any]) -> Any:
-        return without_units(sides[0]) if len(sides) == 1 else quicksum([without_units(side) for side in sides])
+        return without_units(self.b_pair.b)
 
     @property
     def weight(self) -> Any:
-        """Weight of the pair; of several, the mean."""
-        if self.a_pairs is self.b_pairs and len(self.a_pairs) == 1:
-            return self.a_pairs[0].pair.weight
-        pairs = [*self.a_pairs, *self.b_pairs]
-        return quicksum([relaxed.pair.weight for relaxed in pairs]) / len(pairs)
-
-    @property
-    def sources(self) -> list[Any]:
-        """The statements that the product came from, each once."""
-        if self.a_pairs is self.b_pairs and len(self.a_pairs) == 1:
-            return [self.a_pairs[0].pair.source]
-        found = {id(relaxed.pair.source): relaxed.pair.source for relaxed in (*self.a_pairs, *self.b_pairs)}
-        return list(found.values())
+        """Weight of the pair; of two, the mean."""
+        first, second = self.a_pair.pair.weight, self.b_pair.pair.weight
+        return first if self.a_pair is self.b_pair else (first + second) / 2
 
 
 def products(record: RelaxationRecord, pairs: Sequence[RelaxedPair]) -> list[list[Product]]:
     """The products of a group, in lists that share one bound each."""
     formed = getattr(record.grouping, "products", None)
     if formed is None:
-        singles = [pairs] if len(pairs) == 1 else [[pair] for pair in pairs]
-        return [[Product(single, single) for single in singles]]
+        return [[Product(pair, pair) for pair in pairs]]
     known = {id(pair.pair): pair for pair in pairs}
     try:
-        return [
-            [Product([known[id(a)] for a in a_pairs], [known[id(b)] for b in b_pairs]) for a_pairs, b_pairs in row]
-            for row in formed([pair.pair for pair in pairs])
-        ]
+        return [[Product(known[id(a)], known[id(b)])] for a, b in formed([pair.pair for pair in pairs])]
     except KeyError:
         raise ComplementarityError(
             f"{record.grouping} formed a product of a pair that is not in the group. "
-            "products(pairs) returns lists of (pairs of the first factor, pairs of the second), of its own pairs."
+            "products(pairs) returns a list of (pair of the first factor, pair of the second), of its own pairs."
         ) from None
 
 
-def crossings(record: RelaxationRecord, pairs: Sequence[RelaxedPair]) -> list[tuple[RelaxedPair, RelaxedPair]]:
-    """Couples of different pairs, of which a side of the first is multiplied with a side of the second; each once."""
-    if getattr(record.grouping, "products", None) is None:
-        return []
-    found = {
-        (id(first), id(second)): (first, second)
-        for row in products(record, pairs)
-        for product in row
-        for first in product.a_pairs
-        for second in product.b_pairs
-        if first is not second
-    }
-    return list(found.values())
+def crossings(record: RelaxationRecord, pairs: Sequence[RelaxedPair]) -> list[Product]:
+    """The products of sides of different pairs."""
+    formed = (product for shared in products(record, pairs) for product in shared)
+    return [product for product in formed if product.a_pair is not product.b_pair]
 
 
 def rows_of_group(place: GeneratedBlock, pairs: Sequence[RelaxedPair]) -> list[Any]:
     """State the rows that bound the products of a group; none where these are in the penalty term."""
     record = place.record
-    if record.abilities.penalises_products:
+    if record.penalises_products:
         return []
     return [row for shared in products(record, pairs) for row in _bounds(place, record.relaxation, shared)]
 
@@ -105,20 +78,19 @@ def _bounds(place: GeneratedBlock, relaxation: Any, shared: list[Product]) -> It
     # Residuals without a shift cannot be added up: each product is bounded by itself.
     for product in shared:
         residual = relaxation.residual(product.a, product.b, place.bound)
-        yield place.put_row("rows", residual <= 0, product.sources)
+        yield place.put_row("rows", residual <= 0, _sources([product]))
 
 
-def _sources(row: list[Product]) -> list[Any]:
-    if len(row) == 1:
-        return row[0].sources
-    found = {id(source): source for product in row for source in product.sources}
-    return list(found.values())
+def _sources(shared: list[Product]) -> list[Any]:
+    """The statements that products came from, each once."""
+    sources = [relaxed.pair.source for product in shared for relaxed in product]
+    return list({id(source): source for source in sources}.values())
 
 
 def objective_with_penalty(record: RelaxationRecord) -> Objective:
     """The user's objective with the penalty term of all groups."""
     users, main = record.objective, record.main
-    if record.abilities.penalises_products:
+    if record.penalises_products:
         formed = [product for group in record.groups for row in products(record, group.pairs) for product in row]
         # A factor of one is dropped by Pyomo itself.
         amount = quicksum([product.weight * (product.a * product.b) for product in formed])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
@@ -18,9 +19,8 @@ class Grouping(Protocol):
     One further member is optional:
 
     ``products(pairs)``
-        The products of one group as a list of lists: products of one inner list share a bound. A product is a tuple
-        (pairs of the first factor, pairs of the second): it is the sum of the a of the former times the sum of the
-        b of the latter. By default each pair is a product, and all of them share one bound.
+        The products of one group, each with a bound of its own, as tuples: a of the first pair times b of the second
+        one. By default each pair is a product, and all of them share one bound.
     """
 
     def groups(self, pairs: Sequence[CanonicalPair]) -> list[tuple[Hashable | None, list[CanonicalPair]]]:
@@ -96,9 +96,6 @@ class AllPairs:
         return [("all", list(pairs))] if pairs else []
 
 
-Products = list[list[tuple[Sequence[CanonicalPair], Sequence[CanonicalPair]]]]
-
-
 @dataclass(frozen=True)
 class Crossed:
     """Every a of an element is complementary to every b of it: products ``a_i * b_j`` over its stages i and j.
@@ -112,9 +109,6 @@ class Crossed:
 
     Attributes
     ----------
-    summed : {"none", "stage", "element"}
-        How the products of an element share bounds: ``a_i * b_j <= delta`` for all i and j;
-        ``a_i * sum_j b_j <= delta`` for each i; or one ``(sum_i a_i) * (sum_j b_j) <= delta``.
     left_end : {None, "first", "second"}
         Which side, if any, counts at the left end of an element as well: its value at the last pair of the element
         before stands beside those of the element's own stages. It has to be the side that is continuous in time (a
@@ -129,13 +123,10 @@ class Crossed:
     nonsmooth systems, doi:10.1007/s00211-024-01412-z
     """
 
-    summed: str = "none"
     left_end: str | None = None
 
     def __post_init__(self) -> None:
         """Refuse unknown values."""
-        if self.summed not in ("none", "stage", "element"):
-            raise ComplementarityError(f"{self}: summed is 'none', 'stage' or 'element'.")
         if self.left_end not in (None, "first", "second"):
             raise ComplementarityError(f"{self}: left_end is None, 'first' or 'second'.")
 
@@ -161,27 +152,20 @@ class Crossed:
             found.setdefault((name, *key, pair.role), []).append(pair)
         return list(found.items())
 
-    def products(self, pairs: Sequence[CanonicalPair]) -> Products:
-        """The products of a family, element by element; each has a bound of its own."""
+    def products(self, pairs: Sequence[CanonicalPair]) -> list[tuple[CanonicalPair, CanonicalPair]]:
+        """The products of a family, element by element."""
         if self.left_end is None or pairs[0].group is None:
-            return self._crossed(pairs, pairs)
+            return list(itertools.product(pairs, pairs))
         # Targets come in any order: back to the order in which the component has them.
         positions = {index: n for n, index in enumerate(pairs[0].source.parent_component().keys())}
         elements: dict[Any, list[CanonicalPair]] = {}
         for pair in sorted(pairs, key=lambda pair: positions[pair.source.index()]):
             elements.setdefault(pair.group, []).append(pair)
-        rows: Products = []
+        found: list[tuple[CanonicalPair, CanonicalPair]] = []
         for number, members in elements.items():
             longer = [*elements.get(number - 1, [])[-1:], *members]
-            rows += self._crossed(longer, members) if self.left_end == "first" else self._crossed(members, longer)
-        return rows
-
-    def _crossed(self, firsts: Sequence[CanonicalPair], seconds: Sequence[CanonicalPair]) -> Products:
-        if self.summed == "none":
-            return [[([a], [b])] for a in firsts for b in seconds]
-        if self.summed == "stage":
-            return [[([a], seconds)] for a in firsts]
-        return [[(firsts, seconds)]]
+            found += itertools.product(*((longer, members) if self.left_end == "first" else (members, longer)))
+        return found
 
     def _check_number(self, pair: CanonicalPair) -> None:
         if not isinstance(pair.group, int):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+from pyomo.core.base.block import Block
 from pyomo.core.base.enums import SortComponents
 from pyomo.core.expr import EqualityExpression, RangedExpression
 from pyomo.gdp import Disjunct
@@ -18,7 +19,6 @@ from .canonical import CanonicalForm, CanonicalPair
 from .component import Complementarity
 from .forms import form_of
 from .sides import read_side
-from .statement import is_family_pair, member
 
 PAIR_TYPES = (Complementarity, MpecComplementarity)
 
@@ -44,8 +44,6 @@ def canonical_form(source: Any) -> CanonicalForm:
     if sides is None:
         raise ComplementarityError(f"'{source.name}': has no sides. Give it complements(first, second).")
     first, second = sides
-    if source.parent_component().is_indexed() and is_family_pair(first, second):
-        first, second = (member(side, source.index(), source) for side in sides)
     return form_of(source, first, second, (_mpec_choice(first, second, source), _mpec_choice(second, first, source)))
 
 
@@ -105,12 +103,19 @@ def active_pairs(model: Any, targets: Iterable[Any] | None = None) -> list[Canon
 
 def active_sources(model: Any, targets: Iterable[Any] | None = None) -> list[Any]:
     """Find the component data of every active pair; parameters as for `active_pairs`."""
+    return active_parts(model, targets, PAIR_TYPES)
+
+
+def active_parts(
+    model: Any, targets: Any, kinds: tuple[type, ...], containers: tuple[type, ...] = BLOCK_TYPES
+) -> list[Any]:
+    """Find the active component data of some types in blocks of some types; targets as for `active_pairs`."""
     if targets is None:
-        return list(_below(model))
+        return list(_below(model, kinds, containers))
     found: dict[int, Any] = {}
     for target in as_targets(targets):
-        for source in _at(target, model):
-            found[id(source)] = source
+        for data in _at(target, model, kinds, containers):
+            found[id(data)] = data
     return list(found.values())
 
 
@@ -128,19 +133,20 @@ def as_targets(targets: Any) -> list[Any]:
     return [targets] if hasattr(targets, "ctype") else list(targets)
 
 
-def _below(block: Any) -> Iterator[Any]:
-    for part in block.block_data_objects(active=True, descend_into=BLOCK_TYPES, sort=SortComponents.deterministic):
+def _below(block: Any, kinds: tuple[type, ...], containers: tuple[type, ...]) -> Iterator[Any]:
+    for part in block.block_data_objects(active=True, descend_into=containers, sort=SortComponents.deterministic):
         yield from part.component_data_objects(
-            PAIR_TYPES, active=True, descend_into=False, sort=SortComponents.deterministic
+            kinds, active=True, descend_into=False, sort=SortComponents.deterministic
         )
 
 
-def _at(target: Any, model: Any) -> Iterator[Any]:
+def _at(target: Any, model: Any, kinds: tuple[type, ...], containers: tuple[type, ...]) -> Iterator[Any]:
     kind = getattr(target, "ctype", None)
     name = getattr(target, "name", None) or repr(target)
-    if kind not in PAIR_TYPES and kind not in BLOCK_TYPES:
+    if kind not in kinds and kind not in containers:
+        words = ", ".join(dict.fromkeys(known.__name__ for known in (Block, *kinds)))
         raise ComplementarityError(
-            f"'{name}': a target is a Block, a Complementarity or one of its pairs, not a {type(target).__name__}."
+            f"'{name}': a target is one of {words}, or a single part of one, not a {type(target).__name__}."
         )
     if target is not model and not is_inside(target, model):
         raise ComplementarityError(
@@ -151,7 +157,7 @@ def _at(target: Any, model: Any) -> Iterator[Any]:
     for data in target.values() if target.is_indexed() else [target]:
         if not data.active:
             continue
-        if kind in PAIR_TYPES:
+        if kind in kinds:
             yield data
         else:
-            yield from _below(data)
+            yield from _below(data, kinds, containers)

@@ -71,8 +71,10 @@ class RelaxationRecord(AutoSlots.Mixin):
         The generated block that holds delta; None on a block that this package did not generate.
     blocks : ComponentMap
         From the model, and from each disjunct with pairs of its own, to the generated block there.
-    abilities : Abilities
-        Of the relaxation.
+    penalises_products : bool
+        The objective has the products themselves as a term.
+    shifts : bool
+        delta moves the bounds of the rows and nothing else of the model.
     groups : list of PairGroup
         In the order of their first pairs.
     statements : ComponentMap
@@ -84,7 +86,8 @@ class RelaxationRecord(AutoSlots.Mixin):
     def __init__(self) -> None:
         self.main: Any = None
         self.relaxation: Any = None
-        self.abilities: Any = None
+        self.penalises_products = False
+        self.shifts = False
         self.grouping: Any = None
         self.lift = False
         self.objective: Any = None

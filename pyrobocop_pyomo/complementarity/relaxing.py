@@ -1,4 +1,7 @@
-"""Relaxing the pairs of a model, asking about what was generated, and the way back."""
+"""Relaxing the pairs of a model, asking about what was generated, and the way back.
+
+`RelaxComplementarity` is the same as a transformation of Pyomo: `pyrobocop.relax_complementarity`.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +12,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from pyomo.common.config import PositiveFloat
 from pyomo.common.gc_manager import PauseGC
+from pyomo.core.base import Transformation, TransformationFactory
 
 from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.modeling.activity import deactivate, is_inside, outermost_inactive
@@ -30,7 +33,6 @@ from .preconditions import (
 )
 from .record import (
     BLOCK_NAME,
-    PairGroup,
     RelaxationRecord,
     only_record,
     record_of,
@@ -39,19 +41,10 @@ from .record import (
     records_below,
 )
 from .relaxations import ObjectiveTerm, Relaxation, as_relaxation
+from .residuals import PairResidual, pair_residuals
 from .rows import new_record, state_rows
 
 logger = logging.getLogger(__name__)
-
-FIRST_DELTA = 1e-2
-
-
-def finite_positive(number: Any) -> float:
-    """Return a positive finite number as a float; any other one is a ValueError."""
-    number = PositiveFloat(number)
-    if not math.isfinite(number):
-        raise ValueError(f"expected a finite number, found {number}")
-    return number
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +68,7 @@ def relax(
     *,
     relaxation: str | Relaxation | ObjectiveTerm = "scholtes",
     grouping: str | Grouping = "pair",
-    delta: float = FIRST_DELTA,
+    delta: float = 1e-2,
     lift: bool = False,
     targets: Iterable[Any] | None = None,
 ) -> RelaxationToken:
@@ -107,7 +100,9 @@ def relax(
     ValueError
         If an option has a value that does not exist.
     """
-    chosen, groups, delta = as_relaxation(relaxation), as_grouping(grouping), finite_positive(delta)
+    chosen, groups = as_relaxation(relaxation), as_grouping(grouping)
+    if not 0.0 < delta < math.inf:
+        raise ValueError(f"'{model.name}': delta is {delta!r}; it has to be positive and finite.")
     refuse_unusable(model)
     with PauseGC():
         sources = active_sources(model, targets)
@@ -154,9 +149,7 @@ def revert(model: Any, token: RelaxationToken | None = None) -> None:
 def pairs_of(model: Any) -> list[CanonicalPair]:
     """Return all pairs of a model in canonical form: the relaxed ones, then those still active."""
     known: dict[int, tuple[CanonicalPair, ...]] = {}
-    for record in records_below(model):
-        known.update((id(source), statement.form.pairs) for source, statement in record.statements.items())
-    for record in records_above(model):
+    for record in (*records_below(model), *records_above(model)):
         known.update(
             (id(source), statement.form.pairs)
             for source, statement in record.statements.items()
@@ -184,10 +177,10 @@ def crossed_pairs_of(model: Any) -> list[tuple[CanonicalPair, CanonicalPair]]:
     Where one of the two sides has to be zero as well, a branch of the pairs as stated does not see to it.
     """
     return [
-        (first.pair, second.pair)
+        (product.a_pair.pair, product.b_pair.pair)
         for record in records_below(model)
         for group in record.groups
-        for first, second in crossings(record, group.pairs)
+        for product in crossings(record, group.pairs)
     ]
 
 
@@ -252,25 +245,12 @@ def generating_pairs(row: Any) -> list[Any]:
 
 def relaxation_rows_of(model: Any) -> list[Any]:
     """Return the active rows that relax products, and not those that keep or define sides."""
-    return [
-        row
-        for record in records_below(model)
-        for group in _groups_seen(record, model)
-        for row in group.rows
-        if row.active
-    ]
+    return [row for record in records_below(model) for row in _rows_seen(record, model)]
 
 
 def shifted_rows_of(model: Any) -> list[Any]:
     """Return the active rows ``... <= shift(delta)`` whose bound may move while a solver runs."""
-    return [
-        row
-        for record in records_below(model)
-        if record.abilities.shifts
-        for group in _groups_seen(record, model)
-        for row in group.rows
-        if row.active
-    ]
+    return [row for record in records_below(model) if record.shifts for row in _rows_seen(record, model)]
 
 
 def _as_variable(side: Any) -> SideVariable:
@@ -279,11 +259,11 @@ def _as_variable(side: Any) -> SideVariable:
     return found
 
 
-def _groups_seen(record: RelaxationRecord, model: Any) -> list[PairGroup]:
-    """The groups whose generated block a solver sees."""
+def _rows_seen(record: RelaxationRecord, model: Any) -> Iterator[Any]:
+    """The active rows of products whose generated block a solver sees."""
     active = model.active
     seen = {id(home) for home, block in record.blocks.items() if active and outermost_inactive(block, model) is None}
-    return [group for group in record.groups if id(group.home) in seen]
+    return (row for group in record.groups if id(group.home) in seen for row in group.rows if row.active)
 
 
 def _record_of_row(row: Any) -> RelaxationRecord | None:
@@ -291,3 +271,48 @@ def _record_of_row(row: Any) -> RelaxationRecord | None:
         return None  # no private data appear on blocks of the user
     block = record_of(row.parent_block()).main
     return None if block is None else record_of(block)
+
+
+@TransformationFactory.register(
+    "pyrobocop.relax_complementarity", doc="Bound (or penalise) the products of complementarity pairs, reversibly."
+)
+class RelaxComplementarity(Transformation):
+    """Replace complementarity pairs by rows ``a * b <= delta`` that any nonlinear solver can hold.
+
+    Pairs of this package and of `pyomo.mpec` are taken. They are deactivated and never changed. What is
+    generated sits on one block with the mutable parameter ``delta``; only the rows of pairs inside a
+    `Disjunct` sit on a block in that disjunct, so that they hold only where it is chosen.
+
+    Options of ``apply_to`` and ``create_using``: ``relaxation`` (a name such as "scholtes" or "penalty", or an
+    object), ``grouping`` ("pair", "element" or an object), ``delta`` (first value, 1e-2), ``lift`` (False) and
+    ``targets`` (blocks, components or single pairs; default all). With ``lift``, a generated variable ``s >= 0``
+    with the row ``s == side`` stands for each side that is more than a variable with a sign and an offset, so that
+    products are bilinear; it starts at the value of the side. A model is relaxed once, with all its targets. A
+    block that is deactivated afterwards takes its own constraints out of the model but not the generated rows of its
+    pairs: revert before, or deactivate first.
+    """
+
+    # What the functions of the same names do.
+    revert = staticmethod(revert)
+    delta_of = staticmethod(delta_of)
+    relaxation_of = staticmethod(relaxation_of)
+    pairs_of = staticmethod(pairs_of)
+    lifted_pairs_of = staticmethod(lifted_pairs_of)
+    crossed_pairs_of = staticmethod(crossed_pairs_of)
+    rows_of = staticmethod(rows_of)
+    relaxation_rows_of = staticmethod(relaxation_rows_of)
+    shifted_rows_of = staticmethod(shifted_rows_of)
+    sources_of = staticmethod(sources_of)
+
+    def _apply_to(self, model: Any, **options: Any) -> RelaxationToken:
+        return relax(model, **options)
+
+    def residuals(self, model: Any) -> list[PairResidual]:
+        """Evaluate all pairs, relaxed or still active, at the current values.
+
+        Raises
+        ------
+        ComplementarityError
+            If a variable of a pair has no value.
+        """
+        return pair_residuals(pairs_of(model))

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from pyomo.common.autoslots import AutoSlots
-from pyomo.common.config import ConfigDict, ConfigValue
 from pyomo.common.modeling import unique_component_name
 from pyomo.core.base import Transformation
 from pyomo.core.base.block import Block
@@ -15,7 +14,7 @@ from pyomo.core.base.block import Block
 from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES, deactivate
 
-from .pairs import home_of
+from .pairs import active_parts, home_of
 from .preconditions import refuse_foreign_token, refuse_unusable
 
 
@@ -54,29 +53,21 @@ class ReplacementToken:
     blocks: tuple[Any, ...]
 
 
-def targets_option(name: str, kinds: str) -> ConfigDict:
-    """The options of a transformation that takes ``targets``."""
-    options = ConfigDict(name)
-    options.declare("targets", ConfigValue(default=None, description=f"Blocks, {kinds} to take; default all."))
-    return options
-
-
 class RowReplacement(Transformation):
     """What such transformations share: targets, the block, the record and the way back.
 
     Subclasses say what they make of the rows. A model that is refused stays as it was.
     """
 
-    CONFIG: ClassVar[ConfigDict]
-    ctypes: ClassVar[tuple[type, ...]]
+    kinds: ClassVar[tuple[type, ...]]
+    containers: ClassVar[tuple[type, ...]]
     block_name: ClassVar[str]
     generated: ClassVar[str]  # in words, for messages
 
-    def _apply_to(self, model: Any, **options: Any) -> ReplacementToken:
-        config = self.CONFIG({**options.pop("options", {}), **options})
+    def _apply_to(self, model: Any, targets: Any = None) -> ReplacementToken:
         refuse_unusable(model)
         homes: dict[int, tuple[Any, list[Any]]] = {}
-        for row in self._rows(model, config.targets):
+        for row in self._rows(model, targets):
             home = home_of(row.parent_block(), model)
             homes.setdefault(id(home), (home, []))[1].append(row)
         # All that can fail is done on blocks that are no part of the model yet.
@@ -86,7 +77,7 @@ class RowReplacement(Transformation):
             if replaced := self._fill(block, rows):
                 filled.append((home, block, replaced))
         if not filled:
-            where = "it" if config.targets is None else "the targets"
+            where = "it" if targets is None else "the targets"
             raise ComplementarityError(f"'{model.name}': {self._nothing_found(where)}")
         for home, block, replaced in filled:
             home.add_component(unique_component_name(home, self.block_name), block)
@@ -141,29 +132,14 @@ class RowReplacement(Transformation):
                 else:
                     row.set_value(expression)
 
-    def _rows(self, model: Any, targets: Sequence[Any] | None) -> Iterable[Any]:
-        if targets is None:
-            targets = [model]
-        for target in targets:
-            if target.ctype is Block:
-                yield from target.component_data_objects(self.ctypes, active=True, descend_into=Block)
-            elif target.ctype in self.ctypes:
-                single = target.parent_component() is not target
-                yield from (row for row in ([target] if single else target.values()) if row.active)
-            else:
-                kinds = " nor an ".join(kind.__name__.lower() for kind in self.ctypes)
-                raise ComplementarityError(f"'{target.name}': is neither a block nor a {kinds}; give such as targets.")
+    def _rows(self, model: Any, targets: Any) -> list[Any]:
+        return active_parts(model, targets, self.kinds, self.containers)
 
     def _generated_on(self, model: Any) -> Iterator[Any]:
         for block in model.block_data_objects(active=None, descend_into=BLOCK_TYPES):
             # The name is looked at first so that no private data appear on blocks of the user.
             if block.local_name.startswith(self.block_name) and rows_of_block(block):
                 yield block
-
-
-def index_without_time(index: Any) -> Any:
-    """What is left of an index without its first part, which is the time in a phase and usually elsewhere."""
-    return index[1:] if isinstance(index, tuple) else ()
 
 
 def rows_of_block(block: Any) -> list[tuple[Any, Any]] | None:

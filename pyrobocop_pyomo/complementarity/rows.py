@@ -17,7 +17,7 @@ from .group_rows import objective_with_penalty, rows_of_group
 from .lifting import relaxed_pairs
 from .pairs import home_of
 from .record import BLOCK_NAME, PairGroup, RelaxationRecord, RelaxedPair, RelaxedStatement, record_of
-from .relaxations.protocol import Abilities
+from .relaxations import ObjectiveTerm
 
 
 def new_record(delta: float, relaxation: Any, grouping: Any, lift: bool, objective: Any) -> RelaxationRecord:
@@ -31,7 +31,10 @@ def new_record(delta: float, relaxation: Any, grouping: Any, lift: bool, objecti
     record = record_of(block)
     record.main = block
     record.relaxation = relaxation
-    record.abilities = Abilities.of(relaxation, block.delta)
+    # Asked once: a check of the protocols for each pair would be slow.
+    is_penalty = isinstance(relaxation, ObjectiveTerm)
+    record.penalises_products = is_penalty and excess is None
+    record.shifts = not is_penalty and relaxation.shift(block.delta) is not None
     record.grouping = grouping
     record.lift = lift
     record.objective = objective
@@ -60,14 +63,14 @@ def state_rows(record: RelaxationRecord, model: Any, forms: Sequence[CanonicalFo
         for statement in statements:
             statement.pairs = relaxed_pairs(place, statement.form)
         members = [pair for statement in statements for pair in statement.pairs]
-        if members and home is not model and record.abilities.penalises_products:
+        if members and home is not model and record.penalises_products:
             raise ComplementarityError(
                 f"'{members[0].pair.name}': lies in the disjunct '{home.name}', and a term of the objective would "
                 "count whether or not the disjunct is chosen. Bound the products instead, for example by 'scholtes'."
             )
         for pairs in _grouped(record, model, members):
             record.groups.append(PairGroup(home, pairs, rows_of_group(place, pairs)))
-    if record.abilities.has_penalty:
+    if isinstance(record.relaxation, ObjectiveTerm):
         record.main.objective = objective_with_penalty(record)
     for home, block in record.blocks.items():
         home.add_component(unique_component_name(home, BLOCK_NAME), block)

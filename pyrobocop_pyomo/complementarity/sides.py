@@ -8,7 +8,6 @@ as well: it is the part that can never hold a variable. The test whether an expr
 from __future__ import annotations
 
 import math
-from enum import Enum
 from typing import Any, NamedTuple
 
 from pyomo.core.base.indexed_component_slice import IndexedComponent_slice
@@ -145,20 +144,10 @@ def _why_no_side(side: Any) -> str:
         )
     if isinstance(side, IndexedComponent_slice) or is_indexed_component(side):
         return (
-            f"side '{side}' stands for many variables. Index the Complementarity over the same set and pass both "
-            "sides whole as expr=complements(x, y), or pass one variable of it per pair."
+            f"side '{side}' stands for many variables. Pass a rule that gives one pair per index, such as "
+            "lambda m, i: complements(m.x[i], m.y[i])."
         )
     return f"a side is {side!r} of type {kind.__name__}; expected a relation such as 'x >= 0' or a variable."
-
-
-class SideKind(Enum):
-    """The kinds of sides that a user can write."""
-
-    RELATION = "a relation with one bound"
-    RANGE = "a relation with two bounds"
-    EQUALITY = "an equality"
-    VARIABLE = "a plain variable"
-    EXPRESSION = "a bare expression"
 
 
 class ParsedSide(NamedTuple):
@@ -179,13 +168,17 @@ class ParsedSide(NamedTuple):
         from the bounds and the domain each time.
     """
 
-    kind: SideKind
     given: Any
     body: Any
     lower: Any = None
     upper: Any = None
     infinite: float | None = None
     own: tuple[Any, Any] | None = None
+
+    @property
+    def is_variable(self) -> bool:
+        """Whether it was given as a plain variable, which stands for its own bounds."""
+        return self.given is self.body and self.own is not None
 
     @property
     def bounds(self) -> int:
@@ -207,29 +200,27 @@ def read_side(side: Any, choice: str | None, pair: Any) -> ParsedSide:
         return _read_relation(side, pair)
     check_side(side, choice, pair)
     if kind is EqualityExpression:
-        return ParsedSide(SideKind.EQUALITY, side, side.arg(0) - side.arg(1), 0, 0)
+        return ParsedSide(side, side.arg(0) - side.arg(1), 0, 0)
     if kind is RangedExpression:
         lower, body, upper = side.args
         lower = _bound(lower, "lower", side, pair)
-        return ParsedSide(SideKind.RANGE, side, body, lower, _bound(upper, "upper", side, pair), None, _own(body))
+        return ParsedSide(side, body, lower, _bound(upper, "upper", side, pair), None, _own(body))
     if is_plain_variable(side):
         return _read_variable(side, choice, pair)
-    return ParsedSide(SideKind.EXPRESSION, side, side)
+    return ParsedSide(side, side)
 
 
 def _read_relation(side: Any, pair: Any) -> ParsedSide:
     left, right = side.args
     left_varies, right_varies = holds_variable(left), holds_variable(right)
     if left_varies and right_varies:
-        return ParsedSide(SideKind.RELATION, side, right - left, lower=0)
+        return ParsedSide(side, right - left, lower=0)
     if right_varies:
         bound = _bound(left, "lower", side, pair)
-        return ParsedSide(
-            SideKind.RELATION, side, right, bound, None, -math.inf if bound is None else None, _own(right)
-        )
+        return ParsedSide(side, right, bound, None, -math.inf if bound is None else None, _own(right))
     if left_varies:
         bound = _bound(right, "upper", side, pair)
-        return ParsedSide(SideKind.RELATION, side, left, None, bound, math.inf if bound is None else None, _own(left))
+        return ParsedSide(side, left, None, bound, math.inf if bound is None else None, _own(left))
     check_side(side, None, pair)
     raise AssertionError("check_side refuses a relation without variables")
 
@@ -243,7 +234,7 @@ def _read_variable(variable: Any, choice: str | None, pair: Any) -> ParsedSide:
             f"'{pair.name}': side '{variable}' has no finite {choice} bound, which was chosen. "
             f"Set it, for example by {variable}.set{choice[0]}b(0), or write a relation such as '{variable} >= 0'."
         )
-    return ParsedSide(SideKind.VARIABLE, variable, variable, lower, upper, None, own)
+    return ParsedSide(variable, variable, lower, upper, None, own)
 
 
 def _own(body: Any) -> tuple[Any, Any] | None:
@@ -265,9 +256,9 @@ def below_upper(side: ParsedSide) -> tuple[Any, Any]:
 
 
 def _row(side: ParsedSide, which: str) -> Any:
-    if side.kind is SideKind.VARIABLE or _implied(side, which):
+    if side.is_variable or _implied(side, which):
         return None
-    if side.kind is SideKind.RELATION:
+    if side.given.__class__ is InequalityExpression:
         return side.given
     return side.body >= side.lower if which == "lower" else side.body <= side.upper
 

@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
+from pyrobocop_pyomo.optional_imports import scipy
 
 from .nearest_points import difference_rays, nearest_difference, nearest_differences
+from .polyhedra import affine_basis, complement, convex_hull, halfspaces_of
 from .polytope import Polytope
 from .poses import Pose
-from .separation import LEVEL, candidate_normals, gaps
 
 # Relative to the scene. Closer than this, the difference of the nearest points is too short to give a direction,
 # and the facets of the difference of the bodies give it.
 TOUCHING = 1e-7
 # Rounding leaves touching bodies apart by less than this.
 APART = 1e-14
+# Rays are unit vectors: one that points this little across a gap is along it.
+LEVEL = 1e-8
 
 
 @dataclass(frozen=True)
@@ -111,11 +117,11 @@ def distance_of_points(
         normal = nearest.point / nearest.norm
         return SignedDistance(nearest.norm, normal, nearest.first + origin, nearest.second + origin)
     all_rays = np.zeros((0, p.shape[1])) if rays is None else rays
-    directions = candidate_normals(p, q, all_rays)
+    directions = _candidate_normals(p, q, all_rays)
     is_apart = nearest.norm > APART * scale
     if is_apart:
         directions = np.vstack([directions, nearest.point / nearest.norm])
-    widths = gaps(directions, p, q, all_rays)
+    widths = _gaps(directions, p, q, all_rays)
     best = int(widths.argmax()) if len(widths) else -1
     if best < 0 or widths[best] == -np.inf:
         nowhere = np.full(p.shape[1], np.nan)
@@ -178,3 +184,83 @@ def _point_of_contact(
     level = None if rays is None else rays[is_level] @ flat
     of_first = int(is_level[:of_first].sum())
     return nearest_difference(p_face @ flat, q_face @ flat, scale, level, of_first).second + top * normal
+
+
+def _gaps(normals: np.ndarray, p: np.ndarray, q: np.ndarray, rays: np.ndarray) -> np.ndarray:
+    """Widths of the gaps (k,) along unit normals (k, d); `rays` are those of the differences."""
+    widths = (p @ normals.T).min(axis=0) - (q @ normals.T).max(axis=0)
+    if len(rays):
+        widths[(rays @ normals.T).min(axis=0) < -LEVEL] = -np.inf
+    return widths
+
+
+def separating_directions(
+    p: np.ndarray, q: np.ndarray, p_rays: np.ndarray | None = None, q_rays: np.ndarray | None = None
+) -> np.ndarray:
+    """Unit normals, from q to p, of the facets of all differences p - q: the ways out of an overlap.
+
+    Among them is the direction of the least translation that separates overlapping bodies. For differences that
+    lie in one plane (two segments on a line) the normals of the plane are given.
+
+    Parameters
+    ----------
+    p, q : (v, d) and (w, d) arrays
+    p_rays, q_rays : (k, d) arrays, optional
+        Unit rows.
+
+    Returns
+    -------
+    (k, d) array
+        Empty only where rays of both bodies leave no way out.
+    """
+    differences = (p[:, None, :] - q[None, :, :]).reshape(-1, p.shape[1])
+    rays = difference_rays(p_rays, q_rays, p.shape[1])
+    basis = affine_basis(differences, rays)
+    if len(basis) < p.shape[1]:
+        normals = complement(basis, p.shape[1])
+        return np.vstack([normals, -normals])
+    # Outward normals of the differences point from p to q.
+    return -(halfspaces_of(differences, rays)[0] if len(rays) else convex_hull(differences).normals)
+
+
+def _candidate_normals(p: np.ndarray, q: np.ndarray, rays: np.ndarray) -> np.ndarray:
+    """The directions of `separating_directions`, found faster, with repetitions and some that are not needed.
+
+    A facet of the differences is spanned by edges of p and of q and by rays. Where these are few, all that any
+    two of them span are taken, and no hull is needed; else Qhull's facets, triangle by triangle.
+    """
+    dimension = p.shape[1]
+    if max(len(p), len(q)) <= (8 if dimension == 2 or len(rays) else 2):
+        normals = _spanned(np.vstack([_edges(p), _edges(q), rays]))
+        if len(normals):
+            return np.vstack([normals, -normals])
+    elif len(rays) == 0:
+        differences = (p[:, None, :] - q[None, :, :]).reshape(-1, dimension)
+        with contextlib.suppress(scipy.spatial.QhullError):  # they lie in one plane
+            return -scipy.spatial.ConvexHull(differences).equations[:, :-1]
+    return separating_directions(p, q, rays)
+
+
+def _edges(points: np.ndarray) -> np.ndarray:
+    """Unit vectors between all pairs of points: few of them are edges, and all edges are among them."""
+    i, j = _pairs(len(points))
+    vectors = points[i] - points[j]
+    lengths = np.linalg.norm(vectors, axis=1)
+    kept = lengths > NEGLIGIBLE * (lengths.max() if len(lengths) else 0.0)
+    return vectors[kept] / lengths[kept, None]
+
+
+def _spanned(vectors: np.ndarray) -> np.ndarray:
+    """Unit normals, one of each two opposite ones, of all planes (lines in 2-D) that the unit vectors span."""
+    if vectors.shape[1] == 2:
+        return np.column_stack([-vectors[:, 1], vectors[:, 0]])
+    i, j = _pairs(len(vectors))
+    normals = np.cross(vectors[i], vectors[j])
+    lengths = np.linalg.norm(normals, axis=1)
+    kept = lengths > NEGLIGIBLE
+    return normals[kept] / lengths[kept, None]
+
+
+@lru_cache(maxsize=64)
+def _pairs(count: int) -> tuple[np.ndarray, np.ndarray]:
+    return np.triu_indices(count, 1)

@@ -37,13 +37,12 @@ Vector = Any  # as many coordinates as there are dimensions: a list, or an array
 
 
 class Nearest(NamedTuple):
-    """``point`` = ``first`` - ``second`` in the two sets; at most ``short_by`` farther away than the nearest."""
+    """``point`` = ``first`` - ``second`` in the two sets, as near to the origin as rounding allows."""
 
     point: np.ndarray
     norm: float
     first: np.ndarray
     second: np.ndarray
-    short_by: float
 
 
 class _Kept(NamedTuple):
@@ -87,12 +86,11 @@ def nearest_difference(
     weights = [1.0]
     point = kept[0].at
     square = _dot(point, point)
-    short_by = norm = square**0.5
+    norm = square**0.5
     idle = 0
     idle_rays: list[int] = []
     for _ in range(LARGEST_COUNT):
         if norm <= EXACT * scale:
-            short_by = norm
             break
         direction = np.array(point)
         found = _lowest(first, second, direction)
@@ -127,7 +125,7 @@ def nearest_difference(
             on_first += weight * np.array(one.at)
         else:
             on_second -= weight * np.array(one.at)
-    return Nearest(np.array(point), norm, on_first, on_second, max(short_by, 0.0))
+    return Nearest(np.array(point), norm, on_first, on_second)
 
 
 def nearest_differences(

@@ -91,6 +91,8 @@ def halfspaces_of(vertices: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, n
         hull = convex_hull(vertices)
         return hull.normals, hull.offsets
     basis = complement(_lines(rays), vertices.shape[1])
+    if len(basis) == 0:  # the whole space
+        return basis, np.zeros(0)
     corners, directions = vertices @ basis.T, rays @ basis.T
     directions = directions[np.linalg.norm(directions, axis=1) > NEGLIGIBLE]
     extent = max(float(np.ptp(corners, axis=0).max()), NEGLIGIBLE * float(np.abs(corners).max())) or 1.0
@@ -207,4 +209,4 @@ def complement(basis: np.ndarray, dimension: int) -> np.ndarray:
     """Orthonormal rows that span the orthogonal complement of orthonormal rows."""
     if len(basis) == 0:
         return np.eye(dimension)
-    return np.linalg.svd(basis, full_matrices=True)[2][len(basis) :]
+    return np.linalg.svd(basis)[2][len(basis) :]

@@ -196,9 +196,8 @@ def _warn_of_redundant_rows(
         touching = corners[side - corners @ row <= tolerance]
         along = rays[np.abs(rays @ row) <= NEGLIGIBLE]
         is_facet = len(touching) > 0 and affine_rank(touching, along) == rows.shape[1] - 1
-        repeated = any(np.abs(rows[i] - rows[j]).max() <= NEGLIGIBLE for j in facets)
-        if is_facet and not repeated:
+        if is_facet and np.abs(rows[facets] - row).max(axis=1).min(initial=np.inf) > NEGLIGIBLE:
             facets.append(i)
-    redundant = sorted(set(range(len(rows))) - set(facets))
-    if redundant:
+    if len(facets) < len(rows):
+        redundant = sorted(set(range(len(rows))) - set(facets))
         logger.warning("'%s': half-spaces that cut nothing off are left out: rows %s.", name, redundant)

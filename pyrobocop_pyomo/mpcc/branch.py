@@ -20,8 +20,7 @@ class Branch:
     Attributes
     ----------
     a_zero, b_zero : bool array, shape (k,)
-        At least one of the two is true for each pair in a branch; both are at the biactive pairs of a
-        tightened program.
+        At least one of the two is true for each pair; both are where both sides have to be zero.
     """
 
     a_zero: BoolArray
@@ -56,13 +55,6 @@ def branch_with(program: ComplementarityProgram, a_zero: BoolArray) -> Branch:
     a_is_zero = program.a.constant & (program.a.offset == 0.0)
     b_is_zero = program.b.constant & (program.b.offset == 0.0)
     return Branch((a_zero & ~b_is_zero) | a_is_zero, (b_zero & ~a_is_zero) | b_is_zero)
-
-
-def tightened(program: ComplementarityProgram, x: FloatArray, tolerance: float) -> Branch:
-    """Hold every side that is at most `tolerance` at zero, and the smaller one in any case."""
-    nearest = nearest_branch(program, x)
-    a, b = program.a.values(x), program.b.values(x)
-    return Branch(nearest.a_zero | (a <= tolerance), nearest.b_zero | (b <= tolerance))
 
 
 def restricted(program: ComplementarityProgram, branch: Branch) -> WithBounds:

@@ -68,6 +68,21 @@ class LinearProgram:
     rows: Sequence[Rows] = ()
     integer: BoolArray | None = None
 
+    def with_binaries(self, count: int, rows: Sequence[Rows]) -> LinearProgram:
+        """The program with so many binaries as further columns, and rows on all columns."""
+        n = self.cost.size
+        wider = [
+            (scipy.sparse.hstack([matrix, scipy.sparse.csr_array((matrix.shape[0], count))], format="csr"), *sides)
+            for matrix, *sides in self.rows
+        ]
+        return LinearProgram(
+            np.concatenate([self.cost, np.zeros(count)]),
+            np.concatenate([self.lower, np.zeros(count)]),
+            np.concatenate([self.upper, np.ones(count)]),
+            [*wider, *rows],
+            np.arange(n + count) >= n,
+        )
+
     def solve(self, deadline: Deadline, node_limit: int | None = None, gap: float = 1e-6) -> LinearAnswer:
         """Solve it.
 

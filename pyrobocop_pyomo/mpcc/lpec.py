@@ -166,31 +166,20 @@ def steepest_branch(
     )
 
 
-class _OpenSides(NamedTuple):
-    """One side of each pair that may be zero or positive, as a column: ``side = sign * (x[column] - zero)``."""
-
-    column: NDArray[np.intp]
-    sign: FloatArray
-    zero: FloatArray
-
-    def values(self, x: FloatArray) -> FloatArray:
-        return self.sign * (x[self.column] - self.zero)
-
-
 class _SideChoices(NamedTuple):
     """A linear program whose bounds keep the sides of pairs nonnegative, and one of each pair is to be zero."""
 
     linear: LinearProgram
-    a: _OpenSides
-    b: _OpenSides
+    a: Sides
+    b: Sides
 
     def held(self, a_zero: BoolArray, b_zero: BoolArray, deadline: Deadline) -> tuple[FloatArray | None, float]:
         """The optimum with these sides held at zero, and its cost: infinite where there is none."""
         lower, upper = self.linear.lower.copy(), self.linear.upper.copy()
         for sides, zero in ((self.a, a_zero), (self.b, b_zero)):
             # One column may be a side of several pairs: zero of the one may be far from zero of the other.
-            np.maximum.at(lower, sides.column[zero], sides.zero[zero])
-            np.minimum.at(upper, sides.column[zero], sides.zero[zero])
+            np.maximum.at(lower, sides.index[zero], sides.offset[zero])
+            np.minimum.at(upper, sides.index[zero], sides.offset[zero])
         x = replace(self.linear, lower=lower, upper=upper).solve(deadline).x
         return x, np.inf if x is None else float(self.linear.cost @ x)
 
@@ -217,37 +206,25 @@ class _SideChoices(NamedTuple):
 
     def _with_binaries(self, ceiling: float) -> LinearProgram:
         """One binary y per pair: ``a <= a_max (1 - y)`` and ``b <= b_max y``; and points of a lower cost only."""
-        linear, n, count = self.linear, self.linear.cost.size, self.a.column.size
-        rows: list[Rows] = [
-            (
-                scipy.sparse.block_array([[matrix, scipy.sparse.csr_array((matrix.shape[0], count))]], format="csr"),
-                lower,
-                upper,
-            )
-            for matrix, lower, upper in [*linear.rows, (scipy.sparse.csr_array(linear.cost[None]), -np.inf, ceiling)]
-        ]
-        numbers = np.arange(count)
+        linear, count = self.linear, self.a.index.size
+        below_ceiling = scipy.sparse.csr_array(np.append(linear.cost, np.zeros(count))[None])
+        rows: list[Rows] = [(below_ceiling, -np.inf, ceiling)]
         for sides, factor, right in ((self.a, 1.0, 1.0), (self.b, -1.0, 0.0)):
-            farthest = np.where(sides.sign > 0.0, linear.upper[sides.column], linear.lower[sides.column])
-            room = np.maximum(sides.sign * (farthest - sides.zero), 0.0)
-            slope = scipy.sparse.csr_array((sides.sign, (numbers, sides.column)), shape=(count, n))
-            choice = scipy.sparse.diags_array(factor * room)
-            below = scipy.sparse.block_array([[slope, choice]], format="csr")
-            rows.append((below, -np.inf, right * room + sides.sign * sides.zero))
-        return LinearProgram(
-            np.concatenate([linear.cost, np.zeros(count)]),
-            np.concatenate([linear.lower, np.zeros(count)]),
-            np.concatenate([linear.upper, np.ones(count)]),
-            rows,
-            np.arange(n + count) >= n,
-        )
+            farthest = np.where(sides.sign > 0.0, linear.upper[sides.index], linear.lower[sides.index])
+            room = np.maximum(sides.sign * (farthest - sides.offset), 0.0)
+            slope = scipy.sparse.csr_array(
+                (sides.sign, (np.arange(count), sides.index)), shape=(count, linear.cost.size)
+            )
+            below = scipy.sparse.hstack([slope, scipy.sparse.diags_array(factor * room)], format="csr")
+            rows.append((below, -np.inf, right * room + sides.sign * sides.offset))
+        return linear.with_binaries(count, rows)
 
 
-def _open_sides(sides: Sides, values: FloatArray, pairs: NDArray[np.intp], linear: LinearProgram) -> _OpenSides:
+def _open_sides(sides: Sides, values: FloatArray, pairs: NDArray[np.intp], linear: LinearProgram) -> Sides:
     """The sides of pairs that may choose, in the variables of the linear program."""
     column = sides.index[pairs]
     zero = np.clip(-sides.sign[pairs] * values[pairs], linear.lower[column], linear.upper[column])
-    return _OpenSides(column, sides.sign[pairs], zero)
+    return Sides(column, sides.sign[pairs], zero)
 
 
 def _rows(point: Linearisation, radius: float, *, loose: bool) -> tuple[csr_array, FloatArray, FloatArray]:

@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class ColumnBlock:
-    """Columns of unknowns in the gradient of the Lagrangian, bounds of their two parts, and their weights."""
+    """Columns of unknowns in the gradient of the Lagrangian, their least and largest values, and their weights."""
 
     columns: csr_array
-    positive: FloatArray
-    negative: FloatArray
+    least: FloatArray
+    most: FloatArray
     weight: FloatArray
 
 
@@ -52,8 +52,8 @@ class Activity:
         """The unknowns of the active ones: positive multipliers at upper bounds, negative ones at lower bounds."""
         active, one_sided = self.active, self.at_lower ^ self.at_upper
         distance = np.where(one_sided, np.where(self.at_lower, self.to_lower, self.to_upper), 0.0)
-        positive, negative = (np.where(at_bound[active], np.inf, 0.0) for at_bound in (self.at_upper, self.at_lower))
-        return ColumnBlock(columns, positive, negative, distance[active])
+        least, most = np.where(self.at_lower, -np.inf, 0.0), np.where(self.at_upper, np.inf, 0.0)
+        return ColumnBlock(columns, least[active], most[active], distance[active])
 
 
 def row_activity(
@@ -104,17 +104,11 @@ def active_bounds(
     return found.block(_unit_columns(active, np.ones(active.size), nlp.n))
 
 
-def residual_columns(n: int) -> ColumnBlock:
-    """Columns of the part of the gradient that the multipliers do not balance."""
-    infinite = np.full(n, np.inf)
-    return ColumnBlock(scipy.sparse.eye_array(n, format="csr"), infinite, infinite, np.ones(n))
-
-
 def side_columns(sides: Sides, pairs: np.ndarray, n: int) -> ColumnBlock:
     """Columns of the multipliers of zero sides, of any sign."""
     columns = _unit_columns(sides.index[pairs], -sides.sign[pairs], n)
     free = np.full(pairs.size, np.inf)
-    return ColumnBlock(columns, free, free, np.zeros(pairs.size))
+    return ColumnBlock(columns, -free, free, np.zeros(pairs.size))
 
 
 def _unit_columns(rows: np.ndarray, values: FloatArray, n: int) -> csr_array:

@@ -6,8 +6,6 @@ they are looked for among all: by a linear program for W and S, with a binary or
 
 from __future__ import annotations
 
-import functools
-import itertools
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -20,9 +18,9 @@ from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoi
 from pyrobocop_pyomo.programs.stationarity import stationarity
 
 from .branch import Branch, restricted
-from .linear_programs import LinearProgram, LinearStatus
+from .linear_programs import LinearProgram, LinearStatus, Rows
 from .linearisation import Linearisation
-from .multiplier_columns import active_bounds, active_rows, residual_columns, row_activity, rows_of_sides, side_columns
+from .multiplier_columns import active_bounds, active_rows, row_activity, rows_of_sides, side_columns
 from .problem import ComplementarityProgram, Sides
 from .stationarity import Multipliers, Stationarity
 
@@ -36,6 +34,25 @@ LARGEST_MULTIPLIER = 1e5
 STATIONARY = 1e-5
 # Multipliers that leave no more than this part of the tolerance need not be the best ones.
 NEARLY = 0.1
+
+
+# What a kind asks of nu (0) and xi (1) of each biactive pair, by its binaries z: ``sign * side <= bound - factors @ z``
+# in units of the largest multiplier.
+_CHOICES: dict[Stationarity, list[tuple[float, int, tuple[float, ...], float]]] = {
+    # 1 asks for nu >= 0, 0 for xi >= 0.
+    Stationarity.A: [(-1.0, 0, (1.0,), 1.0), (-1.0, 1, (-1.0,), 0.0)],
+    # 1 asks for both >= 0, 0 for both <= 0.
+    Stationarity.C: [
+        *((-1.0, side, (1.0,), 1.0) for side in (0, 1)),
+        *((1.0, side, (-1.0,), 0.0) for side in (0, 1)),
+    ],
+    # The first asks for nu = 0, the second for xi = 0, neither for both >= 0.
+    Stationarity.M: [
+        *((sign, 0, (1.0, 0.0), 1.0) for sign in (-1.0, 1.0)),
+        *((sign, 1, (0.0, 1.0), 1.0) for sign in (-1.0, 1.0)),
+        *((-1.0, side, (-1.0, -1.0), 0.0) for side in (0, 1)),
+    ],
+}
 
 
 class MultiplierProblem:
@@ -59,170 +76,112 @@ class MultiplierProblem:
         biactive_tolerance: float = 1e-6,
         active_tolerance: float = 1e-2,
     ) -> None:
-        # With an objective whose slope is 1: the tolerances of linear programs are absolute.
-        self._program, self._point = program, replace(point, gradient=point.gradient / point.slope)
-        self._slope = point.slope
-        self.pairs, self.rows = program.pairs, point.nlp.m
+        self._program, self._point = program, point
         a, b = program.a.values(point.x), program.b.values(point.x)
         a_zero, b_zero = a <= biactive_tolerance, b <= biactive_tolerance
         self._a_pairs = np.flatnonzero(a_zero & ~program.a.constant)
         self._b_pairs = np.flatnonzero(b_zero & ~program.b.constant)
-        self.biactive = np.flatnonzero(a_zero & b_zero & ~program.a.constant & ~program.b.constant)
+        biactive = np.flatnonzero(a_zero & b_zero & ~program.a.constant & ~program.b.constant)
         activity = row_activity(program, point, (self._a_pairs, self._b_pairs), active_tolerance)
-        # Columns come in five blocks, each twice: positive parts, then negative parts. One more column is the largest
-        # residual, which is minimised.
+        self._row_numbers = np.flatnonzero(activity.active)
         blocks = [
             active_rows(point, activity),
             active_bounds(program, point, (self._a_pairs, self._b_pairs), active_tolerance),
             side_columns(program.a, self._a_pairs, point.nlp.n),
             side_columns(program.b, self._b_pairs, point.nlp.n),
-            residual_columns(point.nlp.n),
         ]
-        self._columns = scipy.sparse.block_array([[block.columns for block in blocks[:-1]]], format="csr")
-        self._weights = np.concatenate([block.weight for block in blocks[:-1]])
-        columns = [sign * block.columns for block in blocks for sign in (1.0, -1.0)]
-        self._matrix = scipy.sparse.block_array([[*columns, scipy.sparse.csr_array((point.nlp.n, 1))]], format="csr")
-        parts = [part for block in blocks for part in (block.positive, block.negative)]
-        self._upper = np.append(np.minimum(np.concatenate(parts), LARGEST_MULTIPLIER), np.inf)
-        weights = np.concatenate([block.weight for block in blocks for _ in range(2)])
-        weighted = np.flatnonzero(weights)
-        numbers = np.arange(weighted.size)
-        self._residuals = scipy.sparse.csr_array(
-            (
-                np.concatenate([weights[weighted], -np.ones(weighted.size)]),
-                (np.tile(numbers, 2), np.concatenate([weighted, np.full(weighted.size, weights.size)])),
-            ),
-            shape=(weighted.size, weights.size + 1),
-        )
-        sizes = np.cumsum([0, *(block.weight.size for block in blocks for _ in range(2))])
-        self._parts = [slice(start, end) for start, end in itertools.pairwise(sizes)]
-        self._row_numbers = np.flatnonzero(activity.active)
+        self._columns = scipy.sparse.block_array([[block.columns for block in blocks]], format="csr")
+        self._weights = np.concatenate([block.weight for block in blocks])
+        self._least = np.maximum(np.concatenate([block.least for block in blocks]), -LARGEST_MULTIPLIER)
+        self._most = np.minimum(np.concatenate([block.most for block in blocks]), LARGEST_MULTIPLIER)
+        self._ends = np.cumsum([block.weight.size for block in blocks])[:-1]
+        self._biactive = [
+            first + np.searchsorted(pairs, biactive)
+            for first, pairs in zip(self._ends[1:], (self._a_pairs, self._b_pairs), strict=True)
+        ]
+        # With an objective whose slope is 1: the tolerances of linear programs are absolute.
+        self._gradient = point.gradient / point.slope
 
     def find(self, kind: Stationarity, deadline: Deadline = NO_DEADLINE) -> Multipliers | None:
         """Look for the multipliers of a kind that leave the least residual; None where none are found in time."""
-        asked, right, binaries, upper = self._signs(kind)
-        if binaries:
-            values = self._with_choices(asked, right, binaries, upper, deadline)
-            if values is None:
+        linear = self._least_residual(kind)
+        choices = _CHOICES.get(kind, [])
+        if choices:
+            count = self._biactive[0].size
+            binaries = count * len(choices[0][2])
+            rows: list[Rows] = [
+                (self._choice_row(linear.cost.size, sign, side, factors), -np.inf, LARGEST_MULTIPLIER * bound)
+                for sign, side, factors, bound in choices
+            ]
+            answer = linear.with_binaries(binaries, rows).solve(deadline)
+            if answer.x is None or answer.status is not LinearStatus.SOLVED:
                 return None
             # To a mixed-integer program a binary of 1e-6 is zero, and times a large bound it is not. So the choice is
             # taken from it, and the multipliers from the linear program that is left.
-            width = upper.size
-            room = right - asked[:, width:] @ np.round(values[width:])
-            closed = np.unique(asked[np.flatnonzero(room < 0.5 * LARGEST_MULTIPLIER), :width].nonzero()[1])
-            upper[closed] = 0.0
-        values = replace(self._linear, upper=upper).solve(deadline).x
-        if values is None:
-            return None
-        signed = [values[self._parts[2 * i]] - values[self._parts[2 * i + 1]] for i in range(4)]
-        return self._found(kind, signed, float(values[-1]))
+            chosen = np.round(answer.x[linear.cost.size :]).reshape(-1, count)
+            for sign, side, factors, bound in choices:
+                closed = self._biactive[side][bound - np.array(factors) @ chosen < 0.5]
+                (linear.lower if sign < 0.0 else linear.upper)[closed] = 0.0
+        values = linear.solve(deadline).x
+        return None if values is None else self._found(kind, values[:-1], float(values[-1]))
 
-    def find_nearly(self, kind: Stationarity, deadline: Deadline = NO_DEADLINE) -> Multipliers | None:
-        """Look for the multipliers of W or S that leave the least sum of residuals; None where HiGHS gives none.
+    def find_nearly_strong(self, deadline: Deadline = NO_DEADLINE) -> Multipliers | None:
+        """Look for the multipliers of S that leave the least sum of residuals; None where HiGHS gives none.
 
         The dual of that program is the steepest step within the cone of what is active, which has as many columns as
         there are variables, and takes a fraction of the time. Where its residual is small enough, nothing is left to be
         asked; where it is not, others may have a smaller largest one.
         """
-        _, _, binaries, upper = self._signs(kind)
-        assert not binaries, "choices of signs have no dual"
-        positive, negative = (np.concatenate([upper[part] for part in self._parts[first:8:2]]) for first in (0, 1))
-        steps = LinearProgram(
-            self._point.gradient,
-            -np.ones(self._point.nlp.n),
-            np.ones(self._point.nlp.n),
-            [
-                (
-                    self._columns.T.tocsr(),
-                    np.where(negative > 0.0, -self._weights, -np.inf),
-                    np.where(positive > 0.0, self._weights, np.inf),
-                )
-            ],
-        )
+        least, most = self._bounds(Stationarity.S)
+        lower, upper = np.where(least < 0.0, -self._weights, -np.inf), np.where(most > 0.0, self._weights, np.inf)
+        ones = np.ones(self._gradient.size)
+        steps = LinearProgram(self._gradient, -ones, ones, [(self._columns.T.tocsr(), lower, upper)])
         answer = steps.solve_with_duals(deadline)
         if answer is None:
             return None
-        found = np.clip(-answer[1], -negative, positive)
-        residuals = np.concatenate([self._point.gradient + self._columns @ found, self._weights * found])
-        ends = np.cumsum([0, *(part.stop - part.start for part in self._parts[:8:2])])
-        signed = [found[start:end] for start, end in itertools.pairwise(ends)]
-        return self._found(kind, signed, float(np.abs(residuals).max(initial=0.0)))
+        found = np.clip(-answer[1], least, most)
+        residuals = np.concatenate([self._gradient + self._columns @ found, self._weights * found])
+        return self._found(Stationarity.S, found, float(np.abs(residuals).max(initial=0.0)))
 
-    def _with_choices(
-        self, asked: csr_array, right: FloatArray, binaries: int, upper: FloatArray, deadline: Deadline
-    ) -> FloatArray | None:
-        """Minimise the largest residual, where signs ask for choices."""
-        linear = self._linear
-        wider = [
-            (scipy.sparse.block_array([[matrix, scipy.sparse.csr_array((matrix.shape[0], binaries))]]), *sides)
-            for matrix, *sides in linear.rows
-        ]
-        answer = LinearProgram(
-            np.concatenate([linear.cost, np.zeros(binaries)]),
-            np.zeros(upper.size + binaries),
-            np.concatenate([upper, np.ones(binaries)]),
-            [*wider, (asked, -np.inf, right)],
-            np.arange(upper.size + binaries) >= upper.size,
-        ).solve(deadline)
-        return answer.x if answer.status is LinearStatus.SOLVED else None
+    def _bounds(self, kind: Stationarity) -> tuple[FloatArray, FloatArray]:
+        """Least and largest values of the multipliers."""
+        least = self._least.copy()
+        if kind is Stationarity.S:
+            for columns in self._biactive:
+                least[columns] = 0.0
+        return least, self._most.copy()
 
-    @functools.cached_property
-    def _linear(self) -> LinearProgram:
-        """What all kinds have in common: they differ by the bounds of multipliers."""
-        largest = np.zeros(self._upper.size)
-        largest[-1] = 1.0
+    def _least_residual(self, kind: Stationarity) -> LinearProgram:
+        """Minimise the largest residual, which is one more column; without the choices of a kind."""
+        least, most = self._bounds(kind)
+        weighted = np.flatnonzero(self._weights)
+        distances = scipy.sparse.diags_array(self._weights, format="csr")[weighted]
+        residuals = scipy.sparse.vstack([self._columns, distances])
+        right = np.concatenate([-self._gradient, np.zeros(weighted.size)])
+        below, above = (
+            scipy.sparse.hstack([residuals, np.full((right.size, 1), sign)], format="csr") for sign in (-1.0, 1.0)
+        )
         return LinearProgram(
-            largest,
-            np.zeros(self._upper.size),
-            self._upper,
-            [(self._matrix, -self._point.gradient, -self._point.gradient), (self._residuals, -np.inf, 0.0)],
+            np.append(np.zeros(least.size), 1.0),
+            np.append(least, 0.0),
+            np.append(most, np.inf),
+            [(below, -np.inf, right), (above, right, np.inf)],
         )
 
-    def _found(self, kind: Stationarity, signed: list[FloatArray], residual: float) -> Multipliers:
+    def _choice_row(self, width: int, sign: float, side: int, factors: tuple[float, ...]) -> csr_array:
+        """The rows of one choice, of all biactive pairs: ``sign * side + factors @ binaries``."""
+        columns = self._biactive[side]
+        numbers = np.arange(columns.size)
+        of_side = scipy.sparse.csr_array((np.full(columns.size, sign), (numbers, columns)), shape=(columns.size, width))
+        of_binaries = [LARGEST_MULTIPLIER * factor * scipy.sparse.eye_array(columns.size) for factor in factors]
+        return scipy.sparse.hstack([of_side, *of_binaries], format="csr")
+
+    def _found(self, kind: Stationarity, values: FloatArray, residual: float) -> Multipliers:
         nu, xi = np.zeros(self._program.pairs), np.zeros(self._program.pairs)
         rows = np.zeros(self._point.nlp.m)
-        of_rows, _, of_a, of_b = (self._slope * part for part in signed)
+        of_rows, _, of_a, of_b = np.split(self._point.slope * values, self._ends)
         rows[self._row_numbers], nu[self._a_pairs], xi[self._b_pairs] = of_rows, of_a, of_b
         return Multipliers(kind, nu, xi, rows, residual)
-
-    def _signs(self, kind: Stationarity) -> tuple[csr_array, FloatArray, int, FloatArray]:
-        """The signs that a kind asks for: ``matrix @ unknowns <= right``, number of binaries, bounds of the others."""
-        nu = [np.searchsorted(self._a_pairs, self.biactive) + self._parts[i].start for i in (4, 5)]
-        xi = [np.searchsorted(self._b_pairs, self.biactive) + self._parts[i].start for i in (6, 7)]
-        upper = self._upper.copy()
-        count, bound, width = self.biactive.size, LARGEST_MULTIPLIER, self._upper.size
-        if kind is Stationarity.S:
-            upper[nu[1]] = upper[xi[1]] = 0.0
-        # Each rule: parts that add up, binaries with their factors, right-hand side; per biactive pair.
-        first, second = width + np.arange(count), width + count + np.arange(count)
-        rules: dict[Stationarity, list[tuple[list[np.ndarray], list[tuple[np.ndarray, float]], float]]] = {
-            # One binary: 1 asks for nu >= 0, 0 for xi >= 0.
-            Stationarity.A: [([nu[1]], [(first, bound)], bound), ([xi[1]], [(first, -bound)], 0.0)],
-            # One binary: 1 asks for both >= 0, 0 for both <= 0.
-            Stationarity.C: [
-                *[([part], [(first, bound)], bound) for part in (nu[1], xi[1])],
-                *[([part], [(first, -bound)], 0.0) for part in (nu[0], xi[0])],
-            ],
-            # Two binaries: the first asks for nu = 0, the second for xi = 0, neither for both >= 0.
-            Stationarity.M: [
-                (nu, [(first, bound)], bound),
-                (xi, [(second, bound)], bound),
-                ([nu[1], xi[1]], [(first, -bound), (second, -bound)], 0.0),
-            ],
-        }
-        asked = rules.get(kind, [])
-        binaries = count * {Stationarity.A: 1, Stationarity.C: 1, Stationarity.M: 2}.get(kind, 0)
-        entries = [
-            (rule * count + np.arange(count), columns, np.full(count, factor))
-            for rule, (parts, with_binaries, _) in enumerate(asked)
-            for columns, factor in [*((part, 1.0) for part in parts), *with_binaries]
-        ]
-        shape = (len(asked) * count, width + binaries)
-        if not entries:
-            return scipy.sparse.csr_array(shape), np.empty(0), 0, upper
-        rows, columns, values = (np.concatenate(parts) for parts in zip(*entries, strict=True))
-        right = np.repeat([limit for _, _, limit in asked], count)
-        return scipy.sparse.csr_array((values, (rows, columns)), shape=shape), right, binaries, upper
 
 
 def strong_multipliers(
@@ -349,7 +308,7 @@ def classify(
         return None if deadline.has_passed else problem.find(kind, deadline.within(time_limit))
 
     # Most points are strongly stationary, and then nothing else has to be asked.
-    strong = None if deadline.has_passed else problem.find_nearly(Stationarity.S, deadline.within(time_limit))
+    strong = None if deadline.has_passed else problem.find_nearly_strong(deadline.within(time_limit))
     if strong is None or not strong.residual <= NEARLY * tolerance:
         strong = find(Stationarity.S)
     if strong is not None and strong.residual <= tolerance:

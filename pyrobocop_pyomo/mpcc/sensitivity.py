@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
+from pyrobocop_pyomo.numerics import BoolArray
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram
 
@@ -135,25 +136,24 @@ class _Constraints:
         )
         return scipy.sparse.csr_array(lower + lower.T - scipy.sparse.diags_array(lower.diagonal()))
 
+    def at_lower(self, x: FloatArray) -> BoolArray:
+        """Where the lower bound is the nearer one."""
+        values = self.values(x)
+        return values - self.lower <= self.upper - values
+
+    def gaps(self, x: FloatArray) -> FloatArray:
+        """What the constraints lack to the nearer one of their bounds."""
+        return self.values(x) - np.where(self.at_lower(x), self.lower, self.upper)
+
     def relative_distance(self, x: FloatArray) -> FloatArray:
         """Distance from the nearer bound, relative to its size where that is above one."""
-        values = self.values(x)
-        nearer = np.where(values - self.lower <= self.upper - values, self.lower, self.upper)
-        with np.errstate(invalid="ignore"):
-            found = np.abs(values - nearer) / np.maximum(1.0, np.abs(nearer))
-        return np.where(np.isfinite(nearer), found, np.inf)
-
-    def gaps(self, x: FloatArray, active: NDArray[np.intp]) -> FloatArray:
-        """What the active constraints lack to the bound that they are at."""
-        values = self.values(x)[active]
-        lower, upper = self.lower[active], self.upper[active]
-        return values - np.where(values - lower <= upper - values, lower, upper)
+        gaps = self.gaps(x)
+        nearer = np.where(np.isfinite(gaps), self.values(x) - gaps, 0.0)
+        return np.abs(gaps) / np.maximum(1.0, np.abs(nearer))
 
     def pushes(self, x: FloatArray, active: NDArray[np.intp], multipliers: FloatArray) -> FloatArray:
-        """Multipliers with the sign that is positive where an inequality holds back."""
-        values = self.values(x)[active]
-        at_lower = values - self.lower[active] <= self.upper[active] - values
-        return np.where(at_lower, -multipliers, multipliers)
+        """Multipliers with the sign that is positive where an inequality holds back, relative to the gradient."""
+        return np.where(self.at_lower(x)[active], -multipliers, multipliers) / self.scale(x)
 
     def scale(self, x: FloatArray) -> float:
         return max(1.0, float(np.abs(self.nlp.gradient(x)[self.free]).max(initial=0.0)))
@@ -165,7 +165,7 @@ def _guess_active(constraints: _Constraints, x: FloatArray) -> tuple[NDArray[np.
     near = np.flatnonzero(constraints.equations | (distance <= NEAR))
     near = _without_copies(constraints, x, near)
     multipliers = _least_squares_multipliers(constraints, x, near)
-    push = constraints.pushes(x, near, multipliers) / constraints.scale(x)
+    push = constraints.pushes(x, near, multipliers)
     chosen = constraints.equations[near] | (push > distance[near])
     active = near[chosen]
     _check_independent(constraints, x, active)
@@ -212,7 +212,7 @@ def _factor_of_gradients(
     jacobian = constraints.jacobian(x)[chosen][:, constraints.free]
     sizes = np.maximum(np.sqrt(np.asarray(jacobian.power(2).sum(axis=1)).ravel()), 1e-300)
     scaled = scipy.sparse.diags_array(1.0 / sizes) @ jacobian
-    return _factor(_augmented(scipy.sparse.eye_array(constraints.free.size), scaled, regularisation)), sizes
+    return _augmented_solver(scipy.sparse.eye_array(constraints.free.size), scaled, regularisation), sizes
 
 
 def _check_independent(constraints: _Constraints, x: FloatArray, active: NDArray[np.intp]) -> None:
@@ -241,7 +241,7 @@ def _refined(
     start = x
     for _ in range(NEWTON_STEPS):
         solve, gradient, _ = _kkt(constraints, x, active, multipliers)
-        gaps = constraints.gaps(x, active)
+        gaps = constraints.gaps(x)[active]
         if max(np.abs(gradient).max(initial=0.0) / scale, np.abs(gaps).max(initial=0.0)) <= 1e-11:
             break
         step = solve(-np.concatenate([gradient, gaps]))
@@ -261,7 +261,7 @@ def _refined(
 
 def _check_strict(constraints: _Constraints, x: FloatArray, active: NDArray[np.intp], multipliers: FloatArray) -> None:
     """Refuse a point where it is in doubt which inequalities are active."""
-    push = constraints.pushes(x, active, multipliers) / constraints.scale(x)
+    push = constraints.pushes(x, active, multipliers)
     inequality = ~constraints.equations[active]
     weak = active[inequality & ~(push >= STRICT)]
     distance = constraints.relative_distance(x)
@@ -292,7 +292,7 @@ def _kkt(
     gradient = (constraints.nlp.gradient(x) + jacobian.T @ multipliers)[free]
     probe = np.random.default_rng(0).normal(size=free.size + active.size)
     try:
-        solve = _factor(_augmented(hessian, jacobian[:, free], 0.0))
+        solve = _augmented_solver(hessian, jacobian[:, free], 0.0)
         found = solve(probe)
     except RuntimeError:  # SciPy's way to say: exactly singular
         found = np.array([np.inf])
@@ -309,17 +309,11 @@ def _kkt(
     return solve, gradient, jacobian
 
 
-def _augmented(upper_left: Any, jacobian: Any, regularisation: float) -> Any:
-    rows = jacobian.shape[0]
-    return scipy.sparse.block_array(
-        [[upper_left, jacobian.T], [jacobian, -regularisation * scipy.sparse.eye_array(rows)]]
-        if rows
-        else [[upper_left]],
+def _augmented_solver(upper_left: Any, jacobian: Any, regularisation: float) -> Callable[[FloatArray], FloatArray]:
+    matrix = scipy.sparse.block_array(
+        [[upper_left, jacobian.T], [jacobian, -regularisation * scipy.sparse.eye_array(jacobian.shape[0])]],
         format="csc",
     )
-
-
-def _factor(matrix: Any) -> Callable[[FloatArray], FloatArray]:
     return scipy.sparse.linalg.splu(matrix).solve
 
 

@@ -1,30 +1,20 @@
 """Collocation schemes, Lagrange bases, meshes and matchings: NumPy and SciPy only, no model."""
 
-from .arrays import Array, BoolArray, Indices
-from .families import explicit, find_scheme, gauss_legendre, lobatto, radau
-from .lagrange import barycentric_weights, differentiation_matrix, evaluation_matrix, integration_matrix
-from .matching import Matching, maximum_matching
-from .mesh import Grid, Mesh
-from .remeshing import remesh
-from .schemes import Scheme
-
-__all__ = [
-    "Array",
-    "BoolArray",
-    "Grid",
-    "Indices",
-    "Matching",
-    "Mesh",
-    "Scheme",
-    "barycentric_weights",
-    "differentiation_matrix",
-    "evaluation_matrix",
-    "explicit",
-    "find_scheme",
-    "gauss_legendre",
-    "integration_matrix",
-    "lobatto",
-    "maximum_matching",
-    "radau",
-    "remesh",
-]
+from .arrays import Array as Array
+from .arrays import BoolArray as BoolArray
+from .arrays import Indices as Indices
+from .families import explicit as explicit
+from .families import find_scheme as find_scheme
+from .families import gauss_legendre as gauss_legendre
+from .families import lobatto as lobatto
+from .families import radau as radau
+from .lagrange import barycentric_weights as barycentric_weights
+from .lagrange import differentiation_matrix as differentiation_matrix
+from .lagrange import evaluation_matrix as evaluation_matrix
+from .lagrange import integration_matrix as integration_matrix
+from .matching import Matching as Matching
+from .matching import maximum_matching as maximum_matching
+from .mesh import Grid as Grid
+from .mesh import Mesh as Mesh
+from .remeshing import remesh as remesh
+from .schemes import Scheme as Scheme

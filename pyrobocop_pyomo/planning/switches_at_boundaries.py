@@ -77,17 +77,17 @@ class CrossedBySides(Crossed):
     left_ends: dict[Family, str | None] = field(default_factory=dict, hash=False)
     left_end: str | None = "first"
 
-    def products(self, pairs: Sequence[CanonicalPair]) -> Any:
+    def products(self, pairs: Sequence[CanonicalPair]) -> list[tuple[CanonicalPair, CanonicalPair]]:
         """Those of `Crossed`."""
         end = self.left_ends.get(_family(pairs[0]), self.left_end)
         if end == self.left_end:
             return super().products(pairs)
         if end is not None or pairs[0].group is None:
-            return Crossed(self.summed, end).products(pairs)
+            return Crossed(end).products(pairs)
         elements: dict[Any, list[CanonicalPair]] = {}
         for pair in pairs:
             elements.setdefault(pair.group, []).append(pair)
-        return [row for members in elements.values() for row in Crossed(self.summed).products(members)]
+        return [product for members in elements.values() for product in Crossed().products(members)]
 
 
 class SwitchesAtBoundaries:

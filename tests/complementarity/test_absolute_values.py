@@ -86,7 +86,7 @@ def test_what_holds_none_is_named(split: AbsoluteValuesToComplementarity) -> Non
     m = kinked()
     with pytest.raises(ComplementarityError, match=r"no active row or objective in the targets holds abs"):
         split.apply_to(m, targets=[m.rows[4]])
-    with pytest.raises(ComplementarityError, match="neither a block nor a constraint nor an objective"):
+    with pytest.raises(ComplementarityError, match="a target is one of Block, Constraint, Objective, or"):
         split.apply_to(m, targets=[m.x])
     assert m.component("absolute_values_as_pairs") is None
 

@@ -159,20 +159,6 @@ def test_a_wrong_pair_of_pyomo_mpec_is_named_when_it_is_relaxed(name: str) -> No
 
 # ---- components, values and targets
 
-UNLIKE = "Index both sides and the component over the same set"
-
-
-def other_index_set(m: Any) -> dict[str, Any]:
-    m.z = pyo.Var([1, 2], bounds=(0, None))
-    m.cc = Complementarity(m.I, expr=complements(m.x, m.z))
-    return {}
-
-
-def larger_index_set(m: Any) -> dict[str, Any]:
-    m.z = pyo.Var([1, 2, 3, 4], bounds=(0, None))
-    m.cc = Complementarity(m.I, expr=complements(m.x, m.z))
-    return {}
-
 
 def families_in_a_scalar(m: Any) -> dict[str, Any]:
     m.cc = Complementarity(expr=complements(m.x, m.y))
@@ -184,9 +170,8 @@ def family_against_one(m: Any) -> dict[str, Any]:
     return {}
 
 
-def mpec_family_without_a_member(m: Any) -> dict[str, Any]:
-    m.z = pyo.Var([1, 2], bounds=(0, None))
-    m.cc = mpec.Complementarity(m.I, expr=mpec.complements(m.x, m.z))
+def mpec_family(m: Any) -> dict[str, Any]:
+    m.cc = mpec.Complementarity(m.I, expr=mpec.complements(m.x, m.y))
     return {}
 
 
@@ -227,18 +212,16 @@ def target_of_another_kind(m: Any) -> dict[str, Any]:
 
 
 MODELS: dict[Callable[[Any], dict[str, Any]], str] = {
-    other_index_set: "^'cc': side 'z' has no member for index 3.*" + UNLIKE,
-    larger_index_set: "^'cc': side 'z' has a member that no pair takes, for index 4.*" + UNLIKE,
-    families_in_a_scalar: "^'cc': side 'x' stands for many variables. Index the Complementarity over the same set",
-    family_against_one: "^'cc': one pair cannot serve all indices, unless both its sides are indexed components",
-    mpec_family_without_a_member: r"^'cc\[3\]': side 'z' has no member at this index.*over the same set",
+    families_in_a_scalar: "^'cc': side 'x' stands for many variables. Pass a rule that gives one pair per index",
+    family_against_one: "^'cc': one pair cannot serve all indices. Pass a rule, or a mapping from index to pair",
+    mpec_family: r"^'cc\[1\]': side 'x' stands for many variables. Pass a rule that gives one pair per index",
     value_that_is_no_number: r"^'good\[2\]': the value of variable 'x\[2\]' is NaN. Give it a number, or None",
     own_bound_that_is_no_number: "^'cc': side 'z' has the lower bound nan",
     deactivated_target: r"^'good\[2\]': this target has no active pair, since 'good\[2\]' is deactivated.*activate\(\)",
     deactivated_component: r"^'good': this target has no active pair, since 'good' is deactivated. Call good.activate",
     target_in_a_deactivated_block: r"^'part\[1\].cc': .* since 'part\[1\]' is deactivated. Call part\[1\].activate",
     target_of_another_model: "^'good': is no part of 'right'. Pass components of the model that is transformed",
-    target_of_another_kind: "^'x': a target is a Block, a Complementarity or one of its pairs",
+    target_of_another_kind: "^'x': a target is one of Block, Complementarity, or a single part of one",
 }
 
 

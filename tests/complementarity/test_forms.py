@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from typing import Any
 
@@ -255,46 +254,6 @@ def test_canonical_pair_is_for_statements_of_one_pair():
         canonical_pair(m.cc[2])
 
 
-# ---- families
-
-
-@BOTH
-def test_a_pair_of_families_means_their_members(component):
-    m = pyo.ConcreteModel()
-    m.I, m.J = pyo.Set(initialize=["a", "b"]), pyo.RangeSet(2)
-    m.x, m.y = pyo.Var(m.I, m.J, bounds=(0, None)), pyo.Var(m.I, m.J)
-    m.e = pyo.Expression(m.I, m.J, rule=lambda m, i, j: m.y[i, j] - 1)
-    m.box = pyo.Var(m.I, m.J, bounds=(0, 1))
-    m.cc = component(m.I, m.J, expr=(m.box, m.e))
-    forms = {source.index(): canonical_form(source) for source in m.cc.values()}
-    assert list(forms) == list(itertools.product("ab", (1, 2)))
-    for index, form in forms.items():
-        assert form.pairs[0].a is m.box[index]
-        assert form.pairs[0].b is m.e[index]
-
-
-def test_families_keep_the_chosen_bound_and_copies_their_own_members():
-    m = pyo.ConcreteModel()
-    m.I = pyo.Set(initialize=[1, 2])
-    m.x, m.y = pyo.Var(m.I, bounds=(0, 1)), pyo.Var(m.I, bounds=(0, None))
-    m.cc = Complementarity(m.I, expr=complements(m.x, m.y, first_bound="upper"))
-    copy = m.clone()
-    for model in (m, copy):
-        pair = canonical_pair(model.cc[2])
-        assert pair.b is model.y[2]
-        model.x[2].set_value(0.25)
-        assert pyo.value(pair.a) == 0.75
-
-
-def test_an_abstract_model_builds_its_families():
-    m = pyo.AbstractModel()
-    m.I = pyo.Set()
-    m.x, m.y = pyo.Var(m.I, bounds=(0, None)), pyo.Var(m.I, bounds=(0, None))
-    m.cc = Complementarity(m.I, expr=complements(m.x, m.y))
-    instance = m.create_instance({None: {"I": {None: [3, 4]}}})
-    assert [pair.a.name for pair in active_pairs(instance)] == ["x[3]", "x[4]"]
-
-
 # ---- relaxed
 
 
@@ -319,7 +278,7 @@ def mixed() -> Any:
     m.cost = pyo.Objective(expr=m.f**2 + m.h**2)
     m.I = pyo.Set(initialize=[1, 2])
     m.x, m.y = pyo.Var(m.I, bounds=(0, 1), initialize=0.5), pyo.Var(m.I, initialize=0)
-    m.family = Complementarity(m.I, expr=complements(m.x, m.y))
+    m.family = Complementarity(m.I, rule={i: complements(m.x[i], m.y[i]) for i in m.I})
     m.range = mpec.Complementarity(expr=mpec.complements(pyo.inequality(m.lo, m.f + m.h, m.up), m.h))
     m.equal = Complementarity(expr=complements(m.f == m.h, m.y[1]))
     m.signed = Complementarity(expr=complements(pyo.inequality(m.lo, m.f, m.up), m.h <= 0))

@@ -70,9 +70,7 @@ def test_all_pairs_share_one_row_and_those_of_a_block_one_each():
     assert groups[PerPhase] == [own, ["part.cc"]]
 
 
-def test_an_unknown_way_to_sum_or_to_begin_is_refused():
-    with pytest.raises(ComplementarityError, match="summed is 'none', 'stage' or 'element'"):
-        Crossed("all")
+def test_an_unknown_way_to_begin_is_refused():
     with pytest.raises(ComplementarityError, match="left_end is None, 'first' or 'second'"):
         Crossed(left_end="a")
 
@@ -93,9 +91,7 @@ def phase(elements=3, stages=2, statements=2):
     return m
 
 
-crossings = st.builds(
-    Crossed, summed=st.sampled_from(["none", "stage", "element"]), left_end=st.sampled_from([None, "first", "second"])
-)
+crossings = st.builds(Crossed, left_end=st.sampled_from([None, "first", "second"]))
 
 
 @given(grouping=crossings, elements=st.integers(1, 3), stages=st.integers(1, 3), statements=st.integers(1, 3))
@@ -103,14 +99,7 @@ def test_crossed_products_are_of_one_statement_and_hold_each_pair(grouping, elem
     m = phase(elements, stages, statements)
     pairs = active_pairs(m)
     last = {pair.group: pair.source.index()[0] for pair in pairs}
-    products = [
-        (a, b)
-        for _, group in grouping.groups(pairs)
-        for row in grouping.products(group)
-        for a_pairs, b_pairs in row
-        for a in a_pairs
-        for b in b_pairs
-    ]
+    products = [product for _, group in grouping.groups(pairs) for product in grouping.products(group)]
     for a, b in products:
         assert a.source.index()[1:] == b.source.index()[1:]
         earlier, later = (a, b) if grouping.left_end == "first" else (b, a)
@@ -125,10 +114,9 @@ def test_crossed_products_are_of_one_statement_and_hold_each_pair(grouping, elem
     assert len(formed) == statements * (elements * stages**2 + ends)
 
 
-@pytest.mark.parametrize("summed", ["none", "stage", "element"])
-def test_with_one_stage_and_no_left_end_crossed_is_pair_by_pair(summed):
+def test_with_one_stage_and_no_left_end_crossed_is_pair_by_pair():
     written = []
-    for grouping in (Crossed(summed), "pair"):
+    for grouping in ("crossed", "pair"):
         m = phase(elements=4, stages=1)
         relaxation().apply_to(m, grouping=grouping)
         written.append(sorted(str(row.expr) for row in relaxation().shifted_rows_of(m)))

@@ -16,8 +16,7 @@ from pyrobocop_pyomo.complementarity import (
     Scholtes,
     SteffensenUlbrich,
 )
-from pyrobocop_pyomo.complementarity.relaxations import as_relaxation
-from pyrobocop_pyomo.complementarity.relaxations.registry import RELAXATIONS
+from pyrobocop_pyomo.complementarity.relaxations import RELAXATIONS, as_relaxation
 
 BOUNDING = [
     Scholtes(),

@@ -8,13 +8,13 @@ import pytest
 from pyomo.gdp import Disjunct, Disjunction
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.complementarity import Complementarity, Crossed, complements
+from pyrobocop_pyomo.complementarity import Complementarity, complements
 from pyrobocop_pyomo.complementarity.grouping import GROUPINGS
-from pyrobocop_pyomo.complementarity.relaxations.registry import RELAXATIONS
+from pyrobocop_pyomo.complementarity.relaxations import RELAXATIONS
 
 from .harness import relaxation, round_trip, state
 
-GROUPING_CHOICES = [*GROUPINGS, Crossed(summed="stage"), Crossed(summed="element")]
+GROUPING_CHOICES = list(GROUPINGS)
 CHOICES = [word for word in RELAXATIONS if word not in ("l1", "linf")]  # which are other words for two of them
 
 

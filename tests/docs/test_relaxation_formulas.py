@@ -139,15 +139,13 @@ def test_sums_and_crossed_products(values, delta):
     """eq-sum, eq-crossed and eq-left-end: bodies and bounds of the rows."""
     a, b = np.reshape(values[:4], (2, 2)), np.reshape(values[4:], (2, 2))
     # Nothing is left of the first element.
-    left_of_a, left_of_b = ([[0.0, *side[0]], [side[0, 1], *side[1]]] for side in (a, b))
+    left_of_a, left_of_b = ([side[0].tolist(), [side[0, 1], *side[1]]] for side in (a, b))
     expected = {
         PerElement(): [a[e] @ b[e] for e in (0, 1)],
         AllPairs(): [np.sum(a * b)],
         rcp.relaxations.Crossed(): [a[e, i] * b[e, j] for e in (0, 1) for i in (0, 1) for j in (0, 1)],
-        rcp.relaxations.Crossed("stage"): [a[e, i] * b[e].sum() for e in (0, 1) for i in (0, 1)],
-        rcp.relaxations.Crossed("element"): [a[e].sum() * b[e].sum() for e in (0, 1)],
-        rcp.relaxations.Crossed("element", left_end="first"): [np.sum(left_of_a[e]) * b[e].sum() for e in (0, 1)],
-        rcp.relaxations.Crossed("element", left_end="second"): [np.sum(left_of_b[e]) * a[e].sum() for e in (0, 1)],
+        rcp.relaxations.Crossed(left_end="first"): [i * j for e in (0, 1) for i in left_of_a[e] for j in b[e]],
+        rcp.relaxations.Crossed(left_end="second"): [i * j for e in (0, 1) for i in a[e] for j in left_of_b[e]],
     }
     for grouping, products in expected.items():
         rows = relax().shifted_rows_of(stages(values, grouping=grouping, delta=delta))

@@ -6,10 +6,10 @@ import itertools
 
 import numpy as np
 import pytest
-from harness.random_bodies import random_body, random_pose, touching
+from harness.random_bodies import gap, random_body, random_pose, touching
 from scipy.optimize import nnls
 
-from pyrobocop_pyomo.geometry import Polytope, gap, signed_distance
+from pyrobocop_pyomo.geometry import Polytope, signed_distance
 
 pytestmark = pytest.mark.heavy
 

@@ -6,12 +6,12 @@ import itertools
 
 import numpy as np
 import pytest
-from harness.random_bodies import random_body, random_pose
+from harness.random_bodies import gap, random_body, random_pose
 from hypothesis import given
 from hypothesis import strategies as some
 
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.geometry import Polytope, distance_of_points, gap, planar_pose, signed_distance, spatial_pose
+from pyrobocop_pyomo.geometry import Polytope, distance_of_points, planar_pose, signed_distance, spatial_pose
 
 seeds = some.integers(0, 2**32 - 1)
 dimensions = some.integers(2, 3)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from harness.random_bodies import gap
 from hypothesis import given
 from hypothesis import strategies as some
 
-from pyrobocop_pyomo.geometry import Polytope, distance_of_points, distances_of_points, gap
+from pyrobocop_pyomo.geometry import Polytope, distance_of_points, distances_of_points
 
 
 @given(

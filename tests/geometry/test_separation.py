@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from harness.random_bodies import random_body, random_pose
+from harness.random_bodies import gap, random_body, random_pose
 from hypothesis import given
 from hypothesis import strategies as some
 
-from pyrobocop_pyomo.geometry import Polytope, gap, planar_pose, separating_directions, signed_distance
+from pyrobocop_pyomo.geometry import Polytope, planar_pose, separating_directions, signed_distance
 
 
 @given(seed=some.integers(0, 2**32 - 1), dimension=some.integers(2, 3))

@@ -30,3 +30,11 @@ def touching(random: np.random.Generator, first: Polytope, second: Polytope) -> 
     low = first.vertices[np.argmin(first.vertices @ normal)]
     high = second.vertices[np.argmax(second.vertices @ normal)]
     return Polytope(first.vertices - low + high, first.rays), second
+
+
+def gap(normal: np.ndarray, p: np.ndarray, q: np.ndarray, *rays: np.ndarray | None) -> float:
+    """Width of the gap from q to p along a unit normal; minus infinity where a ray of p, or one of q, leads across."""
+    for sign, directions in zip((1.0, -1.0), rays, strict=False):
+        if directions is not None and len(directions) and (sign * directions @ normal).min() < -1e-8:
+            return -np.inf
+    return float((p @ normal).min() - (q @ normal).max())

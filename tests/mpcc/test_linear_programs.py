@@ -86,7 +86,7 @@ def test_multipliers_of_the_least_sum_leave_what_they_say_and_have_the_signs(c, 
     nlp = QuadraticProgram(np.array(c), A=np.array(A).reshape(2, 4), g_upper=[0.0, 0.0], x_lower=np.zeros(4))
     program = ComplementarityProgram(nlp, sides([0, 1]), sides([2, 3]))
     problem = MultiplierProblem(program, Linearisation.at(nlp, np.zeros(4)))
-    nearly = problem.find_nearly(Stationarity.S)
+    nearly = problem.find_nearly_strong()
     best = problem.find(Stationarity.S)
     assert best.residual <= nearly.residual + 1e-6
     assert (nearly.nu >= 0.0).all()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 
@@ -41,32 +40,3 @@ class ObjectiveTerm(Protocol):
     def coefficient(self, delta: Any) -> Any:
         """Return the factor before the sum."""
         ...
-
-
-@dataclass(frozen=True)
-class Abilities:
-    """What a relaxation can do. It is evaluated once: a check of the protocols for each pair would be slow.
-
-    Attributes
-    ----------
-    has_penalty : bool
-        It adds a term to the objective.
-    penalises_products : bool
-        The term holds the products themselves.
-    shifts : bool
-        delta moves the bounds of the rows and nothing else of the model.
-    """
-
-    has_penalty: bool
-    penalises_products: bool
-    shifts: bool
-
-    @classmethod
-    def of(cls, relaxation: Any, delta: Any) -> Abilities:
-        """Ask a relaxation; `delta` is the parameter of the model."""
-        penalty = isinstance(relaxation, ObjectiveTerm)
-        return cls(
-            has_penalty=penalty,
-            penalises_products=penalty and not hasattr(relaxation, "excess_bound"),
-            shifts=not penalty and isinstance(relaxation, Relaxation) and relaxation.shift(delta) is not None,
-        )
