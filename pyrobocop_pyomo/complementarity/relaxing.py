@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from pyomo.common.config import ConfigDict, ConfigValue
 from pyomo.common.gc_manager import PauseGC
 from pyomo.core.base import Transformation, TransformationFactory
 
@@ -292,6 +293,13 @@ class RelaxComplementarity(Transformation):
     pairs: revert before, or deactivate first.
     """
 
+    CONFIG = ConfigDict("pyrobocop.relax_complementarity")
+    CONFIG.declare("relaxation", ConfigValue("scholtes", as_relaxation, "How one product is bounded."))
+    CONFIG.declare("grouping", ConfigValue("pair", as_grouping, "Which products share a bound."))
+    CONFIG.declare("delta", ConfigValue(1e-2, float, "First bound of the products."))
+    CONFIG.declare("lift", ConfigValue(False, bool, "Let a generated variable stand for each side that is none."))
+    CONFIG.declare("targets", ConfigValue(None, description="Blocks, components or pairs to take; default all."))
+
     # What the functions of the same names do.
     revert = staticmethod(revert)
     delta_of = staticmethod(delta_of)
@@ -305,7 +313,8 @@ class RelaxComplementarity(Transformation):
     sources_of = staticmethod(sources_of)
 
     def _apply_to(self, model: Any, **options: Any) -> RelaxationToken:
-        return relax(model, **options)
+        config = self.CONFIG({**options.pop("options", {}), **options})
+        return relax(model, **{name: config[name] for name in config})
 
     def residuals(self, model: Any) -> list[PairResidual]:
         """Evaluate all pairs, relaxed or still active, at the current values.

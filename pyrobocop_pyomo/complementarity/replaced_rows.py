@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from pyomo.common.autoslots import AutoSlots
+from pyomo.common.config import ConfigDict, ConfigValue
 from pyomo.common.modeling import unique_component_name
 from pyomo.core.base import Transformation
 from pyomo.core.base.block import Block
@@ -59,12 +60,16 @@ class RowReplacement(Transformation):
     Subclasses say what they make of the rows. A model that is refused stays as it was.
     """
 
+    CONFIG = ConfigDict("what is replaced")
+    CONFIG.declare("targets", ConfigValue(None, description="Blocks, components or their parts to take; default all."))
+
     kinds: ClassVar[tuple[type, ...]]
     containers: ClassVar[tuple[type, ...]]
     block_name: ClassVar[str]
     generated: ClassVar[str]  # in words, for messages
 
-    def _apply_to(self, model: Any, targets: Any = None) -> ReplacementToken:
+    def _apply_to(self, model: Any, **options: Any) -> ReplacementToken:
+        targets = self.CONFIG({**options.pop("options", {}), **options}).targets
         refuse_unusable(model)
         homes: dict[int, tuple[Any, list[Any]]] = {}
         for row in self._rows(model, targets):

@@ -282,6 +282,7 @@ FAILURES = [
     (second_objective, {"relaxation": "penalty"}, r"one active objective, found 'cost', 'other'"),
     (None, {"grouping": "none"}, r"unknown grouping 'none'"),
     (None, {"delta": -1}, r"delta"),
+    (None, {"shrink": 0.1}, r"shrink"),
 ]
 
 
