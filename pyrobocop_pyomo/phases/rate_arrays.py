@@ -5,7 +5,8 @@ The templates of the rules are evaluated with arrays (`RateArrays`), or as one f
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from .companions import Companion
 from .delays import Past, past_of
 from .instant_equations import InstantEquations
 from .record import PhaseRecord, Statement
-from .rule_formulas import ARRAY_FUNCTIONS, RuleFormulas
+from .rule_formulas import RuleFormulas
 
 
 class PointRates:
@@ -175,10 +176,9 @@ class RateArrays:
                 "do not tell."
             )
         pairs = self.equations.pairs
-        self._rates = self._compiled([*self.equations.rates, *gained])
-        self._asked = self._compiled(
-            [*self.equations.rows, *(pair.body for pair in pairs), *(pair.other for pair in pairs)]
-        )
+        stated = [*self.equations.rows, *(pair.body for pair in pairs), *(pair.other for pair in pairs)]
+        self._rates = partial(self._formulas.values, [*self.equations.rates, *gained])
+        self._asked = partial(self._formulas.values, stated)
         nodes = {name: trajectory.element_states(name) for name in self._names}
         # Mean derivatives of the plan in each element: where the search for those begins that no ode states.
         self._slopes = {name: (of[:, -1] - of[:, 0]) / self.widths for name, of in nodes.items()}
@@ -186,11 +186,6 @@ class RateArrays:
         # What stands for states and unknowns.
         self.keys = [*(id(self._formulas.at_instant[name]) for name in self._names), *self._unknowns]
         self._inverse: Array | None = None
-
-    def _compiled(self, expressions: Sequence[Any]) -> Callable[[Mapping[int, Any]], list[Any]]:
-        """Formulas as one function of arrays by what these stand for."""
-        steps = ExpressionSteps(expressions, refuse=self._no_formula)
-        return lambda leaves: steps.evaluate_at(leaves, ARRAY_FUNCTIONS)
 
     def __call__(self, fraction: float, states: Array) -> Array:
         """Derivatives at a local fraction, of states of shape ``(n, k, N)``, those of integrals among them."""
@@ -251,12 +246,6 @@ class RateArrays:
     def everything(self, leaves: Mapping[int, Any], shape: tuple[int, ...]) -> Array:
         """Derivatives by real time, rows and both sides of all pairs, one after the other."""
         return _stacked([*self._rates(leaves), *self._asked(leaves)], shape)
-
-    def _no_formula(self, node: Any, reason: str) -> TrajectoryError:
-        return TrajectoryError(
-            f"phase '{self._phase}': a rule has '{node}', which {reason} and has no value between the points of "
-            "the mesh. Read states and controls through the phase that the rule is given as its first argument."
-        )
 
     def times_at(self, fraction: float) -> Array:
         """Real times at a local fraction of every element."""

@@ -188,8 +188,15 @@ class RuleFormulas:
         """Formulas with arrays in place of the variables, by their identities; their steps are kept."""
         key = tuple(map(id, expressions))
         if key not in self._steps:
-            self._steps[key] = list(expressions), ExpressionSteps(expressions)  # the first keeps the ids
+            # The first keeps the ids.
+            self._steps[key] = list(expressions), ExpressionSteps(expressions, refuse=self._no_formula)
         return self._steps[key][1].evaluate_at(leaves, ARRAY_FUNCTIONS)
+
+    def _no_formula(self, node: Any, reason: str) -> TrajectoryError:
+        return TrajectoryError(
+            f"phase '{self._block.name}': a rule has '{node}', which {reason} and has no value between the points of "
+            "the mesh. Read states and controls through the phase that the rule is given as its first argument."
+        )
 
     @property
     def variables(self) -> list[Any]:
