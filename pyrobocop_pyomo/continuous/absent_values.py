@@ -22,7 +22,7 @@ from pyomo.dae import DerivativeVar
 from pyrobocop_pyomo.errors import ModelError
 
 from .record import Discretisation, open_sets
-from .structure import Axis, Spot, axes_of, axis_on, continuous_sets
+from .structure import Axis, Spot, axes_of, continuous_sets
 
 
 class AbsentValues:
@@ -40,8 +40,6 @@ class AbsentValues:
         Variables that no row may hold, and the first point at which they are missing.
     candidates : dict of id to (variable, ContinuousSet, point)
         Variables that the rows at their points may determine.
-    along_space : set of int
-        Ids of the candidates that are derivatives of a state along another set.
     fixed_rates : dict of id to variable
         Derivatives that the user has fixed at points of this kind.
     conditions : set of int
@@ -61,27 +59,12 @@ class AbsentValues:
         self._states = {key: discretisation.state_ids() for key, discretisation in self._discretisations.items()}
         self.absent: dict[int, tuple[Any, Any, float]] = {}
         self.candidates: dict[int, tuple[Any, Any, float]] = {}
-        self.along_space: set[int] = set()
         self.fixed_rates: dict[int, Any] = {}
         self.conditions: set[int] = set()
         sets = continuous_sets(spots)
         self.open_ids = open_sets(sets)
         self.several = len(sets) > 1
-        self._roots = self._roots_of_derivatives()
         self._find()
-
-    def _roots_of_derivatives(self) -> dict[int, tuple[Any, tuple[Any, ...]]]:
-        """For each derivative the variable that it is one of, and the sets along which."""
-        roots = {
-            id(spot.component): (spot.component.get_state_var(), tuple(spot.component.get_continuousset_list()))
-            for spot in self._spots
-            if isinstance(spot.component, DerivativeVar)
-        }
-        for discretisation in self._discretisations.values():
-            for state, rate in discretisation.derivatives:
-                root, _ = roots.get(id(state), (state, ()))
-                roots.setdefault(id(rate), (root, (discretisation.domain,)))
-        return roots
 
     # ---------------------------------------------------------------- places
 
@@ -130,12 +113,10 @@ class AbsentValues:
                 missing = [
                     (domain, time)
                     for domain, time in spot.points(index, axes)
-                    if self.outside([(domain, time)]) is not None
-                    and not self._has_value(component, index, data, domain)
+                    if self.outside([(domain, time)]) is not None and id(data) not in self._states[id(domain)]
                 ]
                 if missing:
                     self._file(spot, index, data, missing)
-            self._find_last(component, axes)
 
     def _file(self, spot: Spot, index: Any, data: Any, missing: list[tuple[Any, float]]) -> None:
         component = spot.component
@@ -145,55 +126,7 @@ class AbsentValues:
             elif not component.is_indexed() or not all(other.fixed for other in component.values()):
                 self.conditions.add(id(data))
             return
-        place = (data, *missing[0])
-        if self.several and not all(self.is_first(*point) for point in missing):
-            self.absent[id(data)] = place
-            return
-        self.candidates[id(data)] = place
-        if all(self._is_along_space(component, index, *point) for point in missing):
-            self.along_space.add(id(data))
-
-    def _has_value(self, component: Any, index: Any, data: Any, domain: Any) -> bool:
-        """Whether a variable has a value at a point of a set that is no collocation point."""
-        if id(data) in self._states[id(domain)]:
-            return True
-        discretisation = self._discretisations[id(domain)]
-        axis = axis_on(component, domain)
-        if not discretisation.from_left or axis is None or axis.time(index) != discretisation.grid.times[0]:
-            return False
-        if any(component is rate for _, rate in discretisation.derivatives):
-            return discretisation.ends_of(component, axis.others(index)).from_left
-        return True
-
-    def _is_along_space(self, component: Any, index: Any, domain: Any, time: float) -> bool:
-        """Whether a variable is a derivative, along another set, of a state at the first point of a set."""
-        root, along = self._roots.get(id(component), (None, ()))
-        if root is None or any(other is domain for other in along) or index not in root:
-            return False
-        return id(root[index]) in self._states[id(domain)]
-
-    def is_like_the_first(self, key: int) -> bool:
-        """Whether an absent variable stands at the first point of a set and is no derivative along another grid.
-
-        The rows of such a derivative have gaps at corners; those that pyomo.dae has written for its sets have none.
-        """
-        data, domain, time = self.absent[key]
-        _, along = self._roots.get(id(data.parent_component()), (None, ()))
-        return self.is_first(domain, time) and all(
-            other is domain or id(other) not in self._discretisations for other in along
-        )
-
-    def _find_last(self, component: Any, axes: tuple[Axis, ...]) -> None:
-        """Derivatives whose equation holds at the first point of a set have no value at the last."""
-        for axis in axes:
-            discretisation = self._discretisations.get(id(axis.domain))
-            if discretisation is None or component not in discretisation.ends:
-                continue
-            last, known = discretisation.grid.times[-1], discretisation.ends[component]
-            for index, data in component.items():
-                fixed = data.fixed and data.value is not None
-                if axis.time(index) == last and known.of(axis.others(index)).from_left and not fixed:
-                    self.absent[id(data)] = (data, axis.domain, last)
+        self.candidates[id(data)] = (data, *missing[0])
 
     def refusal(self, data: Any, variable: Any) -> ModelError:
         """What to raise where a row that holds in any case needs a variable without a value."""

@@ -98,43 +98,25 @@ def _discretise(
         _inherit(found, discretisation)
         record.discretisations[domain] = discretisation
         everything = discretisations_on(root)
-        _write_rows(everything, found, discretisation, previous)
+        for one in everything:
+            remove_collocation(one)
+        for one in everything:
+            add_collocation(one, found, alone=len(everything) == 1)
+        if previous is not None:
+            previous.give_to(list(spots(root)), discretisation)
         for one in everything:
             for integral in integrals_along(found, one.domain):
                 integrate(integral, one, discretisation_record_of(one.domain))
         for possible_sum in possible_sums:
             possible_sum.check(domain)
         rows = HoldingRows(list(spots(root)), everything)
-        if not rows.deactivate_rows(discretisation.deactivated):
-            # Equations are missing at ends of the sets: what holds where is another question with other rows.
-            while discretisation.deactivated:
-                discretisation.deactivated.pop().activate()
-            _write_rows(everything, found, discretisation, previous)
-            rows = HoldingRows(list(spots(root)), everything)
-            rows.deactivate_rows(discretisation.deactivated)
+        rows.deactivate_rows(discretisation.deactivated)
         _show_values(root, rows, discretisation, {id(block) for one in everything for block in one.generated})
-        if len(everything) == 1:
-            discretisation.in_rows = rows.in_rows
         _mark_pairs(found, discretisation)
     except BaseException:
         undo_discretisation(discretisation)
         raise
     return discretisation
-
-
-def _write_rows(
-    everything: list[Discretisation], found: list[Spot], discretisation: Discretisation, previous: PreviousValues | None
-) -> None:
-    """Write the rows of all discretised sets; the newest starts from the values on its previous mesh."""
-    for one in everything:
-        remove_collocation(one)
-    if previous is not None:
-        previous.give_to(found, discretisation)
-    for one in everything:
-        # With one set nobody reads the rows before the substitution, which writes most of them anew.
-        add_collocation(one, found, deferred=len(everything) == 1)
-    if previous is not None:
-        previous.give_to(list(spots(discretisation.domain.model())), discretisation)
 
 
 def _show_values(root: Any, rows: HoldingRows, discretisation: Discretisation, added: set[int]) -> None:
@@ -149,7 +131,7 @@ def _show_values(root: Any, rows: HoldingRows, discretisation: Discretisation, a
     for part, ids in parts:
         if hold.keys() >= set(map(id, part)) and rows.asked_for.isdisjoint(ids):
             continue  # with the values that controls show
-        if all(map(rows.values.is_like_the_first, ids)):
+        if all(rows.values.is_first(*absent[key][1:]) for key in ids):
             # The model may fix later what is left to choose, and an implicit equation of derivatives gives them.
             hold.update((id(row), row) for row in part)
             for key in rows.given_by_shown_values(part, ids, sources.keys(), definitions) or ids:
@@ -262,8 +244,8 @@ def finalise(discretisation: Discretisation) -> None:
     domain, scheme = discretisation.domain, discretisation.grid.scheme
     if discretisation.substitutes and not discretisation.substitutions:
         substitute_derivatives(discretisation, list(spots(domain.model())))
-    finish_rows(discretisation)
-    discretisation.in_rows = {}
+    if len(discretisations_on(domain.model())) == 1:
+        finish_rows(discretisation)
     found = list(spots(domain.model()))
     family = scheme.name.split("(")[0]
     domain.set_changed(True)

@@ -10,8 +10,7 @@ there hold:
 * at the first point other equations as well (`shown_values`), since initial conditions may be stated for any variable;
 * no pairs, but at the first point those of variables that these equations leave to choose.
 
-The others are deactivated. With several sets there is more to say: an equation may be missing at the ends of space
-(`line_ends`), and generated rows may be one too many.
+The others are deactivated. With several sets there is more to say: generated rows may be one too many.
 """
 
 from __future__ import annotations
@@ -23,14 +22,12 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 
 from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 
 from .absent_values import AbsentValues
-from .derivatives import explicit_candidates
-from .line_ends import find_line_ends
-from .point_values import PointDecision, columns_that_rows_give, rows_that_hold
+from .point_values import HOLDS, UNDECIDED, columns_that_rows_give, rows_that_hold
 from .record import Discretisation
-from .row_variables import RowVariables, has_a_value, row_variables
-from .structure import PAIRS, Axis, Spot, axes_of, variables_of_row
+from .structure import PAIRS, Spot, axes_of, variables_of_row
 
 Pending = tuple[int, Any, list[Any]]  # id of a set, row at one of its points, what the row may determine
 
@@ -47,8 +44,6 @@ class HoldingRows:
     Attributes
     ----------
     values : AbsentValues
-    in_rows : dict of id to RowVariables
-        What the constraints hold whose rows were all looked at; see `deactivate_rows`.
     used : set of int
         Ids of the variables in rows that hold.
     undetermined : list of (ConstraintData, variables)
@@ -68,39 +63,22 @@ class HoldingRows:
             for discretisation in self._discretisations.values()
             for rows in discretisation.generated_constraints()
         }
-        self._joints = {
-            id(rows): (key, state)
-            for key, discretisation in self._discretisations.items()
-            for state, rows in discretisation.joints
-        }
         self._dropped: set[int] = set()  # ids of variables in rows that do not hold
         self._users: dict[int, Any] = {}  # a row that holds in any case, by the ids of candidates in it
         self._along: set[Any] | None = None
-        self._explicit = {
-            key
-            for discretisation in self._discretisations.values()
-            for key in explicit_candidates(discretisation, self.values.open_ids)
-        }
-        self.in_rows: dict[int, RowVariables] = {}
         self.used: set[int] = set()
         self.undetermined: list[tuple[Any, list[Any]]] = []
         self.asked_for: set[int] = set()
         self.first_pairs: list[tuple[Any, Collection[int]]] = []
         self._refused: ModelError | None = None
 
-    def deactivate_rows(self, deactivated: list[Any]) -> bool:
+    def deactivate_rows(self, deactivated: list[Any]) -> None:
         """Deactivate the rows and pairs that do not hold, and append them to the list; delete the generated ones.
-
-        Returns
-        -------
-        bool
-            False when equations are missing at the ends of a set otherwise than the rows were written for. Then
-            `Discretisation.ends` say how, and everything has to be done once more.
 
         Raises
         ------
         ModelError
-            When what holds, or an objective, needs a variable that is not there.
+            When what holds, or an objective, needs a variable that is not there, or an equation is missing.
         """
         pending: list[Pending] = []
         inequalities: list[tuple[Any, set[int]]] = []
@@ -111,23 +89,18 @@ class HoldingRows:
             axes, generated = axes_of(component), id(component) in self._generated
             if generated:
                 if len(self._discretisations) > 1:
-                    pending += self._delete_generated(component)
+                    pending += self._pending_generated(component)
                 continue
             outside = {} if self.values.waits(spot, axes) else dict(self.values.members_outside(spot, axes))
             inside = [data for index, data in component.items() if index not in outside and data.active]
             self.used |= self._variables_inside(component, inside)
-            kept: list[Any] = []
             for index, data in outside.items():
                 if not data.active:
                     continue
                 variables = {id(variable): variable for variable in variables_of_row(data)}
                 family, point = spot.family(index, axes), self.values.outside(spot.points(index, axes))
                 assert point is not None
-                if (
-                    not self.values.absent.keys().isdisjoint(variables)
-                    or self._follows(data, family, point, variables)
-                    or self._gives_no_value(data, variables)
-                ):
+                if self._follows(data, family, point, variables):
                     self._dropped |= variables.keys()
                     if data.ctype in PAIRS and self.values.is_first(*point):
                         self.first_pairs.append((data, variables.keys()))
@@ -139,16 +112,11 @@ class HoldingRows:
                     pending.append((id(point[0]), data, self._unknowns(variables, point)))
                 else:
                     inequalities.append((data, set(variables)))
-                kept.append(data)
-            if kept:
-                self.in_rows.pop(id(component), None)
-        if not self._settle_ends(pending):
-            return False
+        self._refuse_missing_equations(pending)
         self._settle_start(pending, inequalities, deactivated)
         if self._refused is not None:
             raise self._refused
         self._check_fixed()
-        return True
 
     @staticmethod
     def _deactivate(data: Any, deactivated: list[Any]) -> None:
@@ -158,19 +126,15 @@ class HoldingRows:
     # ---------------------------------------------------------------- single rows
 
     def _variables_inside(self, component: Any, rows: list[Any]) -> set[int]:
-        """Ids of the variables of rows that hold in any case; none of them may be absent."""
-        absent, candidates = self.values.absent, self.values.candidates
+        """Ids of the variables of rows that hold in any case."""
+        candidates = self.values.candidates
         if component.ctype not in PAIRS:
-            held = row_variables(rows, self._explicit)
-            everything = held.elsewhere | held.given.keys()
-            if absent.keys().isdisjoint(everything) and candidates.keys().isdisjoint(everything):
-                self.in_rows[id(component)] = held
+            everything = set(variables_in_any(data.expr for data in rows))
+            if candidates.keys().isdisjoint(everything):
                 return everything
         everything = set()
         for data in rows:
             for variable in variables_of_row(data):
-                if id(variable) in absent and self._refused is None:
-                    self._refused = self.values.refusal(data, variable)
                 if id(variable) in candidates:
                     self._users.setdefault(id(variable), data)
                 everything.add(id(variable))
@@ -182,16 +146,9 @@ class HoldingRows:
             return True
         if data.ctype is not Constraint or not data.equality or self.values.is_first(*point):
             return False
-        if not self.values.several and not self.values.candidates.keys().isdisjoint(variables):
+        if not self.values.candidates.keys().isdisjoint(variables):
             return False
         return self.values.conditions.isdisjoint(variables) and family in self._families_along()
-
-    def _gives_no_value(self, data: Any, variables: dict[int, Any]) -> bool:
-        """True for an equation that gives a candidate explicitly, as something that does not exist at this point."""
-        candidates = self.values.candidates.keys() & variables.keys()
-        if not candidates or data.ctype is not Constraint:
-            return False
-        return not all(has_a_value(side) for _, side in row_variables([data], candidates).given.values())
 
     def _is_unsettled(self, data: Any, family: Any, point: tuple[Any, float], variables: dict[int, Any]) -> bool:
         """True for a row of which the others have to be known to decide on it.
@@ -236,50 +193,57 @@ class HoldingRows:
 
     # ---------------------------------------------------------------- generated rows
 
-    def _delete_generated(self, rows: Any) -> list[Pending]:
-        """Delete the rows that hold absent values; returns those that may hold, with their variables."""
-        pending = []
-        is_joint, axes = id(rows) in self._joints, axes_of(rows)
+    def _pending_generated(self, rows: Any) -> list[Pending]:
+        """The rows that hold candidates, with their variables; of two joints at one point one is deleted."""
+        pending, candidates, axes = [], self.values.candidates, axes_of(rows)
+        joined_before = self._joined_before(rows)
         for index, data in list(rows.items()):
-            if is_joint and self._is_second_joint(id(rows), index, axes):
+            if any(axis.time(index) in joined_before.get(id(axis.domain), ()) for axis in axes):
                 del rows[index]
                 continue
             variables = {id(variable): variable for variable in variables_of_row(data)} if data.active else {}
-            if not self.values.absent.keys().isdisjoint(variables):
-                del rows[index]
-            elif not self.values.candidates.keys().isdisjoint(variables):
-                place = next(id(self.values.candidates[key][1]) for key in variables if key in self.values.candidates)
+            place = next((id(candidates[key][1]) for key in variables if key in candidates), None)
+            if place is not None:
                 pending.append((place, data, [variable for variable in variables.values() if not variable.fixed]))
         return pending
 
-    def _is_second_joint(self, key: int, index: Any, axes: tuple[Axis, ...]) -> bool:
-        """True where elements of an earlier set end as well: its row gives the value there already."""
-        own, state = self._joints[key]
+    def _joined_before(self, rows: Any) -> dict[int, tuple[float, ...]]:
+        """For rows that join elements, where elements of earlier sets are joined for the same state, by their sets."""
+        found: dict[int, tuple[set[int], tuple[float, ...]]] = {}
         for domain, discretisation in self._discretisations.items():
-            if domain == own:
-                return False
-            times = [axis.time(index) for axis in axes if id(axis.domain) == domain]
-            joined = any(variable is state for variable, _ in discretisation.joints)
-            if joined and any(time in discretisation.grid.mesh.boundaries[1:] for time in times):
-                return True
-        return False
+            state = next((state for state, joints in discretisation.joints if joints is rows), None)
+            if state is not None:
+                return {key: ends for key, (states, ends) in found.items() if id(state) in states}
+            found[domain] = {id(state) for state, _ in discretisation.joints}, discretisation.grid.mesh.boundaries[1:]
+        return {}
 
-    # ---------------------------------------------------------------- ends and starts of sets
+    # ---------------------------------------------------------------- missing equations, starts of sets
 
-    def _settle_ends(self, pending: list[Pending]) -> bool:
-        """Find out where derivatives have equations; False when that is news."""
-        settled = True
+    def _refuse_missing_equations(self, pending: list[Pending]) -> None:
+        """Raise a `ModelError` where a derivative has an equation at some collocation points of a line only."""
         waiting = {id(v) for _, data, variables in pending if self._is_stated(data) for v in variables}
         stated = self.used | self._dropped | waiting
         for discretisation in self._discretisations.values():
-            ends = find_line_ends(
-                discretisation,
-                lambda data: id(data) in stated or (data.fixed and data.value is not None),
-                self.values.open_ids,
-            )
-            settled = settled and list(ends.items()) == list(discretisation.ends.items())
-            discretisation.ends = ends
-        return settled
+            points, states = frozenset(discretisation.grid.points), set(map(id, discretisation.states))
+            for _, rate in discretisation.derivatives:
+                axes = axes_of(rate)
+                if id(rate) in states or any(id(axis.domain) in self.values.open_ids for axis in axes):
+                    continue
+                axis = next(axis for axis in axes if axis.domain is discretisation.domain)
+                lines: dict[Any, list[tuple[bool, Any]]] = {}
+                for index, data in rate.items():
+                    if axis.time(index) in points:
+                        has_equation = id(data) in stated or (data.fixed and data.value is not None)
+                        lines.setdefault(axis.others(index), []).append((has_equation, data))
+                for line in lines.values():
+                    missing = [data for has_equation, data in line if not has_equation]
+                    if 0 < len(missing) < len(line):
+                        raise ModelError(
+                            f"'{missing[0].name}': has no equation, though the same derivative has one at other "
+                            f"points. Index the constraint by '{axis.domain.local_name}' itself, not by a list of its "
+                            "points; Constraint.Skip may leave out points without a collocation point: gauss has none "
+                            "at either end of a set."
+                        )
 
     def _settle_start(
         self, pending: list[Pending], inequalities: list[tuple[Any, set[int]]], deactivated: list[Any]
@@ -290,15 +254,9 @@ class HoldingRows:
             own = [(data, variables) for where, data, variables in pending if where == key]
             if not own:
                 continue
-            answers = rows_that_hold(
-                own,
-                self._conditions(own, discretisation),
-                candidates.keys() - determined,
-                self.values.along_space,
-                self._needed(own),
-            )
+            answers = rows_that_hold(own, self._conditions(own, discretisation), candidates.keys() - determined)
             for (data, variables), decision in zip(own, answers, strict=True):
-                if decision is PointDecision.HOLDS:
+                if decision == HOLDS:
                     determined.update(map(id, variables))
                     if self._is_initial(variables):
                         self.used.update(map(id, variables_of_row(data)))
@@ -306,14 +264,14 @@ class HoldingRows:
                     del data.parent_component()[data.index()]
                 else:
                     self._deactivate(data, deactivated)
-                    if decision is PointDecision.UNDECIDED:
+                    if decision == UNDECIDED:
                         self.undetermined.append((data, variables))
         for data, ids in inequalities:
             if candidates.keys() & ids <= determined:
                 determined |= ids
             else:
                 self._deactivate(data, deactivated)
-        for key in candidates.keys() - determined - (self.used & self.values.along_space):
+        for key in candidates.keys() - determined:
             self.values.absent[key] = candidates[key]
             if key in self._users and not self._is_initial_condition(key):
                 self._refused = self._refused or self.values.refusal(self._users[key], candidates[key][0])
@@ -331,7 +289,7 @@ class HoldingRows:
         derivatives = [k for k, (data, _, _) in self.values.candidates.items() if self._is_rate(data)]
         known = columns_that_rows_give(rows, [*derivatives, *self.values.candidates])
         known |= self._discretisations[id(domain)].state_ids()
-        if key in self.values.along_space or known.isdisjoint(map(id, variables_of_row(row))):
+        if known.isdisjoint(map(id, variables_of_row(row))):
             return False
         self.asked_for.add(key)
         return True
@@ -347,16 +305,6 @@ class HoldingRows:
     def _is_rate(self, data: Any) -> bool:
         component = data.parent_component()
         return any(component is rate for one in self._discretisations.values() for _, rate in one.derivatives)
-
-    def _needed(self, pending: list[tuple[Any, list[Any]]]) -> set[int]:
-        """Ids of the derivatives along space that conditions hold."""
-        along_space, others = self.values.along_space, self.values.candidates.keys() - self.values.along_space
-        needed = self.used & along_space
-        for data, variables in pending:
-            ids = {id(variable) for variable in variables}
-            if self._is_stated(data) and others.isdisjoint(ids):
-                needed |= ids & along_space
-        return needed
 
     def _conditions(self, pending: list[tuple[Any, list[Any]]], discretisation: Discretisation) -> list[list[Any]]:
         """The variables of equations that hold at the first point of a set in any case."""

@@ -10,18 +10,22 @@ from typing import Any
 
 from pyomo.common.config import ConfigDict, ConfigValue, In, PositiveInt
 from pyomo.common.gc_manager import PauseGC
+from pyomo.common.modeling import unique_component_name
 from pyomo.core.base import Transformation, TransformationFactory
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.var import Var
+from pyomo.core.expr import LinearExpression
 from pyomo.dae import ContinuousSet
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.failures import undone_on_failure
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, find_scheme
+from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
 from .discretisation import discretisations_on, discretise, finalise, rebuild_rows, undo_discretisation
-from .fewer_points import add_interpolation
 from .record import discretisation_of
-from .structure import axes_of, continuous_sets, spots
+from .structure import axes_of, axis_on, continuous_sets, spots
 from .values import PreviousValues, refuse_later_components
 
 logger = logging.getLogger(__name__)
@@ -135,8 +139,51 @@ class Collocation(Transformation):
         ModelError
             When the set is not discretised, the variable is a state or not indexed by it, or ``ncp`` does not fit.
         """
-        add_interpolation(instance, var, ncp, contset)
+        _add_interpolation(instance, var, ncp, contset)
         return instance
+
+
+def _add_interpolation(model: Any, variable: Any, points: int, domain: Any) -> None:
+    """Make a variable a polynomial through the last points of each element: ``u(t_k) = sum_j l_j(t_k) u(t_j)``."""
+    discretisation = discretisation_of(domain) if getattr(domain, "ctype", None) is ContinuousSet else None
+    if discretisation is None:
+        raise ModelError(
+            f"contset: '{getattr(domain, 'name', domain)}' was not discretised by pyrobocop.collocation. Apply it "
+            "first, and pass the ContinuousSet."
+        )
+    axis = axis_on(variable, domain) if getattr(variable, "ctype", None) is Var else None
+    if axis is None:
+        raise ModelError(
+            f"var: '{getattr(variable, 'name', variable)}' is no variable that is indexed by '{domain.name}'."
+        )
+    scheme, stages = discretisation.grid.scheme, discretisation.grid.scheme.stages
+    if not isinstance(points, int) or not 1 <= points <= stages:
+        raise ModelError(
+            f"'{variable.name}': ncp = {points!r}, but '{domain.name}' has {stages} points in each element. Give a "
+            f"whole number from 1 to {stages}."
+        )
+    if points == stages:
+        return
+    if discretisation.grid.elements_share_points:
+        raise ModelError(
+            f"'{variable.name}': with {scheme.name} neighbouring elements share a point, so that no element has values "
+            "of its own. Choose radau or gauss."
+        )
+    if not discretisation.state_ids().isdisjoint(map(id, variable.values())):
+        raise ModelError(
+            f"'{variable.name}': has a derivative with respect to '{domain.name}', whose equations need all of its "
+            "values. Only controls and algebraics can have fewer."
+        )
+    weights = evaluation_matrix(scheme.c[-points:], scheme.c[:-points]).tolist()
+    rows = Constraint(variable.index_set())
+    model.add_component(unique_component_name(model, f"{variable.local_name}_interpolation_constraints"), rows)
+    first = discretisation.grid.points[0]
+    for others in [axis.others(index) for index in variable if axis.time(index) == first]:
+        for times in discretisation.grid.stage_times:
+            free = [variable[axis.join(others, time)] for time in times[-points:]]
+            for time, row in zip(times[:-points], weights, strict=True):
+                index = axis.join(others, time)
+                rows.add(index, (LinearExpression(linear_vars=[variable[index], *free], linear_coefs=[-1.0, *row]), 0))
 
 
 def _discretise(domain: Any, discretisation: Any, points: tuple[float, ...], grid: Any, substitutes: bool) -> None:

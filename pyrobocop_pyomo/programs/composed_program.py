@@ -17,7 +17,7 @@ import logging
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import count
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from pyomo.core.base.constraint import ConstraintData
@@ -35,19 +35,13 @@ from .vectorised_program import ArgumentRows, VectorisedProgram
 logger = logging.getLogger(__name__)
 
 
-class Composition(NamedTuple):
-    """A program with what its variables and rows are in the user's model."""
-
-    nlp: VectorisedProgram | ComposedProgram
-    variables: list[VarData]
-    constraints: list[ConstraintData]
-
-
-def vectorised_composition(terms: ModelTerms) -> Composition:
-    """The program of a model whose expressions are evaluated by vectorised functions."""
+def vectorised_composition(
+    terms: ModelTerms,
+) -> tuple[VectorisedProgram | ComposedProgram, list[VarData], list[ConstraintData]]:
+    """The program of a model whose expressions are evaluated by vectorised functions, its variables and its rows."""
     main = VectorisedProgram(terms)
     if not terms.calls.calls:
-        return Composition(main, terms.variables, terms.constraints)
+        return main, terms.variables, terms.constraints
     outputs = [variable for call in terms.calls.calls for variable in call.outputs.values()]
     of_calls = set(map(id, outputs))
     x = [variable for variable in terms.variables if id(variable) not in of_calls]
@@ -57,7 +51,7 @@ def vectorised_composition(terms: ModelTerms) -> Composition:
         Level(arguments, _points(calls, place_of), columns, len(place_of))
         for calls, arguments in zip(terms.calls.levels, main.arguments, strict=True)
     ]
-    return Composition(ComposedProgram(main, columns, len(x), len(outputs), levels), x, terms.constraints)
+    return ComposedProgram(main, columns, len(x), len(outputs), levels), x, terms.constraints
 
 
 @dataclass(frozen=True, eq=False)
