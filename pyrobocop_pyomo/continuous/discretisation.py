@@ -121,7 +121,7 @@ def _discretise(
 
 def _show_values(root: Any, rows: HoldingRows, discretisation: Discretisation, added: set[int]) -> None:
     """Give values to variables without one, as far as that restricts nothing else; fix the others to None."""
-    absent = rows.values.absent
+    absent = rows.absent
     in_pairs = absent.keys() & {key for _, ids in rows.first_pairs for key in ids}
     alone = {key: place for key, place in absent.items() if key not in in_pairs}
     sources = find_shown_values(list(spots(root)), alone, rows.used - in_pairs)
@@ -131,7 +131,7 @@ def _show_values(root: Any, rows: HoldingRows, discretisation: Discretisation, a
     for part, ids in parts:
         if hold.keys() >= set(map(id, part)) and rows.asked_for.isdisjoint(ids):
             continue  # with the values that controls show
-        if all(rows.values.is_first(*absent[key][1:]) for key in ids):
+        if all(rows.is_first(*absent[key][1:]) for key in ids):
             # The model may fix later what is left to choose, and an implicit equation of derivatives gives them.
             hold.update((id(row), row) for row in part)
             for key in rows.given_by_shown_values(part, ids, sources.keys(), definitions) or ids:

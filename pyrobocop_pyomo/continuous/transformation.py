@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import heapq
 import logging
 from collections.abc import Sequence
 from itertools import pairwise
@@ -91,14 +90,16 @@ class Collocation(Transformation):
         scheme = find_scheme(config.scheme, config.ncp)
         with PauseGC():
             domains = _domains(model, config.wrt)
-            before = [(domain, discretisation_of(domain)) for domain in domains]
-            finished: list[Any] = []
-            with undone_on_failure(lambda: _undo_all(finished[:-1])):  # the last one, which failed, is as it was
-                for domain, discretisation in before:
-                    points = tuple(domain) if discretisation is None else discretisation.points
+            replaced: list[tuple[Any, Any, Any]] = []
+            with undone_on_failure(lambda: _restore(replaced)):
+                for domain in domains:
+                    known, previous, points = discretisation_of(domain), None, tuple(domain)
+                    if known is not None:
+                        refuse_later_components(known)
+                        previous, points = PreviousValues(list(spots(model.model())), known), known.points
                     grid = make_grid(domain, points, scheme, config.nfe, config.mesh)
-                    finished.append((domain, discretisation))
-                    _discretise(domain, discretisation, points, grid, config.derivatives == "substitute")
+                    replaced.append((domain, known, previous))
+                    _replace(domain, (points, grid, config.derivatives == "substitute"), previous)
             for discretisation in discretisations_on(model.model()):
                 finalise(discretisation)
         for domain in domains:
@@ -186,34 +187,24 @@ def _add_interpolation(model: Any, variable: Any, points: int, domain: Any) -> N
                 rows.add(index, (LinearExpression(linear_vars=[variable[index], *free], linear_coefs=[-1.0, *row]), 0))
 
 
-def _discretise(domain: Any, discretisation: Any, points: tuple[float, ...], grid: Any, substitutes: bool) -> None:
-    if discretisation is None:
-        discretise(domain, points, grid, substitutes)
-        return
-    refuse_later_components(discretisation)
-    previous = PreviousValues(list(spots(domain.model())), discretisation)
-    undo_discretisation(discretisation)
-    before = discretisation.grid, discretisation.substitutes, previous
-    with undone_on_failure(lambda: finalise(discretise(domain, points, *before))):
-        discretise(domain, points, grid, substitutes, previous)
-
-
-def _undo_all(finished: list[tuple[Any, Any]]) -> None:
-    for domain, discretisation in reversed(finished):
-        _undo(domain, discretisation)
-
-
-def _undo(domain: Any, discretisation: Any) -> None:
+def _replace(domain: Any, settings: tuple[Any, Any, bool] | None, previous: Any) -> None:
+    """Discretise a set afresh, or undo its discretisation."""
     current = discretisation_of(domain)
     if current is not None:
-        previous = PreviousValues(list(spots(domain.model())), current)
         undo_discretisation(current)
+    if settings is not None:
+        discretise(domain, *settings, previous)
+    else:
         others = discretisations_on(domain.model())
         rebuild_rows(others, [other for other in others if other.substitutions])
-        if discretisation is not None:
-            finalise(
-                discretise(domain, discretisation.points, discretisation.grid, discretisation.substitutes, previous)
-            )
+
+
+def _restore(replaced: list[tuple[Any, Any, Any]]) -> None:
+    for domain, known, previous in reversed(replaced):
+        if discretisation_of(domain) is not known:
+            _replace(domain, None if known is None else (known.points, known.grid, known.substitutes), previous)
+    for discretisation in discretisations_on(replaced[0][0].model()) if replaced else ():
+        finalise(discretisation)
 
 
 def _domains(model: Any, wrt: Any) -> list[Any]:
@@ -316,13 +307,10 @@ def _refined(domain: Any, points: Sequence[float], elements: int) -> list[float]
         logger.warning(
             "'%s': has %d points of its own, hence %d elements instead of %d", domain.name, given + 1, given, elements
         )
-    gaps = [(-(right - left), i, 1) for i, (left, right) in enumerate(pairwise(points))]
-    heapq.heapify(gaps)
+    widths = [right - left for left, right in pairwise(points)]
     parts = [1] * given
     for _ in range(elements - given):
-        _, i, count = heapq.heappop(gaps)
-        parts[i] = count + 1
-        heapq.heappush(gaps, (-(points[i + 1] - points[i]) / (count + 1), i, count + 1))
+        parts[max(range(given), key=lambda i: widths[i] / parts[i])] += 1
     boundaries = [float(points[0])]
     for i, count in enumerate(parts):
         boundaries += Mesh.uniform(points[i], points[i + 1], count).boundaries[1:]
