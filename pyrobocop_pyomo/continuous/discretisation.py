@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from pyomo.core.base.expression import Expression
@@ -167,8 +168,6 @@ def undo_discretisation(discretisation: Discretisation) -> None:
         if not data.fixed or data.value is None:  # otherwise the user has fixed it since
             data.unfix()
             data.set_value(number, skip_validation=True)
-    for data in discretisation.initialised:
-        data.set_value(None, skip_validation=True)
     for data, formula in discretisation.formulas:
         data.set_value(formula)
     kept = set(discretisation.points)
@@ -183,18 +182,13 @@ def undo_discretisation(discretisation: Discretisation) -> None:
     discretisation_record_of(domain).discretisations.pop(domain, None)
 
 
-def _states_of(found: list[Spot], domain: Any) -> list[Any]:
-    along = derivatives_along(found, domain)
-    return [
-        state
-        for variable, by_order in along
-        for state in (variable, *(by_order[order] for order in by_order if order < max(by_order)))
-    ]
-
-
 def _inherit(found: list[Spot], discretisation: Discretisation) -> None:
     old, points = set(discretisation.points), frozenset(discretisation.grid.points)
-    discretisation.states = _states_of(found, discretisation.domain)
+    discretisation.states = [
+        state
+        for variable, by_order in derivatives_along(found, discretisation.domain)
+        for state in (variable, *(by_order[order] for order in by_order if order < max(by_order)))
+    ]
     states = discretisation.state_ids()
     along: dict[Any, Family] = {}
     for spot in found:
@@ -229,14 +223,8 @@ def _mark_pairs(found: list[Spot], discretisation: Discretisation) -> None:
                     data.set_weight(weights[time])
 
 
-class _ReferenceToDerivative:
-    """The reference from a variable to its derivative: a pickle can hold it, and a clone follows it."""
-
-    def __init__(self, component: Any) -> None:
-        self.component = component
-
-    def __call__(self) -> Any:
-        return self.component
+def _itself(component: Any) -> Any:
+    return component
 
 
 def finalise(discretisation: Discretisation) -> None:
@@ -259,8 +247,9 @@ def finalise(discretisation: Discretisation) -> None:
         component = spot.component
         if isinstance(component, DerivativeVar):
             known = component.get_state_var()._derivative
-            known[tuple(sorted(str(along) for along in component.get_continuousset_list()))] = _ReferenceToDerivative(
-                component
+            known[tuple(sorted(str(along) for along in component.get_continuousset_list()))] = partial(
+                _itself,
+                component,  # a pickle can hold it, and a clone follows it
             )
             if component.ctype is DerivativeVar and component.is_fully_discretized():
                 component.parent_block().reclassify_component_type(component, Var)

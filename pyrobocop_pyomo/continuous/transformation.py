@@ -140,51 +140,44 @@ class Collocation(Transformation):
         ModelError
             When the set is not discretised, the variable is a state or not indexed by it, or ``ncp`` does not fit.
         """
-        _add_interpolation(instance, var, ncp, contset)
+        discretisation = discretisation_of(contset) if getattr(contset, "ctype", None) is ContinuousSet else None
+        if discretisation is None:
+            raise ModelError(
+                f"contset: '{getattr(contset, 'name', contset)}' was not discretised by pyrobocop.collocation. Apply "
+                "it first, and pass the ContinuousSet."
+            )
+        axis = axis_on(var, contset) if getattr(var, "ctype", None) is Var else None
+        if axis is None:
+            raise ModelError(f"var: '{getattr(var, 'name', var)}' is no variable that is indexed by '{contset.name}'.")
+        scheme, stages = discretisation.grid.scheme, discretisation.grid.scheme.stages
+        if not isinstance(ncp, int) or not 1 <= ncp <= stages:
+            raise ModelError(
+                f"'{var.name}': ncp = {ncp!r}, but '{contset.name}' has {stages} points in each element. Give a "
+                f"whole number from 1 to {stages}."
+            )
+        if ncp == stages:
+            return instance
+        if discretisation.grid.elements_share_points:
+            raise ModelError(
+                f"'{var.name}': with {scheme.name} neighbouring elements share a point, so that no element has values "
+                "of its own. Choose radau or gauss."
+            )
+        if not discretisation.state_ids().isdisjoint(map(id, var.values())):
+            raise ModelError(
+                f"'{var.name}': has a derivative with respect to '{contset.name}', whose equations need all of its "
+                "values. Only controls and algebraics can have fewer."
+            )
+        weights = evaluation_matrix(scheme.c[-ncp:], scheme.c[:-ncp]).tolist()
+        rows = Constraint(var.index_set())
+        instance.add_component(unique_component_name(instance, f"{var.local_name}_interpolation_constraints"), rows)
+        first = discretisation.grid.points[0]
+        for others in [axis.others(index) for index in var if axis.time(index) == first]:
+            for times in discretisation.grid.stage_times:
+                free = [var[axis.join(others, time)] for time in times[-ncp:]]
+                for time, row in zip(times[:-ncp], weights, strict=True):
+                    index = axis.join(others, time)
+                    rows.add(index, (LinearExpression(linear_vars=[var[index], *free], linear_coefs=[-1.0, *row]), 0))
         return instance
-
-
-def _add_interpolation(model: Any, variable: Any, points: int, domain: Any) -> None:
-    """Make a variable a polynomial through the last points of each element: ``u(t_k) = sum_j l_j(t_k) u(t_j)``."""
-    discretisation = discretisation_of(domain) if getattr(domain, "ctype", None) is ContinuousSet else None
-    if discretisation is None:
-        raise ModelError(
-            f"contset: '{getattr(domain, 'name', domain)}' was not discretised by pyrobocop.collocation. Apply it "
-            "first, and pass the ContinuousSet."
-        )
-    axis = axis_on(variable, domain) if getattr(variable, "ctype", None) is Var else None
-    if axis is None:
-        raise ModelError(
-            f"var: '{getattr(variable, 'name', variable)}' is no variable that is indexed by '{domain.name}'."
-        )
-    scheme, stages = discretisation.grid.scheme, discretisation.grid.scheme.stages
-    if not isinstance(points, int) or not 1 <= points <= stages:
-        raise ModelError(
-            f"'{variable.name}': ncp = {points!r}, but '{domain.name}' has {stages} points in each element. Give a "
-            f"whole number from 1 to {stages}."
-        )
-    if points == stages:
-        return
-    if discretisation.grid.elements_share_points:
-        raise ModelError(
-            f"'{variable.name}': with {scheme.name} neighbouring elements share a point, so that no element has values "
-            "of its own. Choose radau or gauss."
-        )
-    if not discretisation.state_ids().isdisjoint(map(id, variable.values())):
-        raise ModelError(
-            f"'{variable.name}': has a derivative with respect to '{domain.name}', whose equations need all of its "
-            "values. Only controls and algebraics can have fewer."
-        )
-    weights = evaluation_matrix(scheme.c[-points:], scheme.c[:-points]).tolist()
-    rows = Constraint(variable.index_set())
-    model.add_component(unique_component_name(model, f"{variable.local_name}_interpolation_constraints"), rows)
-    first = discretisation.grid.points[0]
-    for others in [axis.others(index) for index in variable if axis.time(index) == first]:
-        for times in discretisation.grid.stage_times:
-            free = [variable[axis.join(others, time)] for time in times[-points:]]
-            for time, row in zip(times[:-points], weights, strict=True):
-                index = axis.join(others, time)
-                rows.add(index, (LinearExpression(linear_vars=[variable[index], *free], linear_coefs=[-1.0, *row]), 0))
 
 
 def _replace(domain: Any, settings: tuple[Any, Any, bool] | None, previous: Any) -> None:
