@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
+import numpy as np
 from pyomo.common.collections import ComponentMap
 from pyomo.common.modeling import unique_component_name
 from pyomo.core.base.block import Block
@@ -33,6 +34,7 @@ from pyrobocop_pyomo.modeling.bulk_parts import new_row, put_part
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.transcription import collocation_rows, continuity_rows
 
+from .expansion import set_initial_value
 from .record import Discretisation, Substitution, open_sets
 from .row_variables import row_variables
 from .structure import PAIRS, Axis, Spot, axes_of, axis_on, continuous_sets, variables_of_row
@@ -125,6 +127,10 @@ def _add_rows(
         if will_grow:
             line_rows.known = frozenset(lines)
             rows._rule = Initializer(line_rows)
+    for others in lines:
+        _initialise_rates(
+            _along(state, axis, others, grid.times), _along(rate, axis, others, grid.points), discretisation
+        )
 
 
 class LineRows:
@@ -215,6 +221,23 @@ def _widths(state: Any, rate: Any, grid: Grid) -> list[Any]:
         return widths
     unit = (1.0 if above is None else above) / (1.0 if below is None else below)
     return [width * unit for width in widths]
+
+
+def _initialise_rates(states: dict[float, Any], rates: dict[float, Any], discretisation: Discretisation) -> None:
+    """Give derivatives without a value the slopes of their states' initial values."""
+    if any(variable.value is not None or variable.fixed for variable in rates.values()) or any(
+        variable.value is None for variable in states.values()
+    ):
+        return
+    grid, scheme = discretisation.grid, discretisation.grid.scheme
+    if isinstance(next(iter(rates.values())).parent_component(), DerivativeVar):
+        discretisation.initialised += rates.values()
+    values = np.array([[states[time].value for time in nodes] for nodes in grid.node_times])
+    increments = scheme.D @ (values / grid.mesh.widths[:, None]).T
+    slopes = np.linalg.lstsq(scheme.F, increments, rcond=None)[0].T
+    for stages, row in zip(grid.stage_times, slopes.tolist(), strict=True):
+        for time, slope in zip(stages, row, strict=True):
+            set_initial_value(rates[time], slope)
 
 
 def explicit_candidates(discretisation: Discretisation, open_ids: set[int]) -> dict[int, Any]:

@@ -168,6 +168,8 @@ def undo_discretisation(discretisation: Discretisation) -> None:
         if not data.fixed or data.value is None:  # otherwise the user has fixed it since
             data.unfix()
             data.set_value(number, skip_validation=True)
+    for data in discretisation.initialised:
+        data.set_value(None, skip_validation=True)
     for data, formula in discretisation.formulas:
         data.set_value(formula)
     kept = set(discretisation.points)

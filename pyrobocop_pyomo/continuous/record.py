@@ -46,6 +46,8 @@ class Discretisation:
         Variables of the user's without a value of their own, because they stand at no collocation point.
     shown : list of (variable, variable, tuple of variable)
         Variables among those without a value of their own, the one whose value they show, and what follows from it.
+    initialised : list of Var
+        Derivatives that had no value and were given an initial one.
     formulas : list of (integral, expression)
         What integrals were before.
     substitutions : list of Substitution
@@ -67,6 +69,7 @@ class Discretisation:
     deactivated: list[Any] = field(default_factory=list)
     cleared: list[tuple[Any, float | None]] = field(default_factory=list)
     shown: list[tuple[Any, Any, tuple[Any, ...]]] = field(default_factory=list)
+    initialised: list[Any] = field(default_factory=list)
     formulas: list[tuple[Any, Any]] = field(default_factory=list)
     substitutions: list[Substitution] = field(default_factory=list)
     states: list[Any] = field(default_factory=list)

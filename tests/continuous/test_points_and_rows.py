@@ -87,9 +87,10 @@ def test_fixing_a_state_at_both_ends_is_a_boundary_condition():
 def test_guesses_are_those_of_the_declaration_or_interpolated():
     m = tank(initialize=lambda m, t: t**2)
     m.x[0].value, m.x[2].value = 5, 9
-    COLLOCATION.apply_to(m, nfe=4)
+    COLLOCATION.apply_to(m, nfe=4, derivatives="keep")
     assert all(m.u[t].value == t**2 for t in m.t if t > 0)
     assert all(x.value == pytest.approx(5 + 2 * t) for t, x in m.x.items())
+    assert all(m.dx[t].value == pytest.approx(2) for t in m.t if t > 0)
 
 
 def test_deactivated_components_stay_so():
