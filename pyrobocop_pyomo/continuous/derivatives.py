@@ -21,10 +21,11 @@ from pyomo.common.collections import ComponentMap
 from pyomo.common.modeling import unique_component_name
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
-from pyomo.core.base.expression import Expression
+from pyomo.core.base.expression import Expression, ExpressionData
 from pyomo.core.base.initializer import Initializer
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
+from pyomo.core.expr.numvalue import value as numeric_value
 from pyomo.dae import DerivativeVar
 from pyomo.gdp import Disjunct
 
@@ -34,10 +35,8 @@ from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.transcription import collocation_rows, continuity_rows
 
 from .expansion import set_initial_value
-from .line_ends import closing_rows, rows_from_left
-from .record import Discretisation, LineEnds, Substitution, open_sets
-from .right_hand_side import RightHandSide
-from .row_variables import RowVariables, row_variables
+from .record import Discretisation, Substitution, open_sets
+from .row_variables import row_variables
 from .structure import PAIRS, Axis, Spot, axes_of, axis_on, continuous_sets, variables_of_row
 
 
@@ -55,26 +54,26 @@ def derivatives_along(spots: list[Spot], domain: Any) -> list[tuple[Any, dict[in
     return list(found.values())
 
 
-def add_collocation(discretisation: Discretisation, spots: list[Spot], deferred: bool = False) -> None:
+def add_collocation(discretisation: Discretisation, spots: list[Spot], alone: bool = False) -> None:
     """Add the rows of every derivative along a set, beside the derivative.
 
     Parameters
     ----------
-    deferred : bool
-        Leave the rows to `finish_rows`, which writes those that no substitution has written before.
+    alone : bool
+        Whether no other set is discretised. Nobody then reads the rows before `finish_rows`, which writes those that no
+        substitution has written before.
     """
     homes: dict[int, Any] = {}
     open_ids = open_sets(continuous_sets(spots))
     discretisation.states, discretisation.derivatives, discretisation.rows = [], [], ComponentMap()
     discretisation.joints.clear()
-    discretisation.deferred.clear()
     for variable, by_order in derivatives_along(spots, discretisation.domain):
         levels = [variable]
         for order in range(1, max(by_order) + 1):
             nearest = by_order[min(known for known in by_order if known >= order)]
             home = _home(discretisation, nearest.parent_block(), homes)
             levels.append(by_order[order] if order in by_order else _between(home, variable, nearest, order))
-            _add_rows(home, levels[-2], levels[-1], discretisation, deferred, open_ids)
+            _add_rows(home, levels[-2], levels[-1], discretisation, alone, open_ids)
             discretisation.states.append(levels[-2])
             discretisation.derivatives.append((levels[-2], levels[-1]))
 
@@ -86,7 +85,6 @@ def remove_collocation(discretisation: Discretisation) -> None:
         if parent is not None:
             parent.del_component(block)
     discretisation.generated.clear()
-    discretisation.deferred.clear()
 
 
 def _home(discretisation: Discretisation, parent: Any, homes: dict[int, Any]) -> Any:
@@ -107,50 +105,36 @@ def _between(home: Any, variable: Any, derivative: Any, order: int) -> Any:
 
 
 def _add_rows(
-    home: Any, state: Any, rate: Any, discretisation: Discretisation, deferred: bool, open_ids: set[int]
+    home: Any, state: Any, rate: Any, discretisation: Discretisation, alone: bool, open_ids: set[int]
 ) -> None:
     grid, axis = discretisation.grid, axis_on(rate, discretisation.domain)
     assert axis is not None
-    rows = Constraint(rate.index_set())
-    home.add_component(unique_component_name(home, rate.local_name), rows)
-    discretisation.rows[rate] = rows
-    joints = closing = None
-    if not grid.scheme.end_is_a_node:
-        joints = Constraint(rate.index_set())
-        home.add_component(unique_component_name(home, f"{state.local_name}_continuity"), joints)
-        discretisation.joints.append((state, joints))
-    known = discretisation.ends.get(rate)
-    if known is not None:
-        closing = Constraint(rate.index_set())
-        home.add_component(unique_component_name(home, f"{rate.local_name}_closing"), closing)
-        deferred = False
-    if deferred:
-        discretisation.deferred.append((state, rate))
     lines = _others(rate, axis, grid.times[0])
+    # Where pyomo.dae discretises another set later, it asks a rule for rows on the new lines.
+    will_grow = any(other != axis and id(other.domain) in open_ids for other in axes_of(rate))
+    names = [rate.local_name] if grid.scheme.end_is_a_node else [rate.local_name, f"{state.local_name}_continuity"]
+    for name in names:
+        rows = Constraint(rate.index_set())
+        home.add_component(unique_component_name(home, name), rows)
+        line_rows = LineRows(state, rate, grid, axis, name != names[0])
+        if name != names[0]:
+            discretisation.joints.append((state, rows))
+        else:
+            discretisation.rows[rate] = rows
+        if not alone or name != names[0]:
+            for others in lines:
+                line_rows.write(rows, others)
+        if will_grow:
+            line_rows.known = frozenset(lines)
+            rows._rule = Initializer(line_rows)
     for others in lines:
-        ends = discretisation.ends_of(rate, others)
-        times = grid.times[:-1] if ends.from_left else grid.points
-        states, rates = _along(state, axis, others, grid.times), _along(rate, axis, others, times)
-        if not deferred:
-            _write(rows, states, rates, grid, _widths(state, rate, grid), axis, others, ends.from_left)
-        if joints is not None:
-            for time, row in continuity_rows(states, grid):
-                joints.add(axis.join(others, time), row)
-        if closing is not None:
-            for time, row in closing_rows(rates, grid, ends.without):
-                new_row(closing, axis.join(others, time), row)
-        if not ends.from_left:
-            _initialise_rates(states, rates, discretisation)
-    if any(other != axis and id(other.domain) in open_ids for other in axes_of(rate)):
-        # Where pyomo.dae discretises the other set later, it asks the rule for rows on the new lines.
-        for kind, constraint in (("rows", rows), ("joints", joints), ("closing", closing)):
-            if constraint is not None:
-                ends = LineEnds() if known is None else known.elsewhere
-                constraint._rule = Initializer(RowsOfNewLines(state, rate, grid, axis, lines, ends, kind))
+        _initialise_rates(
+            _along(state, axis, others, grid.times), _along(rate, axis, others, grid.points), discretisation
+        )
 
 
-class RowsOfNewLines:
-    """A rule that gives the rows of a derivative for indices of another continuous set that are new.
+class LineRows:
+    """The rows of a derivative along a set, for one choice of its other indices after the other.
 
     Parameters
     ----------
@@ -158,38 +142,42 @@ class RowsOfNewLines:
     grid : Grid
     axis : Axis
         Of the set that the grid is on.
-    lines : iterable of index
-        Indices of the other sets that have their rows already.
-    ends : LineEnds
-    kind : str
-        "rows", "joints" or "closing".
+    are_joints : bool
+        Whether they are the rows that join elements whose last stage is not the end.
+
+    Attributes
+    ----------
+    known : frozenset of index
+        Other indices whose rows are not to be given to Pyomo again.
     """
 
-    def __init__(
-        self, state: Any, rate: Any, grid: Grid, axis: Axis, lines: Iterable[Any], ends: LineEnds, kind: str
-    ) -> None:
-        self._state, self._rate, self._grid, self._axis = state, rate, grid, axis
-        self._known, self._ends, self._kind = frozenset(lines), ends, kind
+    def __init__(self, state: Any, rate: Any, grid: Grid, axis: Axis, are_joints: bool) -> None:
+        self._state, self._rate, self._grid, self._axis, self._are_joints = state, rate, grid, axis, are_joints
+        self.known: frozenset[Any] = frozenset()
         self._line: tuple[Any, dict[float, Any]] = (self, {})
 
+    def of(self, others: Any, rates: Mapping[float, Any] | None = None) -> Iterable[tuple[float, Any]]:
+        """Time and row of each, with other expressions in place of the derivative where they are given."""
+        states = _along(self._state, self._axis, others, self._grid.times)
+        if self._are_joints:
+            return continuity_rows(states, self._grid)
+        if rates is None:
+            rates = _along(self._rate, self._axis, others, self._grid.points)
+        return collocation_rows(states, rates, self._grid, _widths(self._state, self._rate, self._grid))
+
+    def write(self, rows: Any, others: Any, rates: Mapping[float, Any] | None = None) -> None:
+        """Put them into a constraint."""
+        for time, row in self.of(others, rates):
+            new_row(rows, self._axis.join(others, time), row)
+
     def __call__(self, block: Any, *index: Any) -> Any:
-        """The row at an index; `Constraint.Skip` where the grid has none."""
+        """As the rule of the constraint, for indices of another set that are new."""
         others, time = self._axis.others(index), self._axis.time(index)
-        if others in self._known:
+        if others in self.known:
             return Constraint.Skip
         if self._line[0] != others:
-            self._line = (others, dict(self._rows_of(others)))
+            self._line = (others, dict(self.of(others)))
         return self._line[1].get(time, Constraint.Skip)
-
-    def _rows_of(self, others: Any) -> Iterable[tuple[float, Any]]:
-        states = _along(self._state, self._axis, others, self._grid.times)
-        if self._kind == "joints":
-            return continuity_rows(states, self._grid)
-        rates = _along(self._rate, self._axis, others, self._grid.times)
-        if self._kind == "closing":
-            return closing_rows(rates, self._grid, self._ends.without)
-        make = rows_from_left if self._ends.from_left else collocation_rows
-        return make(states, rates, self._grid, _widths(self._state, self._rate, self._grid))
 
 
 def rewrite_rows(discretisation: Discretisation, state: Any, rate: Any, sides: Mapping[Any, Any]) -> Any:
@@ -199,27 +187,19 @@ def rewrite_rows(discretisation: Discretisation, state: Any, rate: Any, sides: M
     # Where there are several sets, those that would hold absent values are gone already.
     holding = set(rows)
     rows.clear()
+    line_rows = LineRows(state, rate, grid, axis, False)
     for others in dict.fromkeys(axis.others(index) for index in sides):
-        states = _along(state, axis, others, grid.times)
-        rates = {time: sides[axis.join(others, time)] for time in grid.points}
-        _write(rows, states, rates, grid, _widths(state, rate, grid), axis, others, False)
+        line_rows.write(rows, others, {time: sides[axis.join(others, time)] for time in grid.points})
     for index in [index for index in rows if holding and index not in holding]:
         del rows[index]
-    discretisation.deferred = [waiting for waiting in discretisation.deferred if waiting[1] is not rate]
     return rows.parent_block()
 
 
 def finish_rows(discretisation: Discretisation) -> None:
     """Write the rows that `add_collocation` has left out and no substitution has written."""
-    for state, rate in list(discretisation.deferred):
-        rewrite_rows(discretisation, state, rate, rate)
-
-
-def _write(
-    rows: Any, states: Any, rates: Any, grid: Grid, widths: list[Any], axis: Axis, others: Any, from_left: bool
-) -> None:
-    for time, row in (rows_from_left if from_left else collocation_rows)(states, rates, grid, widths):
-        new_row(rows, axis.join(others, time), row)
+    for state, rate in discretisation.derivatives:
+        if not discretisation.rows[rate]:
+            rewrite_rows(discretisation, state, rate, rate)
 
 
 def _others(component: Any, axis: Axis, time: float) -> list[Any]:
@@ -266,7 +246,6 @@ def explicit_candidates(discretisation: Discretisation, open_ids: set[int]) -> d
         id(data): data
         for _, derivative in discretisation.derivatives
         if isinstance(derivative, DerivativeVar) and not derivative.is_reference()
-        if derivative not in discretisation.ends
         # On a set that is still to be discretised there will be more of them.
         if not any(id(axis.domain) in open_ids for axis in axes_of(derivative))
         for data in derivative.values()
@@ -281,7 +260,7 @@ def substitute_derivatives(discretisation: Discretisation, found: list[Spot]) ->
     """Replace all derivatives that are given explicitly by their right-hand sides."""
     candidates = explicit_candidates(discretisation, open_sets(continuous_sets(found)))
     own = {id(rows) for rows in discretisation.generated_constraints()}
-    explicit = _explicit_rows(found, candidates, own, discretisation.in_rows)
+    explicit = _explicit_rows(found, candidates, own)
     for state, derivative in list(discretisation.derivatives):
         needed = [data for data in derivative.values() if not (data.fixed and data.value is None)]
         if (
@@ -306,9 +285,7 @@ def restore_derivatives(discretisation: Discretisation) -> None:
     discretisation.substitutions.clear()
 
 
-def _explicit_rows(
-    found: list[Spot], candidates: dict[int, Any], own: set[int], known: Mapping[int, RowVariables]
-) -> dict[int, tuple[Any, Any]]:
+def _explicit_rows(found: list[Spot], candidates: dict[int, Any], own: set[int]) -> dict[int, tuple[Any, Any]]:
     """The row and the right-hand side of each candidate that one row gives and nothing else holds."""
     explicit: dict[int, tuple[Any, Any]] = {}
     elsewhere: set[int] = set()
@@ -325,10 +302,8 @@ def _explicit_rows(
             pairs = (data for data in component.values() if data.active)
             elsewhere.update(id(variable) for data in pairs for variable in variables_of_row(data))
             continue
-        held = known.get(id(component))
-        if held is None:
-            rows = (data for data in component.values() if component.ctype is Expression or data.active)
-            held = row_variables(rows, candidates)
+        rows = (data for data in component.values() if component.ctype is Expression or data.active)
+        held = row_variables(rows, candidates)
         elsewhere |= held.elsewhere
         for key, said in held.given.items():
             if unconditional and key in candidates and key not in explicit:
@@ -374,3 +349,40 @@ def _substitute(
         index = data.index()  # the indices are those of the derivative
         put_part(expression, index, RightHandSide(sides[index], expression, data, row))
     discretisation.substitutions.append(Substitution(parent, name, derivative, expression, rows, values))
+
+
+class RightHandSide(ExpressionData):
+    """The right-hand side that replaces a derivative; it has a value, and can be fixed, as a variable can.
+
+    Fixing activates the equation ``dx[t] == f``, with the derivative in it as a fixed variable: a condition, such as a
+    steady start. So it does not matter whether a derivative is fixed before or after the transformation.
+    """
+
+    __slots__ = ("_derivative", "_row")
+
+    def __init__(self, side: Any, component: Any, derivative: Any, row: Any) -> None:
+        super().__init__(side, component)
+        self._derivative = derivative
+        self._row = row
+
+    @property
+    def value(self) -> float | None:
+        """The value of the derivative; None where something in it has none."""
+        return self._derivative.value if self.fixed else numeric_value(self, exception=False)
+
+    @property
+    def fixed(self) -> bool:
+        """Whether the derivative is fixed here."""
+        return bool(self._row.active)
+
+    def fix(self, *value: Any, skip_validation: bool = False) -> None:
+        """Fix the derivative, at a number or at its value."""
+        self._derivative.fix(*(value or (self.value,)), skip_validation=skip_validation)
+        self._row.activate()
+
+    def unfix(self) -> None:
+        """Take back `fix`."""
+        self._row.deactivate()
+        self._derivative.fix(None, skip_validation=True)
+
+    free = unfix

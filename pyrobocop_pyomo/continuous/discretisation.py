@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from pyomo.core.base.expression import Expression
@@ -98,23 +99,20 @@ def _discretise(
         _inherit(found, discretisation)
         record.discretisations[domain] = discretisation
         everything = discretisations_on(root)
-        _write_rows(everything, found, discretisation, previous)
+        for one in everything:
+            remove_collocation(one)
+        for one in everything:
+            add_collocation(one, found, alone=len(everything) == 1)
+        if previous is not None:
+            previous.give_to(list(spots(root)), discretisation)
         for one in everything:
             for integral in integrals_along(found, one.domain):
                 integrate(integral, one, discretisation_record_of(one.domain))
         for possible_sum in possible_sums:
             possible_sum.check(domain)
         rows = HoldingRows(list(spots(root)), everything)
-        if not rows.deactivate_rows(discretisation.deactivated):
-            # Equations are missing at ends of the sets: what holds where is another question with other rows.
-            while discretisation.deactivated:
-                discretisation.deactivated.pop().activate()
-            _write_rows(everything, found, discretisation, previous)
-            rows = HoldingRows(list(spots(root)), everything)
-            rows.deactivate_rows(discretisation.deactivated)
+        rows.deactivate_rows(discretisation.deactivated)
         _show_values(root, rows, discretisation, {id(block) for one in everything for block in one.generated})
-        if len(everything) == 1:
-            discretisation.in_rows = rows.in_rows
         _mark_pairs(found, discretisation)
     except BaseException:
         undo_discretisation(discretisation)
@@ -122,24 +120,9 @@ def _discretise(
     return discretisation
 
 
-def _write_rows(
-    everything: list[Discretisation], found: list[Spot], discretisation: Discretisation, previous: PreviousValues | None
-) -> None:
-    """Write the rows of all discretised sets; the newest starts from the values on its previous mesh."""
-    for one in everything:
-        remove_collocation(one)
-    if previous is not None:
-        previous.give_to(found, discretisation)
-    for one in everything:
-        # With one set nobody reads the rows before the substitution, which writes most of them anew.
-        add_collocation(one, found, deferred=len(everything) == 1)
-    if previous is not None:
-        previous.give_to(list(spots(discretisation.domain.model())), discretisation)
-
-
 def _show_values(root: Any, rows: HoldingRows, discretisation: Discretisation, added: set[int]) -> None:
     """Give values to variables without one, as far as that restricts nothing else; fix the others to None."""
-    absent = rows.values.absent
+    absent = rows.absent
     in_pairs = absent.keys() & {key for _, ids in rows.first_pairs for key in ids}
     alone = {key: place for key, place in absent.items() if key not in in_pairs}
     sources = find_shown_values(list(spots(root)), alone, rows.used - in_pairs)
@@ -149,7 +132,7 @@ def _show_values(root: Any, rows: HoldingRows, discretisation: Discretisation, a
     for part, ids in parts:
         if hold.keys() >= set(map(id, part)) and rows.asked_for.isdisjoint(ids):
             continue  # with the values that controls show
-        if all(map(rows.values.is_like_the_first, ids)):
+        if all(rows.is_first(*absent[key][1:]) for key in ids):
             # The model may fix later what is left to choose, and an implicit equation of derivatives gives them.
             hold.update((id(row), row) for row in part)
             for key in rows.given_by_shown_values(part, ids, sources.keys(), definitions) or ids:
@@ -201,18 +184,13 @@ def undo_discretisation(discretisation: Discretisation) -> None:
     discretisation_record_of(domain).discretisations.pop(domain, None)
 
 
-def _states_of(found: list[Spot], domain: Any) -> list[Any]:
-    along = derivatives_along(found, domain)
-    return [
-        state
-        for variable, by_order in along
-        for state in (variable, *(by_order[order] for order in by_order if order < max(by_order)))
-    ]
-
-
 def _inherit(found: list[Spot], discretisation: Discretisation) -> None:
     old, points = set(discretisation.points), frozenset(discretisation.grid.points)
-    discretisation.states = _states_of(found, discretisation.domain)
+    discretisation.states = [
+        state
+        for variable, by_order in derivatives_along(found, discretisation.domain)
+        for state in (variable, *(by_order[order] for order in by_order if order < max(by_order)))
+    ]
     states = discretisation.state_ids()
     along: dict[Any, Family] = {}
     for spot in found:
@@ -247,14 +225,8 @@ def _mark_pairs(found: list[Spot], discretisation: Discretisation) -> None:
                     data.set_weight(weights[time])
 
 
-class _ReferenceToDerivative:
-    """The reference from a variable to its derivative: a pickle can hold it, and a clone follows it."""
-
-    def __init__(self, component: Any) -> None:
-        self.component = component
-
-    def __call__(self) -> Any:
-        return self.component
+def _itself(component: Any) -> Any:
+    return component
 
 
 def finalise(discretisation: Discretisation) -> None:
@@ -262,8 +234,8 @@ def finalise(discretisation: Discretisation) -> None:
     domain, scheme = discretisation.domain, discretisation.grid.scheme
     if discretisation.substitutes and not discretisation.substitutions:
         substitute_derivatives(discretisation, list(spots(domain.model())))
-    finish_rows(discretisation)
-    discretisation.in_rows = {}
+    if len(discretisations_on(domain.model())) == 1:
+        finish_rows(discretisation)
     found = list(spots(domain.model()))
     family = scheme.name.split("(")[0]
     domain.set_changed(True)
@@ -277,8 +249,9 @@ def finalise(discretisation: Discretisation) -> None:
         component = spot.component
         if isinstance(component, DerivativeVar):
             known = component.get_state_var()._derivative
-            known[tuple(sorted(str(along) for along in component.get_continuousset_list()))] = _ReferenceToDerivative(
-                component
+            known[tuple(sorted(str(along) for along in component.get_continuousset_list()))] = partial(
+                _itself,
+                component,  # a pickle can hold it, and a clone follows it
             )
             if component.ctype is DerivativeVar and component.is_fully_discretized():
                 component.parent_block().reclassify_component_type(component, Var)

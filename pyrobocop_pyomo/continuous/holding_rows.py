@@ -1,36 +1,40 @@
-"""Which rows hold at points that are no collocation points.
+"""What holds and what has a value at points that are no collocation points.
 
-Equations hold at collocation points. Elsewhere only states have a value of their own (`absent_values`), and of the rows
-there hold:
+Equations hold at collocation points. Elsewhere (the first point for Radau, every element boundary for Gauss) only
+states have a value of their own. Of other variables there,
+
+* what the user has fixed at this point keeps its value, and is a condition there;
+* the rest are candidates: the rows that stand there may determine them. `shown_values` has a value for those that no
+  row determines, which are absent.
+
+Of the rows there hold:
 
 * relations of states alone: path constraints at every point, equations at the first (consistency) but not at inner
   boundaries, where there would be more of them than unknowns; conditions that are stated there only stay;
 * equations that determine an algebraic or a derivative from the states (`point_values`), and inequalities of those;
-  with several sets at their first points only;
 * at the first point other equations as well (`shown_values`), since initial conditions may be stated for any variable;
 * no pairs, but at the first point those of variables that these equations leave to choose.
 
-The others are deactivated. With several sets there is more to say: an equation may be missing at the ends of space
-(`line_ends`), and generated rows may be one too many.
+The others are deactivated. With several sets there is more to say: generated rows may be one too many. What is indexed
+by a set that nothing has discretised yet is left as it is, since whoever discretises that set will look at it again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
 from typing import Any
 
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
+from pyomo.core.base.var import Var
+from pyomo.dae import DerivativeVar
 
 from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 
-from .absent_values import AbsentValues
-from .derivatives import explicit_candidates
-from .line_ends import find_line_ends
-from .point_values import PointDecision, columns_that_rows_give, rows_that_hold
-from .record import Discretisation
-from .row_variables import RowVariables, has_a_value, row_variables
-from .structure import PAIRS, Axis, Spot, axes_of, variables_of_row
+from .point_values import HOLDS, UNDECIDED, columns_that_rows_give, rows_that_hold
+from .record import Discretisation, open_sets
+from .structure import PAIRS, Spot, axes_of, continuous_sets, variables_of_row
 
 Pending = tuple[int, Any, list[Any]]  # id of a set, row at one of its points, what the row may determine
 
@@ -46,9 +50,10 @@ class HoldingRows:
 
     Attributes
     ----------
-    values : AbsentValues
-    in_rows : dict of id to RowVariables
-        What the constraints hold whose rows were all looked at; see `deactivate_rows`.
+    candidates : dict of id to (variable, ContinuousSet, point)
+        Variables that the rows at their points may determine, and the first point at which they have no value.
+    absent : dict of id to (variable, ContinuousSet, point)
+        Those of them that no row determines.
     used : set of int
         Ids of the variables in rows that hold.
     undetermined : list of (ConstraintData, variables)
@@ -62,115 +67,124 @@ class HoldingRows:
     def __init__(self, spots: list[Spot], discretisations: Iterable[Discretisation]) -> None:
         self._spots = spots
         self._discretisations = {id(discretisation.domain): discretisation for discretisation in discretisations}
-        self.values = AbsentValues(spots, self._discretisations.values())
-        self._generated = {
-            id(rows)
-            for discretisation in self._discretisations.values()
-            for rows in discretisation.generated_constraints()
-        }
-        self._joints = {
-            id(rows): (key, state)
-            for key, discretisation in self._discretisations.items()
-            for state, rows in discretisation.joints
-        }
-        self._dropped: set[int] = set()  # ids of variables in rows that do not hold
+        everything = self._discretisations.values()
+        self._points = {id(one.domain): frozenset(one.grid.points) for one in everything}
+        sets = continuous_sets(spots)
+        self._open_ids, self._several = open_sets(sets), len(sets) > 1
+        self._generated = {id(rows) for one in everything for rows in one.generated_constraints()}
+        self.candidates: dict[int, tuple[Any, Any, float]] = {}
+        self.absent: dict[int, tuple[Any, Any, float]] = {}
+        self._fixed_rates: dict[int, Any] = {}  # derivatives that the user has fixed at points of this kind, by id
+        self._conditions: set[int] = set()  # ids of other variables that are fixed there, and not everywhere
         self._users: dict[int, Any] = {}  # a row that holds in any case, by the ids of candidates in it
-        self._along: set[Any] | None = None
-        self._explicit = {
-            key
-            for discretisation in self._discretisations.values()
-            for key in explicit_candidates(discretisation, self.values.open_ids)
-        }
-        self.in_rows: dict[int, RowVariables] = {}
+        self._families: set[Any] = set()  # of equations that hold at collocation points
         self.used: set[int] = set()
         self.undetermined: list[tuple[Any, list[Any]]] = []
         self.asked_for: set[int] = set()
         self.first_pairs: list[tuple[Any, Collection[int]]] = []
-        self._refused: ModelError | None = None
+        self._find_candidates()
 
-    def deactivate_rows(self, deactivated: list[Any]) -> bool:
+    # ---------------------------------------------------------------- where things stand
+
+    def _standing(self, spot: Spot) -> Iterator[tuple[Any, Any, tuple[Any, float] | None]]:
+        """Index and data of each member, and the first set with the point of it that is no collocation point."""
+        axes = axes_of(spot.component)
+        sets = {id(domain) for domain, _ in spot.outer} | {id(axis.domain) for axis in axes}
+        is_settled = sets.isdisjoint(self._points) or not sets.isdisjoint(self._open_ids)
+        for index, data in spot.component.items():
+            yield index, data, None if is_settled else next(self._outside(spot.points(index, axes)), None)
+
+    def _outside(self, points: Iterable[tuple[Any, Any]]) -> Iterator[tuple[Any, float]]:
+        for domain, time in points:
+            if id(domain) in self._points and time not in self._points[id(domain)]:
+                yield domain, time
+
+    def is_first(self, domain: Any, time: float) -> bool:
+        """True for the first point of a discretised set."""
+        return time == self._discretisations[id(domain)].grid.times[0]
+
+    def _find_candidates(self) -> None:
+        states = {key: discretisation.state_ids() for key, discretisation in self._discretisations.items()}
+        for spot in self._spots:
+            component = spot.component
+            if component.ctype not in (Var, DerivativeVar) or component.is_reference():
+                continue
+            axes = axes_of(component)
+            for index, data, point in self._standing(spot):
+                places = () if point is None else self._outside(spot.points(index, axes))
+                place = next((place for place in places if id(data) not in states[id(place[0])]), None)
+                if place is None:
+                    continue
+                if not data.fixed or data.value is None:
+                    self.candidates[id(data)] = (data, *place)
+                elif isinstance(component, DerivativeVar):
+                    self._fixed_rates[id(data)] = data
+                elif not component.is_indexed() or not all(other.fixed for other in component.values()):
+                    self._conditions.add(id(data))
+
+    # ---------------------------------------------------------------- rows
+
+    def deactivate_rows(self, deactivated: list[Any]) -> None:
         """Deactivate the rows and pairs that do not hold, and append them to the list; delete the generated ones.
-
-        Returns
-        -------
-        bool
-            False when equations are missing at the ends of a set otherwise than the rows were written for. Then
-            `Discretisation.ends` say how, and everything has to be done once more.
 
         Raises
         ------
         ModelError
-            When what holds, or an objective, needs a variable that is not there.
+            When what holds, or an objective, needs a variable that is not there, or an equation is missing.
         """
         pending: list[Pending] = []
-        inequalities: list[tuple[Any, set[int]]] = []
+        outside: list[tuple[Any, Any, tuple[Any, float], dict[int, Any]]] = []
         for spot in self._spots:
             component = spot.component
             if component.ctype not in (Constraint, Objective, *PAIRS) or not spot.active or component.is_reference():
                 continue
-            axes, generated = axes_of(component), id(component) in self._generated
-            if generated:
+            if id(component) in self._generated:
                 if len(self._discretisations) > 1:
-                    pending += self._delete_generated(component)
+                    pending += self._pending_generated(component)
                 continue
-            outside = {} if self.values.waits(spot, axes) else dict(self.values.members_outside(spot, axes))
-            inside = [data for index, data in component.items() if index not in outside and data.active]
-            self.used |= self._variables_inside(component, inside)
-            kept: list[Any] = []
-            for index, data in outside.items():
+            axes, inside = axes_of(component), []
+            for index, data, point in self._standing(spot):
                 if not data.active:
                     continue
-                variables = {id(variable): variable for variable in variables_of_row(data)}
-                family, point = spot.family(index, axes), self.values.outside(spot.points(index, axes))
-                assert point is not None
-                if (
-                    not self.values.absent.keys().isdisjoint(variables)
-                    or self._follows(data, family, point, variables)
-                    or self._gives_no_value(data, variables)
-                ):
-                    self._dropped |= variables.keys()
-                    if data.ctype in PAIRS and self.values.is_first(*point):
-                        self.first_pairs.append((data, variables.keys()))
-                    self._deactivate(data, deactivated)
-                    continue
-                if not self._is_unsettled(data, family, point, variables):
-                    self.used |= variables.keys()
-                elif data.equality:
-                    pending.append((id(point[0]), data, self._unknowns(variables, point)))
+                if point is None:
+                    inside.append(data)
+                    if component.ctype is Constraint and data.equality and (axes or spot.outer):
+                        self._families.add(spot.family(index, axes))
                 else:
-                    inequalities.append((data, set(variables)))
-                kept.append(data)
-            if kept:
-                self.in_rows.pop(id(component), None)
-        if not self._settle_ends(pending):
-            return False
-        self._settle_start(pending, inequalities, deactivated)
-        if self._refused is not None:
-            raise self._refused
+                    variables = {id(variable): variable for variable in variables_of_row(data)}
+                    outside.append((data, spot.family(index, axes), point, variables))
+            self.used |= self._variables_inside(component, inside)
+        self._refuse_missing_equations(self.used.union(*(variables for _, _, _, variables in outside)))
+        inequalities: list[tuple[Any, set[int]]] = []
+        for data, family, point, variables in outside:
+            if self._follows(data, family, point, variables):
+                if data.ctype in PAIRS and self.is_first(*point):
+                    self.first_pairs.append((data, variables.keys()))
+                self._deactivate(data, deactivated)
+            elif not self._is_unsettled(data, family, point, variables):
+                self.used |= variables.keys()
+            elif data.equality:
+                pending.append((id(point[0]), data, self._unknowns(variables, point)))
+            else:
+                inequalities.append((data, set(variables)))
+        self._settle(pending, inequalities, deactivated)
         self._check_fixed()
-        return True
 
     @staticmethod
     def _deactivate(data: Any, deactivated: list[Any]) -> None:
         data.deactivate()
         deactivated.append(data)
 
-    # ---------------------------------------------------------------- single rows
-
     def _variables_inside(self, component: Any, rows: list[Any]) -> set[int]:
-        """Ids of the variables of rows that hold in any case; none of them may be absent."""
-        absent, candidates = self.values.absent, self.values.candidates
+        """Ids of the variables of rows that hold in any case."""
+        candidates = self.candidates
         if component.ctype not in PAIRS:
-            held = row_variables(rows, self._explicit)
-            everything = held.elsewhere | held.given.keys()
-            if absent.keys().isdisjoint(everything) and candidates.keys().isdisjoint(everything):
-                self.in_rows[id(component)] = held
+            everything = set(variables_in_any(data.expr for data in rows))
+            if candidates.keys().isdisjoint(everything):
                 return everything
         everything = set()
         for data in rows:
             for variable in variables_of_row(data):
-                if id(variable) in absent and self._refused is None:
-                    self._refused = self.values.refusal(data, variable)
                 if id(variable) in candidates:
                     self._users.setdefault(id(variable), data)
                 everything.add(id(variable))
@@ -180,18 +194,9 @@ class HoldingRows:
         """True for a pair or an equation of states: it holds at the collocation points, so it need not hold here."""
         if data.ctype in PAIRS:
             return True
-        if data.ctype is not Constraint or not data.equality or self.values.is_first(*point):
-            return False
-        if not self.values.several and not self.values.candidates.keys().isdisjoint(variables):
-            return False
-        return self.values.conditions.isdisjoint(variables) and family in self._families_along()
-
-    def _gives_no_value(self, data: Any, variables: dict[int, Any]) -> bool:
-        """True for an equation that gives a candidate explicitly, as something that does not exist at this point."""
-        candidates = self.values.candidates.keys() & variables.keys()
-        if not candidates or data.ctype is not Constraint:
-            return False
-        return not all(has_a_value(side) for _, side in row_variables([data], candidates).given.values())
+        decided = self.candidates.keys() | self._conditions
+        is_equation_inside = data.ctype is Constraint and data.equality and not self.is_first(*point)
+        return is_equation_inside and decided.isdisjoint(variables) and family in self._families
 
     def _is_unsettled(self, data: Any, family: Any, point: tuple[Any, float], variables: dict[int, Any]) -> bool:
         """True for a row of which the others have to be known to decide on it.
@@ -202,103 +207,79 @@ class HoldingRows:
         """
         if data.ctype is not Constraint:
             return False
-        if not self.values.candidates.keys().isdisjoint(variables):
+        if not self.candidates.keys().isdisjoint(variables):
             return True
-        if not data.equality or not self.values.is_first(*point):
-            return False
-        return not self.values.conditions.isdisjoint(variables) or (
-            self.values.several and family in self._families_along()
-        )
+        is_first = data.equality and self.is_first(*point)
+        may_be_surplus = self._several and family in self._families
+        return is_first and (may_be_surplus or not self._conditions.isdisjoint(variables))
 
     def _unknowns(self, variables: dict[int, Any], point: tuple[Any, float]) -> list[Any]:
         """The variables of a row that it may determine: no state but at the first point of a set."""
-        known = () if self.values.is_first(*point) else variables.keys() - self.values.candidates.keys()
+        known = () if self.is_first(*point) else variables.keys() - self.candidates.keys()
         return [variable for key, variable in variables.items() if key not in known and not variable.fixed]
-
-    def _families_along(self) -> set[Any]:
-        """The families of rows that hold at collocation points."""
-        if self._along is None:
-            self._along = {
-                spot.family(index, axes)
-                for spot in self._spots
-                if spot.component.ctype is Constraint and not spot.component.is_reference()
-                for axes in [axes_of(spot.component)]
-                if axes or spot.outer
-                for index in spot.component
-                if self.values.outside(spot.points(index, axes)) is None
-            }
-        return self._along
-
-    def _is_stated(self, data: Any) -> bool:
-        """True for a row of the user's; False for one that defines a derivative, by this package or by pyomo.dae."""
-        component = data.parent_component()
-        return id(component) not in self._generated and not component.local_name.endswith("_disc_eq")
 
     # ---------------------------------------------------------------- generated rows
 
-    def _delete_generated(self, rows: Any) -> list[Pending]:
-        """Delete the rows that hold absent values; returns those that may hold, with their variables."""
-        pending = []
-        is_joint, axes = id(rows) in self._joints, axes_of(rows)
+    def _pending_generated(self, rows: Any) -> list[Pending]:
+        """The rows that hold candidates, with their variables; of two joints at one point one is deleted."""
+        pending, candidates, axes = [], self.candidates, axes_of(rows)
+        joined_before = self._joined_before(rows)
         for index, data in list(rows.items()):
-            if is_joint and self._is_second_joint(id(rows), index, axes):
+            if any(axis.time(index) in joined_before.get(id(axis.domain), ()) for axis in axes):
                 del rows[index]
                 continue
             variables = {id(variable): variable for variable in variables_of_row(data)} if data.active else {}
-            if not self.values.absent.keys().isdisjoint(variables):
-                del rows[index]
-            elif not self.values.candidates.keys().isdisjoint(variables):
-                place = next(id(self.values.candidates[key][1]) for key in variables if key in self.values.candidates)
+            place = next((id(candidates[key][1]) for key in variables if key in candidates), None)
+            if place is not None:
                 pending.append((place, data, [variable for variable in variables.values() if not variable.fixed]))
         return pending
 
-    def _is_second_joint(self, key: int, index: Any, axes: tuple[Axis, ...]) -> bool:
-        """True where elements of an earlier set end as well: its row gives the value there already."""
-        own, state = self._joints[key]
+    def _joined_before(self, rows: Any) -> dict[int, tuple[float, ...]]:
+        """For rows that join elements, where elements of earlier sets are joined for the same state, by their sets."""
+        found: dict[int, tuple[set[int], tuple[float, ...]]] = {}
         for domain, discretisation in self._discretisations.items():
-            if domain == own:
-                return False
-            times = [axis.time(index) for axis in axes if id(axis.domain) == domain]
-            joined = any(variable is state for variable, _ in discretisation.joints)
-            if joined and any(time in discretisation.grid.mesh.boundaries[1:] for time in times):
-                return True
-        return False
+            state = next((state for state, joints in discretisation.joints if joints is rows), None)
+            if state is not None:
+                return {key: ends for key, (states, ends) in found.items() if id(state) in states}
+            found[domain] = {id(state) for state, _ in discretisation.joints}, discretisation.grid.mesh.boundaries[1:]
+        return {}
 
-    # ---------------------------------------------------------------- ends and starts of sets
+    # ---------------------------------------------------------------- missing equations, starts of sets
 
-    def _settle_ends(self, pending: list[Pending]) -> bool:
-        """Find out where derivatives have equations; False when that is news."""
-        settled = True
-        waiting = {id(v) for _, data, variables in pending if self._is_stated(data) for v in variables}
-        stated = self.used | self._dropped | waiting
+    def _refuse_missing_equations(self, stated: set[int]) -> None:
+        """Raise a `ModelError` where a derivative has an equation at some collocation points of a line only."""
         for discretisation in self._discretisations.values():
-            ends = find_line_ends(
-                discretisation,
-                lambda data: id(data) in stated or (data.fixed and data.value is not None),
-                self.values.open_ids,
-            )
-            settled = settled and list(ends.items()) == list(discretisation.ends.items())
-            discretisation.ends = ends
-        return settled
+            points, states = frozenset(discretisation.grid.points), set(map(id, discretisation.states))
+            for _, rate in discretisation.derivatives:
+                axes = axes_of(rate)
+                if id(rate) in states or any(id(axis.domain) in self._open_ids for axis in axes):
+                    continue
+                axis = next(axis for axis in axes if axis.domain is discretisation.domain)
+                lines: dict[Any, list[tuple[bool, Any]]] = {}
+                for index, data in rate.items():
+                    if axis.time(index) in points:
+                        has_equation = id(data) in stated or (data.fixed and data.value is not None)
+                        lines.setdefault(axis.others(index), []).append((has_equation, data))
+                for line in lines.values():
+                    missing = [data for has_equation, data in line if not has_equation]
+                    if 0 < len(missing) < len(line):
+                        raise ModelError(
+                            f"'{missing[0].name}': has no equation, though the same derivative has one at other "
+                            f"points. Index the constraint by '{axis.domain.local_name}' itself, not by a list of its "
+                            "points; Constraint.Skip may leave out points without a collocation point: gauss has none "
+                            "at either end of a set."
+                        )
 
-    def _settle_start(
-        self, pending: list[Pending], inequalities: list[tuple[Any, set[int]]], deactivated: list[Any]
-    ) -> None:
+    def _settle(self, pending: list[Pending], inequalities: list[tuple[Any, set[int]]], deactivated: list[Any]) -> None:
         """Decide on the rows at the first points of sets, and which variables there have a value."""
-        candidates, determined = self.values.candidates, set[int]()
+        candidates, determined = self.candidates, set[int]()
         for key, discretisation in self._discretisations.items():
             own = [(data, variables) for where, data, variables in pending if where == key]
             if not own:
                 continue
-            answers = rows_that_hold(
-                own,
-                self._conditions(own, discretisation),
-                candidates.keys() - determined,
-                self.values.along_space,
-                self._needed(own),
-            )
+            answers = rows_that_hold(own, self._held_rows(own, discretisation), candidates.keys() - determined)
             for (data, variables), decision in zip(own, answers, strict=True):
-                if decision is PointDecision.HOLDS:
+                if decision == HOLDS:
                     determined.update(map(id, variables))
                     if self._is_initial(variables):
                         self.used.update(map(id, variables_of_row(data)))
@@ -306,17 +287,17 @@ class HoldingRows:
                     del data.parent_component()[data.index()]
                 else:
                     self._deactivate(data, deactivated)
-                    if decision is PointDecision.UNDECIDED:
+                    if decision == UNDECIDED:
                         self.undetermined.append((data, variables))
         for data, ids in inequalities:
             if candidates.keys() & ids <= determined:
                 determined |= ids
             else:
                 self._deactivate(data, deactivated)
-        for key in candidates.keys() - determined - (self.used & self.values.along_space):
-            self.values.absent[key] = candidates[key]
+        for key in candidates.keys() - determined:
+            self.absent[key] = candidates[key]
             if key in self._users and not self._is_initial_condition(key):
-                self._refused = self._refused or self.values.refusal(self._users[key], candidates[key][0])
+                raise self._refusal(self._users[key], *candidates[key])
         self.used |= determined
 
     def _is_initial_condition(self, key: int) -> bool:
@@ -324,22 +305,22 @@ class HoldingRows:
 
         An equation of controls alone is none: nothing else would know of it.
         """
-        row, (_, domain, time) = self._users[key], self.values.candidates[key]
-        if row.ctype is not Constraint or not row.equality or not self.values.is_first(domain, time):
+        row, (_, domain, time) = self._users[key], self.candidates[key]
+        if row.ctype is not Constraint or not row.equality or not self.is_first(domain, time):
             return False
         rows = [[id(variable) for variable in variables] for _, variables in self.undetermined]
-        derivatives = [k for k, (data, _, _) in self.values.candidates.items() if self._is_rate(data)]
-        known = columns_that_rows_give(rows, [*derivatives, *self.values.candidates])
+        derivatives = [k for k, (data, _, _) in self.candidates.items() if self._is_rate(data)]
+        known = columns_that_rows_give(rows, [*derivatives, *self.candidates])
         known |= self._discretisations[id(domain)].state_ids()
-        if key in self.values.along_space or known.isdisjoint(map(id, variables_of_row(row))):
+        if known.isdisjoint(map(id, variables_of_row(row))):
             return False
         self.asked_for.add(key)
         return True
 
     def _is_initial(self, variables: list[Any]) -> bool:
         """Whether the candidates among variables stand at the first point of a set."""
-        places = (self.values.candidates.get(id(variable)) for variable in variables)
-        return all(place is None or self.values.is_first(*place[1:]) for place in places)
+        places = (self.candidates.get(id(variable)) for variable in variables)
+        return all(place is None or self.is_first(*place[1:]) for place in places)
 
     def _is_free_rate(self, data: Any) -> bool:
         return self._is_rate(data) and not data.fixed and data.lower is None and data.upper is None
@@ -348,17 +329,7 @@ class HoldingRows:
         component = data.parent_component()
         return any(component is rate for one in self._discretisations.values() for _, rate in one.derivatives)
 
-    def _needed(self, pending: list[tuple[Any, list[Any]]]) -> set[int]:
-        """Ids of the derivatives along space that conditions hold."""
-        along_space, others = self.values.along_space, self.values.candidates.keys() - self.values.along_space
-        needed = self.used & along_space
-        for data, variables in pending:
-            ids = {id(variable) for variable in variables}
-            if self._is_stated(data) and others.isdisjoint(ids):
-                needed |= ids & along_space
-        return needed
-
-    def _conditions(self, pending: list[tuple[Any, list[Any]]], discretisation: Discretisation) -> list[list[Any]]:
+    def _held_rows(self, pending: list[tuple[Any, list[Any]]], discretisation: Discretisation) -> list[list[Any]]:
         """The variables of equations that hold at the first point of a set in any case."""
         rows, points = {id(data) for data, _ in pending}, frozenset(discretisation.grid.points)
         found = []
@@ -384,7 +355,7 @@ class HoldingRows:
         equation need not have a solution for the values that are shown.
         """
         explicit = {id(row) for row in definitions.values()}
-        rates = {key for key in ids - definitions.keys() if self._is_free_rate(self.values.absent[key][0])}
+        rates = {key for key in ids - definitions.keys() if self._is_free_rate(self.absent[key][0])}
         rest = [[id(v) for v in variables_of_row(row) if id(v) in rates] for row in part if id(row) not in explicit]
         is_square = len(rest) == len(rates) == len(columns_that_rows_give(rest, rates))
         return (
@@ -395,7 +366,7 @@ class HoldingRows:
 
     def what_follows(self, rows: Iterable[Any], ids: Collection[int]) -> tuple[Any, ...]:
         """The variables of rows that have these ids, or that the user has fixed at their points."""
-        ids = {*ids, *self.values.fixed_rates, *self.values.conditions}
+        ids = {*ids, *self._fixed_rates, *self._conditions}
         return tuple({id(v): v for row in rows for v in variables_of_row(row) if id(v) in ids}.values())
 
     def _check_fixed(self) -> None:
@@ -403,7 +374,7 @@ class HoldingRows:
         for row, variables in self.undetermined:
             if self._is_initial(variables):
                 used |= {id(variable) for variable in variables_of_row(row)}
-        for key, data in self.values.fixed_rates.items():
+        for key, data in self._fixed_rates.items():
             component = data.parent_component()
             axes = tuple(axis for axis in axes_of(component) if id(axis.domain) in self._discretisations)
             line = [component[axis.join(axis.others(data.index()), t)] for axis in axes for t in axis.domain]
@@ -413,3 +384,13 @@ class HoldingRows:
                     f"'{data.name}': is fixed, but no equation that holds at that point has it. State the condition in "
                     "states alone, index the equation by the whole set, or choose lobatto."
                 )
+
+    def _refusal(self, data: Any, variable: Any, domain: Any, time: float) -> ModelError:
+        """What to raise where a row that holds in any case needs a variable without a value."""
+        scheme = self._discretisations[id(domain)].grid.scheme
+        return ModelError(
+            f"'{data.name}': holds '{variable.name}', but {scheme.name} has no collocation point at "
+            f"{domain.local_name} = {time:g}: only states have a value there. Leave that point out, write an Integral "
+            f"for a sum over '{domain.local_name}', or choose a scheme with a point there: radau has one at the end, "
+            "lobatto at both ends."
+        )

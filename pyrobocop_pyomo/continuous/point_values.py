@@ -7,7 +7,7 @@ read from two maximum matchings of rows and unknowns at that point.
 1. With the states at a first point among the unknowns, conditions on the initial state first: a row that would be one
    too many does not hold, such as a boundary condition at a corner where the initial state is given.
 2. With the states known: a row holds when it belongs to a part with as many rows as unknowns. Rows that leave
-   derivatives along space undetermined do not hold, unless something else in the model holds these. Of the others
+   derivatives along another set undetermined do not hold. Of the others
    `shown_values` decides: they hold with the values that controls show, or at the first point as in the user's model,
    which may fix there what it likes.
 """
@@ -15,27 +15,19 @@ read from two maximum matchings of rows and unknowns at that point.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
-from enum import Enum
 from typing import Any
 
 from pyrobocop_pyomo.numerics.matching import Matching, maximum_matching
 
-
-class PointDecision(Enum):
-    """What becomes of a row at a point without a stage."""
-
-    HOLDS = "holds"
-    UNDECIDED = "leaves a variable to choose"
-    SURPLUS = "is one too many"
+# What becomes of a row at a point without a stage.
+HOLDS, UNDECIDED, SURPLUS = "holds", "leaves a variable to choose", "is one too many"
 
 
 def rows_that_hold(
     pending: Sequence[tuple[Any, list[Any]]],
     conditions: Iterable[list[Any]],
     candidates: Collection[int],
-    along_space: set[int],
-    needed: set[int],
-) -> list[PointDecision]:
+) -> list[str]:
     """Decide on rows at points without a stage.
 
     Parameters
@@ -46,15 +38,11 @@ def rows_that_hold(
         The variables, not fixed, of rows that hold in any case.
     candidates : collection of int
         Ids of the variables in question; all others are states, or known for another reason.
-    along_space : set of int
-        Ids of the candidates that are derivatives along another set.
-    needed : set of int
-        Ids of those among them that something else in the model holds.
 
     Returns
     -------
-    list of PointDecision
-        For each pending row.
+    list of str
+        `HOLDS`, `UNDECIDED` or `SURPLUS` for each pending row.
     """
     own = [[id(variable) for variable in variables] for _, variables in pending]
     first = [[id(variable) for variable in variables] for variables in conditions]
@@ -63,10 +51,9 @@ def rows_that_hold(
     unknown = [[key for key in own[i] if key in candidates] for i in possible]
     with_known_states = _matched(unknown)
     short = set(with_known_states.underdetermined[0])
-    short -= _connected(unknown, short, along_space, needed)
-    decisions = [PointDecision.SURPLUS] * len(own)
+    decisions = [SURPLUS] * len(own)
     for position, i in enumerate(possible):
-        decisions[i] = PointDecision.UNDECIDED if position in short else PointDecision.HOLDS
+        decisions[i] = UNDECIDED if position in short else HOLDS
     return decisions
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 from pyomo.common.autoslots import AutoSlots
 from pyomo.common.collections import ComponentMap
@@ -12,8 +12,6 @@ from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
 
 from pyrobocop_pyomo.numerics import Grid
-
-from .row_variables import RowVariables
 
 
 @dataclass(eq=False)
@@ -26,40 +24,6 @@ class Substitution:
     expression: Any
     rows: list[Any]
     values: list[tuple[Any, float | None]]
-
-
-class LineEnds(NamedTuple):
-    """Where the equation of one derivative along a set is missing at an end of the set.
-
-    Attributes
-    ----------
-    from_left : bool
-        The equation holds at the first point and not at the last: the rows are those of the left ends of elements.
-    without : tuple of float
-        Collocation points without an equation: the derivative there is that of the points beside it.
-    """
-
-    from_left: bool = False
-    without: tuple[float, ...] = ()
-
-
-class DerivativeEnds(NamedTuple):
-    """The ends of one derivative along a set.
-
-    Attributes
-    ----------
-    lines : dict of index to LineEnds
-        By the other indices of the derivative.
-    elsewhere : LineEnds
-        For other indices that come later.
-    """
-
-    lines: dict[Any, LineEnds]
-    elsewhere: LineEnds
-
-    def of(self, others: Any) -> LineEnds:
-        """The ends for one choice of the other indices."""
-        return self.lines.get(others, self.elsewhere)
 
 
 @dataclass(eq=False)
@@ -95,12 +59,6 @@ class Discretisation:
         From each derivative to its collocation rows.
     joints : list of (Var, Constraint)
         Each state with the rows at element ends, for schemes whose last stage is not the end.
-    ends : ComponentMap
-        From a derivative to its `DerivativeEnds`, where equations are missing at an end.
-    deferred : list of (Var, Var)
-        Each state with its derivative, where the rows are still to be written.
-    in_rows : dict of id to RowVariables
-        What constraints hold, by their ids, until the discretisation is finished.
     """
 
     domain: Any
@@ -118,23 +76,10 @@ class Discretisation:
     derivatives: list[tuple[Any, Any]] = field(default_factory=list)
     rows: Any = field(default_factory=ComponentMap)
     joints: list[tuple[Any, Any]] = field(default_factory=list)
-    ends: Any = field(default_factory=ComponentMap)
-    deferred: list[tuple[Any, Any]] = field(default_factory=list)
-    in_rows: dict[int, RowVariables] = field(default_factory=dict)
 
     def state_ids(self) -> set[int]:
         """The ids of all variables that have a value at every time of the set."""
         return {id(data) for state in self.states for data in state.values()}
-
-    def ends_of(self, derivative: Any, others: Any) -> LineEnds:
-        """Where the equation of a derivative is missing, for one choice of its other indices."""
-        known = self.ends.get(derivative)
-        return LineEnds() if known is None else known.of(others)
-
-    @property
-    def from_left(self) -> bool:
-        """True when some equations hold at the first point of the set, though the scheme has no stage there."""
-        return any(known.elsewhere.from_left for known in self.ends.values())
 
     def generated_constraints(self) -> Iterator[Any]:
         """The generated constraints of the set."""

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
-from math import isfinite
 from typing import Any, NamedTuple
 
 from pyomo.core.expr import EqualityExpression
-from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.modeling.shared_nodes import variables_in, variables_in_any
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 
 
 class RowVariables(NamedTuple):
@@ -50,13 +48,3 @@ def row_variables(rows: Iterable[Any], derivatives: Collection[int]) -> RowVaria
                 continue
         others.append(expression)
     return RowVariables(given, set(variables_in_any(others)))
-
-
-def has_a_value(expression: Any) -> bool:
-    """False for an expression of fixed variables that has no finite value, such as the logarithm of a zero."""
-    if not all(variable.fixed and variable.value is not None for variable in variables_in(expression)):
-        return True
-    try:
-        return isfinite(value(expression))
-    except (ArithmeticError, ValueError):
-        return False

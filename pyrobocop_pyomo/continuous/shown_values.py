@@ -27,7 +27,7 @@ from pyrobocop_pyomo.modeling.bulk_parts import put_part
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 
 from .record import Discretisation, discretisation_of
-from .row_variables import has_a_value, row_variables
+from .row_variables import row_variables
 from .structure import Spot, axes_of
 
 Absent = dict[int, tuple[Any, Any, float]]
@@ -120,9 +120,7 @@ def find_definitions(rows: Iterable[Any], absent: Absent, sources: dict[int, Any
     given: dict[int, tuple[Any, set[int]]] = {}
     for row in rows:
         for key, (data, side) in row_variables([row], free).given.items():
-            if has_a_value(side):
-                variables = variables_in(side)
-                given.setdefault(key, (data, {id(v) for v in variables} & everything.keys()))
+            given.setdefault(key, (data, {id(v) for v in variables_in(side)} & everything.keys()))
     chosen: dict[int, Any] = {}
     shown: set[int] = set()
 

@@ -26,6 +26,8 @@ from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 
 from .structure import Spot, axis_on
 
+_WITH_COEFFICIENTS = (ProductExpression, MonomialTermExpression, NegationExpression)
+
 
 @dataclass(frozen=True)
 class PossibleSum:
@@ -120,52 +122,50 @@ def repeated_times(expression: Any, place: Mapping[int, tuple[Any, float]], leav
     place : mapping of the id of a variable to (family, time)
         Terms are the same when they differ in times, and in the size of numbers, only.
     """
-    reader = _Reader(place, leaves)
-    reader.read(expression)
-    return reader.repeated
+    repeated: set[float] = set()
+    for node in _nodes(expression, leaves):
+        if isinstance(node, SumExpression):
+            times_of: dict[Any, set[frozenset[float]]] = {}
+            for term in node.args:
+                form, times = _form_and_times(term, place, leaves)
+                if times:
+                    times_of.setdefault(form, set()).add(times)
+            repeated.update(*(times for different in times_of.values() if len(different) > 1 for times in different))
+    return repeated
 
 
-class _Reader:
-    def __init__(self, place: Mapping[int, tuple[Any, float]], leaves: Collection[int]) -> None:
-        self._place, self._leaves = place, leaves
-        self.repeated: set[float] = set()
+def _nodes(expression: Any, leaves: Collection[int]) -> Iterator[Any]:
+    """The nodes with variables in them, each before its arguments."""
+    pending = [expression]
+    while pending:
+        node = pending.pop()
+        if not _is_number(node):
+            yield node
+            if node.is_expression_type() and id(node) not in leaves:
+                pending += node.args
 
-    def read(self, part: Any) -> tuple[Any, frozenset[float]]:
-        """The form of a term up to times and coefficients, None for a number; and its times."""
-        if part.__class__ in native_types or not part.is_potentially_variable():
-            return None, frozenset()
-        if id(part) in self._leaves or not part.is_expression_type():
-            family, time = self._place.get(id(part), (id(part), None))
-            return family, frozenset() if time is None else frozenset([time])
-        read = [self.read(argument) for argument in part.args]
-        times = frozenset().union(*(found for _, found in read))
-        terms = [term for term, _ in read if term is not None]
-        if isinstance(part, SumExpression):
-            self._compare(read)
-        elif isinstance(part, (ProductExpression, MonomialTermExpression, NegationExpression)) and len(terms) == 1:
-            return (("-", terms[0]) if self._negative(part) else terms[0]), times
-        elif part.is_named_expression_type():
-            return terms[0] if terms else None, times
-        if len(terms) == 1 and isinstance(part, SumExpression):
-            return terms[0], times
-        return (type(part).__name__, tuple(term for term, _ in read)), times
 
-    def _compare(self, read: list[tuple[Any, frozenset[float]]]) -> None:
-        found: dict[Any, set[frozenset[float]]] = {}
-        for term, times in read:
-            if term is not None and times:
-                found.setdefault(term, set()).add(times)
-        for different in found.values():
-            if len(different) > 1:
-                self.repeated |= frozenset().union(*different)
+def _form_and_times(
+    term: Any, place: Mapping[int, tuple[Any, float]], leaves: Collection[int]
+) -> tuple[Any, frozenset[float]]:
+    """The form of a term up to times and the size of coefficients, and its times."""
+    form: list[Any] = []
+    times: set[float] = set()
+    is_negative = False
+    for node in _nodes(term, leaves):
+        if id(node) in leaves or not node.is_expression_type():
+            family, time = place.get(id(node), (id(node), None))
+            form.append(family)
+            times.update(() if time is None else (time,))
+            continue
+        numbers = [argument for argument in node.args if _is_number(argument)]
+        if len(numbers) + 1 < node.nargs() or not isinstance(node, (SumExpression, *_WITH_COEFFICIENTS)):
+            form.append(type(node) if not node.is_named_expression_type() else None)
+        elif isinstance(node, _WITH_COEFFICIENTS):
+            below_zero = any((value(number, exception=False) or 0) < 0 for number in numbers)
+            is_negative ^= below_zero or isinstance(node, NegationExpression)
+    return (is_negative, tuple(form)), frozenset(times)
 
-    @staticmethod
-    def _negative(part: Any) -> bool:
-        if isinstance(part, NegationExpression):
-            return True
-        numbers = [
-            argument
-            for argument in part.args
-            if argument.__class__ in native_types or not argument.is_potentially_variable()
-        ]
-        return any((value(argument, exception=False) or 0) < 0 for argument in numbers)
+
+def _is_number(node: Any) -> bool:
+    return node.__class__ in native_types or not node.is_potentially_variable()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import heapq
 import logging
 from collections.abc import Sequence
 from itertools import pairwise
@@ -10,18 +9,22 @@ from typing import Any
 
 from pyomo.common.config import ConfigDict, ConfigValue, In, PositiveInt
 from pyomo.common.gc_manager import PauseGC
+from pyomo.common.modeling import unique_component_name
 from pyomo.core.base import Transformation, TransformationFactory
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.var import Var
+from pyomo.core.expr import LinearExpression
 from pyomo.dae import ContinuousSet
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.failures import undone_on_failure
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, find_scheme
+from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
 from .discretisation import discretisations_on, discretise, finalise, rebuild_rows, undo_discretisation
-from .fewer_points import add_interpolation
 from .record import discretisation_of
-from .structure import axes_of, continuous_sets, spots
+from .structure import axes_of, axis_on, continuous_sets, spots
 from .values import PreviousValues, refuse_later_components
 
 logger = logging.getLogger(__name__)
@@ -87,14 +90,16 @@ class Collocation(Transformation):
         scheme = find_scheme(config.scheme, config.ncp)
         with PauseGC():
             domains = _domains(model, config.wrt)
-            before = [(domain, discretisation_of(domain)) for domain in domains]
-            finished: list[Any] = []
-            with undone_on_failure(lambda: _undo_all(finished[:-1])):  # the last one, which failed, is as it was
-                for domain, discretisation in before:
-                    points = tuple(domain) if discretisation is None else discretisation.points
+            replaced: list[tuple[Any, Any, Any]] = []
+            with undone_on_failure(lambda: _restore(replaced)):
+                for domain in domains:
+                    known, previous, points = discretisation_of(domain), None, tuple(domain)
+                    if known is not None:
+                        refuse_later_components(known)
+                        previous, points = PreviousValues(list(spots(model.model())), known), known.points
                     grid = make_grid(domain, points, scheme, config.nfe, config.mesh)
-                    finished.append((domain, discretisation))
-                    _discretise(domain, discretisation, points, grid, config.derivatives == "substitute")
+                    replaced.append((domain, known, previous))
+                    _replace(domain, (points, grid, config.derivatives == "substitute"), previous)
             for discretisation in discretisations_on(model.model()):
                 finalise(discretisation)
         for domain in domains:
@@ -135,38 +140,64 @@ class Collocation(Transformation):
         ModelError
             When the set is not discretised, the variable is a state or not indexed by it, or ``ncp`` does not fit.
         """
-        add_interpolation(instance, var, ncp, contset)
+        discretisation = discretisation_of(contset) if getattr(contset, "ctype", None) is ContinuousSet else None
+        if discretisation is None:
+            raise ModelError(
+                f"contset: '{getattr(contset, 'name', contset)}' was not discretised by pyrobocop.collocation. Apply "
+                "it first, and pass the ContinuousSet."
+            )
+        axis = axis_on(var, contset) if getattr(var, "ctype", None) is Var else None
+        if axis is None:
+            raise ModelError(f"var: '{getattr(var, 'name', var)}' is no variable that is indexed by '{contset.name}'.")
+        scheme, stages = discretisation.grid.scheme, discretisation.grid.scheme.stages
+        if not isinstance(ncp, int) or not 1 <= ncp <= stages:
+            raise ModelError(
+                f"'{var.name}': ncp = {ncp!r}, but '{contset.name}' has {stages} points in each element. Give a "
+                f"whole number from 1 to {stages}."
+            )
+        if ncp == stages:
+            return instance
+        if discretisation.grid.elements_share_points:
+            raise ModelError(
+                f"'{var.name}': with {scheme.name} neighbouring elements share a point, so that no element has values "
+                "of its own. Choose radau or gauss."
+            )
+        if not discretisation.state_ids().isdisjoint(map(id, var.values())):
+            raise ModelError(
+                f"'{var.name}': has a derivative with respect to '{contset.name}', whose equations need all of its "
+                "values. Only controls and algebraics can have fewer."
+            )
+        weights = evaluation_matrix(scheme.c[-ncp:], scheme.c[:-ncp]).tolist()
+        rows = Constraint(var.index_set())
+        instance.add_component(unique_component_name(instance, f"{var.local_name}_interpolation_constraints"), rows)
+        first = discretisation.grid.points[0]
+        for others in [axis.others(index) for index in var if axis.time(index) == first]:
+            for times in discretisation.grid.stage_times:
+                free = [var[axis.join(others, time)] for time in times[-ncp:]]
+                for time, row in zip(times[:-ncp], weights, strict=True):
+                    index = axis.join(others, time)
+                    rows.add(index, (LinearExpression(linear_vars=[var[index], *free], linear_coefs=[-1.0, *row]), 0))
         return instance
 
 
-def _discretise(domain: Any, discretisation: Any, points: tuple[float, ...], grid: Any, substitutes: bool) -> None:
-    if discretisation is None:
-        discretise(domain, points, grid, substitutes)
-        return
-    refuse_later_components(discretisation)
-    previous = PreviousValues(list(spots(domain.model())), discretisation)
-    undo_discretisation(discretisation)
-    before = discretisation.grid, discretisation.substitutes, previous
-    with undone_on_failure(lambda: finalise(discretise(domain, points, *before))):
-        discretise(domain, points, grid, substitutes, previous)
-
-
-def _undo_all(finished: list[tuple[Any, Any]]) -> None:
-    for domain, discretisation in reversed(finished):
-        _undo(domain, discretisation)
-
-
-def _undo(domain: Any, discretisation: Any) -> None:
+def _replace(domain: Any, settings: tuple[Any, Any, bool] | None, previous: Any) -> None:
+    """Discretise a set afresh, or undo its discretisation."""
     current = discretisation_of(domain)
     if current is not None:
-        previous = PreviousValues(list(spots(domain.model())), current)
         undo_discretisation(current)
+    if settings is not None:
+        discretise(domain, *settings, previous)
+    else:
         others = discretisations_on(domain.model())
         rebuild_rows(others, [other for other in others if other.substitutions])
-        if discretisation is not None:
-            finalise(
-                discretise(domain, discretisation.points, discretisation.grid, discretisation.substitutes, previous)
-            )
+
+
+def _restore(replaced: list[tuple[Any, Any, Any]]) -> None:
+    for domain, known, previous in reversed(replaced):
+        if discretisation_of(domain) is not known:
+            _replace(domain, None if known is None else (known.points, known.grid, known.substitutes), previous)
+    for discretisation in discretisations_on(replaced[0][0].model()) if replaced else ():
+        finalise(discretisation)
 
 
 def _domains(model: Any, wrt: Any) -> list[Any]:
@@ -269,13 +300,10 @@ def _refined(domain: Any, points: Sequence[float], elements: int) -> list[float]
         logger.warning(
             "'%s': has %d points of its own, hence %d elements instead of %d", domain.name, given + 1, given, elements
         )
-    gaps = [(-(right - left), i, 1) for i, (left, right) in enumerate(pairwise(points))]
-    heapq.heapify(gaps)
+    widths = [right - left for left, right in pairwise(points)]
     parts = [1] * given
     for _ in range(elements - given):
-        _, i, count = heapq.heappop(gaps)
-        parts[i] = count + 1
-        heapq.heappush(gaps, (-(points[i + 1] - points[i]) / (count + 1), i, count + 1))
+        parts[max(range(given), key=lambda i: widths[i] / parts[i])] += 1
     boundaries = [float(points[0])]
     for i, count in enumerate(parts):
         boundaries += Mesh.uniform(points[i], points[i + 1], count).boundaries[1:]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from pyomo.contrib.pynumero.asl import AmplInterface
 
-from pyrobocop_pyomo.errors import EvaluationError, ModelError, SolverNotFoundError
+from pyrobocop_pyomo.errors import EvaluationError, SolverNotFoundError
 
 from .nonlinear_program import FloatArray, finite
 
@@ -19,6 +19,13 @@ ASL_REMEDY = (
     "Run 'python build_asl.py' in a clone (Debian, Ubuntu), or install conda-forge's pynumero_libraries, "
     "or run 'pyomo build-extensions'"
 )
+
+_LABELS = {
+    "objective": "objective",
+    "gradient": "gradient of the objective",
+    "constraints": "constraints",
+    "jacobian": "Jacobian of the constraints",
+}
 
 
 def find_asl_library() -> str | None:
@@ -47,7 +54,8 @@ class AslProgram:
     Parameters
     ----------
     path : str or Path
-        The file; it may be removed afterwards.
+        The file, with continuous variables and one objective; it may be removed afterwards. PyNumero's library ends the
+        process where it does not support a file.
     external_functions : str
         Libraries with the model's external functions, in the form of the variable ``AMPLFUNC``.
 
@@ -55,8 +63,6 @@ class AslProgram:
     ------
     SolverNotFoundError
         When PyNumero's library is not found.
-    ModelError
-        When the file has no continuous variable, discrete variables, or not exactly one objective.
     """
 
     derivatives = "ASL through PyNumero"
@@ -68,7 +74,6 @@ class AslProgram:
                 f"PyNumero's library pynumero_ASL is not found, so ASL cannot give derivatives. {ASL_REMEDY}; "
                 "or use CasADi: pip install 'pyrobocop_pyomo[ipopt]'."
             )
-        _refuse_what_would_end_the_process(path)
         if not AmplInterface.available():
             AmplInterface.libname = library  # Pyomo itself found none: nothing of the user's is overruled
         self._asl = _open(str(path), external_functions)
@@ -94,46 +99,35 @@ class AslProgram:
         self.jacobian_structure = (jacobian[0] - 1, jacobian[1] - 1)  # the interface counts from one
         # ASL stores the upper triangle by rows; mirrored it is the lower one.
         self.hessian_structure = (hessian.max(axis=0) - 1, hessian.min(axis=0) - 1)
-        # The point that ASL knows, and those of the last evaluations that succeeded.
+        # The point that ASL knows, and what was evaluated there.
         self._at: FloatArray | None = None
-        self._objective_at: FloatArray | None = None
-        self._constraints_at: FloatArray | None = None
-        self._gradient_at: FloatArray | None = None
-        self._jacobian_at: FloatArray | None = None
+        self._evaluated: set[str] = set()
 
     def objective(self, x: FloatArray) -> float:
         """Value of f."""
-        self._move_to(x)
-        self._objective_at = None
-        value = _asked("objective", self._asl.eval_f, x)
-        self._objective_at = x.copy()
+        value = self._asked("objective", self._asl.eval_f, x)
         return float(finite(np.array(value), "ASL", "objective"))
 
     def gradient(self, x: FloatArray) -> FloatArray:
         """Gradient of f."""
         # Without the value at this very point ASL has no error to return, and ends the process instead.
-        self._evaluate_objective(x)
+        self._evaluate("objective", x)
         values = np.empty(self.n)
-        _asked("gradient of the objective", self._asl.eval_deriv_f, x, values)
-        self._gradient_at = x.copy()
-        return finite(values, "ASL", "gradient of the objective")
+        self._asked("gradient", self._asl.eval_deriv_f, x, values)
+        return finite(values, "ASL", _LABELS["gradient"])
 
     def constraints(self, x: FloatArray) -> FloatArray:
         """Values of g."""
-        self._move_to(x)
-        self._constraints_at = None
         values = np.empty(self.m)
-        _asked("constraints", self._asl.eval_g, x, values)
-        self._constraints_at = x.copy()
+        self._asked("constraints", self._asl.eval_g, x, values)
         return finite(values, "ASL", "constraints")
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """Values of the Jacobian of g."""
-        self._evaluate_constraints(x)
+        self._evaluate("constraints", x)
         values = np.empty(self.jacobian_structure[0].size)
-        _asked("Jacobian of the constraints", self._asl.eval_jac_g, x, values)
-        self._jacobian_at = x.copy()
-        return finite(values, "ASL", "Jacobian of the constraints")
+        self._asked("jacobian", self._asl.eval_jac_g, x, values)
+        return finite(values, "ASL", _LABELS["jacobian"])
 
     def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
         """Values of the Hessian of the Lagrangian."""
@@ -163,40 +157,31 @@ class AslProgram:
         else:
             self._evaluate_derivatives(x)
 
+    def _evaluate_derivatives(self, x: FloatArray) -> None:
+        for name in ("objective", "constraints", "gradient", "jacobian"):
+            self._evaluate(name, x)  # known already where Ipopt has just asked for it
+
+    def _evaluate(self, name: str, x: FloatArray) -> None:
+        """Evaluate at a point what was not evaluated there last."""
+        self._move_to(x)
+        if name not in self._evaluated:
+            getattr(self, name)(x)
+
     def _move_to(self, x: FloatArray) -> None:
         """Forget what was evaluated elsewhere: ASL knows one point only, and has its values at no other one."""
-        if not _same_point(self._at, x):
-            self._at = x.copy()
-            self._objective_at = self._constraints_at = self._gradient_at = self._jacobian_at = None
+        if self._at is None or not np.array_equal(self._at, x):
+            self._at, self._evaluated = x.copy(), set()
 
-    def _evaluate_derivatives(self, x: FloatArray) -> None:
-        self._evaluate_objective(x)
-        self._evaluate_constraints(x)
-        # Known already where Ipopt has just asked for them.
-        if not _same_point(self._gradient_at, x):
-            self.gradient(x)
-        if not _same_point(self._jacobian_at, x):
-            self.jacobian(x)
-
-    def _evaluate_objective(self, x: FloatArray) -> None:
-        if not _same_point(self._objective_at, x):
-            self.objective(x)
-
-    def _evaluate_constraints(self, x: FloatArray) -> None:
-        if not _same_point(self._constraints_at, x):
-            self.constraints(x)
-
-
-def _asked(label: str, function: Callable[..., Any], *arguments: FloatArray) -> Any:
-    """What a function of ASL returns; its own errors are arithmetic ones."""
-    try:
-        return function(*arguments)
-    except ArithmeticError as error:
-        raise EvaluationError(f"ASL cannot evaluate the {label}: {error}") from None
-
-
-def _same_point(known: FloatArray | None, x: FloatArray) -> bool:
-    return known is not None and np.array_equal(known, x)
+    def _asked(self, name: str, function: Callable[..., Any], x: FloatArray, *arrays: FloatArray) -> Any:
+        """What a function of ASL returns; its own errors are arithmetic ones."""
+        self._move_to(x)
+        self._evaluated.discard(name)
+        try:
+            value = function(x, *arrays)
+        except ArithmeticError as error:
+            raise EvaluationError(f"ASL cannot evaluate the {_LABELS[name]}: {error}") from None
+        self._evaluated.add(name)
+        return value
 
 
 def _open(path: str, external_functions: str) -> AmplInterface:
@@ -211,19 +196,3 @@ def _open(path: str, external_functions: str) -> AmplInterface:
             os.environ.pop("AMPLFUNC", None)
         else:
             os.environ["AMPLFUNC"] = kept
-
-
-def _refuse_what_would_end_the_process(path: str | Path) -> None:
-    """PyNumero's library calls exit() on a file that it does not support: the whole Python session would go."""
-    with open(path, encoding="utf-8", errors="replace") as file:
-        header = [file.readline().partition("#")[0].split() for _ in range(10)]
-    if not header[0] or not header[0][0].startswith("g"):
-        raise ModelError(f"'{path}' is not a .nl file in text format: it starts with {' '.join(header[0])!r}.")
-    variables, objectives = int(header[1][0]), int(header[1][2])
-    discrete = sum(map(int, header[6][:5]))
-    if variables == 0:
-        raise ModelError(f"'{path}' has no variables. Free at least one variable that a constraint or cost uses.")
-    if discrete:
-        raise ModelError(f"'{path}' has {discrete} discrete variables; Ipopt solves continuous problems only.")
-    if objectives != 1:
-        raise ModelError(f"'{path}' has {objectives} objectives; exactly one is needed.")

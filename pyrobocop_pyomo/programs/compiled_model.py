@@ -19,8 +19,7 @@ from pyrobocop_pyomo.modeling.component_groups import ComponentGroups
 from pyrobocop_pyomo.modeling.variable_values import put_values
 
 from .asl_program import asl_available
-from .composed_program import ComposedProgram
-from .compositions import vectorised_composition
+from .composed_program import ComposedProgram, vectorised_composition
 from .model_checks import refuse_foreign, refuse_unseen_components, single_objective
 from .model_terms import collect_terms
 from .nl_files import program_of_file

@@ -10,7 +10,7 @@ import ctypes
 import functools
 import logging
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,14 +26,24 @@ logger = logging.getLogger(__name__)
 TERM_EVALUATION = "term_evaluation"
 SOURCE = Path(__file__).with_name("term_evaluation.c")
 
-# In the order of the source: each number there is a place here. Those from ADD on are CasADi's names.
-OPERATIONS = (
-    "READ_VARIABLE", "READ_NUMBER", "READ_WEIGHT", "CONSTANT", "ADD_OUTPUT",
-    "ADD", "SUB", "MUL", "DIV", "NEG", "INV", "SQ", "TWICE", "SQRT", "POW", "EXP", "LOG", "LOG1P", "EXPM1", "SIN",
-    "COS", "TAN", "ASIN", "ACOS", "ATAN", "ATAN2", "SINH", "COSH", "TANH", "ASINH", "ACOSH", "ATANH", "FABS", "SIGN",
-    "COPYSIGN", "FLOOR", "CEIL", "FMOD", "FMIN", "FMAX", "HYPOT", "LT", "LE", "EQ", "NE", "NOT", "AND", "OR",
-    "ASSIGN", "IF_ELSE_ZERO",
-)  # fmt: skip
+
+def _if_else_zero(chosen: FloatArray, values: FloatArray, out: FloatArray) -> None:
+    np.copyto(out, np.where(chosen, values, 0.0))
+
+
+# CasADi's operations and the NumPy functions that do the same, in the order of the source.
+NUMPY_FUNCTIONS: dict[str, Callable[..., Any]] = {
+    "ADD": np.add, "SUB": np.subtract, "MUL": np.multiply, "DIV": np.divide, "NEG": np.negative, "INV": np.reciprocal,
+    "SQ": np.square, "TWICE": np.add, "SQRT": np.sqrt, "POW": np.power, "EXP": np.exp, "LOG": np.log,
+    "LOG1P": np.log1p, "EXPM1": np.expm1, "SIN": np.sin, "COS": np.cos, "TAN": np.tan, "ASIN": np.arcsin,
+    "ACOS": np.arccos, "ATAN": np.arctan, "ATAN2": np.arctan2, "SINH": np.sinh, "COSH": np.cosh, "TANH": np.tanh,
+    "ASINH": np.arcsinh, "ACOSH": np.arccosh, "ATANH": np.arctanh, "FABS": np.absolute, "SIGN": np.sign,
+    "COPYSIGN": np.copysign, "FLOOR": np.floor, "CEIL": np.ceil, "FMOD": np.fmod, "FMIN": np.fmin, "FMAX": np.fmax,
+    "HYPOT": np.hypot, "LT": np.less, "LE": np.less_equal, "EQ": np.equal, "NE": np.not_equal, "NOT": np.logical_not,
+    "AND": np.logical_and, "OR": np.logical_or, "ASSIGN": np.positive, "IF_ELSE_ZERO": _if_else_zero,
+}  # fmt: skip
+# Each number there is a place here.
+OPERATIONS = ("READ_VARIABLE", "READ_NUMBER", "READ_WEIGHT", "CONSTANT", "ADD_OUTPUT", *NUMPY_FUNCTIONS)
 _CONSTANT, _ADD_OUTPUT, _FIRST_OF_CASADI = map(OPERATIONS.index, ("CONSTANT", "ADD_OUTPUT", "ADD"))
 
 _long, _int, _address = ctypes.c_int64, ctypes.c_int32, ctypes.c_void_p
@@ -138,6 +148,43 @@ class CompiledFunction:
         )  # fmt: skip
 
 
+class VectorisedFunction:
+    """The steps of a function, each by NumPy for all instances at once.
+
+    Parameters
+    ----------
+    function : CompiledFunction
+    outputs : int
+    arrays : list of float arrays, shapes (size of the argument, instances)
+        Where variables, numbers and weights are read at each evaluation.
+    """
+
+    def __init__(self, function: CompiledFunction, outputs: int, arrays: Sequence[FloatArray]) -> None:
+        instances = arrays[0].shape[1]
+        work = np.empty((function.work, instances))
+        self._result = np.empty((outputs, instances))
+        self._steps: list[tuple[Callable[..., Any], tuple[Any, ...]]] = []
+        for operation, to, first, last in function.steps.tolist():
+            if operation < _CONSTANT:
+                step: tuple[Callable[..., Any], tuple[Any, ...]] = np.copyto, (work[to], arrays[operation][first])
+            elif operation == _CONSTANT:
+                step = np.copyto, (work[to], function.constants[first])
+            elif operation == _ADD_OUTPUT:
+                step = np.copyto, (self._result[to], work[first])
+            else:
+                does = NUMPY_FUNCTIONS[OPERATIONS[operation]]
+                inputs = (work[first],) if getattr(does, "nin", 2) == 1 else (work[first], work[last])
+                step = does, (*inputs, work[to])
+            self._steps.append(step)
+
+    def __call__(self) -> FloatArray:
+        """Values for the arguments that stand in the arrays, shape (outputs, instances)."""
+        with np.errstate(all="ignore"):  # what is not finite is noticed in the sums
+            for function, arguments in self._steps:
+                function(*arguments)
+        return self._result
+
+
 @functools.cache
 def _places_of_operations() -> dict[int, int]:
     names = enumerate(OPERATIONS[_FIRST_OF_CASADI:], _FIRST_OF_CASADI)
@@ -151,7 +198,7 @@ class CompiledTerm:
 
     Parameters
     ----------
-    functions : sequence of casadi.Function
+    functions : sequence of CompiledFunction
         Its value, the nonzeros of its gradient and of its Hessian, as functions of variables, numbers and weights.
     columns, numbers, rows, scales : arrays, shapes (count, instances), flat
         Variables, numbers, and rows and scales of the outputs. Numbers may change between evaluations, in place.
@@ -161,7 +208,7 @@ class CompiledTerm:
 
     def __init__(
         self,
-        functions: Sequence[Any],
+        functions: Sequence[CompiledFunction],
         columns: np.ndarray,
         numbers: FloatArray,
         rows: np.ndarray,
@@ -169,7 +216,7 @@ class CompiledTerm:
         gradient_scales: FloatArray,
         instances: int,
     ) -> None:
-        self.functions = [CompiledFunction(function) for function in functions]
+        self.functions = functions
         self.columns, self.rows, self.instances = _indices(columns), _indices(rows), instances
         self.numbers, self.scales, self._gradient_scales = numbers, scales, gradient_scales
 

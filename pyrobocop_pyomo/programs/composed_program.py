@@ -7,26 +7,51 @@ levels. With ``Y = dy/dx`` and ``U = du/dx`` along the elimination and the adjoi
 
     [I; Y]' (Hessian of f + lambda' g + mu' u by (x, y)) [I; Y]  +  sum over the calls  U' (nu' F_uu) U
 
-Each evaluation calls each function once, for all points of a level together.
+Each evaluation calls each function once, for all points of a level together. The products are those of sparse matrices;
+their entries are found once, from matrices whose entries are all one.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import count
 from typing import Any
 
 import numpy as np
+from pyomo.core.base.constraint import ConstraintData
+from pyomo.core.base.var import VarData
 
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.modeling.functions import Function
+from pyrobocop_pyomo.optional_imports import scipy
 
-from .nonlinear_program import FloatArray
-from .sparse_entries import merged_places, ranges, summed
+from .function_calls import FunctionCall
+from .model_terms import ModelTerms
+from .nonlinear_program import FloatArray, IndexArray
 from .vectorised_program import ArgumentRows, VectorisedProgram
 
 logger = logging.getLogger(__name__)
+
+
+def vectorised_composition(
+    terms: ModelTerms,
+) -> tuple[VectorisedProgram | ComposedProgram, list[VarData], list[ConstraintData]]:
+    """The program of a model whose expressions are evaluated by vectorised functions, its variables and its rows."""
+    main = VectorisedProgram(terms)
+    if not terms.calls.calls:
+        return main, terms.variables, terms.constraints
+    outputs = [variable for call in terms.calls.calls for variable in call.outputs.values()]
+    of_calls = set(map(id, outputs))
+    x = [variable for variable in terms.variables if id(variable) not in of_calls]
+    place_of = {id(variable): place for place, variable in enumerate([*x, *outputs])}
+    columns = np.array([place_of[id(variable)] for variable in terms.variables], dtype=np.intp)
+    levels = [
+        Level(arguments, _points(calls, place_of), columns, len(place_of))
+        for calls, arguments in zip(terms.calls.levels, main.arguments, strict=True)
+    ]
+    return ComposedProgram(main, columns, len(x), len(outputs), levels), x, terms.constraints
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,151 +64,119 @@ class Points:
     rows : int array, shape (points, inputs)
         Rows of the level that are the arguments; each row is one argument.
     outputs : int array, shape (points, outputs)
-        Places among all y, -1 for an output that nothing uses.
+        Places among all x and y, -1 for an output that nothing uses.
     """
 
     function: Function
     rows: np.ndarray
     outputs: np.ndarray
 
+    def entries(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Which derivatives of outputs by inputs are used, and the outputs and the arguments of these."""
+        outputs, arguments = np.broadcast_arrays(self.outputs[:, :, None], self.rows[:, None, :])
+        used = outputs >= 0
+        return used, outputs[used], arguments[used]
 
-@dataclass(frozen=True, eq=False)
+
+def _points(level: Sequence[FunctionCall], place_of: dict[int, int]) -> list[Points]:
+    """The calls of each function together, with the rows of their arguments, which are in the order of the calls."""
+    row = count()
+    alike: dict[tuple[int, int], list[tuple[FunctionCall, list[int]]]] = {}
+    for call in level:
+        rows = [next(row) for _ in call.arguments]
+        alike.setdefault((id(call.function), len(rows)), []).append((call, rows))
+    found = []
+    for several in alike.values():
+        function = several[0][0].function
+        outputs = [
+            [place_of[id(call.outputs[i])] if i in call.outputs else -1 for i in range(function.output_count)]
+            for call, _ in several
+        ]
+        found.append(Points(function, np.array([rows for _, rows in several], dtype=np.intp), np.array(outputs)))
+    return found
+
+
 class Level:
-    """The arguments of calls that hold no other calls than those of lower levels.
+    """The arguments of calls that hold no other calls than those of lower levels, with derivatives as matrices.
 
-    Attributes
+    Parameters
     ----------
     arguments : ArgumentRows
     points : list of Points
+    columns : int array
+        The places of the arguments' variables among all x and y.
+    size : int
+        Count of x and y.
     """
 
-    arguments: ArgumentRows
-    points: list[Points]
+    def __init__(self, arguments: ArgumentRows, points: list[Points], columns: np.ndarray, size: int) -> None:
+        self.arguments, self.points, self._columns = arguments, points, columns
+        self._shape = arguments.m, size
+        rows, by = arguments.jacobian_structure
+        self._entries = rows, columns[by]
+        self._used, outputs, inputs = zip(*(each.entries() for each in points), strict=True)
+        self._slopes = np.concatenate(outputs), np.concatenate(inputs)
+        pairs = [np.broadcast_arrays(each.rows[:, :, None], each.rows[:, None, :]) for each in points]
+        self._pairs = np.concatenate([np.reshape(both, (2, -1)) for both in pairs], axis=1)
+        self.triangle = columns[np.array(arguments.hessian_structure)]
 
-
-class _Dependence:
-    """``[I; Y]`` as rows of entries: what x and y depend on, in one array of values that changes with the point."""
-
-    def __init__(self, n: int, outputs: int) -> None:
-        self.starts = np.concatenate([np.arange(n), np.zeros(outputs, dtype=np.intp)])
-        self.counts = np.concatenate([np.ones(n, dtype=np.intp), np.zeros(outputs, dtype=np.intp)])
-        self.columns = np.arange(n)
-
-    def append(self, places: np.ndarray, counts: np.ndarray, columns: np.ndarray) -> None:
-        """Further entries of y: their places, how many values each has, and by which x they are."""
-        self.starts[places] = self.columns.size + np.cumsum(counts) - counts
-        self.counts[places] = counts
-        self.columns = np.concatenate([self.columns, columns])
-
-    def expanded(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """For a derivative by each of some x and y: which of them, and the place of the value it is multiplied by."""
-        counts = self.counts[places]
-        return np.repeat(np.arange(places.size), counts), ranges(self.starts[places], counts)
-
-
-class _Product:
-    """A Jacobian by (x, y) times ``[I; Y]``: one sum of products for each entry."""
-
-    def __init__(self, dependence: _Dependence, rows: np.ndarray, places: np.ndarray) -> None:
-        self._entries, self._values = dependence.expanded(places)
-        self.rows, self.columns = rows[self._entries], dependence.columns[self._values]
-
-    def values(self, jacobian: FloatArray, dependence: FloatArray) -> FloatArray:
-        """Summands, in the order of `rows` and `columns`."""
-        return jacobian[self._entries] * dependence[self._values]
-
-
-class _Congruence:
-    """A Hessian by (x, y) between ``[I; Y]`` and its transpose, as entries of the lower triangle."""
-
-    def __init__(self, dependence: _Dependence, first: np.ndarray, second: np.ndarray) -> None:
-        firsts, seconds = dependence.counts[first], dependence.counts[second]
-        products = firsts * seconds
-        self._entries = np.repeat(np.arange(first.size), products)
-        position = ranges(np.zeros(first.size, dtype=np.intp), products)
-        self._first = dependence.starts[first][self._entries] + position // np.maximum(seconds, 1)[self._entries]
-        self._second = dependence.starts[second][self._entries] + position % np.maximum(seconds, 1)[self._entries]
-        one, other = dependence.columns[self._first], dependence.columns[self._second]
-        self.rows, self.columns = np.maximum(one, other), np.minimum(one, other)
-        # An entry beside the diagonal stands for two; one on it meets both orders of two different columns.
-        diagonal = (first == second)[self._entries]
-        same = one == other
-        self._factors = np.where(diagonal, np.where(same, 1.0, 0.5), np.where(same, 2.0, 1.0))
-
-    def values(self, hessian: FloatArray, dependence: FloatArray) -> FloatArray:
-        """Summands, in the order of `rows` and `columns`."""
-        return self._factors * hessian[self._entries] * dependence[self._first] * dependence[self._second]
-
-
-class _PointDerivatives:
-    """Derivatives of all calls of one function on a level, as dense blocks by the x that each call depends on."""
-
-    def __init__(self, level: Level, points: Points, product: _Product, dependence: _Dependence, n: int) -> None:
-        self.points = points
-        count, inputs = points.rows.shape
-        argument_of = np.full(level.arguments.m, -1, dtype=np.intp)
-        argument_of[points.rows.ravel()] = np.arange(points.rows.size)
-        self._entries = np.flatnonzero(argument_of[product.rows] >= 0)
-        argument, columns = argument_of[product.rows[self._entries]], product.columns[self._entries]
-        keys, place = np.unique((argument // inputs) * n + columns, return_inverse=True)
-        sizes = np.bincount(keys // n, minlength=count)
-        width = int(sizes.max(initial=0))
-        position = np.arange(keys.size) - (np.cumsum(sizes) - sizes)[keys // n]
-        self._targets = argument * width + position[place.ravel()]
-        self._shape = (count, inputs, width)
-        by = np.full((count, width), -1, dtype=np.intp)
-        by[keys // n, position] = keys % n
-        filled = by >= 0
-        # Rows of the dependence for the outputs that are used, in the order of their places.
-        self.used = points.outputs >= 0
-        call = np.broadcast_to(np.arange(count)[:, None], self.used.shape)[self.used]
-        self._first_value = dependence.columns.size
-        dependence.append(n + points.outputs[self.used], sizes[call], by[call][filled[call]])
-        self._kept = np.flatnonzero(np.broadcast_to(filled[:, None, :], (*self.used.shape, width))[self.used].ravel())
-        one, other = np.tril_indices(width)
-        self._lower = np.flatnonzero((filled[:, one] & filled[:, other]).ravel())
-        self._triangle = one, other
-        self.rows = by[:, one].ravel()[self._lower]
-        self.columns = by[:, other].ravel()[self._lower]
-
-    def differentiate(self, inputs: FloatArray, summands: FloatArray, dependence: FloatArray) -> None:
-        """Take the first derivatives, and put those of the outputs into the dependence."""
-        self._inputs = inputs
-        size = int(np.prod(self._shape))
-        self.u = summed(self._targets, [summands[self._entries]], size).reshape(self._shape)
-        self.jacobian = self.points.function.jacobians(inputs)
-        values = (self.jacobian @ self.u)[self.used].ravel()[self._kept]
-        dependence[self._first_value : self._first_value + values.size] = values
-
-    def second(self, adjoint: FloatArray) -> FloatArray:
-        """Entries of ``U' (nu' F_uu) U``; the adjoint has shape (points, outputs)."""
-        if not adjoint.any():
-            return np.zeros(self._lower.size)
-        by_inputs = np.einsum("po,poij->pij", adjoint, self.points.function.hessians(self._inputs))
-        block = self.u.swapaxes(1, 2) @ by_inputs @ self.u
-        one, other = self._triangle
-        return block[:, one, other].ravel()[self._lower]
-
-
-class _LevelDerivatives:
-    """A level with what its derivatives are put together from."""
-
-    def __init__(self, level: Level, columns: np.ndarray, dependence: _Dependence, n: int) -> None:
-        self.level = level
-        rows, by = level.arguments.jacobian_structure
-        by = columns[by]
-        self.jacobian = np.zeros(rows.size)
-        self.product = _Product(dependence, rows, by)
-        self.congruence = _Congruence(dependence, *(columns[index] for index in level.arguments.hessian_structure))
-        # Derivatives by y, for the adjoints of lower levels.
-        self.by_y = np.flatnonzero(by >= n)
-        self.y_of, self.row_of = by[self.by_y] - n, rows[self.by_y]
-        self.points = [_PointDerivatives(level, points, self.product, dependence, n) for points in level.points]
-
-    def inputs(self, x: FloatArray) -> list[FloatArray]:
+    def inputs(self, z: FloatArray) -> list[FloatArray]:
         """Arguments of the calls, one array for each function."""
-        rows = self.level.arguments.constraints(x)
-        return [rows[points.rows] for points in self.level.points]
+        rows = self.arguments.constraints(z[self._columns])
+        return [rows[points.rows] for points in self.points]
+
+    def first(self, z: FloatArray, inputs: Sequence[FloatArray]) -> tuple[Any, Any]:
+        """Derivatives of the arguments by x and y, and of y by the arguments."""
+        jacobians = [points.function.jacobians(X) for points, X in zip(self.points, inputs, strict=True)]
+        slopes = [block[used] for block, used in zip(jacobians, self._used, strict=True)]
+        return self._first(self.arguments.jacobian(z[self._columns]), np.concatenate(slopes))
+
+    def second(
+        self, z: FloatArray, inputs: Sequence[FloatArray], adjoint: FloatArray, of_rows: FloatArray
+    ) -> tuple[FloatArray, Any]:
+        """Second derivatives with adjoints: of the arguments, in the order of `triangle`, and of y by the arguments."""
+        blocks = []
+        for points, X in zip(self.points, inputs, strict=True):
+            weights = np.where(points.outputs >= 0, adjoint[points.outputs], 0.0)
+            blocks.append(np.einsum("po,poij->pij", weights, points.function.hessians(X)).ravel())
+        return self.arguments.hessian(z[self._columns], 0.0, of_rows), self._second(np.concatenate(blocks))
+
+    def patterns(self) -> tuple[tuple[Any, Any], tuple[FloatArray, Any]]:
+        """The first and the second derivatives with ones in all entries."""
+        sizes = (indices[0].size for indices in (self._entries, self._slopes, self.triangle, self._pairs))
+        arguments, functions, triangle, pairs = map(np.ones, sizes)
+        return self._first(arguments, functions), (triangle, self._second(pairs))
+
+    def _first(self, arguments: FloatArray, functions: FloatArray) -> tuple[Any, Any]:
+        return _matrix(arguments, self._entries, self._shape), _matrix(functions, self._slopes, self._shape[::-1])
+
+    def _second(self, functions: FloatArray) -> Any:
+        return _matrix(functions, self._pairs, (self._shape[0], self._shape[0]))
+
+
+def _matrix(values: FloatArray, entries: Any, shape: tuple[int, int]) -> Any:
+    return scipy.sparse.csr_array((values, tuple(entries)), shape=shape)
+
+
+class _Entries:
+    """The entries that a matrix may have, found from one without zeros, and its values in their order."""
+
+    def __init__(self, pattern: Any) -> None:
+        self._columns = pattern.shape[1]
+        self._keys = np.sort(self._keys_of(pattern.tocoo()))
+        rows, columns = np.divmod(self._keys, self._columns)
+        self.structure: tuple[IndexArray, IndexArray] = rows.astype(np.int32), columns.astype(np.int32)
+
+    def values(self, matrix: Any) -> FloatArray:
+        """The values of a matrix; products drop the zeros among them."""
+        matrix = matrix.tocoo()
+        values = np.zeros(self._keys.size)
+        values[np.searchsorted(self._keys, self._keys_of(matrix))] = matrix.data
+        return values
+
+    def _keys_of(self, matrix: Any) -> np.ndarray:
+        rows, columns = matrix.coords
+        return np.asarray(rows.astype(np.int64) * self._columns + columns)
 
 
 class ComposedProgram:
@@ -195,40 +188,29 @@ class ComposedProgram:
         The objective and the rows, with variables that stand for the outputs of calls.
     columns : int array
         The places of its variables in the vector of x and y.
-    n : int
-        Count of x.
+    n, outputs : int
+        Counts of x and of y.
     levels : sequence of Level
         From the lowest on.
-    outputs : int
-        Count of y.
     """
 
     def __init__(
-        self,
-        main: VectorisedProgram,
-        columns: np.ndarray,
-        n: int,
-        levels: Sequence[Level],
-        outputs: int,
+        self, main: VectorisedProgram, columns: np.ndarray, n: int, outputs: int, levels: Sequence[Level]
     ) -> None:
-        self._main, self._columns, self.n, self._y = main, columns, n, outputs
-        self.m = main.m
+        self._main, self._columns, self._levels = main, columns, levels
+        self.n, self.m, self._size = n, main.m, n + outputs
         self.g_multipliers_start: FloatArray | None = None
-        dependence = _Dependence(n, outputs)
-        self._levels = [_LevelDerivatives(level, columns, dependence, n) for level in levels]
-        self._dependence = np.ones(dependence.columns.size)
         rows, by = main.jacobian_structure
-        by = columns[by]
-        self._product = _Product(dependence, rows, by)
-        self.jacobian_structure, self._jacobian_places = merged_places([(self._product.rows, self._product.columns)], n)
-        self._by_y = np.flatnonzero(by >= n)
-        self._y_of, self._row_of = by[self._by_y] - n, rows[self._by_y]
-        self._gradient = _Product(dependence, np.zeros(columns.size, dtype=np.intp), columns)
-        self._congruence = _Congruence(dependence, *(columns[index] for index in main.hessian_structure))
-        parts: list[Any] = [self._congruence]
-        for level in self._levels:
-            parts += [level.congruence, *level.points]
-        self.hessian_structure, self._hessian_places = merged_places([(part.rows, part.columns) for part in parts], n)
+        self._main_entries = rows, columns[by]
+        triangles = [columns[np.array(main.hessian_structure)], *(level.triangle for level in levels)]
+        self._triangle = np.concatenate(triangles, axis=1)
+        # Both triangles are made of the lower one, in which the diagonal stands for itself twice.
+        self._halves = np.where(self._triangle[0] == self._triangle[1], 0.5, 1.0)
+        firsts, seconds = zip(*(level.patterns() for level in levels), strict=True)
+        by_x, of_arguments = self._eliminated(firsts)
+        self._jacobian = _Entries(self._main_jacobian(np.ones(rows.size)) @ by_x)
+        self._hessian = _Entries(self._second(np.ones(main.hessian_structure[0].size), seconds, by_x, of_arguments))
+        self.jacobian_structure, self.hessian_structure = self._jacobian.structure, self._hessian.structure
         self._z_at: FloatArray | None = None
         self._differentiated_at: FloatArray | None = None
         self.derivatives = _described(main.derivatives, [p.function for level in levels for p in level.points])
@@ -254,9 +236,9 @@ class ComposedProgram:
         except EvaluationError as error:
             logger.warning("a Python function has no value at the first point of the model: %s", error)
             return
-        for level in self._levels:
-            for points, inputs in zip(level.level.points, level.inputs(self._z[self._columns]), strict=True):
-                points.function.check_derivatives_once(inputs)
+        for level, inputs in zip(self._levels, self._inputs, strict=True):
+            for points, X in zip(level.points, inputs, strict=True):
+                points.function.check_derivatives_once(X)
 
     # ---------------------------------------------------------------- evaluation
 
@@ -264,30 +246,39 @@ class ComposedProgram:
         """The variables of the main program."""
         if self._z_at is None or not np.array_equal(self._z_at, x):
             self._z_at = None
-            z = np.zeros(self.n + self._y)
+            z = np.zeros(self._size)
             z[: self.n] = x
             self._inputs = []
             for level in self._levels:
-                inputs = level.inputs(z[self._columns])
+                inputs = level.inputs(z)
                 self._inputs.append(inputs)
-                for points, X in zip(level.level.points, inputs, strict=True):
+                for points, X in zip(level.points, inputs, strict=True):
                     used = points.outputs >= 0
-                    z[self.n + points.outputs[used]] = points.function.values(X)[used]
+                    z[points.outputs[used]] = points.function.values(X)[used]
             self._z, self._z_at = z, np.array(x)
         return self._z[self._columns]
 
     def _differentiate(self, x: FloatArray) -> FloatArray:
         """The same, with the first derivatives of y known."""
-        z = self._at(x)
+        main = self._at(x)
         if self._differentiated_at is None or not np.array_equal(self._differentiated_at, x):
             self._differentiated_at = None
-            for level, inputs in zip(self._levels, self._inputs, strict=True):
-                level.jacobian = level.level.arguments.jacobian(z)
-                summands = level.product.values(level.jacobian, self._dependence)
-                for points, X in zip(level.points, inputs, strict=True):
-                    points.differentiate(X, summands, self._dependence)
+            levels = zip(self._levels, self._inputs, strict=True)
+            self._firsts = [level.first(self._z, inputs) for level, inputs in levels]
+            self._by_x, self._of_arguments = self._eliminated(self._firsts)
             self._differentiated_at = np.array(x)
-        return z
+        return main
+
+    def _eliminated(self, firsts: Iterable[tuple[Any, Any]]) -> tuple[Any, list[Any]]:
+        """``[I; Y]``, and U of each level."""
+        by_x, found = scipy.sparse.eye_array(self._size, self.n, format="csr"), []
+        for arguments, functions in firsts:
+            found.append(arguments @ by_x)
+            by_x = by_x + functions @ found[-1]
+        return by_x, found
+
+    def _main_jacobian(self, values: FloatArray) -> Any:
+        return _matrix(values, self._main_entries, (self.m, self._size))
 
     def objective(self, x: FloatArray) -> float:
         """Value of f."""
@@ -296,7 +287,7 @@ class ComposedProgram:
     def gradient(self, x: FloatArray) -> FloatArray:
         """Gradient of f."""
         gradient = self._main.gradient(self._differentiate(x))
-        return summed(self._gradient.columns, [self._gradient.values(gradient, self._dependence)], self.n)
+        return np.asarray(gradient @ self._by_x[self._columns])
 
     def constraints(self, x: FloatArray) -> FloatArray:
         """Values of g."""
@@ -305,34 +296,32 @@ class ComposedProgram:
     def jacobian(self, x: FloatArray) -> FloatArray:
         """Values of the Jacobian of g."""
         jacobian = self._main.jacobian(self._differentiate(x))
-        summands = self._product.values(jacobian, self._dependence)
-        return summed(self._jacobian_places, [summands], self.jacobian_structure[0].size)
+        return self._jacobian.values(self._main_jacobian(jacobian) @ self._by_x)
 
     def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
         """Values of the Hessian of the Lagrangian."""
-        z = self._differentiate(x)
-        slopes = np.zeros(self.n + self._y)
-        slopes[self._columns] = objective_factor * self._main.gradient(z)
-        adjoint = slopes[self.n :]
-        by_y = multipliers[self._row_of] * self._main.jacobian(z)[self._by_y]
-        adjoint += summed(self._y_of, [by_y], self._y)
-        blocks = [self._congruence.values(self._main.hessian(z, objective_factor, multipliers), self._dependence)]
-        upper: list[list[FloatArray]] = []
-        for level in reversed(self._levels):
-            arguments = level.level.arguments
-            of_rows = np.zeros(arguments.m)
-            of_points = []
-            for points in level.points:
-                of_outputs = np.zeros(points.used.shape)
-                of_outputs[points.used] = adjoint[points.points.outputs[points.used]]
-                of_rows[points.points.rows] = np.einsum("po,poi->pi", of_outputs, points.jacobian)
-                of_points.append(points.second(of_outputs))
-            adjoint += summed(level.y_of, [of_rows[level.row_of] * level.jacobian[level.by_y]], self._y)
-            of_points.insert(0, level.congruence.values(arguments.hessian(z, 0.0, of_rows), self._dependence))
-            upper.insert(0, of_points)
-        for of_points in upper:
-            blocks += of_points
-        return summed(self._hessian_places, blocks, self.hessian_structure[0].size)
+        main = self._differentiate(x)
+        adjoint = self._main_jacobian(self._main.jacobian(main)).T @ multipliers
+        adjoint[self._columns] += objective_factor * self._main.gradient(main)
+        seconds = []
+        for level, inputs, (arguments, functions) in zip(
+            reversed(self._levels), reversed(self._inputs), reversed(self._firsts), strict=True
+        ):
+            of_rows = functions.T @ adjoint
+            seconds.append(level.second(self._z, inputs, adjoint, of_rows))
+            adjoint += arguments.T @ of_rows
+        values = self._main.hessian(main, objective_factor, multipliers)
+        return self._hessian.values(self._second(values, seconds[::-1], self._by_x, self._of_arguments))
+
+    def _second(
+        self, main: FloatArray, seconds: Sequence[tuple[FloatArray, Any]], by_x: Any, of_arguments: Sequence[Any]
+    ) -> Any:
+        """The lower triangle of all second derivatives by x."""
+        values = np.concatenate([main, *(of_rows for of_rows, _ in seconds)])
+        found = by_x.T @ _matrix(self._halves * values, self._triangle, (self._size, self._size)) @ by_x
+        for (_, by_arguments), slopes in zip(seconds, of_arguments, strict=True):
+            found = found + slopes.T @ (0.5 * by_arguments) @ slopes
+        return scipy.sparse.tril(found + found.T)
 
 
 def _described(derivatives: str, functions: Sequence[Function]) -> str:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from .nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
+from .nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint, WrappedProgram
 
 
-class ElasticRows:
+class ElasticRows(WrappedProgram):
     r"""Minimise :math:`f(x) / \rho + \sum_i w_i (p_i + q_i)` with rows :math:`g(x) + p - q` and :math:`p, q \ge 0`.
 
     A row has a `p` where it has a lower bound and a `q` where it has an upper one. Any point can be completed to one
@@ -29,25 +29,24 @@ class ElasticRows:
     """
 
     def __init__(self, nlp: NonlinearProgram, penalty: float, prices: FloatArray | None = None) -> None:
-        self.nlp, self.penalty = nlp, penalty
-        self.derivatives = nlp.derivatives
+        super().__init__(nlp)
+        self.penalty = penalty
+        self.objective, self.gradient = self._objective, self._gradient
         below, above = np.flatnonzero(np.isfinite(nlp.g_lower)), np.flatnonzero(np.isfinite(nlp.g_upper))
         self._below, self._above = below, above
         added = below.size + above.size
         weights = np.ones(nlp.m) if prices is None else prices
         self._weights = np.concatenate([weights[below], weights[above]])
-        self.n, self.m = nlp.n + added, nlp.m
+        self.n = nlp.n + added
         self.x_lower = np.concatenate([nlp.x_lower, np.zeros(added)])
         self.x_upper = np.concatenate([nlp.x_upper, np.full(added, np.inf)])
-        self.g_lower, self.g_upper = nlp.g_lower, nlp.g_upper
-        self.g_multipliers_start: FloatArray | None = None
+        self.g_multipliers_start = None
         self.x_start = self.restrict(nlp.x_start)
         rows, columns = nlp.jacobian_structure
         self.jacobian_structure = (
             np.concatenate([rows, below, above]).astype(np.int32),
             np.concatenate([columns, nlp.n + np.arange(added)]).astype(np.int32),
         )
-        self.hessian_structure = nlp.hessian_structure
         self._signs = np.concatenate([np.ones(below.size), -np.ones(above.size)])
 
     def restrict(self, x: FloatArray) -> FloatArray:
@@ -74,12 +73,12 @@ class ElasticRows:
         n, penalty = self.nlp.n, self.penalty
         return penalty * rows, penalty * lower[:n], penalty * upper[:n]
 
-    def objective(self, x: FloatArray) -> float:
+    def _objective(self, x: FloatArray) -> float:
         """Value of f / penalty, with all violations."""
         n = self.nlp.n
         return float(self.nlp.objective(x[:n]) / self.penalty + self._weights @ x[n:])
 
-    def gradient(self, x: FloatArray) -> FloatArray:
+    def _gradient(self, x: FloatArray) -> FloatArray:
         """Gradient of the objective, shape (n,)."""
         n = self.nlp.n
         return np.concatenate([self.nlp.gradient(x[:n]) / self.penalty, self._weights])

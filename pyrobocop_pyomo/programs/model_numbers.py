@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import chain
 from operator import attrgetter, is_not
 from typing import Any
 
@@ -27,6 +28,7 @@ _STORED_VALUE = attrgetter("_value")
 
 # Of real variables they say all; a property looks at the domain, too.
 _PLAIN_BOUNDS = {float, int, type(None)}
+_KNOWN_BOUNDS = {*native_numeric_types, type(None)}
 _TOLERANCE = 1e-8  # for rows without variables, as Pyomo's own writer has it
 
 
@@ -56,9 +58,9 @@ class ModelNumbers:
         self._domains = list(map(_DOMAIN, self._variables))
         classes: set[Any] = set(map(type, self._variables))
         self._value_of = _STORED_VALUE if all(cls.value is VarData.value for cls in classes) else _VALUE
-        self._raw_bounds = [list(map(read, self._variables)) for read in (_LOWER, _UPPER)]
         self.x_lower, self.x_upper = np.empty(len(self._variables)), np.empty(len(self._variables))
-        self._changing_bounds = self._read_all_bounds()
+        self._raw_bounds: list[list[Any]] = []
+        self._read_bounds()
         self.g_lower, lower = _row_bounds([lower for lower, _ in terms.bounds], -math.inf)
         self.g_upper, upper = _row_bounds([upper for _, upper in terms.bounds], math.inf)
         for undefined in np.flatnonzero(np.isnan(self.g_lower) | np.isnan(self.g_upper)):
@@ -80,17 +82,7 @@ class ModelNumbers:
             When a row without free variables contradicts itself.
         """
         self._refuse_other_structure()
-        for raw, read in zip(self._raw_bounds, (_LOWER, _UPPER), strict=True):
-            new = list(map(read, self._variables))
-            if any(map(is_not, new, raw)):
-                changed = [i for i, (now, before) in enumerate(zip(new, raw, strict=True)) if now is not before]
-                raw[:] = new
-                for i in changed:
-                    self._changing_bounds.discard(i)
-                    if self._read_bounds(i):
-                        self._changing_bounds.add(i)
-        for i in self._changing_bounds:
-            self._read_bounds(i)
+        self._read_bounds()
         self._read_numbers()
 
     def values_of_variables(self) -> FloatArray:
@@ -105,31 +97,24 @@ class ModelNumbers:
         known = self._terms.columns.parameters
         return next((i for i, parameter in enumerate(known) if parameter is data), None)
 
-    def _read_all_bounds(self) -> set[int]:
-        """Read the bounds of all variables; those of which are expressions."""
-        lower, upper = self._raw_bounds
-        if set(map(type, lower)) | set(map(type, upper)) <= _PLAIN_BOUNDS and all(
-            domain is Reals for domain in self._domains
-        ):
-            self.x_lower[:] = [-math.inf if bound is None else bound for bound in lower]
-            self.x_upper[:] = [math.inf if bound is None else bound for bound in upper]
-            if not (np.isnan(self.x_lower) | np.isnan(self.x_upper)).any():
-                return set()
-        return {i for i in range(len(self._variables)) if self._read_bounds(i)}
-
-    def _read_bounds(self, i: int) -> bool:
-        """Read the bounds of a variable; true when they are expressions, which may change by themselves."""
-        variable = self._variables[i]
-        raw = _LOWER(variable), _UPPER(variable)
-        changing = any(bound is not None and bound.__class__ not in native_numeric_types for bound in raw)
-        if changing:
-            for bound in raw:
-                if bound is not None:
-                    number_in(bound, variable.name)  # Pyomo's own message would not say which variable it is
-        lower, upper = variable.bounds
-        self.x_lower[i] = -math.inf if lower is None else lower
-        self.x_upper[i] = math.inf if upper is None else upper
-        return changing
+    def _read_bounds(self) -> None:
+        """Read the bounds of all variables, where one is another one than before or is an expression."""
+        raw = [list(map(read, self._variables)) for read in (_LOWER, _UPPER)]
+        kinds = {bound.__class__ for bounds in raw for bound in bounds}
+        if self._raw_bounds and kinds <= _KNOWN_BOUNDS and not any(map(is_not, chain(*raw), chain(*self._raw_bounds))):
+            return
+        self._raw_bounds = raw
+        is_plain = kinds <= _PLAIN_BOUNDS and all(domain is Reals for domain in self._domains)
+        if is_plain and not any(bound != bound for bound in chain(*raw)):  # Pyomo refuses nan
+            bounds = raw
+        else:
+            if not kinds <= _KNOWN_BOUNDS:
+                for variable, bound in zip(chain(self._variables, self._variables), chain(*raw), strict=True):
+                    if bound.__class__ not in _KNOWN_BOUNDS:
+                        number_in(bound, variable.name)  # Pyomo's own message would not say which variable it is
+            bounds = [list(both) for both in zip(*(variable.bounds for variable in self._variables), strict=True)]
+        for values, numbers, unbounded in zip((self.x_lower, self.x_upper), bounds, (-math.inf, math.inf), strict=True):
+            values[:] = [unbounded if number is None else number for number in numbers]
 
     def _read_numbers(self) -> None:
         known: dict[int, float] = {}  # one parameter often bounds many rows
@@ -177,8 +162,7 @@ class ModelNumbers:
 
 def _row_bounds(bounds: list[Any], unbounded: float) -> tuple[FloatArray, list[tuple[int, Any]]]:
     """Bounds as an array, and those that are expressions with their places."""
-    known = {*native_numeric_types, type(None)}
-    changing = [(i, bound) for i, bound in enumerate(bounds) if bound.__class__ not in known]
+    changing = [(i, bound) for i, bound in enumerate(bounds) if bound.__class__ not in _KNOWN_BOUNDS]
     numbers = [unbounded if bound is None else bound for bound in bounds]
     for i, _ in changing:
         numbers[i] = 0.0

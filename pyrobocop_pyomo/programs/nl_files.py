@@ -9,7 +9,6 @@ import os
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import pyomo.repn.util
 from pyomo.common.errors import InvalidValueError
@@ -32,16 +31,8 @@ WRITER_OPTIONS = {"linear_presolve": False, "scale_model": False, "export_define
 _HEADER_LINES = 10
 
 
-class FileProgram(NamedTuple):
-    """A program read from a file, with what its variables and rows are."""
-
-    nlp: AslProgram
-    variables: list[VarData]
-    constraints: list[ConstraintData]
-
-
-def program_of_file(model: BlockData, has_objective: bool) -> FileProgram:
-    """Write a model, and let ASL read it.
+def program_of_file(model: BlockData, has_objective: bool) -> tuple[AslProgram, list[VarData], list[ConstraintData]]:
+    """Write a model, and let ASL read it; returns the program, and what its variables and rows are.
 
     Raises
     ------
@@ -68,7 +59,7 @@ def program_of_file(model: BlockData, has_objective: bool) -> FileProgram:
         content = text.getvalue() if has_objective else _with_objective(text.getvalue())
         path.write_text(content, encoding="utf-8", newline="\n")
         nlp = AslProgram(path, amplfunc_merge(os.environ, *libraries) if libraries else "")
-    return FileProgram(nlp, info.variables, info.constraints)
+    return nlp, info.variables, info.constraints
 
 
 def _is_not_raised_as_well(record: logging.LogRecord) -> bool:

@@ -22,13 +22,31 @@ from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases.rule_formulas import ARRAY_FUNCTIONS
 
 from .expression_codes import NodeKinds, decoded
-from .term_groups import Columns, NonlinearTerm, TermGroup, TermGroups
+from .term_bundles import Bundle
+from .term_groups import Columns, NonlinearTerm, TermGroups
 
 # From so many terms on, a sum is evaluated as arrays.
 MANY_TERMS = 100
 
 
-class RowValues:
+class _Named:
+    """What reads expressions behind names, and knows whether these still stand for the same."""
+
+    def __init__(self) -> None:
+        self._names: list[tuple[Any, Any]] = []
+
+    @property
+    def is_current(self) -> bool:
+        """Whether named expressions still stand for what they stood for."""
+        return all(named._args_[0] is content for named, content in self._names)
+
+    def _content(self, named: Any) -> Any:
+        content = named._args_[0]
+        self._names.append((named, content))
+        return content
+
+
+class RowValues(_Named):
     """Evaluates expressions that do not change; what variables and parameters hold is read each time.
 
     Parameters
@@ -37,8 +55,8 @@ class RowValues:
     """
 
     def __init__(self, expressions: Sequence[Any]) -> None:
+        super().__init__()
         self._expressions = expressions
-        self._names: list[tuple[Any, Any]] = []
         self._columns = Columns()
         self._groups = TermGroups(self._columns, NodeKinds(), self._content)
         self._single: Sequence[int] = ()
@@ -49,12 +67,7 @@ class RowValues:
             except ModelError:  # something that arrays do not know: an external function
                 self._groups.clear()
                 self._single = range(len(expressions))
-        self._shapes = list(map(_Shape, self._groups.values()))
-
-    @property
-    def is_current(self) -> bool:
-        """Whether named expressions still stand for what they stood for."""
-        return all(named._args_[0] is content for named, content in self._names)
+        self._shapes = list(map(Bundle.of_group, self._groups.values()))
 
     def values(self) -> Array:
         """Values now; NaN where an expression has none, or is no real number."""
@@ -66,41 +79,28 @@ class RowValues:
         found, left = np.empty(len(self._expressions)), [*self._single]
         leaves = np.array(variables, dtype=float), np.array(parameters, dtype=float)
         for shape in self._shapes:
+            (output,) = shape.outputs
+            numbers = output.numbers
+            if leaves[1].size:
+                numbers = np.where(output.parameters < 0, numbers, leaves[1][output.parameters])
+            arguments = list(leaves[0][shape.columns.T]), list(numbers.T)
             try:
                 # An operation without a value is an error in Python, and must not disappear in a finite result.
                 with np.errstate(divide="raise", over="raise", invalid="raise"):
-                    found[shape.rows] = shape.values(*leaves)
+                    found[output.rows] = decoded(output.code, *arguments, ARRAY_FUNCTIONS)
             except FloatingPointError:
-                left += shape.rows
+                left += output.rows.tolist()
         for i in left:
             found[i] = number_or_nan(self._expressions[i])
         return found
 
     def _content(self, named: Any) -> Any:
-        content = named._args_[0]
         if not named.is_named_expression_type():
             raise ModelError(f"'{named}' is a call.")
-        self._names.append((named, content))
-        return content
+        return super()._content(named)
 
 
-class _Shape:
-    """Expressions of one shape: variables and numbers stand in arrays, one column for each expression."""
-
-    def __init__(self, group: TermGroup) -> None:
-        count = len(group.rows)
-        self.rows, self._code = group.rows, group.code
-        self._variables = np.array(group.columns, dtype=np.intp).reshape(count, group.size).T
-        self._numbers = np.array(group.numbers, dtype=float).reshape(count, group.numbers_per_term)
-        self._places, self._parameters = np.array(group.parameters, dtype=np.intp).reshape(-1, 2).T
-
-    def values(self, variables: Array, parameters: Array) -> Array:
-        numbers = self._numbers.copy()
-        numbers.ravel()[self._places] = parameters[self._parameters]
-        return np.asarray(decoded(self._code, list(variables[self._variables]), list(numbers.T), ARRAY_FUNCTIONS))
-
-
-class RowTerms:
+class RowTerms(_Named):
     """The terms that expressions add up, and how large they are: how well a sum can be met depends on them.
 
     Parameters
@@ -109,16 +109,12 @@ class RowTerms:
     """
 
     def __init__(self, expressions: Sequence[Any]) -> None:
-        self._names: list[tuple[Any, Any]] = []
+        super().__init__()
         terms = [list(topmost_nodes((expression,), self._is_term)) for expression in expressions]
         self._count = len(terms)
         self._rows = np.repeat(np.arange(self._count), list(map(len, terms)))
         self._values = RowValues([term for several in terms for term in several])
-
-    @property
-    def is_current(self) -> bool:
-        """Whether named expressions still stand for what they stood for."""
-        return all(named._args_[0] is content for named, content in self._names) and self._values.is_current
+        self._names += self._values._names
 
     def largest(self) -> Array:
         """Magnitude of the largest term of each expression now, numbers apart, and those without a value."""
@@ -130,12 +126,12 @@ class RowTerms:
         if not node.is_expression_type():
             return True
         if node.is_named_expression_type():
-            self._names.append((node, node._args_[0]))
+            self._content(node)
             return False
         return not isinstance(node, (SumExpression, NegationExpression))
 
 
-class SumValue:
+class SumValue(_Named):
     """Evaluates an expression in which long sums stand, as integrals are; their terms are evaluated as arrays.
 
     Parameters
@@ -144,18 +140,14 @@ class SumValue:
     """
 
     def __init__(self, expression: Any) -> None:
+        super().__init__()
         self._expression = expression
-        self._names: list[tuple[Any, Any]] = []
         terms: dict[int, Any] = {}
         for total in topmost_nodes((expression,), self._is_long_sum):
             terms.update({id(term): term for term in total.args if term.__class__ not in native_types})
         self._terms = list(terms.values())
         self._values = RowValues(self._terms)
-
-    @property
-    def is_current(self) -> bool:
-        """Whether named expressions still stand for what they stood for."""
-        return all(named._args_[0] is content for named, content in self._names) and self._values.is_current
+        self._names += self._values._names
 
     def value(self) -> float:
         """Value now; NaN where there is none, or it is no real number."""
@@ -168,5 +160,5 @@ class SumValue:
 
     def _is_long_sum(self, node: Any) -> bool:
         if node.is_expression_type() and node.is_named_expression_type():
-            self._names.append((node, node._args_[0]))
+            self._content(node)
         return isinstance(node, SumExpression) and node.nargs() >= MANY_TERMS

@@ -1,16 +1,14 @@
 """Values and derivatives of groups of terms: one small function for each shape, derived by CasADi, for all terms.
 
-CasADi's virtual machine takes some nanoseconds for each operation on each argument. NumPy, one operation on all
-arguments after the other, takes half a nanosecond for arithmetic, but half a microsecond to begin: it is quicker for
-hundreds of arguments. The compiled evaluation (``term_evaluation.c``) begins an operation in some nanoseconds and goes
-over its arguments as quickly as NumPy does, in the processor's nearest memory: where it is there, it takes all.
+A function is a list of steps. The compiled evaluation (``term_evaluation.c``) begins a step in some nanoseconds and
+goes over all instances in the processor's nearest memory. Where it is not there, NumPy does the steps, each of which
+begins in half a microsecond.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -19,107 +17,17 @@ from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.modeling.expression_nodes import comparisons
 from pyrobocop_pyomo.optional_imports import casadi
 
-from .compiled_terms import CompiledTerm
+from .compiled_terms import CompiledFunction, CompiledTerm, VectorisedFunction
 from .expression_codes import decoded
 from .nonlinear_program import FloatArray
 from .term_bundles import FEWEST_TERMS, Bundle, Output, bundles_of
 from .term_groups import TermGroup
 
-# NumPy spends half a microsecond on each step, CasADi five nanoseconds on each step and instance.
-FEWEST_INSTANCES_OF_NUMPY = 128
-
-# Names of CasADi's operations and of the NumPy functions that do the same.
-_UFUNCS = {
-    "ADD": "add", "SUB": "subtract", "MUL": "multiply", "DIV": "divide", "NEG": "negative", "INV": "reciprocal",
-    "SQ": "square", "SQRT": "sqrt", "POW": "power", "CONSTPOW": "power", "EXP": "exp", "LOG": "log",
-    "LOG1P": "log1p", "EXPM1": "expm1", "SIN": "sin", "COS": "cos", "TAN": "tan", "ASIN": "arcsin",
-    "ACOS": "arccos", "ATAN": "arctan", "ATAN2": "arctan2", "SINH": "sinh", "COSH": "cosh", "TANH": "tanh",
-    "ASINH": "arcsinh", "ACOSH": "arccosh", "ATANH": "arctanh", "FABS": "absolute", "SIGN": "sign",
-    "COPYSIGN": "copysign", "FLOOR": "floor", "CEIL": "ceil", "FMOD": "fmod", "FMIN": "fmin", "FMAX": "fmax",
-    "HYPOT": "hypot", "LT": "less", "LE": "less_equal", "EQ": "equal", "NE": "not_equal", "NOT": "logical_not",
-    "AND": "logical_and", "OR": "logical_or", "ASSIGN": "positive",
-}  # fmt: skip
-
-
-class VectorisedFunction:
-    """A function of scalars, evaluated on rows of arguments: one row for each scalar, one column for each instance.
-
-    Parameters
-    ----------
-    symbols : list of SX
-        Vectors of symbols.
-    result : SX
-        A vector of expressions in the symbols.
-    arrays : list of float arrays, shapes (size of the symbol, instances)
-        Where the arguments are read at each evaluation.
-    """
-
-    def __init__(self, symbols: Sequence[Any], result: Any, arrays: Sequence[FloatArray]) -> None:
-        function = casadi.Function("vectorised", list(symbols), [result])
-        instances = arrays[0].shape[1]
-        work = np.empty((function.sz_w(), instances))
-        self._result = np.empty((result.numel(), instances))
-        self._steps: list[tuple[Callable[..., Any], tuple[Any, ...]]] = []
-        for k in range(function.n_instructions()):
-            operation = function.instruction_id(k)
-            if operation == casadi.OP_INPUT:
-                argument, row = function.instruction_input(k)
-                step = np.copyto, (work[function.instruction_output(k)[0]], arrays[argument][row])
-            elif operation == casadi.OP_OUTPUT:
-                step = (
-                    np.copyto,
-                    (self._result[function.instruction_output(k)[1]], work[function.instruction_input(k)[0]]),
-                )
-            elif operation == casadi.OP_CONST:
-                step = np.copyto, (work[function.instruction_output(k)[0]], function.instruction_constant(k))
-            else:
-                rows = (*function.instruction_input(k), *function.instruction_output(k))
-                step = _numpy_functions()[operation], tuple(work[row] for row in rows)
-            self._steps.append(step)
-
-    def __call__(self) -> FloatArray:
-        """Values for the arguments that stand in the arrays, shape (size of the result, instances)."""
-        with np.errstate(all="ignore"):  # what is not finite is noticed in the sums
-            for function, arguments in self._steps:
-                function(*arguments)
-        return self._result
-
-
-class InterpretedFunction:
-    """The same by CasADi's virtual machine, one instance after the other: one row for each instance."""
-
-    def __init__(self, symbols: Sequence[Any], result: Any, arrays: Sequence[FloatArray]) -> None:
-        instances = arrays[0].shape[0]
-        function = casadi.Function("interpreted", list(symbols), [result])
-        self._result = np.empty((instances, result.numel()))
-        self._arrays = arrays  # their memory is used for as long as the function is
-        self._function = function.map(instances) if instances > 1 else function
-        self._buffer, self._evaluate = self._function.buffer()
-        for i, array in enumerate(arrays):
-            self._buffer.set_arg(i, array.data)
-        self._buffer.set_res(0, self._result.data)
-
-    def __call__(self) -> FloatArray:
-        """Values for the arguments that stand in the arrays, shape (instances, size of the result)."""
-        self._evaluate()
-        return self._result
-
-
-@cache
-def _numpy_functions() -> dict[int, Callable[..., Any]]:
-    functions: dict[int, Callable[..., Any]] = {
-        getattr(casadi, f"OP_{ours}"): getattr(np, its) for ours, its in _UFUNCS.items()
-    }
-    functions[casadi.OP_TWICE] = lambda a, out: np.add(a, a, out)
-    functions[casadi.OP_IF_ELSE_ZERO] = lambda chosen, a, out: np.copyto(out, np.where(chosen, a, 0.0))
-    return functions
-
 
 class TermFunction:
     """The outputs of a bundle, evaluated for all of its instances at once.
 
-    Arrays of the values of one evaluation, and what belongs to each value, are flat: by instances, or by values where
-    NumPy or the compiled evaluation evaluates.
+    Arrays of the values of one evaluation, and what belongs to each value, have shape (values, instances) and are flat.
 
     Parameters
     ----------
@@ -159,13 +67,9 @@ class TermFunction:
         hessian = casadi.tril(casadi.hessian(casadi.dot(w, outputs), x)[0])
 
         instances = columns.shape[0]
-        by_values = compiled or instances >= FEWEST_INSTANCES_OF_NUMPY
 
         def flat(values: np.ndarray) -> np.ndarray:
-            return np.ascontiguousarray(values.T if by_values else values).ravel()
-
-        def shaped(values: FloatArray, size: int) -> FloatArray:
-            return values.reshape((size, instances) if by_values else (instances, size))
+            return np.ascontiguousarray(values.T).ravel()
 
         self.rows, self.scales, self._columns = flat(rows), flat(scales), flat(columns)
         output, variable = (np.array(indices, dtype=np.intp) for indices in gradient.sparsity().get_triplet())
@@ -183,18 +87,18 @@ class TermFunction:
             casadi.cse(casadi.vertcat(*nonzeros))
             for nonzeros in (casadi.densify(outputs).nonzeros(), gradient.nonzeros(), hessian.nonzeros())
         ]
+        functions = [CompiledFunction(casadi.Function("term", [x, p, w], [result])) for result in results]
         self.compiled: CompiledTerm | None = None
         if compiled:
-            functions = [casadi.Function("compiled", [x, p, w], [result]) for result in results]
             self.compiled = CompiledTerm(
                 functions, self._columns, self._numbers, self.rows, self.scales, self.gradient_scales, instances
             )
             return
-        arrays = [
-            shaped(self._x, sizes["x"]), shaped(self._numbers, sizes["p"]), shaped(self._w, sizes["w"])
-        ]  # fmt: skip
-        evaluator = VectorisedFunction if by_values else InterpretedFunction
-        self._value, self._gradient, self._hessian = (evaluator([x, p, w], result, arrays) for result in results)
+        arrays = [values.reshape(-1, instances) for values in (self._x, self._numbers, self._w)]
+        self._value, self._gradient, self._hessian = (
+            VectorisedFunction(function, result.numel(), arrays)
+            for function, result in zip(functions, results, strict=True)
+        )
 
     def set_parameters(self, values: FloatArray) -> None:
         """Evaluate with these values of all parameters from now on."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pyomo.environ as pyo
 import pytest
 from catalogue import pyomo_examples
+from harness.dae import driven_tank
 from pyomo.dae.simulator import Simulator
 
 import pyrobocop_pyomo as rcp
@@ -81,7 +82,7 @@ def test_fewer_points_that_cannot_be():
             discretiser.reduce_collocation_points(m, var=variable, ncp=points, contset=m.t)
     assert discretiser.reduce_collocation_points(m, var=m.u, ncp=3, contset=m.t) is m
     assert m.find_component("u_interpolation_constraints") is None
-    m = pyomo_examples.optimal_control()
+    m = driven_tank(initialize=0)
     discretiser.apply_to(m, nfe=2, scheme="lobatto")
     with pytest.raises(ModelError, match="neighbouring elements share a point"):
         discretiser.reduce_collocation_points(m, var=m.u, ncp=1, contset=m.t)

@@ -1,4 +1,4 @@
-"""Time and space: equations that are missing at boundaries, pyomo.dae for the other set, before or after."""
+"""Time and space: boundaries without equations, pyomo.dae for the other set, before or after."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from pyomo.contrib.incidence_analysis import IncidenceGraphInterface
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.numerics.matching import maximum_matching
 
 OURS = pyo.TransformationFactory("pyrobocop.collocation")
@@ -66,7 +67,7 @@ def test_pyomo_dae_in_space_before_or_after(space):
 @pytest.mark.parametrize("time", ["BACKWARD", "dae"])
 def test_pyomo_dae_in_time_before_or_after(time):
     found = []
-    for steps in ([("x", "radau", 3), ("t", time, 3)], [("t", time, 3), ("x", "radau", 3)]):
+    for steps in ([("x", "gauss", 3), ("t", time, 3)], [("t", time, 3), ("x", "gauss", 3)]):
         m = solved(discretise(heat(), *steps))
         found.append(values(m.u))
     assert found[0] == pytest.approx(found[1], abs=1e-6)
@@ -76,25 +77,24 @@ def test_pyomo_dae_in_time_before_or_after(time):
 
 
 @pytest.mark.casadi
-@pytest.mark.parametrize(
-    ("space", "time", "reached"),
-    [("radau", "radau", 6e-3), ("gauss", "radau", 2e-3), ("radau", "gauss", 6e-3), ("gauss", "gauss", 2e-3)],
-)
-def test_heat_equation_without_equations_at_the_boundaries(space, time, reached):
+@pytest.mark.parametrize("time", ["radau", "gauss"])
+def test_heat_equation_without_equations_at_the_boundaries(time):
     """Square, accurate at every point, and the same in either order."""
     found = []
-    for steps in ([("x", space, 3), ("t", time, 3)], [("t", time, 3), ("x", space, 3)]):
+    for steps in ([("x", "gauss", 3), ("t", time, 3)], [("t", time, 3), ("x", "gauss", 3)]):
         m = discretise(heat(), *steps)
         assert is_square(m)
-        assert largest_error(solved(m).u, heat_exact) < reached
+        assert largest_error(solved(m).u, heat_exact) < 2e-3
         found.append(values(m.u))
     assert found[0] == pytest.approx(found[1], abs=1e-8)
 
 
 def test_refusal_and_another_mesh_leave_no_trace():
-    m = discretise(heat(), ("x", "radau", 2), ("t", "radau", 2))
-    n = discretise(heat(), ("x", "radau", 3), ("t", "gauss", 2))
-    OURS.apply_to(m, wrt=m.x, nfe=3, ncp=3)
+    m = discretise(heat(), ("x", "gauss", 2), ("t", "radau", 2))
+    n = discretise(heat(), ("x", "gauss", 3), ("t", "gauss", 2))
+    with pytest.raises(ModelError, match=r"'dudx2\[1,.*has no equation, .* gauss has none at either end"):
+        OURS.apply_to(m, wrt=m.x, nfe=3, ncp=3)
+    OURS.apply_to(m, wrt=m.x, nfe=3, ncp=3, scheme="gauss")
     OURS.apply_to(m, wrt=m.t, nfe=2, ncp=3, scheme="gauss")
     assert list(m.x) == list(n.x)
     assert list(m.t) == list(n.t)
@@ -104,7 +104,7 @@ def test_refusal_and_another_mesh_leave_no_trace():
 
 def test_copies_are_discretised_the_same():
     m = heat()
-    n = OURS.create_using(m, nfe=2, ncp=2)
+    n = OURS.create_using(m, nfe=2, ncp=2, scheme="gauss")
     assert list(m.x) == [0, 1]
     o = discretise(OURS.create_using(m, wrt=m.t, nfe=2, ncp=3), ("x", "BACKWARD", 2))
     p = discretise(heat(), ("t", "radau", 2), ("x", "BACKWARD", 2))
@@ -114,12 +114,13 @@ def test_copies_are_discretised_the_same():
 
 
 @pytest.mark.casadi
-@pytest.mark.parametrize("scheme", ["radau", "lobatto"])
-def test_plate_without_time(scheme):
-    """``u_xx + u_yy = 0`` with a sine on one edge; no equation holds on any edge."""
+def test_plate_without_time():
+    """``u_xx + u_yy = 0`` with a sine on one edge; no equation holds on any edge, and the edges need one corner."""
     m = laplace()
-    OURS.apply_to(m, nfe=3, ncp=4, scheme=scheme)
+    m.u[0, 0].fix(0)
+    OURS.apply_to(m, nfe=3, ncp=4, scheme="gauss")
     solved(m)
+    assert is_square(m)
     inner = [(x, y) for x in m.x for y in m.y if x not in (0, 1) and y not in (0, 1)]
     error = max(abs(m.u[x, y].value - sin(pi * x) * sinh(pi * (1 - y)) / sinh(pi)) for x, y in inner)
     assert error < 5e-3
@@ -129,31 +130,29 @@ def test_plate_without_time(scheme):
 
 
 @pytest.mark.casadi
-@pytest.mark.parametrize(("scheme", "stages", "reached"), [("radau", 3, 1e-6), ("radau", 1, 2e-2), ("gauss", 3, 1e-9)])
-def test_steady_exchanger(scheme, stages, reached):
+def test_steady_exchanger():
     """Both streams are linear, and their difference is the same everywhere."""
     m = steady_exchanger()
-    OURS.apply_to(m, nfe=10, ncp=stages, scheme=scheme)
+    OURS.apply_to(m, nfe=10, scheme="gauss")
     assert is_square(m)
     solved(m)
     # up' = down' = -c/2 and up - down = c, so 1 - c = down(0) = c / 2.
     c = 2 / 3
-    assert max(abs(m.up[z].value - (1 - c * z / 2)) for z in m.z) < reached
-    assert max(abs(m.down[z].value - (c / 2 - c * z / 2)) for z in m.z) < reached
-    trajectory = rcp.dae_trajectory(m, m.z)
-    assert trajectory.states["down"][0] == pytest.approx(c / 2, abs=reached)
+    assert max(abs(m.up[z].value - (1 - c * z / 2)) for z in m.z) < 1e-9
+    assert max(abs(m.down[z].value - (c / 2 - c * z / 2)) for z in m.z) < 1e-9
+    assert rcp.dae_trajectory(m, m.z).states["down"][0] == pytest.approx(c / 2, abs=1e-9)
 
 
 @pytest.mark.casadi
 def test_exchanger_from_a_cold_start():
-    """Radau follows each stream from where it comes; the answers of two schemes close in on each other."""
-    ends = {}
-    for space, elements in (("radau", 1), ("radau", 3), ("gauss", 3)):
-        m = discretise(exchanger(), ("z", space, elements), ("t", "radau", 2))
+    """The answers of two meshes close in on each other."""
+    ends = []
+    for elements in (1, 3, 6):
+        m = discretise(exchanger(), ("z", "gauss", elements), ("t", "radau", 2))
         assert is_square(m)
         solved(m)
-        ends[space, elements] = (m.up[1, 1].value, m.down[1, 0].value)
-    coarse, fine = (max(abs(a - b) for a, b in zip(ends["radau", n], ends["gauss", 3], strict=True)) for n in (1, 3))
+        ends.append((m.up[1, 1].value, m.down[1, 0].value))
+    coarse, fine = (max(abs(a - b) for a, b in zip(one, ends[-1], strict=True)) for one in ends[:-1])
     assert fine < coarse
     assert fine < 1e-2
 

@@ -17,11 +17,18 @@ from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
 from pyrobocop_pyomo.native.shared_library import SWITCH_VARIABLE
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.compiled_run import EVALUATIONS, compiled_functions_of
-from pyrobocop_pyomo.programs.compiled_terms import OPERATIONS, SOURCE, CompiledSums, CompiledTerm, evaluation_library
+from pyrobocop_pyomo.programs.compiled_terms import (
+    OPERATIONS,
+    SOURCE,
+    CompiledFunction,
+    CompiledSums,
+    CompiledTerm,
+    VectorisedFunction,
+    evaluation_library,
+)  # fmt: skip
 from pyrobocop_pyomo.programs.nonlinear_program import ShiftedRows
 from pyrobocop_pyomo.programs.scaled_program import ScaledProgram
 from pyrobocop_pyomo.programs.scales import Scales
-from pyrobocop_pyomo.programs.term_functions import VectorisedFunction
 
 pytestmark = [
     pytest.mark.casadi,
@@ -35,8 +42,8 @@ A, B = (grid.ravel() for grid in np.meshgrid(NUMBERS, NUMBERS))
 def evaluated(expression, symbols, values: np.ndarray) -> np.ndarray:
     """A function of the variables, by the library; one instance for each column of the values."""
     inputs = [symbols, casadi.SX.sym("p", 0), casadi.SX.sym("w", 1)]
-    function = casadi.Function("value", inputs, [expression])
-    nothing = casadi.Function("nothing", inputs, [casadi.SX(0, 1)])
+    function = CompiledFunction(casadi.Function("value", inputs, [expression]))
+    nothing = CompiledFunction(casadi.Function("nothing", inputs, [casadi.SX(0, 1)]))
     count = values.shape[1]
     term = CompiledTerm(
         [function, nothing, nothing], np.arange(values.size), np.empty(0), np.arange(count), np.ones(count),
@@ -50,7 +57,8 @@ def evaluated(expression, symbols, values: np.ndarray) -> np.ndarray:
 
 
 def by_numpy(expression, symbols, values: np.ndarray) -> np.ndarray:
-    return VectorisedFunction([symbols], expression, [values])()[0].copy()
+    function = CompiledFunction(casadi.Function("value", [symbols], [expression]))
+    return VectorisedFunction(function, 1, [values])()[0].copy()
 
 
 def test_operations_have_the_numbers_of_the_source() -> None:

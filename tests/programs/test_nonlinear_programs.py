@@ -15,7 +15,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pyrobocop_pyomo.errors import EvaluationError, ModelError
-from pyrobocop_pyomo.programs.asl_program import AslProgram
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint, ShiftedRows
 from pyrobocop_pyomo.programs.stationarity import stationarity
@@ -139,20 +138,6 @@ def test_a_shift_moves_the_marked_rows_and_nothing_else(derivatives):
     assert shifted.hessian(x, 1.0, np.ones(nlp.m)) == pytest.approx(nlp.hessian(x, 1.0, np.ones(nlp.m)))
     with pytest.raises(IndexError, match=r"row 4 cannot be shifted: the program has 4 rows"):
         ShiftedRows(nlp, [4], 0.5)
-
-
-@pytest.mark.asl
-def test_files_that_would_end_the_process_are_refused(tmp_path):
-    path = tmp_path / "two.nl"
-    model = pyo.ConcreteModel()
-    model.x = pyo.Var()
-    model.c = pyo.Constraint(expr=model.x**2 <= 1)
-    model.write(str(path))
-    with pytest.raises(ModelError, match="0 objectives"):
-        AslProgram(path)
-    path.write_text("something else\n")
-    with pytest.raises(ModelError, match=r"not a \.nl file"):
-        AslProgram(path)
 
 
 def test_the_source_of_derivatives_is_checked_by_name():

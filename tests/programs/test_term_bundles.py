@@ -7,12 +7,10 @@ from collections import Counter
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.expression_zoo import ZOO, ZOO_NAMES, cart_pole
+from harness.expression_zoo import ZOO, ZOO_NAMES
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pyrobocop_pyomo.programs import term_functions
-from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.expression_codes import NUMBER, SUM
 from pyrobocop_pyomo.programs.model_terms import collect_terms
 from pyrobocop_pyomo.programs.term_bundles import FEWEST_TERMS, Bundle, bundles_of
@@ -134,17 +132,3 @@ def test_few_terms_do_not_keep_others_apart():
     pairs = [group_of(number, [(2 * k, 2 * k + 1) for k in range(20)]) for number in (1, 2)]
     assert len(one.rows) < FEWEST_TERMS
     assert sorted(len(bundle.outputs) for bundle in assert_same_terms([one, *pairs], 40)) == [1, 2]
-
-
-@pytest.mark.casadi
-@pytest.mark.parametrize("build", [lambda: sliding_disc(30), cart_pole], ids=["sliding-disc", "cart-pole"])
-def test_numpy_and_the_virtual_machine_give_the_same_numbers(build, monkeypatch):
-    random, model, found = np.random.default_rng(3), build(), []
-    for fewest in (1, 10**9):
-        monkeypatch.setattr(term_functions, "FEWEST_INSTANCES_OF_NUMPY", fewest)
-        nlp = CompiledModel(model, "vectorised").nlp
-        if not found:
-            x, multipliers = random.uniform(0.1, 0.5, nlp.n), random.uniform(-1, 1, nlp.m)
-        found.append([nlp.constraints(x), nlp.jacobian(x), nlp.hessian(x, 0.7, multipliers), nlp.gradient(x)])
-    for ours, theirs in zip(*found, strict=True):
-        assert ours == pytest.approx(theirs, rel=1e-13, abs=1e-13)

@@ -10,7 +10,7 @@ import pytest
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.programs import compositions
+from pyrobocop_pyomo.programs import composed_program
 from pyrobocop_pyomo.programs.vectorised_program import VectorisedProgram
 
 pytestmark = pytest.mark.casadi
@@ -90,7 +90,7 @@ def test_what_vectorised_expressions_do_not_know_is_left_to_asl(monkeypatch: pyt
         def __init__(self, *_: Any) -> None:
             raise ModelError("an expression holds an external function")
 
-    monkeypatch.setattr(compositions, "VectorisedProgram", Refusing)
+    monkeypatch.setattr(composed_program, "VectorisedProgram", Refusing)
     result = rcp.solve(build(elements=6, stages=2), progress=False)
     assert "ASL" in result.derivatives
     assert result.safe
