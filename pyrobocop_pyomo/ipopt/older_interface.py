@@ -49,7 +49,6 @@ class OlderInterface(LegacySolverWrapper):
         for name in ("Message", "Termination message"):
             dict.__setitem__(older.solver[0], name, _Text(results.extra_info.solver_message))
         older.solver.wallclock_time = results.timing_info.wall_time
-        solution.message = results.extra_info.solver_message
         return older, solution
 
     def _solution_handler(

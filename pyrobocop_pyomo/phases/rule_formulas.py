@@ -101,7 +101,7 @@ class RuleFormulas:
             if id(component) in self._standing_for:
                 return self._standing_for[id(component)]
             for place, other in enumerate(self.companions):
-                if component.parent_block() is other.phase:
+                if component.parent_block() is other.phase and component.local_name in other.phase.record.declarations:
                     return self._scratch.beside[place, component.local_name]
         if isinstance(slot, Delayed) and component.parent_block() is self._block:
             number = delay_as_number(slot.rest[0], f"'{component.name}'")
