@@ -8,6 +8,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 from pyomo.core.expr.numvalue import native_types, value
@@ -149,14 +150,15 @@ class ExpressionSteps:
         UnknownFunction
             For a function that is not among them.
         """
-        needed = {step.what for step, of in zip(self.steps, self.needed, strict=True) if of and step.kind == LEAF}
-        read = [value_of(leaf) if place in needed else None for place, leaf in enumerate(self.leaves)]
+        read = [value_of(leaf) if is_read else None for leaf, is_read in zip(self.leaves, self._reads, strict=True)]
         return self.function(functions)(read)
 
     def part(self, places: Sequence[int]) -> ExpressionSteps:
         """The same steps with others as the results."""
         twin = copy.copy(self)
-        twin.outputs, twin._functions = list(places), {}
+        twin.outputs = list(places)
+        for known in ("needed", "_reads"):
+            twin.__dict__.pop(known, None)
         return twin
 
     def evaluate_at(
@@ -185,7 +187,16 @@ class ExpressionSteps:
             self._functions[id(functions)] = functions, self._compiled(functions)
         return self._functions[id(functions)][1]
 
-    @property
+    @cached_property
+    def _reads(self) -> list[bool]:
+        """For each leaf, whether an output depends on it."""
+        found = [False] * len(self.leaves)
+        for step, is_needed in zip(self.steps, self.needed, strict=True):
+            if step.kind == LEAF:
+                found[step.what] = is_needed
+        return found
+
+    @cached_property
     def needed(self) -> list[bool]:
         """For each step, whether an output depends on it."""
         needed = [False] * len(self.steps)
