@@ -91,7 +91,7 @@ def _discretise(
     discretisation = Discretisation(domain, grid, points, substitutes)
     integrals = [spot.component for spot in found if isinstance(spot.component, Integral)]
     discretisation.formulas = [(data, data.expr) for integral in integrals for data in integral.values()]
-    try:
+    with undone_on_failure(partial(undo_discretisation, discretisation)):
         domain.update(sorted({*grid.times, *grid.points}.difference(points)))
         domain._fe = list(grid.mesh.boundaries)  # rules may ask for the element of a point
         expand(found, domain)
@@ -114,9 +114,6 @@ def _discretise(
         rows.deactivate_rows(discretisation.deactivated)
         _show_values(root, rows, discretisation, {id(block) for one in everything for block in one.generated})
         _mark_pairs(found, discretisation)
-    except BaseException:
-        undo_discretisation(discretisation)
-        raise
     return discretisation
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.errors import PyRobocopError
-from pyrobocop_pyomo.modeling.expression_nodes import RELATION
+from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS, RELATION
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.further_boundaries import mesh_of_delays, mesh_with
@@ -23,7 +23,7 @@ from pyrobocop_pyomo.phases.declarations import FunctionOfTime
 from pyrobocop_pyomo.phases.horizon import real_grid
 from pyrobocop_pyomo.phases.quick_instants import changing_places, stated_formulas
 from pyrobocop_pyomo.phases.remeshing import remesh_phases, why_its_mesh_is_stated
-from pyrobocop_pyomo.phases.rule_formulas import ARRAY_FUNCTIONS, RuleFormulas
+from pyrobocop_pyomo.phases.rule_formulas import RuleFormulas
 
 logger = logging.getLogger(__name__)
 

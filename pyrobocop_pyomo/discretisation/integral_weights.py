@@ -10,11 +10,10 @@ from pyomo.core.base.objective import Objective
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.modeling.expression_nodes import LEAF, kind_of_node
+from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS, LEAF, kind_of_node
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps, Leaf
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.phases.integrals import INTEGRALS
-from pyrobocop_pyomo.phases.rule_formulas import ARRAY_FUNCTIONS
 
 from .row_multipliers import RowMultipliers
 from .stated_at_points import rows_beside

@@ -230,13 +230,13 @@ class BuiltBlock(Block):
     def construct(self, data: Any = None) -> None:
         """Build the block; on any error, the user's own included, take it off the model."""
         try:
-            with undone_on_failure(self._taken_off):
+            with undone_on_failure(self._take_off):
                 super().construct(data)
         except PyRobocopError as error:
             say_once(error)
             raise
 
-    def _taken_off(self) -> None:
+    def _take_off(self) -> None:
         parent = self.parent_block()
         if parent is not None and parent.component(self.local_name) is self:
             parent.del_component(self)

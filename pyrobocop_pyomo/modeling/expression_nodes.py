@@ -13,6 +13,7 @@ from functools import cache, reduce
 from operator import add, mul
 from typing import Any
 
+import numpy as np
 from pyomo.common.numeric_types import native_numeric_types
 from pyomo.core.base.expression import NamedExpressionData
 from pyomo.core.expr import numeric_expr, relational_expr
@@ -63,6 +64,15 @@ FLOAT_FUNCTIONS: dict[str, Callable[..., Any]] = {
     **comparisons(lambda a, b: a and b),
     "choose": lambda condition, a, b: a if condition else b,
     "call": lambda output, *arguments: output.evaluate(arguments),
+}
+
+
+# What functions and comparisons mean where expressions are evaluated with arrays.
+ARRAY_FUNCTIONS: dict[str, Any] = {
+    **{name: getattr(np, numpy_name) for name, numpy_name in NUMPY_NAMES.items()},
+    **comparisons(np.logical_and),
+    "choose": np.where,
+    "call": lambda output, *arguments: output.evaluate_arrays(arguments),
 }
 
 

@@ -19,7 +19,7 @@ from pyrobocop_pyomo.modeling.expressions import is_plain_variable
 from pyrobocop_pyomo.numerics.rounding import ROUNDING
 from pyrobocop_pyomo.phases import PhaseBlockData
 from pyrobocop_pyomo.rules.rule_template import templated
-from pyrobocop_pyomo.rules.slots import Always, Clock, Item, NamedItem, Slot, Time, is_on_indices
+from pyrobocop_pyomo.rules.slots import Always, Clock, Item, NamedItem, Place, Slot, Time
 
 from .interpolation import (
     ContinuousSetInterpolation,
@@ -55,6 +55,11 @@ class Motion:
     def intervals(self) -> tuple[tuple[float, ...], ...]:
         """Nodes of each interval, both ends included; empty where there is no motion between the points."""
         return () if self.interpolation is None else self.interpolation.intervals
+
+    @property
+    def nodes(self) -> list[float]:
+        """All nodes of the intervals, in order."""
+        return sorted({node for nodes in self.intervals for node in nodes})
 
     def local_fractions(self, interval: int) -> tuple[float, ...]:
         """Positions of the nodes within an interval, from 0 to 1."""
@@ -183,12 +188,9 @@ class Motion:
         interpolation = self.interpolation
         assert interpolation is not None
         if isinstance(slot, NamedItem):
-            return slot.elsewhere(lambda inner: self._between(inner, interval, fraction, index), ObstacleError)
-        if isinstance(slot, (Time, Clock)):
-            home = self.block if isinstance(slot, Time) else slot.component
-            return home.time_at(index) if isinstance(slot, Clock) or is_on_indices(home) else index
-        if isinstance(slot, Always):
-            return slot.component
+            return slot.formulas(ObstacleError).at(lambda inner: self._between(inner, interval, fraction, index))
+        if isinstance(slot, (Always, Time, Clock)):
+            return slot.on_model(Place(self.block, index))
         if not isinstance(slot, Item):
             refuse_between_nodes(slot)
         interpolation.check(slot)

@@ -16,6 +16,7 @@ from pyomo.core.expr.visitor import identify_mutable_parameters
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose
+from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS, NUMPY_NAMES
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps, UnknownFunction
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.numerics import Array, Indices
@@ -26,7 +27,6 @@ from pyrobocop_pyomo.numerics.bernstein import (
     restrict,
 )
 from pyrobocop_pyomo.numerics.taylor_forms import TaylorForm, taylor_form_of_polynomial
-from pyrobocop_pyomo.phases.rule_formulas import ARRAY_FUNCTIONS
 from pyrobocop_pyomo.rules.rule_template import templated
 from pyrobocop_pyomo.rules.slots import Always, Clock, Item, NamedItem, Slot, Time, is_on_indices
 
@@ -61,7 +61,7 @@ def _of_table(table: TableFunction, column: int, argument: Any) -> Any:
 
 
 def _of_form(name: str) -> Callable[[Any], Any]:
-    method, of_number = getattr(TaylorForm, {"atan": "arctan"}.get(name, name)), ARRAY_FUNCTIONS[name]
+    method, of_number = getattr(TaylorForm, NUMPY_NAMES[name]), ARRAY_FUNCTIONS[name]
     return lambda argument: method(argument) if isinstance(argument, TaylorForm) else float(of_number(argument))
 
 
@@ -135,8 +135,11 @@ class PoseReading:
                 return np.float64(ExpressionSteps([slot.component]).evaluate_at(leaves)[0])
             return np.float64(index if isinstance(slot, Time) else _SOMEWHERE)
 
-        with np.errstate(all="ignore"):
-            return np.array(self._formulas.at(read, _ARRAYS).entries, dtype=float)
+        try:
+            with np.errstate(all="ignore"):
+                return np.array(self._formulas.at(read, _ARRAYS).entries, dtype=float)
+        except (ObstacleError, ValueError, ArithmeticError):  # a function that cannot be followed, a value that misses
+            return np.full(1, np.nan)
 
 
 # ----------------------------------------------------------------------------------------------------- along a motion
@@ -204,11 +207,12 @@ class SignalFormulas:
         self._interpolation, self._times = motion.interpolation, times
         self.signals: dict[Slot, PiecewisePolynomial] = {}
         self._lines: dict[Slot, TableFunction] = {}
+        self._named: dict[NamedItem, Any] = {}
         self._index = self._joined(float)
         try:
             for slot in formulas.slots:
                 self._add(slot)
-            nodes = sorted({node for interval in motion.intervals for node in interval})
+            nodes = motion.nodes
             with np.errstate(all="ignore"):
                 entries = self._at_nodes(nodes)
                 self.taylor_forms(np.array([0]), np.array([0.0]), np.array([1.0]))
@@ -277,7 +281,9 @@ class SignalFormulas:
             if slot in self._lines:
                 return _of_table(self._lines[slot], 0, index)
             if isinstance(slot, NamedItem):
-                return slot.elsewhere(read, ObstacleError, functions)
+                if slot not in self._named:
+                    self._named[slot] = slot.formulas(ObstacleError)
+                return self._named[slot].at(read, functions)
             return self._constant(slot)
 
         found = self._formulas.at(read, functions)
@@ -299,7 +305,7 @@ class SignalFormulas:
         elif not isinstance(slot, Item):
             refuse_between_nodes(slot)
         elif self._interpolation.joins_lines(slot):
-            nodes = sorted({node for interval in self._motion.intervals for node in interval})
+            nodes = self._motion.nodes
             values = np.array([[_number(item_at(slot, node), slot)] for node in nodes])
             self._lines[slot] = TableFunction(slot.name, np.array(nodes, dtype=float), values, [slot.name])
         else:
@@ -362,7 +368,7 @@ def template_of(
             f"{'planar_pose' if dimension == 2 else 'spatial_pose'}."
         )
     if getattr(templated(rule).rule, "skips_points", False):  # a table says nothing beyond its ends
-        for node in sorted({node for interval in motion.intervals for node in interval}):
+        for node in motion.nodes:
             motion.pose_at_node(rule, node, name=name)
     return SignalFormulas(motion, formulas, what, times)
 

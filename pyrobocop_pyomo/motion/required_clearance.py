@@ -109,9 +109,8 @@ def required_clearance(
     what = clearance_text(pair)
     if not is_clearance_rule(asked):
         return RequiredClearance(clearance_value(asked, what))
-    nodes = sorted({node for interval in motion.intervals for node in interval})
     with slips_explained(asked, what, motion.block, ("b", "t"), ObstacleError):
-        least = min(clearance_value(asked(motion.block, node), f"{what} at t = {node:g}") for node in nodes)
+        least = min(clearance_value(asked(motion.block, node), f"{what} at t = {node:g}") for node in motion.nodes)
         said = motion.formulas_between_nodes(asked, what, partial(asked, motion.block))
         formulas = SignalFormulas(motion, said, what, node_times(motion) if times is None else times)
     interval, difference = formulas.mismatch(motion)

@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from pyrobocop_pyomo.modeling.expression_nodes import NUMPY_NAMES
+
 from . import Array
 from .interval_arithmetic import Interval
 from .taylor_forms import TaylorForm
 
 _MONOTONE = {"sinh", "asinh", "asin", "acosh", "atanh", "log10", "floor", "ceil"}
-_NUMPY_NAMES = {name: f"arc{name[1:]}" for name in ("asin", "acos", "atan", "asinh", "acosh", "atanh")}
 
 
 def _without_derivatives(low: Array, high: Array) -> TaylorForm:
@@ -24,12 +25,12 @@ def _without_derivatives(low: Array, high: Array) -> TaylorForm:
 
 
 def _function(name: str, of_form: Callable[[TaylorForm], TaylorForm]) -> Callable[[Any], Any]:
-    of_number = getattr(np, _NUMPY_NAMES.get(name, name))
+    of_number = getattr(np, NUMPY_NAMES[name])
     return lambda argument: of_form(argument) if isinstance(argument, TaylorForm) else float(of_number(argument))
 
 
 def _monotone(name: str) -> Callable[[TaylorForm], TaylorForm]:
-    function = getattr(np, _NUMPY_NAMES.get(name, name))
+    function = getattr(np, NUMPY_NAMES[name])
     return lambda form: _without_derivatives(function(form.value.low), function(form.value.high))
 
 

@@ -45,7 +45,7 @@ def check_poses(snapshot: Snapshot, motion: Motion) -> None:
         Naming the body and the time.
     """
     in_degrees: set[str] = set()
-    nodes = {*motion.points, *(node for interval in motion.intervals for node in interval)}
+    nodes = {*motion.points, *motion.nodes}
     for (body, time), pose in snapshot.record.poses.items():
         if time not in nodes:
             continue

@@ -51,7 +51,7 @@ def reroute(block: Any) -> list[str]:
         Names of the bodies that were rerouted.
     """
     motion, scene = block.motion, block.record.scene
-    nodes = list(dict.fromkeys(node for interval in motion.intervals for node in interval))
+    nodes = motion.nodes
     if len(nodes) < 3:
         return []
     rerouted = []

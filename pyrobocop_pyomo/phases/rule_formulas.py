@@ -17,11 +17,11 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions
-from pyrobocop_pyomo.modeling.expression_nodes import NUMPY_NAMES, comparisons
+from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 from pyrobocop_pyomo.modeling.failures import failures_as
 from pyrobocop_pyomo.numerics import Array, Grid
-from pyrobocop_pyomo.rules.slots import Always, Clock, Derivative, Item, NamedItem, Slot, Time
+from pyrobocop_pyomo.rules.slots import Always, Clock, Derivative, Item, NamedItem, Place, Slot, Time
 
 from .asked_by_point import refuse_asked_by_point
 from .companions import Companion
@@ -29,14 +29,6 @@ from .declarations import UNBOUNDED
 from .delays import SAME_TIME, Delayed, Past, ValueAt, delay_as_number, history_value
 from .families import equations_by_component
 from .record import PhaseRecord, Previous, PreviousStates, Statement
-
-# What functions and comparisons mean where expressions are evaluated with arrays.
-ARRAY_FUNCTIONS: dict[str, Any] = {
-    **{name: getattr(np, numpy_name) for name, numpy_name in NUMPY_NAMES.items()},
-    **comparisons(np.logical_and),
-    "choose": np.where,
-    "call": lambda output, *arguments: output.evaluate_arrays(arguments),
-}
 
 
 class RuleFormulas:
@@ -79,6 +71,7 @@ class RuleFormulas:
         }
         self.index, self.clock = scratch.index_of_time, scratch.clock
         self._steps: dict[tuple[int, ...], tuple[Any, ExpressionSteps]] = {}
+        self._named: dict[NamedItem, Any] = {}
 
     # ---------------------------------------------------------------- what rules read
 
@@ -96,7 +89,9 @@ class RuleFormulas:
         if isinstance(slot, Time) or (isinstance(slot, Clock) and component is self._block):
             return self.clock if self._record.normalised else self.index
         if isinstance(slot, NamedItem):
-            return slot.elsewhere(self.read, TrajectoryError)
+            if slot not in self._named:
+                self._named[slot] = slot.formulas(TrajectoryError)
+            return self._named[slot].at(self.read)
         if isinstance(slot, Item) and slot.rest == (None,):
             if id(component) in self._standing_for:
                 return self._standing_for[id(component)]
@@ -111,7 +106,7 @@ class RuleFormulas:
         if isinstance(slot, Previous):
             return self._scratch.previous[slot.rest[1]]
         if isinstance(slot, ValueAt):
-            return slot.on_model(None)  # type: ignore[arg-type]
+            return slot.on_model(Place(self._block, None))
         if isinstance(slot, Clock):
             raise TrajectoryError(f"'{component.name}' has a time of its own.")
         what = slot.name if isinstance(slot, Item) else f"{type(slot).__name__} of {component.name}"

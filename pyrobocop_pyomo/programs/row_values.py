@@ -16,10 +16,10 @@ from pyomo.core.expr.numeric_expr import NegationExpression, SumExpression
 from pyomo.core.expr.numvalue import native_types
 
 from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan
 from pyrobocop_pyomo.modeling.shared_nodes import NodeValues, topmost_nodes
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.phases.rule_formulas import ARRAY_FUNCTIONS
 
 from .expression_codes import NodeKinds, decoded
 from .term_bundles import Bundle

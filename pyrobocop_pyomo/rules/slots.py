@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -95,16 +95,8 @@ class NamedItem(Item):
 
     rule: Any = None
 
-    def elsewhere(self, read: Callable[[Slot], Any], error: type[PyRobocopError], *functions: Any) -> Any:
-        """What its rule says where no item is.
-
-        Parameters
-        ----------
-        read : callable
-            What stands there in the place of a slot.
-        error : type of exception
-        *functions
-            What functions mean for it, where it is no expression.
+    def formulas(self, error: type[PyRobocopError]) -> Any:
+        """What its rule says for all times, after all items were compared with it: ask once where many are evaluated.
 
         Raises
         ------
@@ -128,7 +120,7 @@ class NamedItem(Item):
                     f"'{data.name}' is '{data.expr}', but its rule said '{stated}': it was given another value since, "
                     "and nothing says what it is between the points. State it by a rule alone."
                 )
-        return formulas.at(read, *functions)
+        return formulas
 
 
 class Derivative(Slot):

@@ -9,14 +9,13 @@ from harness.expression_zoo import UNARY, trees
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pyrobocop_pyomo.modeling.expression_nodes import NUMPY_NAMES
+from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 
 MODEL = pyo.ConcreteModel()
 MODEL.x = pyo.Var(range(3), initialize=dict(enumerate((0.3, -0.8, 1.1))))
 MODEL.p = pyo.Param(initialize=-0.4, mutable=True)
 LEAVES = st.one_of(st.sampled_from([*MODEL.x.values(), MODEL.p]), st.floats(-2, 2), st.integers(-3, 3))
-ARRAY_FUNCTIONS = {name: getattr(np, numpy_name) for name, numpy_name in NUMPY_NAMES.items()}
 
 
 @settings(max_examples=100, suppress_health_check=[HealthCheck.too_slow])

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 from pyrobocop_pyomo.numerics.bernstein import bernstein_matrix, derivative_coefficients, restrict
 from pyrobocop_pyomo.numerics.interval_arithmetic import Interval
 from pyrobocop_pyomo.numerics.taylor_forms import TaylorForm, taylor_form_of_polynomial
 from pyrobocop_pyomo.numerics.taylor_functions import TAYLOR_FUNCTIONS
-from pyrobocop_pyomo.phases.rule_formulas import ARRAY_FUNCTIONS
 
 SAMPLES = 1000
 

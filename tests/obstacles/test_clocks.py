@@ -97,6 +97,17 @@ def test_a_rule_that_freezes_t_is_refused(frozen: Any) -> None:
         crossing(m.drive, lambda b, t: rcp.planar_pose(5, 2 * frozen(t) - 6))
 
 
+@pytest.mark.parametrize("of", [abs, pyo.tanh])
+def test_the_index_of_a_free_duration_is_refused_in_functions_that_cannot_be_followed(of: Any) -> None:
+    m = drive(**FREE)
+    bodies = {
+        "car": rcp.Body(rcp.Polytope.box(1, 1), lambda m, t: along(m.drive, t)),
+        "truck": rcp.Body(rcp.Polytope.box(1, 1), lambda m, t: rcp.planar_pose(9, of(t))),
+    }
+    with pytest.raises(ObstacleError, match=r"'truck' depends on t, .*Write b.time_at\(t\)"):
+        m.avoid = rcp.ObstacleAvoidanceBlock(m.drive.time, bodies=bodies, clearance=0.1)
+
+
 def test_a_time_that_is_frozen_at_the_guess_of_the_duration_is_refused() -> None:
     m = drive(**FREE)
     with pytest.raises(ObstacleError, match="'truck'.*goes by a number.*pyo.value"):

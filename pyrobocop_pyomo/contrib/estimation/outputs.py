@@ -103,7 +103,7 @@ class PhaseOutputs:
         if isinstance(slot, Item) and slot.rest == (None,) and slot.component.parent_block() is self._phase:
             found = self.interpolated(slot.component.local_name, time)
         if found is None and isinstance(slot, NamedItem):
-            return slot.elsewhere(lambda inner: self._at_time(inner, time), EstimationError)
+            return slot.formulas(EstimationError).at(lambda inner: self._at_time(inner, time))
         return slot.on_model(Place(self._phase, time)) if found is None else found
 
     def _by_rule(self, name: str, rule: Any, time: float) -> Any:

@@ -19,13 +19,13 @@ from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.geometry.distance import TOUCHING
 from pyrobocop_pyomo.geometry.nearest_points import nearest_differences
 from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
+from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array, BoolArray
 from pyrobocop_pyomo.obstacles.avoidance_block import ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.obstacles.rerouting import InnerAndOuterBall
 from pyrobocop_pyomo.obstacles.scene import ConvexPart
-from pyrobocop_pyomo.phases.rule_formulas import ARRAY_FUNCTIONS
 
 # Random configurations: for the size of a coordinate, and for solutions of rows at one end of the phase.
 SAMPLES, CANDIDATES, MOST_ENDS = 64, 300, 8

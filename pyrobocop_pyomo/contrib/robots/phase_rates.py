@@ -9,12 +9,12 @@ import numpy as np
 
 from pyrobocop_pyomo.contrib.robots.least_squares import damped_least_squares
 from pyrobocop_pyomo.modeling.expression_arrays import plain_entry
+from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.modeling.variable_values import within_bounds
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases.families import equations_by_component
-from pyrobocop_pyomo.phases.rule_formulas import ARRAY_FUNCTIONS
 
 Columns = dict[str, Array]
 
