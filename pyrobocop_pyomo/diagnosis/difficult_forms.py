@@ -13,6 +13,7 @@ from pyomo.core.expr.numvalue import native_types
 
 from pyrobocop_pyomo.complementarity.absolute_values import has_kink, is_smooth_product
 from pyrobocop_pyomo.complementarity.switched_products import is_zero_product
+from pyrobocop_pyomo.modeling.rows_on_read import as_read, is_unread
 
 from .findings import Finding, Subject, warning_about
 
@@ -32,7 +33,7 @@ def form_findings(model: Any) -> Iterator[Finding]:
     for component, argument in _absolute_values(model):
         yield _of_absolute_value(component, argument)
     for component in model.component_objects(Constraint, active=True, descend_into=Block):
-        if any(map(is_zero_product, islice(component.values(), _ROWS))):
+        if any(map(is_zero_product, map(as_read, islice(component.values(), _ROWS)))):
             yield warning_about(
                 Subject.STATEMENT,
                 f"constraint '{component.name}' states that a product is zero; its derivatives vanish where both "
@@ -51,7 +52,7 @@ def holds_absolute_value(model: Any) -> bool:
 def _absolute_values(model: Any) -> Iterator[tuple[Any, Any]]:
     """Components with the argument of their first absolute value that may pass zero."""
     for component in model.component_objects((Constraint, Objective), active=True, descend_into=Block):
-        arguments = (_absolute_value(row.expr) for row in islice(component.values(), _ROWS) if row.active)
+        arguments = (_absolute_value(as_read(row).expr) for row in islice(component.values(), _ROWS) if row.active)
         argument = next((argument for argument in arguments if argument is not None), None)
         if argument is not None:
             yield component, argument
@@ -86,7 +87,7 @@ def _absolute_value(expression: Any) -> Any:
             continue
         if has_kink(node):
             return node.arg(0)
-        stack.extend(node.args)
+        stack.extend([node.repeated().expression(0)] if is_unread(node) else node.args)
     return None
 
 

@@ -20,6 +20,7 @@ from pyomo.core.base.suffix import Suffix
 
 from .activity import BLOCK_TYPES
 from .blocks import snapshot_of
+from .rows_on_read import as_read, is_unread
 
 # What a component keeps when it is stated anew.
 _PLACE = ("_parent", "_name", "_ctype", "doc")
@@ -66,7 +67,7 @@ class InPlaceChanges:
         parts = dict(data) if type(data) is dict else {}
         contents: list[tuple[Any, Any]] = []
         if component.ctype is Expression:
-            contents = [(part, part._args_) for part in parts.values()]
+            contents = [(part, part._args_) for part in parts.values() if not is_unread(part)]
         elif component.ctype is Param and component.mutable:
             contents = [(part, part._value) for part in parts.values()]
         members = list(component) if component.ctype is Set else None
@@ -153,9 +154,11 @@ class InPlaceChanges:
                 yield from ((component, part._index, list(held), list(part._args_)) for part, held in state.contents)
                 continue
             before = {index: held for index, part in state.parts.items() if (held := _expressions_of(part))}
-            now = {part._index: held for part, held in expressions_in(component)}
-            for index in (before | now) if before else ():
-                yield component, index, before.get(index, []), now.get(index, [])
+            now = {part._index: held for part, held in expressions_in(component, unread=True)}
+            is_as_stated = {index for index, part in state.parts.items() if is_unread(part)}
+            for index in (before | now) if state.parts else ():
+                if index not in is_as_stated:
+                    yield component, index, before.get(index, []), now.get(index, [])
 
     def lost_parts(self) -> dict[int, Any]:
         """Parts that no component has any more, by their identity."""
@@ -203,14 +206,16 @@ class InPlaceChanges:
                 setattr(part, "_value" if component.ctype is Param else "_args_", held)
 
 
-def expressions_in(component: Any) -> Iterator[tuple[Any, list[Any]]]:
-    """Parts of a component that hold expressions, each with these."""
+def expressions_in(component: Any, unread: bool = False) -> Iterator[tuple[Any, list[Any]]]:
+    """Parts of a component that hold expressions, each with these; `unread`: rows that nobody has read as well."""
     for part in component.values():
-        if held := _expressions_of(part):
+        if held := _expressions_of(as_read(part) if unread else part):
             yield part, held
 
 
 def _expressions_of(part: Any) -> list[Any]:
     if hasattr(part, "args") and hasattr(part, "weight"):  # a pair of this package
         return list(part.args)
+    if is_unread(part):
+        return []
     return [] if getattr(part, "expr", None) is None else [part.expr]

@@ -12,6 +12,8 @@ from typing import Any
 
 from pyomo.core.expr.numvalue import native_types, value
 
+from .rows_on_read import content_of, is_unread
+
 
 def variables_in(expression: Any, leaves: Collection[int] = (), include_fixed: bool = True) -> Iterator[Any]:
     """Each variable of an expression once, in the order in which a walk from left to right meets them.
@@ -23,8 +25,18 @@ def variables_in(expression: Any, leaves: Collection[int] = (), include_fixed: b
         Ids of named expressions that stand for themselves; they are yielded in place of what they hold.
     include_fixed : bool
     """
-    for node in topmost_nodes((expression,), lambda node: not node.is_expression_type() or id(node) in leaves):
-        if node.is_expression_type() or (node.is_variable_type() and (include_fixed or not node.fixed)):
+
+    def is_variable(node: Any) -> bool:
+        return bool(node.is_variable_type() and (include_fixed or not node.fixed))
+
+    def is_wanted(node: Any) -> bool:
+        return is_unread(node) or not node.is_expression_type() or id(node) in leaves
+
+    for node in topmost_nodes((expression,), is_wanted):
+        if is_unread(node):
+            of_sum = {id(each): each for listed in node.repeated().variables for each in listed}
+            yield from filter(is_variable, of_sum.values())
+        elif node.is_expression_type() or is_variable(node):
             yield node
 
 
@@ -47,7 +59,7 @@ def topmost_nodes(expressions: Iterable[Any], wanted: Callable[[Any], bool]) -> 
         if wanted(node):
             yield node
         elif node.is_expression_type():
-            pending.extend(reversed(node.args))
+            pending.extend([content_of(node)] if is_unread(node) else reversed(node.args))
 
 
 def variables_in_any(expressions: Iterable[Any], leaves: Set[int] = frozenset()) -> dict[int, Any]:

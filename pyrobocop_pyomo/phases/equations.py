@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
+from functools import partial
 from itertools import count
 from typing import Any
 
@@ -20,6 +21,7 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.bulk_parts import new_row
 from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions, plain_scalar
 from pyrobocop_pyomo.modeling.foreign_variables import ONE_MODEL, foreign_read, foreign_variable
+from pyrobocop_pyomo.modeling.rows_on_read import state_on_read
 from pyrobocop_pyomo.modeling.rule_results import expressions_returned
 from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
@@ -29,6 +31,7 @@ from .declarations import State, check_bounds, within
 from .families import equations_by_component
 from .horizon import element_widths
 from .record import PhaseRecord, PreviousStates, Statement, labelled_rows, place
+from .rows_by_rules import CollocationRows, Ode, Rates, StatedRows
 from .signal_vars import NoSuchTime
 from .variables import add_generated, rate_units
 
@@ -43,15 +46,27 @@ _MISSING_INDEX = re.compile(r"Index '([-+0-9.e]+)' is not valid for indexed comp
 
 def add_ode(block: Any, record: PhaseRecord, statement: Statement) -> None:
     """Rows for the states whose derivatives a rule gives."""
-    name = statement.name
-    what = f"phase '{block.name}': ode '{name}'"
-    rates = _given_for_states(
-        block, record, what, "derivative", "right-hand side", statement, lambda t: statement(block, t), ("b", "t")
-    )
-    for state, values in rates.items():
-        _refuse_second_equation(record, state, what)
-        _add_state_equation(block, record, state, values)
-        record.equation_of[state] = name
+    what = f"phase '{block.name}': ode '{statement.name}'"
+
+    def ask(time: float) -> dict[str, Any]:
+        rule = partial(statement, block)
+        return _given_for_states(
+            block, record, what, "derivative", "right-hand side", statement, rule, ("b", "t"), time
+        )
+
+    points = record.grid.points
+    given = {time: ask(time) for time in points[:2]}
+    # What reads variables alone says the same everywhere, but for these: it is evaluated where somebody reads it.
+    is_read_later = record.time_units is None and statement.reads_variables_alone(block)
+    if not is_read_later:
+        given |= {time: ask(time) for time in points[2:]}
+    ode = Ode(block, statement, given)
+    for name in _names_given(given, what, "derivative"):
+        _refuse_second_equation(record, name, what)
+        rates = record.rates.setdefault(name, Rates(ode, name))
+        rates.ode = ode  # a user may hold on to the derivative: a new mesh changes what is in it
+        _add_state_equation(block, record, name, rates, is_read_later)
+        record.equation_of[name] = statement.name
 
 
 def add_step(block: Any, record: PhaseRecord, statement: Statement) -> None:
@@ -71,8 +86,14 @@ def add_step(block: Any, record: PhaseRecord, statement: Statement) -> None:
         starting = {name: state[starts[t]] for name, state in states.items()}
         return statement(block, t, PreviousStates(what, starting, record.families))
 
-    given = _given_for_states(block, record, what, "next value", "value", statement, ask, ("b", "t", "previous"))
-    for state, following in given.items():
+    given = {
+        time: _given_for_states(
+            block, record, what, "next value", "value", statement, ask, ("b", "t", "previous"), time
+        )
+        for time in grid.points
+    }
+    for state in _names_given(given, what, "next value"):
+        following = {time: values[state] for time, values in given.items()}
         _refuse_second_equation(record, state, what)
         declaration = record.declarations[state]
         assert isinstance(declaration, State)
@@ -98,39 +119,43 @@ def _given_for_states(
     statement: Statement,
     ask: Callable[[Any], Any],
     arguments: tuple[str, ...],
-) -> dict[str, dict[float, Any]]:
-    """What a rule gives for states as {name: {collocation point: expression}}."""
-    names: dict[Any, str] = {}
-    given: dict[str, dict[float, Any]] = {}
-    for time in record.grid.points:
-        with (
-            other_times_explained(record, label, time),
-            slips_explained(statement.rule, label, block, arguments, ModelError, time),
-        ):
-            result = ask(record.index_for_rule(block, time, label))
-        if not isinstance(result, Mapping):
-            returned = "nothing" if result is None else f"a {type(result).__name__}"
+    time: float,
+) -> dict[str, Any]:
+    """What a rule gives for states at a collocation point as {name: expression}."""
+    with (
+        other_times_explained(record, label, time),
+        slips_explained(statement.rule, label, block, arguments, ModelError, time),
+    ):
+        result = ask(record.index_for_rule(block, time, label))
+    if not isinstance(result, Mapping):
+        returned = "nothing" if result is None else f"a {type(result).__name__}"
+        raise ModelError(
+            f"{label} returned {returned} at t = {time:g}; expected a dict "
+            f"{{state: {expected}}}. Is the return statement missing?"
+        )
+    given: dict[str, Any] = {}
+    for state, expression in equations_by_component(record, result, f"{label} at t = {time:g}").items():
+        name = block.state_name(state)
+        expression = plain_scalar(expression, f"{label}: the {meaning} of '{name}' at t = {time:g}")
+        if expression.__class__ not in native_numeric_types and not _is_numeric(expression):
             raise ModelError(
-                f"{label} returned {returned} at t = {time:g}; expected a dict "
-                f"{{state: {expected}}}. Is the return statement missing?"
+                f"{label} gives '{expression}' as the {meaning} of '{name}' at t = {time:g}; expected a "
+                "number or an expression. Is an index [t] missing?"
             )
-        for state, expression in equations_by_component(record, result, f"{label} at t = {time:g}").items():
-            if state not in names:
-                names[state] = block.state_name(state)
-            expression = plain_scalar(expression, f"{label}: the {meaning} of '{names[state]}' at t = {time:g}")
-            if expression.__class__ not in native_numeric_types and not _is_numeric(expression):
-                raise ModelError(
-                    f"{label} gives '{expression}' as the {meaning} of '{names[state]}' at t = {time:g}; expected a "
-                    "number or an expression. Is an index [t] missing?"
-                )
-            given.setdefault(names[state], {})[time] = expression
-        if time == record.grid.points[0]:
-            refuse_foreign_reads(block, label, [values[time] for values in given.values()])
-    for name, values in given.items():
-        if len(values) != len(record.grid.points):
-            missing = next(time for time in record.grid.points if time not in values)
-            raise ModelError(f"{label} gives no {meaning} of '{name}' at t = {missing:g}; it must at every point.")
+        given[name] = expression
+    if time == record.grid.points[0]:
+        refuse_foreign_reads(block, label, list(given.values()))
     return given
+
+
+def _names_given(given: Mapping[float, dict[str, Any]], label: str, meaning: str) -> list[str]:
+    """The states that a rule gives something for, at every point."""
+    names = list(dict.fromkeys(name for of_point in given.values() for name in of_point))
+    for time, of_point in given.items():
+        for name in names:
+            if name not in of_point:
+                raise ModelError(f"{label} gives no {meaning} of '{name}' at t = {time:g}; it must at every point.")
+    return names
 
 
 def _refuse_second_equation(record: PhaseRecord, name: str, label: str) -> None:
@@ -141,14 +166,16 @@ def _refuse_second_equation(record: PhaseRecord, name: str, label: str) -> None:
         )
 
 
-def _add_state_equation(block: Any, record: PhaseRecord, name: str, rates: Mapping[float, Any]) -> None:
+def _add_state_equation(block: Any, record: PhaseRecord, name: str, rates: Rates, is_read_later: bool) -> None:
     declaration = record.declarations[name]
     assert isinstance(declaration, State)
     if declaration.derivative_bounds is None and name not in record.kept_derivatives:
-        _add_collocation(block, record, name, rates)
-        # A user may hold on to the derivative: a new mesh changes what is in it.
-        record.rates.setdefault(name, {}).update(rates)
+        if is_read_later:
+            _leave_collocation_unread(block, record, name, rates)
+        else:
+            _add_collocation(block, record, name, rates)
         return
+    del record.rates[name]  # its derivative is a variable
     kept = block.derivative(name)
     rows = _add_generated_rows(block, record, f"{name}_equation")
     for time, rate in rates.items():
@@ -172,10 +199,18 @@ def add_derivative(block: Any, record: PhaseRecord, name: str) -> Var:
 
 
 def _add_collocation(block: Any, record: PhaseRecord, name: str, rates: Mapping[float, Any]) -> None:
-    widths = element_widths(block, record)
     rows = _add_generated_rows(block, record, f"{name}_collocation")
-    for time, row in collocation_rows(block.component(name), rates, record.grid, widths):
+    for time, row in collocation_rows(block.component(name), rates, record.grid, element_widths(block, record)):
         new_row(rows, time, row)
+
+
+def _leave_collocation_unread(block: Any, record: PhaseRecord, name: str, rates: Rates) -> None:
+    grid = record.grid
+    grid.scheme.check_rows()
+    rows = _add_generated_rows(block, record, f"{name}_collocation")
+    times = [stages[stage] for stages in grid.stage_times for stage in grid.scheme.row_stages]
+    boundary = block.boundary if record.free_widths else None
+    state_on_read(rows, CollocationRows(block.component(name), rates, block.duration, boundary), times)
 
 
 def _add_generated_rows(block: Any, record: PhaseRecord, name: str) -> Any:
@@ -187,7 +222,7 @@ def add_residual(block: Any, record: PhaseRecord, statement: Statement) -> None:
     """Rows for implicit and algebraic equations."""
     name = statement.name
     what = f"phase '{block.name}': residual '{name}'"
-    results = _collect(block, record, statement, what, "residual", record.grid.points)
+    results, is_read_later = _collect(block, record, statement, what, "residual", record.grid.points)
     for time, rows in results.items():
         for label, row in rows.items():
             if isinstance(row, RelationalExpression) and not isinstance(row, EqualityExpression):
@@ -204,7 +239,7 @@ def add_residual(block: Any, record: PhaseRecord, statement: Statement) -> None:
                 f"{what} states {count} equations at t = {first:g} and {len(rows)} at t = {time:g}; it must state as "
                 "many at every point. What holds at some points only is a 'constraint'."
             )
-    record.residuals_per_point += _add_rows(block, record, name, results)
+    record.residuals_per_point += _add_rows(block, record, statement, results, is_read_later)
 
 
 def add_expression(block: Any, record: PhaseRecord, statement: Statement) -> None:
@@ -220,8 +255,8 @@ def add_constraint(block: Any, record: PhaseRecord, statement: Statement) -> Non
     """Rows for path constraints."""
     name = statement.name
     what = f"phase '{block.name}': constraint '{name}'"
-    results = _collect(block, record, statement, what, "constraint", record.grid.points)
-    _add_relations(block, record, name, results, what)
+    results, is_read_later = _collect(block, record, statement, what, "constraint", record.grid.points)
+    _add_relations(block, record, statement, results, is_read_later, what)
 
 
 def add_constraint_at_boundaries(block: Any, record: PhaseRecord, statement: Statement) -> None:
@@ -229,13 +264,13 @@ def add_constraint_at_boundaries(block: Any, record: PhaseRecord, statement: Sta
     name = statement.name
     what = f"phase '{block.name}': constraint at boundaries '{name}'"
     try:
-        results = _collect(block, record, statement, what, "constraint", record.grid.mesh.boundaries)
+        results, is_read_later = _collect(block, record, statement, what, "constraint", record.grid.mesh.boundaries)
     except KeyError as error:
         raise ModelError(
             f"{what} reads what has no value at an element boundary ({error.args[0]}). Only states have one at each; "
             "what needs controls or algebraics is a 'constraint'."
         ) from None
-    _add_relations(block, record, name, results, what)
+    _add_relations(block, record, statement, results, is_read_later, what)
 
 
 def _shown(returned: Any) -> str:
@@ -244,7 +279,12 @@ def _shown(returned: Any) -> str:
 
 
 def _add_relations(
-    block: Any, record: PhaseRecord, name: str, results: dict[float, dict[Hashable, Any]], label: str
+    block: Any,
+    record: PhaseRecord,
+    statement: Statement,
+    results: dict[float, dict[Hashable, Any]],
+    is_read_later: bool,
+    label: str,
 ) -> None:
     for time, rows in results.items():
         for row in rows.values():
@@ -257,14 +297,14 @@ def _add_relations(
                 raise ModelError(
                     f"{label} returned {_shown(row)} at t = {time:g}; expected a relation such as 'expression <= 1'."
                 )
-    _add_rows(block, record, name, results)
+    _add_rows(block, record, statement, results, is_read_later)
 
 
 def add_complementarity(block: Any, record: PhaseRecord, statement: Statement) -> None:
     """A Complementarity component whose pairs know their element and their quadrature weight."""
     name = statement.name
     what = f"phase '{block.name}': complementarity '{name}'"
-    results = _collect(block, record, statement, what, "complementarity", record.grid.points)
+    results, _ = _collect(block, record, statement, what, "complementarity", record.grid.points)
     pairs = {_index(time, label): pair for time, rows in results.items() for label, pair in rows.items()}
     times = {_index(time, label): time for time, rows in results.items() for label in rows}
     _check_name(block, record, name, what)
@@ -315,9 +355,10 @@ def _may_be_a_time(index: Any, record: PhaseRecord) -> bool:
 
 def _collect(
     block: Any, record: PhaseRecord, statement: Statement, label: str, kind: str, times: tuple[float, ...]
-) -> dict[float, dict[Hashable, Any]]:
-    """Answers of a rule at each time as {time: {label: row}}."""
+) -> tuple[dict[float, dict[Hashable, Any]], bool]:
+    """Answers of a rule as {time: {label: row}}; whether the others are read later, which say the same."""
     results: dict[float, dict[Hashable, Any]] = {}
+    is_read_later = kind != "complementarity" and record.time_units is None
     for time in times:
         explained = other_times_explained(record, label, time) if times == record.grid.points else nullcontext()
         with explained, slips_explained(statement.rule, label, block, ("b", "t"), ModelError, time):
@@ -327,6 +368,11 @@ def _collect(
         results[time] = labelled_rows(kind, plain_expressions(result))
         if time == times[0]:
             refuse_foreign_reads(block, label, results[time])
+        is_read_later = (
+            is_read_later and not isinstance(result, tuple) and all(map(_is_expression, results[time].values()))
+        )
+        if len(results) == 2 and is_read_later and statement.reads_variables_alone(block):
+            return results, True
     states_something = any(row is not Constraint.Skip for rows in results.values() for row in rows.values())
     # What skips all times without a look at them is switched off, and meant so.
     if not states_something and record.restating is None and not statement.is_template(block):
@@ -335,7 +381,7 @@ def _collect(
             "it compares with is no point of the mesh: for one instant write a constraint of the model with "
             "x.at(time), or give the phase a mesh= with a boundary there and use constraint_at_boundaries."
         )
-    return results
+    return results, False
 
 
 def refuse_foreign_reads(block: Any, label: str, result: Any) -> None:
@@ -353,9 +399,23 @@ def refuse_foreign_reads(block: Any, label: str, result: Any) -> None:
         raise ModelError(f"{label} {foreign_read(foreign, block)} {ONE_MODEL}")
 
 
-def _add_rows(block: Any, record: PhaseRecord, name: str, results: dict[float, dict[Hashable, Any]]) -> int:
+def _add_rows(
+    block: Any,
+    record: PhaseRecord,
+    statement: Statement,
+    results: dict[float, dict[Hashable, Any]],
+    is_read_later: bool,
+) -> int:
     """One indexed constraint named after the rule; returns the number of rows at a point."""
+    name = statement.name
     _check_name(block, record, name, f"phase '{block.name}': rule '{name}'")
+    if is_read_later:
+        of_first = next(iter(results.values()))
+        times = record.grid.mesh.boundaries if statement.kind == "constraint at boundaries" else record.grid.points
+        indices = [_index(time, label) for time in times for label in of_first]
+        rows = place(block, record, name, Constraint(indices))
+        state_on_read(rows, StatedRows(statement, of_first), indices)
+        return len(of_first)
     indices = [_index(time, label) for time, labelled in results.items() for label in labelled]
     rows = place(block, record, name, Constraint(indices))
     for time, labelled in results.items():

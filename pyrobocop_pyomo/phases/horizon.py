@@ -108,22 +108,27 @@ def with_units(record: PhaseRecord, time: float) -> Any:
 
 def element_widths(block: Any, record: PhaseRecord) -> list[Any]:
     """Width of each element in real time: numbers, or expressions where something is to be found."""
-    if not record.normalised:
-        return [with_units(record, width) for width in record.grid.mesh.widths.tolist()]
+    boundary = block.boundary if record.free_widths else None
+    return [element_width(record, i, block.duration, boundary) for i in range(record.grid.mesh.elements)]
+
+
+def element_width(record: PhaseRecord, element: int, duration: Any, boundary: Any) -> Any:
+    """Width of one element in real time, from the components of the phase that its horizon has."""
     if record.free_widths:
-        return [block.duration * (block.boundary[i + 1] - block.boundary[i]) for i in range(record.grid.mesh.elements)]
-    return [block.duration * width for width in record.grid.mesh.widths.tolist()]
+        return duration * (boundary[element + 1] - boundary[element])
+    width = float(record.grid.mesh.widths[element])
+    return duration * width if record.normalised else with_units(record, width)
 
 
-def quadrature_weights(block: Any, record: PhaseRecord) -> tuple[Any, dict[float, Any]]:
+def quadrature_weights(record: PhaseRecord, duration: Any, boundary: Any) -> tuple[Any, dict[float, Any]]:
     """A common factor, and the weight of each collocation point, of an integral over real time."""
     grid = record.grid
-    scale = block.duration if record.normalised else with_units(record, 1.0)
+    scale = duration if record.normalised else with_units(record, 1.0)
     if not record.free_widths:
         return scale, grid.quadrature_weights
     weights: dict[float, Any] = {}
     for i, times in enumerate(grid.stage_times):
-        width = block.boundary[i + 1] - block.boundary[i]
+        width = boundary[i + 1] - boundary[i]
         for time, factor in zip(times, grid.scheme.b.tolist(), strict=True):
             weights[time] = weights[time] + factor * width if time in weights else factor * width
     return scale, weights

@@ -20,6 +20,7 @@ from pyomo.repn import generate_standard_repn
 
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.modeling.rows_on_read import is_equality
 from pyrobocop_pyomo.modeling.shared_nodes import NodeReplacement, variables_in, variables_in_any
 from pyrobocop_pyomo.numerics import Matching, maximum_matching
 
@@ -240,7 +241,7 @@ def _equations_stated(block: Any, record: PhaseRecord) -> Iterator[tuple[Stateme
         counts = Counter(
             _as_tuple(index)[1:]
             for index, data in component.items()
-            if data.active and (data.ctype is not Constraint or data.equality)
+            if data.active and (data.ctype is not Constraint or is_equality(data))
         )
         labels = {label for label, count in counts.items() if count > 2 or count == len(record.grid.points)}
         if labels:

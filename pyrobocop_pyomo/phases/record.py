@@ -42,6 +42,11 @@ class Statement:
         """Whether the rule gives formulas for all times, given what it would get at one."""
         return self.rule.is_template(block, *more)
 
+    def reads_variables_alone(self, block: Any) -> bool:
+        """Whether the rule gives formulas for all times in variables over time, and calls no function in Python."""
+        formulas = self.rule.formulas(block)
+        return formulas is not None and formulas.reads_variables_alone
+
     def readings(self, block: Any, *more: Any) -> list[Any]:
         """Variables and parameters at given points that a template reads at all times."""
         return self.rule.readings(block, *more)
@@ -76,7 +81,7 @@ class PhaseRecord:
     equation_of : dict of state name to the name of the rule that gives its derivative, or its value an element later
     discrete_states : set of str
         States that a step map leads from element to element: they have no derivative.
-    rates : dict of state name to {collocation point: expression}
+    rates : dict of state name to mapping of collocation point to expression
         Right-hand sides that were substituted.
     kept_derivatives : set of str
         States whose derivative is a variable of its own.
@@ -121,7 +126,7 @@ class PhaseRecord:
     statements: list[Statement] = field(default_factory=list)
     equation_of: dict[str, str] = field(default_factory=dict)
     discrete_states: set[str] = field(default_factory=set)
-    rates: dict[str, dict[float, Any]] = field(default_factory=dict)
+    rates: dict[str, Any] = field(default_factory=dict)
     kept_derivatives: set[str] = field(default_factory=set)
     generated_rows: set[str] = field(default_factory=set)
     control_rates: dict[str, Mapping[float, Any]] = field(default_factory=dict)

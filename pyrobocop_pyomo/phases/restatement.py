@@ -90,13 +90,11 @@ class Restatement:
         """Give the phase its new times, and its variables over them."""
         block, record = self.block, self.record
         self._changes.protect_block(block)
-        rates = {name: dict(held) for name, held in record.rates.items()}
+        rates = {name: held.ode for name, held in record.rates.items()}
         self._changes.on_error(lambda: self._put_record_back(rates))
         record.grid, record.restating = self.grid, self
         record.equation_of, record.discrete_states, record.generated_rows = {}, set(), set()
         record.control_rates, record.residuals_per_point = {}, 0
-        for held in record.rates.values():
-            held.clear()
         self._changes.set_members(block.time, list(self.grid.times))
         self._changes.set_members(block.points, list(self.grid.points))
         if record.free_widths:
@@ -154,12 +152,11 @@ class Restatement:
         finally:
             record.asking = False
 
-    def _put_record_back(self, rates: dict[str, dict[float, Any]]) -> None:
+    def _put_record_back(self, rates: dict[str, Any]) -> None:
         for attribute in fields(self.record):
             setattr(self.record, attribute.name, getattr(self.before, attribute.name))
         for name, held in self.record.rates.items():
-            held.clear()
-            held.update(rates.get(name, {}))
+            held.ode = rates[name]
         self.block._record = self.record
 
     # ---------------------------------------------------------------- what the builders call

@@ -20,6 +20,7 @@ from pyomo.mpec import Complementarity as PyomoComplementarity
 
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.modeling.rows_on_read import as_read, content_of, is_equality
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Matching, maximum_matching
 
@@ -68,8 +69,7 @@ def _check_counts(block: Any, record: PhaseRecord) -> None:
     own = sum(
         _per_point(component, points)
         for component in _active_constraints(block)
-        if component.local_name not in stated | record.generated_rows
-        and any(row.equality for row in component.values())
+        if component.local_name not in stated | record.generated_rows and any(map(is_equality, component.values()))
     )
     counts = (
         f"{counted(states, 'state')} and {counted(algebraics, 'algebraic')} need {counted(needed, 'equation')} per "
@@ -138,13 +138,12 @@ def _expressions(block: Any) -> Any:
     # Rows of one point of each of the phase's own components first: nearly always everything is found there.
     own, points = _active_constraints(block), len(block.record.grid.points)
     for component in own:
-        yield from (row.body for row in islice(component.values(), _per_point(component, points)))
+        yield from (as_read(row).body for row in islice(component.values(), _per_point(component, points)))
     for component in _complementarities(block):
         for data in component.values():
             yield from sides_of(data)
     for component in own:
-        for row in component.values():
-            yield row.body
+        yield from (as_read(row).body for row in component.values())
     for data in block.model().component_data_objects((Constraint, Objective), active=True):
         yield from sides_of(data)
 
@@ -194,25 +193,27 @@ class PointStructure:
         stated = {statement.name for statement in self._record.statements} | self._record.generated_rows
         for row in self._block.model().component_data_objects(Constraint, active=True) if ids else ():
             own = row.parent_block() is self._block and row.parent_component().local_name in stated
-            if row.equality and not own and any(id(variable) in ids for variable in _variables_in((row.body,))):
-                found[row.name] = (row.body,)
+            if not own and is_equality(row):
+                body = content_of(row)
+                if any(id(variable) in ids for variable in _variables_in((body,))):
+                    found[row.name] = (body,)
         return found
 
     @cached_property
     def of_rows(self) -> Matching:
         """The equations against the unknowns."""
-        return _match([(row.body,) for row in self.rows.values()], self.unknowns.values())
+        return _match([(content_of(row),) for row in self.rows.values()], self.unknowns.values())
 
     @cached_property
     def of_rows_with_choices(self) -> Matching:
         """The equations against the unknowns and the controls."""
         columns = [*self.unknowns.values(), *self.choices.values()]
-        return _match([(row.body,) for row in self.rows.values()], columns)
+        return _match([(content_of(row),) for row in self.rows.values()], columns)
 
     @cached_property
     def of_everything(self) -> Matching:
         """The equations and their helpers against the unknowns."""
-        rows = [(row.body,) for row in self.rows.values()]
+        rows = [(content_of(row),) for row in self.rows.values()]
         return _match([*rows, *self.helpers.values()], self.unknowns.values())
 
     @property
@@ -310,7 +311,7 @@ def _at(component: Any, time: float) -> dict[str, Any]:
 def sides_of(data: Any) -> tuple[Any, ...]:
     """Both sides of a pair of this package or of `pyomo.mpec`, as stated; of a row or an objective what it holds."""
     if data.ctype in (Constraint, Objective):
-        return (data.expr,)
+        return (as_read(data).expr,)
     return tuple(data.args if data.ctype is Complementarity else (data._args or ()))
 
 

@@ -16,6 +16,7 @@ from pyomo.core.base.set import Reals
 from pyomo.core.base.var import VarData
 
 from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.modeling.rows_on_read import SumOnRead
 
 from .model_checks import number_in
 from .model_terms import ModelTerms
@@ -145,10 +146,10 @@ class ModelNumbers:
         elif self._are_other_rows(_rows_of(terms.model)):
             change = "constraints or objectives were added, deleted, replaced, activated or deactivated"
         elif any(
-            named._args_[0] is not expression
+            named.args[0] is not expression
             for collected in (terms.rows, terms.cost)
             for named, expression in collected.named_expressions.values()
-        ):
+        ) or any(node.__class__ is not SumOnRead for node in (*terms.rows.unread_sums, *terms.cost.unread_sums)):
             change = "named expressions got other contents"
         elif any(map(is_not, map(_DOMAIN, self._variables), self._domains)):
             change = "variables got other domains"

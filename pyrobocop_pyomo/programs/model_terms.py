@@ -17,11 +17,13 @@ from pyomo.core.expr.numeric_expr import ExternalFunctionExpression, MonomialTer
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_nodes import CONSTANT, DIVISION, LEAF, NAMED, NEGATION, PRODUCT, SUMMATION
 from pyrobocop_pyomo.modeling.functions import is_function_call
+from pyrobocop_pyomo.modeling.rows_on_read import RepeatedSum, RowOnRead, SumOnRead, unread_rows
 
 from .expression_codes import FACTORS, REMEDY, SCALED_SUM, NodeKinds
 from .function_calls import FunctionCall, FunctionCalls
 from .model_checks import check_variables, external_function_refused, single_objective
-from .term_groups import Columns, NonlinearTerm, TermGroups
+from .nonlinear_program import IndexArray
+from .term_groups import Columns, NonlinearTerm, TermGroups, repetitions
 
 # A sum of up to so many nonlinear terms is one term, whose parts share what they have in common; a longer one, as
 # an integral, is taken apart, so that its parts can be evaluated as repetitions of each other.
@@ -54,6 +56,7 @@ class Terms:
     constants : dict of row to float
     groups : TermGroups
     named_expressions : dict of id to pair of named expression and what it stood for at the time of the walk
+    unread_sums : list of SumOnRead
     """
 
     def __init__(self, columns: Columns, calls: FunctionCalls | None = None) -> None:
@@ -63,9 +66,11 @@ class Terms:
         self.linear_coefficients: list[float] = []
         self.constants: dict[int, float] = {}
         self.named_expressions: dict[int, tuple[Any, Any]] = {}
+        self.unread_sums: list[Any] = []
         self._kinds = NodeKinds()
         self.groups = TermGroups(columns, self._kinds, self._content)
         self._terms: list[NonlinearTerm] = []
+        self._repeated: list[tuple[NonlinearTerm, np.ndarray, np.ndarray, dict[int, np.ndarray]]] = []
 
     def add(self, row: int, expression: Any, scale: float = 1.0, keep_constant: bool = False) -> bool:
         """Add ``scale * expression`` to a row, in linear terms as far as possible.
@@ -77,12 +82,18 @@ class Terms:
         """
         columns: list[int] = []
         coefficients: list[float] = []
-        constant, parts = self._split(expression, scale, columns, coefficients)
+        sums: list[tuple[RepeatedSum, float]] = []
+        constant, parts = self._split(expression, scale, columns, coefficients, sums)
         variable = any(column >= 0 for column in columns) or any(map(self._has_variable, parts))
+        for repeated, factor in sums:
+            table = self.columns.table(repeated)
+            variable = variable or bool((table >= 0).any())
+            scales = [factor * scale for scale in repeated.scales]
+            self.add_repeated(repeated._replace(scales=scales), table, row)
         if not (variable or keep_constant):
             return False
         if constant:
-            self.constants[row] = constant
+            self.constants[row] = self.constants.get(row, 0.0) + constant
         self.linear_rows += [row] * len(columns)
         self.linear_columns += columns
         self.linear_coefficients += coefficients
@@ -90,11 +101,31 @@ class Terms:
             self._terms += _nonlinear_terms(row, parts)
         return variable
 
+    def add_repeated(self, repeated: RepeatedSum, table: IndexArray, first: int = 0) -> None:
+        """Add a sum to each of its rows, which are counted from a first one; `table` is from its columns."""
+        all_rows, all_scales = first + np.array(repeated.rows), np.array(repeated.scales)
+        for places, exchanged in repetitions(table):
+            rows, scales = all_rows[places], all_scales[places]
+            columns: list[int] = []
+            coefficients: list[float] = []
+            constant, parts = self._split(repeated.expression(int(places[0])), 1.0, columns, coefficients, [])
+            for row, added in zip(rows.tolist(), (constant * scales).tolist(), strict=True) if constant else ():
+                self.constants[row] = self.constants.get(row, 0.0) + added
+            for column, coefficient in zip(columns, coefficients, strict=True):
+                self.linear_rows += rows.tolist()
+                self.linear_columns += exchanged.get(column, np.full(len(rows), column)).tolist()
+                self.linear_coefficients += (coefficient * scales).tolist()
+            terms = _nonlinear_terms(0, parts) if parts else []
+            self._repeated += [(term, rows, scales, exchanged) for term in terms]
+
     def group(self) -> None:
         """Put the terms of all rows that were added into groups of one shape."""
         for term in self._terms:
             self.groups.put(term)
+        for repeated in self._repeated:
+            self.groups.put_repeated(*repeated)
         self._terms.clear()
+        self._repeated.clear()
 
     def linear_parts(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
         """Rows, places and coefficients of the variables in linear terms, and of the parameters there."""
@@ -113,13 +144,18 @@ class Terms:
                     return True
             elif kind != CONSTANT and id(node) not in entered:
                 entered.add(id(node))
-                pending += reversed(node._args_[: node._nargs] if kind == SUMMATION else node._args_)
+                pending += reversed(node.args)
         return False
 
     def _split(
-        self, expression: Any, scale: float, columns: list[int], coefficients: list[float]
+        self,
+        expression: Any,
+        scale: float,
+        columns: list[int],
+        coefficients: list[float],
+        sums: list[tuple[RepeatedSum, float]],
     ) -> tuple[float, list[_Summand]]:
-        """Take the linear terms out; return the constant and the nonlinear summands."""
+        """Take linear terms and sums that nobody has read out; return the constant and the nonlinear summands."""
         kinds, column_of = self._kinds, self.columns.column_of
         constant = 0.0
         parts: list[_Summand] = []
@@ -129,10 +165,10 @@ class Terms:
             node, scale, factors = pending.pop()
             kind = kinds[node.__class__]
             if kind == SUMMATION:
-                for argument in reversed(node._args_[: node._nargs]):
+                for argument in reversed(node.args):
                     # The quick way of the most frequent case: a number times a variable that was met before.
                     if argument.__class__ is MonomialTermExpression and not factors:
-                        coefficient, variable = argument._args_
+                        coefficient, variable = argument.args
                         column = column_of.get(id(variable))
                         if column is not None and coefficient.__class__ is float:
                             columns.append(column)
@@ -144,9 +180,9 @@ class Terms:
                 columns.append(self.columns.add(node) if column is None else column)
                 coefficients.append(scale)
             elif kind == NEGATION:
-                pending.append((node._args_[0], -scale, factors))
+                pending.append((node.args[0], -scale, factors))
             elif kind == PRODUCT:
-                first, last = node._args_
+                first, last = node.args
                 if kinds[first.__class__] == CONSTANT:
                     pending.append((last, scale * float(first), factors))
                 elif kinds[last.__class__] == CONSTANT:
@@ -157,8 +193,11 @@ class Terms:
                     pending.append((first, scale, (*factors, last)))
                 else:
                     parts.append(_Summand(node, scale, factors))
-            elif kind == DIVISION and kinds[node._args_[1].__class__] == CONSTANT and node._args_[1]:
-                pending.append((node._args_[0], scale / float(node._args_[1]), factors))
+            elif kind == DIVISION and kinds[node.args[1].__class__] == CONSTANT and node.args[1]:
+                pending.append((node.args[0], scale / float(node.args[1]), factors))
+            elif node.__class__ is SumOnRead and not factors:
+                self.unread_sums.append(node)
+                sums.append((node.repeated(), scale))
             elif kind == NAMED:
                 pending.append((self._content(node), scale, factors))
             elif kind == CONSTANT and not factors:
@@ -174,10 +213,10 @@ class Terms:
             kind = kinds[node.__class__]
             if kind == NAMED:
                 node = self._content(node)
-            elif kind == PRODUCT and kinds[node._args_[0].__class__] == CONSTANT:
-                node = node._args_[1]
+            elif kind == PRODUCT and kinds[node.args[0].__class__] == CONSTANT:
+                node = node.args[1]
             else:
-                return kind == SUMMATION and node._nargs > LONGEST_TERM
+                return kind == SUMMATION and node.nargs() > LONGEST_TERM
 
     def _content(self, named: Any) -> Any:
         """The expression behind a name, remembered so that a later change of it can be noticed.
@@ -193,7 +232,7 @@ class Terms:
                     f"{REMEDY}"
                 )
             return self._calls.replacement(named)
-        expression = named._args_[0]
+        expression = named.args[0]
         self.named_expressions[id(named)] = (named, expression)
         return expression
 
@@ -284,11 +323,14 @@ def collect_terms(model: BlockData) -> ModelTerms:
         sign=1.0 if objective is None or objective.is_minimizing() else -1.0,
     )
     with PauseGC():
-        for constraint in model.component_data_objects(Constraint, active=True, descend_into=True):
-            _add_row(found, constraint)
+        for component in model.component_objects(Constraint, active=True, descend_into=True):
+            _add_unread_rows(found, component)
+            for constraint in component.values():
+                if constraint.active and constraint.__class__ is not RowOnRead:
+                    _add_row(found, constraint)
         if objective is not None:
             found.cost.add(0, objective.expr, found.sign, keep_constant=True)
-            found.cost.named_expressions[id(objective)] = (objective, objective._args_[0])
+            found.cost.named_expressions[id(objective)] = (objective, objective.args[0])
         found.rows.group()
         found.cost.group()
         for leaf in calls.given:
@@ -296,6 +338,26 @@ def collect_terms(model: BlockData) -> ModelTerms:
         found.arguments += [_arguments_of(level, columns, calls) for level in calls.levels]
     check_variables(model, found.variables)
     return found
+
+
+def _add_unread_rows(found: ModelTerms, component: Any) -> None:
+    """Rows of a component that nobody has read, all at once; those without free variables are read."""
+    unread = unread_rows(component)
+    if unread is None:
+        return
+    sums = [(repeated, found.columns.table(repeated)) for repeated in unread.sums()]
+    has_free = np.zeros(len(unread.rows), dtype=bool)
+    for repeated, table in sums:
+        has_free[np.array(repeated.rows)[(table >= 0).any(axis=0)]] = True
+    if not has_free.all():
+        for row in np.flatnonzero(~has_free).tolist():
+            unread.rows[row].expr  # noqa: B018 - reading makes it an ordinary row
+        _add_unread_rows(found, component)
+        return
+    for repeated, table in sums:
+        found.rows.add_repeated(repeated, table, len(found.constraints))
+    found.constraints += unread.rows
+    found.bounds += unread.bounds()
 
 
 def _add_row(found: ModelTerms, constraint: ConstraintData) -> None:

@@ -18,12 +18,13 @@ from pyomo.core.expr.numvalue import native_types
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan
+from pyrobocop_pyomo.modeling.rows_on_read import RepeatedSum, content_of, is_unread, sums_of
 from pyrobocop_pyomo.modeling.shared_nodes import NodeValues, topmost_nodes
 from pyrobocop_pyomo.numerics import Array
 
 from .expression_codes import NodeKinds, decoded
 from .term_bundles import Bundle
-from .term_groups import Columns, NonlinearTerm, TermGroups
+from .term_groups import Columns, NonlinearTerm, TermGroups, repetitions
 
 # From so many terms on, a sum is evaluated as arrays.
 MANY_TERMS = 100
@@ -38,10 +39,10 @@ class _Named:
     @property
     def is_current(self) -> bool:
         """Whether named expressions still stand for what they stood for."""
-        return all(named._args_[0] is content for named, content in self._names)
+        return all(named.args[0] is content for named, content in self._names)
 
     def _content(self, named: Any) -> Any:
-        content = named._args_[0]
+        content = named.args[0]
         self._names.append((named, content))
         return content
 
@@ -52,22 +53,38 @@ class RowValues(_Named):
     Parameters
     ----------
     expressions : sequence of expressions, variables or numbers
+        Rows and sums that nobody has read stand for themselves.
     """
 
     def __init__(self, expressions: Sequence[Any]) -> None:
         super().__init__()
         self._expressions = expressions
+        self._unread = [expression for expression in expressions if is_unread(expression)]
         self._columns = Columns()
         self._groups = TermGroups(self._columns, NodeKinds(), self._content)
         self._single: Sequence[int] = ()
         with PauseGC():
             try:
                 for i, expression in enumerate(expressions):
-                    self._groups.put(NonlinearTerm(i, 1.0, (expression,), None, ()))
+                    if not is_unread(expression):
+                        self._groups.put(NonlinearTerm(i, 1.0, (expression,), None, ()))
+                for repeated in sums_of(expressions):
+                    self._put_repeated(repeated)
             except ModelError:  # something that arrays do not know: an external function
                 self._groups.clear()
                 self._single = range(len(expressions))
         self._shapes = list(map(Bundle.of_group, self._groups.values()))
+
+    def _put_repeated(self, repeated: RepeatedSum) -> None:
+        rows, scales = np.array(repeated.rows), np.array(repeated.scales)
+        for places, exchanged in repetitions(self._columns.table(repeated)):
+            term = NonlinearTerm(0, 1.0, (repeated.expression(int(places[0])),), None, ())
+            self._groups.put_repeated(term, rows[places], scales[places], exchanged)
+
+    @property
+    def is_current(self) -> bool:
+        """Whether what was read still stands for what it stood for."""
+        return super().is_current and all(map(is_unread, self._unread))
 
     def values(self) -> Array:
         """Values now; NaN where an expression has none, or is no real number."""
@@ -75,8 +92,8 @@ class RowValues(_Named):
             [leaf.value for leaf in leaves] for leaves in (self._columns.variables, self._columns.parameters)
         )
         if None in variables or None in parameters:
-            return np.array(list(map(number_or_nan, self._expressions)), dtype=float)
-        found, left = np.empty(len(self._expressions)), [*self._single]
+            return np.array([self._alone(i) for i in range(len(self._expressions))], dtype=float)
+        found, left = np.zeros(len(self._expressions)), [*self._single]
         leaves = np.array(variables, dtype=float), np.array(parameters, dtype=float)
         for shape in self._shapes:
             (output,) = shape.outputs
@@ -87,12 +104,15 @@ class RowValues(_Named):
             try:
                 # An operation without a value is an error in Python, and must not disappear in a finite result.
                 with np.errstate(divide="raise", over="raise", invalid="raise"):
-                    found[output.rows] = decoded(output.code, *arguments, ARRAY_FUNCTIONS)
+                    np.add.at(found, output.rows, output.scales * decoded(output.code, *arguments, ARRAY_FUNCTIONS))
             except FloatingPointError:
                 left += output.rows.tolist()
-        for i in left:
-            found[i] = number_or_nan(self._expressions[i])
+        for i in dict.fromkeys(left):
+            found[i] = self._alone(i)
         return found
+
+    def _alone(self, i: int) -> float:
+        return number_or_nan(content_of(self._expressions[i]))
 
     def _content(self, named: Any) -> Any:
         if not named.is_named_expression_type():
@@ -144,7 +164,8 @@ class SumValue(_Named):
         self._expression = expression
         terms: dict[int, Any] = {}
         for total in topmost_nodes((expression,), self._is_long_sum):
-            terms.update({id(term): term for term in total.args if term.__class__ not in native_types})
+            parts = [total] if is_unread(total) else [part for part in total.args if part.__class__ not in native_types]
+            terms.update(zip(map(id, parts), parts, strict=True))
         self._terms = list(terms.values())
         self._values = RowValues(self._terms)
         self._names += self._values._names
@@ -158,7 +179,14 @@ class SumValue(_Named):
         except (ArithmeticError, ValueError, TypeError):
             return math.nan
 
+    @property
+    def is_current(self) -> bool:
+        """Whether what was read still stands for what it stood for."""
+        return super().is_current and self._values.is_current
+
     def _is_long_sum(self, node: Any) -> bool:
+        if is_unread(node):
+            return True
         if node.is_expression_type() and node.is_named_expression_type():
             self._content(node)
         return isinstance(node, SumExpression) and node.nargs() >= MANY_TERMS

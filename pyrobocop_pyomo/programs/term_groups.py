@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from pyrobocop_pyomo.modeling.expression_nodes import (
     CHOICE,
@@ -15,8 +17,11 @@ from pyrobocop_pyomo.modeling.expression_nodes import (
     SUMMATION,
     comparison_name,
 )
+from pyrobocop_pyomo.modeling.rows_on_read import RepeatedSum
+from pyrobocop_pyomo.numerics import Array
 
 from .expression_codes import NUMBER, SUM, Code, NodeKinds, function_name
+from .nonlinear_program import IndexArray
 
 
 class TermGroup:
@@ -94,6 +99,43 @@ class Columns:
         column = self.column_of.get(id(leaf))
         return self.add(leaf) if column is None else column
 
+    def table(self, repeated: RepeatedSum) -> IndexArray:
+        """Columns of what stands in the place of each variable of a sum, shape ``(variables, places)``."""
+        known = self.column_of.get
+        found = np.empty((len(repeated.variables), len(repeated.rows)), dtype=np.int32)
+        for columns, leaves in zip(found, repeated.variables, strict=True):
+            columns[:] = [self.add(leaf) if (column := known(id(leaf))) is None else column for leaf in leaves]
+        return found
+
+
+def repetitions(table: IndexArray) -> Iterator[tuple[IndexArray, dict[int, IndexArray]]]:
+    """Places of a sum whose terms differ by their columns alone.
+
+    Where some variables are fixed, or where two are one, the terms are other ones.
+
+    Parameters
+    ----------
+    table : int array, shape (variables, places)
+        Of `Columns.table`.
+
+    Yields
+    ------
+    places : int array, shape (n,)
+    exchanged : dict of int to int array, shape (n,)
+        From the columns at the first place to those at each.
+    """
+    ordered = np.sort(table, axis=0)
+    same = (ordered[1:] == ordered[:-1]).any(axis=0)
+    yield from ((np.array([place], dtype=np.int32), {}) for place in np.flatnonzero(same))
+    is_fixed = table < 0
+    has_fixed = is_fixed.any(axis=0)
+    kinds = np.full(table.shape[1], -1)
+    kinds[has_fixed] = np.unique(is_fixed[:, has_fixed], axis=1, return_inverse=True)[1].ravel()
+    for kind in range(-1, kinds.max(initial=-1) + 1):
+        places = np.flatnonzero((kinds == kind) & ~same)
+        if places.size:
+            yield places, {int(columns[places[0]]): columns[places] for columns in table}
+
 
 class NonlinearTerm(NamedTuple):
     """A nonlinear term of a row: ``scale`` times its nodes under an operator, or times its only node."""
@@ -122,6 +164,39 @@ class TermGroups(dict[Code, TermGroup]):
 
     def put(self, term: NonlinearTerm) -> None:
         """Walk over a term and put it into its group."""
+        group, columns, numbers, parameters = self._shape(term)
+        group.add(term.row, term.scale, columns, numbers, parameters)
+
+    def put_repeated(
+        self, term: NonlinearTerm, rows: IndexArray, scales: Array, exchanged: dict[int, IndexArray]
+    ) -> None:
+        """Walk over a term once, and put it into its group for several rows.
+
+        Parameters
+        ----------
+        term : NonlinearTerm
+            As it is in the first of them.
+        rows : int array, shape (n,)
+        scales : float array, shape (n,)
+            Of each, beside that of the term.
+        exchanged : dict of int to int array, shape (n,)
+            For columns of variables and parameters of the term, those that stand in their places.
+        """
+        group, columns, numbers, parameters = self._shape(term)
+        count = len(rows)
+        first = len(group.numbers)
+        group.rows += rows.tolist()
+        group.scales += (term.scale * scales).tolist()
+        of_terms = [exchanged.get(column, np.full(count, column)) for column in columns]
+        group.columns += np.column_stack(of_terms).ravel().tolist() if of_terms else []
+        group.numbers += numbers * count
+        starts = range(first, first + count * len(numbers), len(numbers) or 1)
+        for place, parameter in parameters:
+            known = -1 - exchanged[-1 - parameter] if -1 - parameter in exchanged else np.full(count, parameter)
+            group.parameters += [(start + place, own) for start, own in zip(starts, known.tolist(), strict=True)]
+
+    def _shape(self, term: NonlinearTerm) -> tuple[TermGroup, list[int], list[float], list[tuple[int, int]]]:
+        """The group of a term, its variables and numbers, and which of these are parameters."""
         nodes = list(reversed(term.nodes))
         code: list[Any] = [] if term.symbol is None else [term.symbol]
         numbers = list(term.scales)
@@ -161,23 +236,23 @@ class TermGroups(dict[Code, TermGroup]):
                 put(("same", place))
                 continue
             places[identity] = len(code)
-            if kind == POWER and kinds[node._args_[1].__class__] == CONSTANT:
-                put(("**", node._args_[1]))
-                nodes.append(node._args_[0])
+            if kind == POWER and kinds[node.args[1].__class__] == CONSTANT:
+                put(("**", node.args[1]))
+                nodes.append(node.args[0])
             elif kind <= CHOICE:
                 put(kind)
-                nodes += reversed(node._args_)
+                nodes += reversed(node.args)
             elif kind == SUMMATION:
-                put(SUM + node._nargs)
-                nodes += reversed(node._args_[: node._nargs])
+                put(SUM + node.nargs())
+                nodes += reversed(node.args)
             elif kind == FUNCTION:
                 put(function_name(node))
-                nodes.append(node._args_[0])
+                nodes.append(node.args[0])
             else:
                 put(comparison_name(node))
-                nodes += reversed(node._args_)
+                nodes += reversed(node.args)
         key = tuple(code)
         group = self.get(key)
         if group is None:
             group = self[key] = TermGroup(key, len(columns), len(numbers))
-        group.add(term.row, term.scale, columns, numbers, parameters)
+        return group, list(columns), numbers, parameters

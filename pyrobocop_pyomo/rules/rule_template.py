@@ -28,7 +28,7 @@ from pyomo.common.errors import TemplateExpressionError
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.indexed_component import IndexedComponent
 from pyomo.core.base.initializer import IndexedCallInitializer
-from pyomo.core.base.var import ScalarVar
+from pyomo.core.base.var import ScalarVar, Var
 from pyomo.core.expr import Expr_if, inequality, numvalue
 from pyomo.core.expr import numeric_expr as functions_of_pyomo
 from pyomo.core.expr.template_expr import GetItemExpression
@@ -36,6 +36,7 @@ from pyomo.core.expr.template_expr import GetItemExpression
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_arrays import ArrayEntry, array, plain_entry
 from pyrobocop_pyomo.modeling.expression_nodes import (
+    CALL,
     FLOAT_FUNCTIONS,
     LEAF,
     NAMED,
@@ -357,6 +358,16 @@ class _Formulas:
             inner = slot.rule.formulas(slot.component.parent_block()) if isinstance(slot, NamedItem) else None
             found |= dict.fromkeys([slot] if inner is None else inner.slots)
         return list(found)
+
+    @property
+    def reads_variables_alone(self) -> bool:
+        """Whether it reads variables at the time, and others that stay, and calls no function in Python."""
+        return not any(step.kind == CALL for step in self._steps.steps) and all(
+            kind_of_node(slot.component.__class__) == LEAF
+            if isinstance(slot, Always)
+            else type(slot) is Item and slot.component.ctype is Var
+            for slot in self._steps.leaves
+        )
 
     @property
     def readings(self) -> list[Any]:

@@ -50,6 +50,10 @@ class Slot:
         """What stands there on the model itself."""
         raise NotImplementedError
 
+    def at_all(self, block: Any, times: list[Any]) -> list[Any]:
+        """What stands there at many times."""
+        return [self.on_model(Place(block, time)) for time in times]
+
 
 class Always(Slot):
     """A variable, a parameter or a named expression without ``t``."""
@@ -73,6 +77,11 @@ class Item(Slot):
     def on_model(self, place: Place) -> Any:
         """The item."""
         return self.component[self.key_at(place.t)]
+
+    def at_all(self, block: Any, times: list[Any]) -> list[Any]:
+        """The items, from one look at the component."""
+        items = dict(self.component.items())
+        return [items[key] for key in (times if len(self.rest) == 1 else map(self.key_at, times))]
 
     @property
     def name(self) -> str:

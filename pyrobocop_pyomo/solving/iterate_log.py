@@ -24,6 +24,7 @@ from pyrobocop_pyomo.complementarity import (
     side_values,
 )
 from pyrobocop_pyomo.modeling.row_violations import relation_violation
+from pyrobocop_pyomo.modeling.rows_on_read import bounds_of, content_of, is_unread
 from pyrobocop_pyomo.modeling.variable_bounds import VariableBounds
 from pyrobocop_pyomo.numerics.rounding import ROUNDING
 from pyrobocop_pyomo.programs.row_values import RowTerms, RowValues, SumValue
@@ -69,12 +70,10 @@ class ModelCheck:
 
     def read_bounds(self) -> None:
         """Read the bounds of the constraints again: mutable Params in them may have changed."""
-        rows = ((row, row.to_bounded_expression(True)) for row in self._constraints)
-        self._rows = [
-            (row, (body, lower, upper)) for row, (lower, body, upper) in rows if lower is not None or upper is not None
-        ]
-        self._lower = np.array([-np.inf if bounds[1] is None else bounds[1] for _, bounds in self._rows], dtype=float)
-        self._upper = np.array([np.inf if bounds[2] is None else bounds[2] for _, bounds in self._rows], dtype=float)
+        rows = ((row, bounds_of(row)) for row in self._constraints)
+        self._rows = [(row, bounds) for row, bounds in rows if bounds != (None, None)]
+        self._lower = np.array([-np.inf if lower is None else lower for _, (lower, _) in self._rows], dtype=float)
+        self._upper = np.array([np.inf if upper is None else upper for _, (_, upper) in self._rows], dtype=float)
         self._bodies: RowValues | None = None
         self._terms: tuple[NDArray[np.intp], RowTerms] | None = None
 
@@ -94,7 +93,7 @@ class ModelCheck:
         rows = np.flatnonzero(of_rows > tolerances.feasibility)  # none is larger by its size
         rows = rows[self._relative(of_rows, rows) > tolerances.feasibility]
         bounded = np.flatnonzero(of_variables / self._bounded.sizes() > tolerances.feasibility)
-        violated = [(row, *bounds) for row, bounds in map(self._rows.__getitem__, rows)]
+        violated = [(row, content_of(row), *bounds) for row, bounds in map(self._rows.__getitem__, rows)]
         violated += [(data, data.value, *data.bounds) for data in map(self._bounded.variables.__getitem__, bounded)]
         return list(worst_row_of_each_component(violated))
 
@@ -118,7 +117,7 @@ class ModelCheck:
 
     def _row_violations(self) -> NDArray[np.float64]:
         if self._bodies is None or not self._bodies.is_current:
-            self._bodies = RowValues([body for _, (body, _, _) in self._rows])
+            self._bodies = RowValues([row if is_unread(row) else row.body for row, _ in self._rows])
         bodies = self._bodies.values()
         with np.errstate(invalid="ignore"):
             violations = np.maximum(np.maximum(self._lower - bodies, bodies - self._upper), 0.0)
@@ -135,7 +134,7 @@ class ModelCheck:
     def _relative(self, violations: NDArray[np.float64], rows: NDArray[np.intp]) -> NDArray[np.float64]:
         """Violations of some rows, divided by the sizes of these where they are above 1."""
         if self._terms is None or not np.array_equal(self._terms[0], rows) or not self._terms[1].is_current:
-            self._terms = rows, RowTerms([self._rows[k][1][0] for k in rows.tolist()])
+            self._terms = rows, RowTerms([content_of(self._rows[k][0]) for k in rows.tolist()])
         sizes = self._terms[1].largest()
         return np.where(np.isfinite(sizes), violations[rows] / np.maximum(1.0, sizes), violations[rows])
 

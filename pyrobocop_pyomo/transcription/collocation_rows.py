@@ -49,18 +49,25 @@ def collocation_rows(
     ModelError
         When rows of the scheme do not hold for the polynomials which it has to follow.
     """
-    scheme = grid.scheme
-    scheme.check_rows()
-    coefficients = scheme.D.tolist()
-    mixtures = [[(k, weight) for k, weight in enumerate(row) if weight != 0.0] for row in scheme.F.tolist()]
-    for nodes, stages, width in zip(grid.node_times, grid.stage_times, widths, strict=True):
-        variables = [state[time] for time in nodes]
-        backward = -width
-        for stage, row, mixture in zip(scheme.row_stages, coefficients, mixtures, strict=True):
-            # One flat sum, made from its terms, takes half the time of operators, to build and to walk over again.
-            terms = list(map(MonomialTermExpression, zip(row, variables, strict=True)))
-            terms += [(backward if weight == 1.0 else backward * weight) * rate[stages[k]] for k, weight in mixture]
-            yield stages[stage], (SumExpression(terms), 0)
+    grid.scheme.check_rows()
+    for element, (stages, width) in enumerate(zip(grid.stage_times, widths, strict=True)):
+        for row, stage in enumerate(grid.scheme.row_stages):
+            yield stages[stage], collocation_row(state, rate, grid, element, row, width)
+
+
+def collocation_row(
+    state: Mapping[float, Any], rate: Mapping[float, Any], grid: Grid, element: int, row: int, width: Any
+) -> Any:
+    """One row ``D[row] x - h F[row] f = 0`` of an element of a width; see `collocation_rows`."""
+    coefficients, mixture = grid.scheme.D[row].tolist(), grid.scheme.F[row].tolist()
+    variables = [state[time] for time in grid.node_times[element]]
+    backward = -width
+    # One flat sum, made from its terms, takes half the time of operators, to build and to walk over again.
+    terms = list(map(MonomialTermExpression, zip(coefficients, variables, strict=True)))
+    for stage, weight in zip(grid.stage_times[element], mixture, strict=True):
+        if weight != 0.0:
+            terms.append((backward if weight == 1.0 else backward * weight) * rate[stage])
+    return SumExpression(terms), 0
 
 
 def continuity_rows(state: Mapping[float, Any], grid: Grid) -> Iterator[tuple[float, Any]]:

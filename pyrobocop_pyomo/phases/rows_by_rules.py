@@ -1,0 +1,227 @@
+"""Rows of a phase that nobody has read: what they say, by the rules of variables that they come from."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterator, Mapping
+from functools import partial
+from typing import Any
+
+from pyomo.core.base.constraint import ConstraintData
+from pyomo.core.expr import LinearExpression
+from pyomo.core.expr.numvalue import native_numeric_types
+from pyomo.core.expr.relational_expr import RelationalExpression
+
+from pyrobocop_pyomo.modeling.expression_arrays import plain_scalar
+from pyrobocop_pyomo.modeling.rows_on_read import RepeatedSum, RowRule
+from pyrobocop_pyomo.rules.slots import Slot
+from pyrobocop_pyomo.transcription import collocation_row
+
+from .families import equations_by_component, family_in
+from .horizon import element_width
+from .record import PhaseRecord, Statement
+
+
+class Ode:
+    """What an ode gives at the points, evaluated when somebody reads it.
+
+    Parameters
+    ----------
+    block : PhaseBlock
+    statement : Statement
+    known : dict of time to mapping of name to expression
+        What it has given where it was stated first.
+    """
+
+    def __init__(self, block: Any, statement: Statement, known: dict[float, dict[str, Any]]) -> None:
+        self.block, self.statement, self._known = block, statement, known
+        self.label = f"phase '{block.name}': ode '{statement.name}'"
+
+    @property
+    def points(self) -> tuple[float, ...]:
+        """Where it is stated."""
+        points: tuple[float, ...] = self.block.record.grid.points
+        return points
+
+    def at(self, time: float) -> dict[str, Any]:
+        """Right-hand sides by the names that the states had when it was stated: they may have others by now."""
+        if time not in self._known:
+            record: PhaseRecord = self.block.record
+            result = self.statement(self.block, record.index_for_rule(self.block, time, self.label))
+            given: list[Any] = []
+            for key, entry in result.items():
+                names = family_in(record, key)
+                given += [entry] if names is None else names.split(entry).ravel().tolist()
+            entries = [plain_scalar(entry, self.label) for entry in given]
+            self._known[time] = dict(zip(next(iter(self._known.values())), entries, strict=True))
+        return self._known[time]
+
+    def slots(self) -> dict[str, list[Slot]]:
+        """What each right-hand side reads, where the rule reads variables alone."""
+        formulas: Any = self.statement.rule.formulas(self.block)
+        found: dict[str, list[Slot]] = {}
+        for slot in formulas.slots:
+            given = equations_by_component(self.block.record, formulas.depending(slot.__eq__), self.label)
+            for state, depends in given.items():
+                reads = found.setdefault(self.block.state_name(state), [])
+                if plain_scalar(depends, self.label):
+                    reads.append(slot)
+        return found
+
+
+class Rates(Mapping[float, Any]):
+    """The right-hand side of one state at the points.
+
+    Parameters
+    ----------
+    ode : Ode
+    name : str
+    """
+
+    def __init__(self, ode: Ode, name: str) -> None:
+        self.ode, self._state = ode, name
+
+    def __getitem__(self, time: float) -> Any:
+        if time not in self.ode.block.record.grid.element_of:
+            raise KeyError(time)
+        return self.ode.at(time)[self._state]
+
+    @property
+    def slots(self) -> list[Slot]:
+        """What it reads, where the rule reads variables alone."""
+        return self.ode.slots()[self._state]
+
+    def __iter__(self) -> Iterator[float]:
+        return iter(self.ode.points)
+
+    def __len__(self) -> int:
+        return len(self.ode.points)
+
+
+class CollocationRows(RowRule):
+    """The rows that make a state follow its right-hand side.
+
+    Parameters
+    ----------
+    state : Var
+    rates : Rates
+    duration, boundary : Var, float or None
+        The components of the horizon, which a transformation may rename.
+    """
+
+    def __init__(self, state: Any, rates: Rates, duration: Any, boundary: Any) -> None:
+        self._state, self._rates, self._duration, self._boundary = state, rates, duration, boundary
+
+    def __call__(self, block: Any, index: float) -> Any:
+        """The row at a collocation point."""
+        record: PhaseRecord = block.record
+        element, row = self._place(record, index)
+        width = element_width(record, element, self._duration, self._boundary)
+        return collocation_row(self._state, self._rates, record.grid, element, row, width)
+
+    def sums(self, block: Any, indices: list[float]) -> list[RepeatedSum]:
+        """The state's values, by rows of the scheme, and the right-hand sides."""
+        record: PhaseRecord = block.record
+        grid, state = record.grid, dict(self._state.items())
+        places = [self._place(record, time) for time in indices]
+        found = []
+        for row, coefficients in enumerate(grid.scheme.D.tolist()):
+            rows = [i for i, (_, of_row) in enumerate(places) if of_row == row]
+            nodes = [grid.node_times[places[i][0]] for i in rows]
+            variables = [[state[times[k]] for times in nodes] for k in range(len(coefficients))]
+            found.append(RepeatedSum(rows, [1.0] * len(rows), variables, partial(_weighted, coefficients, variables)))
+        found.append(self._right_hand_sides(block, record, places))
+        return [repeated for repeated in found if repeated.rows]
+
+    def _right_hand_sides(self, block: Any, record: PhaseRecord, places: list[tuple[int, int]]) -> RepeatedSum:
+        grid, duration, boundary = record.grid, self._duration, self._boundary
+        mixture = [[(k, weight) for k, weight in enumerate(row) if weight] for row in grid.scheme.F.tolist()]
+        parts = [(i, element, k, weight) for i, (element, row) in enumerate(places) for k, weight in mixture[row]]
+        times = [grid.stage_times[element][k] for _, element, k, _ in parts]
+        variables = [slot.at_all(block, times) for slot in self._rates.slots]
+        factors = [] if duration.__class__ in native_numeric_types else [[duration] * len(parts)]
+        if record.free_widths:
+            factors += [[boundary[element + end] for _, element, _, _ in parts] for end in (0, 1)]
+        variables += [each for each in factors if not any(each[0] is known[0] for known in variables)]
+        # Numbers are factors of the whole, so that elements of different widths repeat one sum.
+        widths = [1.0] * grid.mesh.elements if record.free_widths else grid.mesh.widths.tolist()
+
+        def expression(place: int) -> Any:
+            rate, element = self._rates[times[place]], parts[place][1]
+            if record.free_widths:
+                return element_width(record, element, duration, boundary) * rate
+            return duration * rate if record.normalised else rate
+
+        scales = [-widths[element] * weight for _, element, _, weight in parts]
+        return RepeatedSum([i for i, *_ in parts], scales, variables, expression)
+
+    @staticmethod
+    def _place(record: PhaseRecord, time: float) -> tuple[int, int]:
+        """Element and row of the scheme."""
+        element = record.grid.element_of[time]
+        return element, record.grid.stage_times[element].index(time) - record.grid.scheme.row_stages.start
+
+
+def _weighted(coefficients: list[float], variables: list[list[Any]], place: int) -> Any:
+    return LinearExpression(linear_coefs=coefficients, linear_vars=[each[place] for each in variables])
+
+
+class StatedRows(RowRule):
+    """The rows that a rule over the points says.
+
+    Parameters
+    ----------
+    statement : Statement
+    rows : mapping of label to row
+        At one point.
+    """
+
+    def __init__(self, statement: Statement, rows: Mapping[Hashable, Any]) -> None:
+        self._statement, self._is_labelled = statement, None not in rows
+        self._bounds = {label: ConstraintData(row).to_bounded_expression()[::2] for label, row in rows.items()}
+        self._last: tuple[float, dict[Hashable, Any]] | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_last": None}
+
+    def __call__(self, block: Any, index: Any) -> Any:
+        """The row of a time, and of a label where there are several."""
+        time, label = self._parts(index)
+        if self._last is None or self._last[0] != time:
+            at = block.record.index_for_rule(block, time, self._statement.name)
+            self._last = time, self._statement.rows(self._statement(block, at))
+        row = self._last[1][label]
+        return row if isinstance(row, RelationalExpression) else row == 0
+
+    def bounds(self, index: Any) -> tuple[Any, Any]:
+        """Those at any point."""
+        return self._bounds[self._parts(index)[1]]
+
+    def sums(self, block: Any, indices: list[Any]) -> list[RepeatedSum]:
+        """One for each label."""
+        places: dict[Hashable, list[int]] = {}
+        for position, index in enumerate(indices):
+            places.setdefault(self._parts(index)[1], []).append(position)
+        slots = self._slots(block)
+        found = []
+        for label, positions in places.items():
+            of_label = [indices[position] for position in positions]
+            times = [self._parts(index)[0] for index in of_label]
+            variables = [slot.at_all(block, times) for slot in slots[label]]
+            found.append(RepeatedSum(positions, [1.0] * len(times), variables, partial(self._body_at, block, of_label)))
+        return found
+
+    def _body_at(self, block: Any, indices: list[Any], place: int) -> Any:
+        return ConstraintData(self(block, indices[place])).body
+
+    def _slots(self, block: Any) -> dict[Hashable, list[Slot]]:
+        """What the rows of each label read."""
+        formulas: Any = self._statement.rule.formulas(block)
+        found: dict[Hashable, list[Slot]] = {label: [] for label in self._bounds}
+        for slot in formulas.slots:
+            for label, depends in self._statement.rows(formulas.depending(slot.__eq__)).items():
+                if depends:
+                    found[label].append(slot)
+        return found
+
+    def _parts(self, index: Any) -> tuple[float, Hashable]:
+        return index if self._is_labelled else (index, None)

@@ -1,0 +1,159 @@
+"""Rows that nobody has read are compiled from their rules: the program is that of the rows which Pyomo shows."""
+
+import pickle
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from pyomo.core.expr.visitor import identify_variables
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.modeling.rows_on_read import RowOnRead, SumOnRead
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
+
+HORIZONS = {
+    "fixed": {"duration": 2.0},
+    "uneven": {"duration": 2.0, "mesh": [0.0, 0.1, 0.5, 0.6, 2.0], "elements": None},
+    "free": {"duration": rcp.Duration(bounds=(0.5, 3.0), initial_guess=1.5)},
+    "free elements": {"duration": 2.0, "free_element_widths": (0.5, 2.0)},
+    "all free": {"duration": rcp.Duration(bounds=(0.5, 3.0)), "free_element_widths": (0.5, 2.0)},
+}
+
+
+def pendulum(scheme="radau", **horizon):
+    """A pendulum whose friction is a parameter of the phase, its torque a vector of one."""
+    m = pyo.ConcreteModel()
+    m.gain = pyo.Param(initialize=0.7, mutable=True)
+    m.p = p = rcp.PhaseBlock(**{"elements": 4, "scheme": scheme, **horizon})
+    p.angle = rcp.State(initial=0.1, final=3.0, bounds=(-4, 4))
+    p.rate = rcp.State(initial=0.0)
+    p.torque = rcp.Control(index=1, bounds=(-5, 5))
+    p.friction = rcp.Parameter(bounds=(0, 1), initial_guess=0.2)
+
+    @p.ode
+    def motion(b, t):
+        return {
+            b.angle: b.rate[t],
+            b.rate: m.gain * b.torque[t][0] - b.friction * b.rate[t] - pyo.sin(b.angle[t]) * b.rate[t] ** 2,
+        }
+
+    p.energy = rcp.Algebraic(bounds=(None, 9))
+    p.residual(lambda b, t: b.energy[t] == b.rate[t] ** 2 / 2 - pyo.cos(b.angle[t]), name="energy_of")
+
+    @p.constraint
+    def limits(b, t):
+        return [b.torque[t][0] * b.rate[t] <= 20 * m.gain, pyo.inequality(-9, b.angle[t] - b.energy[t], 9)]
+
+    p.constraint_at_boundaries(lambda b, t: b.rate[t] ** 2 <= 30 - b.friction, name="slow")
+    m.cost = pyo.Objective(
+        expr=p.integral(lambda b, t: b.torque[t][0] ** 2 + b.angle[t]) + p.rate.at(p.final_time) ** 2
+    )
+    return m
+
+
+def rows_of(m):
+    return list(m.component_data_objects(pyo.Constraint, active=True))
+
+
+def unread(m):
+    return [row for row in rows_of(m) if row.__class__ is RowOnRead]
+
+
+def numbers(m, seed=0):
+    """Values and derivatives of the program at a point, by the names of variables and rows."""
+    program = CompiledModel(m)
+    nlp, rng = program.nlp, np.random.default_rng(seed)
+    names = [variable.name for variable in program.variables]
+    point = dict(zip(sorted(names), rng.uniform(0.3, 1.3, len(names)), strict=True))
+    x = np.array([point[name] for name in names])
+    rows = [row.name for row in program.constraints]
+    weights = dict(zip(sorted(rows), rng.normal(size=len(rows)), strict=True))
+    found = {("f",): nlp.objective(x)}
+    found |= {("df", name): number for name, number in zip(names, nlp.gradient(x), strict=True)}
+    found |= {("g", name): number for name, number in zip(rows, nlp.constraints(x), strict=True)}
+    for i, j, number in zip(*nlp.jacobian_structure, nlp.jacobian(x), strict=True):
+        found["dg", rows[i], names[j]] = number
+    hessian = nlp.hessian(x, 0.7, np.array([weights[name] for name in rows]))
+    for i, j, number in zip(*nlp.hessian_structure, hessian, strict=True):
+        found[("h", *sorted((names[i], names[j])))] = number
+    found |= {("lower", name): number for name, number in zip(rows, nlp.g_lower, strict=True)}
+    found |= {("upper", name): number for name, number in zip(rows, nlp.g_upper, strict=True)}
+    return found
+
+
+def assert_same_numbers(found, expected):
+    assert found.keys() == expected.keys()
+    for key, number in expected.items():
+        assert found[key] == pytest.approx(number, rel=1e-12, abs=1e-12), key
+
+
+@pytest.mark.parametrize("horizon", HORIZONS)
+@pytest.mark.parametrize("scheme", ["radau", "gauss", "implicit_euler", "lobatto"])
+def test_a_program_of_rules_is_the_program_of_the_rows(horizon, scheme):
+    scheme = rcp.schemes.lobatto(3) if scheme == "lobatto" else scheme
+    m = pendulum(scheme, **HORIZONS[horizon])
+    m.p.angle[m.p.points.at(2)].fix(0.4)  # a fixed variable is a number of the program
+    assert unread(m)
+    by_rules = numbers(m)
+    for row in rows_of(m):
+        assert row.body is not None
+    m.cost.expr.to_string()
+    assert not unread(m)
+    by_rows = numbers(m)
+    assert_same_numbers(by_rules, by_rows)
+
+
+def test_copies_and_pickles_have_rows_of_their_own():
+    m = pendulum()
+    twin, loaded = m.clone(), pickle.loads(pickle.dumps(m))
+    assert len(unread(twin)) == len(unread(loaded)) == len(unread(m)) > 0
+    for other in (twin, loaded):
+        row = unread(other)[-1]
+        assert all(variable.model() is other for variable in identify_variables(row.expr))
+        assert row.__class__ is not RowOnRead
+        assert_same_numbers(numbers(other), numbers(m))
+
+
+def test_a_row_that_is_changed_is_what_it_was_changed_to():
+    m = pendulum()
+    row = unread(m)[5]
+    row.set_value(m.p.rate[m.p.points.at(3)] == 0.25)
+    assert row.__class__ is not RowOnRead
+    assert numbers(m)["g", row.name] != numbers(pendulum())["g", row.name]
+
+
+def test_a_program_is_up_to_date_after_rows_and_integrals_are_read_or_changed():
+    m = pendulum()
+    program = CompiledModel(m)
+    unread(m)[0].body  # noqa: B018
+    program.update()
+    member = next(iter(m.p.stated_integrals.values()))
+    assert member.__class__ is SumOnRead
+    member.set_value(m.p.friction**2)
+    program.update()
+    assert program.nlp.objective(program.current_point()) == pytest.approx(pyo.value(m.cost), rel=1e-12)
+
+
+@pytest.mark.parametrize("write", ["nl", "lp"])
+def test_pyomo_s_writers_see_ordinary_rows(write, tmp_path):
+    m = pendulum() if write == "nl" else None
+    if m is None:
+        m = pyo.ConcreteModel()
+        m.p = p = rcp.PhaseBlock(duration=1.0, elements=2)
+        p.x, p.u = rcp.State(initial=1.0), rcp.Control(bounds=(-1, 1))
+        p.ode(lambda b, t: {b.x: b.u[t] - b.x[t]})
+        m.cost = pyo.Objective(expr=p.integral(lambda b, t: b.x[t]))
+    m.write(str(tmp_path / f"model.{write}"))
+    assert not unread(m)
+
+
+@pytest.mark.parametrize("horizon", HORIZONS)
+def test_a_solve_makes_no_row(horizon):
+    m = pendulum(**HORIZONS[horizon])
+    result = rcp.solve(m)
+    assert result.solved and str(result)
+    assert m.p.verify(m.p.trajectory()).largest_violation < 1e-6
+    assert {row.parent_component().local_name for row in rows_of(m) if row.__class__ is not RowOnRead} <= {
+        "boundary_width"
+    }
+    assert next(iter(m.p.stated_integrals.values())).__class__ is SumOnRead
