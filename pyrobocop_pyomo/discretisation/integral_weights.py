@@ -14,7 +14,7 @@ from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps, Leaf
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.phases.integrals import INTEGRALS
 
-from .row_multipliers import RowMultipliers
+from .phase_multipliers import RowMultipliers
 from .stated_at_points import rows_beside
 
 # Of differences, relative to an integral.
