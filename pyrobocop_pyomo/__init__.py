@@ -13,7 +13,7 @@ from pyrobocop_pyomo._version import __version__
 from pyrobocop_pyomo.complementarity import Complementarity, active_pairs, complements, either_zero
 from pyrobocop_pyomo.continuous import dae_trajectory
 from pyrobocop_pyomo.links import Link
-from pyrobocop_pyomo.modeling import similar_names as _similar_names
+from pyrobocop_pyomo.modeling import keywords as _keywords
 from pyrobocop_pyomo.modeling.expression_arrays import array
 from pyrobocop_pyomo.modeling.functions import Function
 from pyrobocop_pyomo.numerics.tables import Table
@@ -147,7 +147,7 @@ def __getattr__(name: str) -> Any:
     if name in _NAMESPACES_ON_DEMAND:
         return import_module(f"{__name__}.contrib.{name}" if name == "estimation" else f"{__name__}.{name}")
     if name not in _HOMES_ON_DEMAND:
-        _removed(name, _similar_names.where_it_is(name, sys.modules[__name__], __all__))
+        _removed(name, _keywords.where_it_is(name, sys.modules[__name__], __all__))
     found = globals()[name] = getattr(import_module(f"{__name__}.{_HOMES_ON_DEMAND[name]}"), name)
     return found
 

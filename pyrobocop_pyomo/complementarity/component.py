@@ -15,7 +15,7 @@ from pyomo.core.expr.numvalue import native_numeric_types, value
 from pyomo.core.expr.relational_expr import RelationalExpression
 
 from pyrobocop_pyomo.errors import ComplementarityError
-from pyrobocop_pyomo.modeling.said_once import say_once
+from pyrobocop_pyomo.modeling.failures import say_once
 
 from .sides import check_sides
 from .statement import Complements

@@ -36,8 +36,7 @@ from pyrobocop_pyomo.transcription import collocation_rows, continuity_rows
 
 from .expansion import set_initial_value
 from .record import Discretisation, Substitution, open_sets
-from .row_variables import row_variables
-from .structure import PAIRS, Axis, Spot, axes_of, axis_on, continuous_sets, variables_of_row
+from .structure import PAIRS, Axis, Spot, axes_of, axis_on, continuous_sets, row_variables, variables_of_row
 
 
 def derivatives_along(spots: list[Spot], domain: Any) -> list[tuple[Any, dict[int, Any]]]:

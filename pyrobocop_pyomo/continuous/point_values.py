@@ -15,6 +15,7 @@ read from two maximum matchings of rows and unknowns at that point.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
+from itertools import chain
 from typing import Any
 
 from pyrobocop_pyomo.numerics.matching import Matching, maximum_matching
@@ -77,13 +78,15 @@ def undecided_parts(rows: Sequence[tuple[Any, list[Any]]], absent: Collection[in
     absent : collection of int
         Ids of the variables without a value of their own.
     """
-    unknown = [[id(variable) for variable in variables if id(variable) in absent] for _, variables in rows]
-    waiting, parts = {i for i, ids in enumerate(unknown) if ids}, []
-    while waiting:
-        part = _connected(unknown, waiting, set(absent), set(unknown[min(waiting)]))
-        waiting -= part
-        parts.append(([rows[i][0] for i in sorted(part)], {key for i in part for key in unknown[i]}))
-    return parts
+    known = set(absent)
+    part_of: dict[int, tuple[list[int], set[int]]] = {}  # by the id of a variable
+    for i, (_, variables) in enumerate(rows):
+        own = {id(variable) for variable in variables} & known
+        joined = {id(part_of[key]): part_of[key] for key in own if key in part_of}.values()
+        part = [*chain.from_iterable(places for places, _ in joined), i], own.union(*(ids for _, ids in joined))
+        part_of.update(dict.fromkeys(part[1], part))
+    parts = {min(part[0]): part for part in part_of.values()}
+    return [([rows[i][0] for i in sorted(parts[first][0])], parts[first][1]) for first in sorted(parts)]
 
 
 def _matched(rows: Sequence[Sequence[int]]) -> Matching:
@@ -91,23 +94,3 @@ def _matched(rows: Sequence[Sequence[int]]) -> Matching:
     column: dict[int, int] = {}
     incidence = [[column.setdefault(key, len(column)) for key in row] for row in rows]
     return maximum_matching(incidence, len(column), first_come=True)
-
-
-def _connected(rows: Sequence[Sequence[int]], among: set[int], through: set[int], start: set[int]) -> set[int]:
-    """The rows that unknowns lead to, from row to row through some unknowns only."""
-    rows_with: dict[int, list[int]] = {}
-    for i in among:
-        for key in rows[i]:
-            rows_with.setdefault(key, []).append(i)
-    reached: set[int] = set()
-    seen = start & through
-    waiting = list(seen)
-    while waiting:
-        for i in rows_with.get(waiting.pop(), ()):
-            if i in reached:
-                continue
-            reached.add(i)
-            fresh = (set(rows[i]) & through) - seen
-            seen |= fresh
-            waiting += fresh
-    return reached

@@ -27,8 +27,7 @@ from pyrobocop_pyomo.modeling.bulk_parts import put_part
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 
 from .record import Discretisation, discretisation_of
-from .row_variables import row_variables
-from .structure import Spot, axes_of
+from .structure import Spot, axes_of, row_variables
 
 Absent = dict[int, tuple[Any, Any, float]]
 

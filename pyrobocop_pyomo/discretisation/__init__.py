@@ -2,8 +2,8 @@
 
 from .estimates import DiscretisationEstimate, PhaseEstimate
 from .mesh_errors import MeshErrors, MeshTolerances
+from .phase_multipliers import RowMultipliers
 from .probe import DiscretisationProbe
-from .row_multipliers import RowMultipliers
 
 __all__ = [
     "DiscretisationEstimate", "DiscretisationProbe", "MeshErrors", "MeshTolerances", "PhaseEstimate", "RowMultipliers",

@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
-from pyrobocop_pyomo.phases import Algebraic, Control
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
+from pyrobocop_pyomo.phases import Control
 from pyrobocop_pyomo.phases.bounds_between_points import sides_stated
 from pyrobocop_pyomo.phases.companions import indices_of
 from pyrobocop_pyomo.phases.instants_inside import InstantsInside
@@ -30,11 +30,9 @@ from pyrobocop_pyomo.phases.quick_instants import SAMPLES, instants_to_look_at
 from pyrobocop_pyomo.phases.rule_formulas import RuleFormulas
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .best_controls import least_integrand, least_integrand_within_rows
+from .best_controls import STEP, least_integrand, least_integrand_within_rows
 from .phase_multipliers import PhaseMultipliers
 
-# A slope of a row, relative to its size, from which on a control can meet it.
-_STEP, _SLOPE = 1e-4, 1e-9
 # At most so much of the two parts of an element is taken to cancel.
 _CANCELLED = 0.02
 # As a part of an element's share of the objective: what is beyond is far from leading order.
@@ -91,8 +89,6 @@ class PhaseLagrangian:
         self._stages = trajectory.grid.scheme.stages
         # Values between knots that the user has placed are the same few numbers on any mesh.
         self.free = [name for name in record.names(Control) if record.declarations[name].knots is None]
-        if _determines_algebraics(phase, record):
-            self.free = [*self.free, *record.names(Algebraic)]
         self.apart = self._rows_with_slopes_by(self.free)
         self.of_states = frozenset(range(len(self._rows))) - self._rows_with_slopes_by(list(self._signals))
 
@@ -102,7 +98,7 @@ class PhaseLagrangian:
             raise TrajectoryError(f"'{found[0]}' is read at earlier times: what it does there later is not seen.")
 
     def _rows_with_slopes_by(self, names: Sequence[str]) -> frozenset[int]:
-        """Places of the rows that controls or algebraics of these names can meet."""
+        """Places of the inequalities that controls or algebraics of these names can meet."""
         found: set[int] = set()
         if not (names and self._rows):
             return frozenset(found)
@@ -112,9 +108,10 @@ class PhaseLagrangian:
         with np.errstate(all="ignore"):
             for name in names:
                 values = stages.values_of(name)
-                moved = stages.rows(every, {name: values + _STEP * (1.0 + np.abs(values).max())})
+                moved = stages.rows(every, {name: values + STEP * (1.0 + np.abs(values).max())})
                 for i, (before, after) in enumerate(zip(here, moved, strict=True)):
-                    if np.abs(after[0] - before[0]).max() > _SLOPE * (1.0 + np.abs(before[0]).max()):
+                    is_met = np.abs(after[0] - before[0]).max() > NEGLIGIBLE * (1.0 + np.abs(before[0]).max())
+                    if is_met and not np.array_equal(before[1], before[2]):
                         found.add(i)
         return frozenset(found)
 
@@ -213,19 +210,15 @@ class _Instants(InstantsInside):
         ]
 
     def limits(self, name: str) -> tuple[Array, Array]:
-        """Least and largest value of a control or algebraic at the instants."""
-        if name in self._of._multipliers.room:
-            room = self._of._multipliers.room[name]
-            lower, upper = (
-                np.where(np.isfinite(of).all(axis=1), self.at_stages @ np.where(np.isfinite(of), of, 0.0).T, infinite)
-                for of, infinite in zip(room, (-np.inf, np.inf), strict=True)
-            )
-        else:
-            lower, upper = (np.zeros(self.index.shape) + self.bound(name, side) for side in (0, 1))
+        """Least and largest value of a control at the instants."""
+        lower, upper = (
+            np.where(np.isfinite(of).all(axis=1), self.at_stages @ np.where(np.isfinite(of), of, 0.0).T, infinite)
+            for of, infinite in zip(self._of._multipliers.room[name], (-np.inf, np.inf), strict=True)
+        )
         return lower, upper
 
     def own_rows(self, given: Mapping[str, Array]) -> list[tuple[Array, Array, Array]]:
-        """Body and bounds of the rows that controls and algebraics can meet."""
+        """Body and bounds of the inequalities that controls can meet."""
         return self.rows(self._of.apart, given)
 
     def rows(self, places: Iterable[int], given: Mapping[str, Array]) -> list[tuple[Array, Array, Array]]:
@@ -259,9 +252,9 @@ class _Instants(InstantsInside):
         Parameters
         ----------
         given : dict of name to array
-            Of controls and algebraics.
+            Of controls.
         apart : bool
-            Leave out the rows and bounds that controls and algebraics can meet.
+            Leave out the inequalities that controls can meet.
         """
         of = self._of
         values = {**self.values, **given}
@@ -279,8 +272,7 @@ class _Instants(InstantsInside):
             if not (apart and i in of.apart):
                 total -= density * _beyond(body, lower, upper, of._sign * density)
         for name, bound, density in self._bounds:
-            if not (apart and name in of.free):
-                total -= density * np.where(density == 0.0, 0.0, values[name] - bound)
+            total -= density * np.where(density == 0.0, 0.0, values[name] - bound)
         return of._sign * total
 
     def passed(self) -> Array:
@@ -307,31 +299,21 @@ class _Instants(InstantsInside):
         return total
 
     def least(self) -> Array:
-        """The integrand where controls, and algebraics that rows determine, are as good as the instant lets them be."""
+        """The integrand where controls are as good as the instant lets them be."""
         of = self._of
         if of.apart:
             return least_integrand_within_rows(self, {name: self.values_of(name) for name in of.free})
-        starts = []
-        if all(name in of._signals for name in of.free):
-            starts = [{name: of._signals[name][:, k] for name in of.free} for k in range(of._stages)]
-            # Where some control is largest or smallest in the whole plan: it may have left another valley too late.
-            every = {name: of._signals[name].ravel() for name in of.free}
-            extremes = {int(place) for values in every.values() for place in (values.argmin(), values.argmax())}
-            starts += [{name: values[place] for name, values in every.items()} for place in sorted(extremes)]
+        starts = [{name: of._signals[name][:, k] for name in of.free} for k in range(of._stages)]
+        # Where some control is largest or smallest in the whole plan: it may have left another valley too late.
+        every = {name: of._signals[name].ravel() for name in of.free}
+        extremes = {int(place) for values in every.values() for place in (values.argmin(), values.argmax())}
+        starts += [{name: values[place] for name, values in every.items()} for place in sorted(extremes)]
         starts = [{name: np.broadcast_to(of, self.index.shape) for name, of in start.items()} for start in starts]
         return least_integrand(self, {name: self.values_of(name) for name in of.free}, starts)
 
     def values_of(self, name: str) -> Array:
-        """A control or algebraic at the instants."""
+        """A control at the instants."""
         return np.zeros(self.index.shape) + self.values[name]
-
-
-def _determines_algebraics(phase: Any, record: Any) -> bool:
-    """Whether residual equations, and no pairs, say what the algebraics are."""
-    names = record.names(Algebraic)
-    explicit = set(record.names_of_states) <= set(record.equation_of)
-    pairs = any(True for _ in phase.component_data_objects(Complementarity, active=True, descend_into=True))
-    return bool(names) and explicit and not pairs and record.residuals_per_point == len(names)
 
 
 def _beyond(body: Any, lower: Any, upper: Any, dual: Array) -> Array:

@@ -16,8 +16,6 @@ from pyrobocop_pyomo.trajectories import Trajectory
 from .estimates import ZERO_OBJECTIVE, DiscretisationEstimate
 from .jump_times import jump_fractions
 
-MOST_PARTS = 4
-
 
 @dataclass(frozen=True)
 class MeshTolerances:
@@ -91,7 +89,6 @@ class MeshErrors:
         trajectories: Mapping[str, Trajectory],
         tolerances: MeshTolerances,
         keep: Mapping[str, Collection[float]] | None = None,
-        most_parts: int = MOST_PARTS,
     ) -> dict[str, Mesh]:
         """Meshes on which all elements are expected to meet tolerances.
 
@@ -104,8 +101,6 @@ class MeshErrors:
         tolerances : MeshTolerances
         keep : mapping of str to collection of float, optional
             Boundaries that stay, so that others may go; all by default.
-        most_parts : int
-            Into which one element is split at once.
         """
         return {
             name: remesh(
@@ -113,7 +108,6 @@ class MeshErrors:
                 self._shares(name, mesh.elements, tolerances),
                 1.0,
                 trajectories[name].grid.scheme.order,
-                most_parts=most_parts,
                 keep=None if keep is None else keep[name],
                 jumps=jump_fractions(trajectories[name]),
             )

@@ -1,4 +1,7 @@
-"""Multipliers of a phase's rows at its stages: costates, and densities of what else restrains the motion."""
+"""Multipliers of a model's rows and bounds, whoever found them, and those of a phase's rows at its stages.
+
+The latter are costates, and densities of what else restrains the motion.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,26 @@ from pyrobocop_pyomo.phases.declarations import UNBOUNDED
 from pyrobocop_pyomo.phases.nodes import StageNodes
 from pyrobocop_pyomo.phases.record import Statement
 
-from .row_multipliers import RowMultipliers
+
+@dataclass(frozen=True, eq=False)
+class RowMultipliers:
+    """What the objective would change by, per unit, in the signs of Pyomo's suffixes; by the identity of components.
+
+    Attributes
+    ----------
+    rows : mapping of int to float
+        As in ``dual``: change of the objective as stated per unit of the right-hand side.
+    lower, upper : mapping of int to float
+        As in ``ipopt_zL_out`` and ``ipopt_zU_out``.
+    """
+
+    rows: Mapping[int, float]
+    lower: Mapping[int, float]
+    upper: Mapping[int, float]
+
+    def of_row(self, row: Any) -> float:
+        """That of a constraint; 0 where it has none, as a row without free variables."""
+        return self.rows.get(id(row), 0.0)
 
 
 @dataclass(frozen=True, eq=False)

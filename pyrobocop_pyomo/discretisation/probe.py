@@ -32,8 +32,7 @@ from pyrobocop_pyomo.trajectories import Trajectory
 from .estimates import DiscretisationEstimate, PhaseEstimate
 from .integral_weights import integral_weights
 from .lagrangian import PhaseLagrangian
-from .phase_multipliers import PhaseMultipliers, phase_multipliers
-from .row_multipliers import RowMultipliers
+from .phase_multipliers import PhaseMultipliers, RowMultipliers, phase_multipliers
 from .stated_at_points import motion_beside_phases, stated_at_points
 
 logger = logging.getLogger(__name__)

@@ -16,7 +16,7 @@ from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.phases.integrals import INTEGRALS
 
 from .estimates import ZERO_OBJECTIVE
-from .row_multipliers import RowMultipliers
+from .phase_multipliers import RowMultipliers
 
 # Of the objective per unit of a row: smaller multipliers are what a barrier leaves of rows that restrain nothing.
 _FELT = 1e-6

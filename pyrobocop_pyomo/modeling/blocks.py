@@ -26,10 +26,9 @@ from pyomo.core.base.global_set import UnindexedComponent_index, UnindexedCompon
 from pyrobocop_pyomo.errors import ModelError, PyRobocopError
 from pyrobocop_pyomo.presentation import Presented
 
-from .failures import undone_on_failure
+from .failures import say_once, undone_on_failure
 from .keywords import check_keywords
 from .pickling import picklable_or_none
-from .said_once import say_once
 
 Rule = Callable[..., Any]
 

@@ -13,6 +13,7 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from pyrobocop_pyomo.errors import ModelError
 
@@ -92,7 +93,7 @@ def _flat(given: Any, dimensions: int) -> list[Any]:
     return entries
 
 
-class VariableFamily:
+class VariableFamily(NDArrayOperatorsMixin):
     """Members of a family as a rule reads them.
 
     Parameters
@@ -280,9 +281,6 @@ class VariableFamily:
         """Indices and variables."""
         return list(zip(self.keys(), self.values(), strict=True))
 
-    def __neg__(self) -> Any:
-        return -self.as_expression_array()
-
     def __iter__(self) -> Iterator[Any]:
         return iter(self.keys() if self.names.in_time else self.members)
 
@@ -320,24 +318,6 @@ class VariableFamily:
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
         arrays = [each.as_expression_array() if isinstance(each, VariableFamily) else each for each in inputs]
         return getattr(ufunc, method)(*arrays, **options)
-
-
-def _operator(ufunc: np.ufunc, *, swapped: bool = False) -> Any:
-    def apply(self: VariableFamily, other: Any) -> Any:
-        held = self.as_expression_array()
-        return ufunc(other, held) if swapped else ufunc(held, other)
-
-    return apply
-
-
-for _name, _ufunc in {
-    "add": np.add, "sub": np.subtract, "mul": np.multiply, "truediv": np.true_divide, "pow": np.power,
-    "matmul": np.matmul,
-}.items():  # fmt: skip
-    setattr(VariableFamily, f"__{_name}__", _operator(_ufunc))
-    setattr(VariableFamily, f"__r{_name}__", _operator(_ufunc, swapped=True))
-for _name, _ufunc in {"le": np.less_equal, "lt": np.less, "ge": np.greater_equal, "gt": np.greater}.items():
-    setattr(VariableFamily, f"__{_name}__", _operator(_ufunc))
 
 
 def _listed(axis: tuple[Any, ...], shown: int = 6) -> str:

@@ -16,8 +16,6 @@ from .arrays import Array
 
 Integers = NDArray[np.intp]
 
-_ROUNDS = 20
-
 
 @dataclass(frozen=True, eq=False)
 class GroupedEntries:
@@ -83,19 +81,17 @@ def variable_scales(known: Array, entries: GroupedEntries) -> Array:
     """
     scales = known.copy()
     row_group, column_group, sizes = _group_entries(entries)
-    for _ in range(_ROUNDS):
-        if not np.isnan(scales).any():
-            break
+    while np.isnan(scales).any():
         terms = sizes * scales[column_group]  # NaN where a scale is not known
         there = ~np.isnan(terms)
         largest = np.zeros(entries.own.size)
         np.maximum.at(largest, row_group[there], terms[there])
         told = ~there & (largest[row_group] > 0.0)
-        if not told.any():
-            break
         found = np.full(scales.size, np.inf)
         np.minimum.at(found, column_group[told], largest[row_group[told]] / sizes[told])
         new = np.isnan(scales) & np.isfinite(found)
+        if not new.any():
+            break
         scales[new] = found[new]
     return scales
 

@@ -19,8 +19,8 @@ from .arrays import Array
 # (local fraction, states of shape (n, k, N)) -> derivatives by the local fraction, of the same shape.
 Rates = Callable[[float, Array], Array]
 
-# Steps between two fractions, doubled from the first number up to the last before the equations count as too stiff.
-_FIRST_STEPS, _MOST_STEPS = 1, 128
+# Steps between two fractions, doubled from one up to this number before the equations count as too stiff.
+_MOST_STEPS = 128
 # Steps over an element with many fractions, at most.
 _MOST_STEPS_IN_ALL = 4096
 # From so many steps on, a result that is not finite, or an error of the size of the states, is a sign of stiffness.
@@ -31,10 +31,9 @@ _ORDER_FACTOR = 15.0  # two raised to the order of the method, minus one
 # Relative to the scale of each state: the step of differences, and how well the ends of elements meet.
 _DIFFERENCE = 1e-6
 _SWEEPS = 12
-# Sweeps times elements, at most, of an unstable motion; from which sweep on slopes are found anew; changes in scales.
+# Sweeps times elements, at most, of an unstable motion; from which sweep on slopes are found anew.
 _MOST_ELEMENTS = 20_000
 _SWEEPS_WITH_FIRST_SLOPES = 3
-_TRUSTED = 1.0
 # A sweep that evaluates rates more often meets corners far from the plan: the next ones would not be cheaper.
 _MOST_EVALUATIONS_OF_A_SWEEP = 4000
 
@@ -136,7 +135,7 @@ def _from_first_start(
     best, waited = -1, 0
     counted = _Counted(rates)
     for sweep in range(max(_SWEEPS, _MOST_ELEMENTS // elements)):
-        now = now + _moves(now, march.ends[:, 0], slopes, first, _TRUSTED * sizes)
+        now = now + _moves(now, march.ends[:, 0], slopes, first, sizes)
         # What grows far beyond the plan is followed relative to its own size.
         sizes = np.maximum(scales, np.abs(now).max(axis=1))
         varied = now[:, None, :]
@@ -197,7 +196,7 @@ def _march(
     rates: Rates, starts: Array, scales: Array, fractions: Array, tolerance: float, *, may_be_stiff: bool = True
 ) -> _March | None:
     """Integrate with halved steps until the states at the fractions no longer change."""
-    steps = _FIRST_STEPS
+    steps = 1
     with np.errstate(all="ignore"):
         coarse, coarse_path = _runge_kutta(rates, starts, fractions, steps)
         most_steps = min(_MOST_STEPS, max(_STIFF_STEPS, _MOST_STEPS_IN_ALL // len(fractions)))

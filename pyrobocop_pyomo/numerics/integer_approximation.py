@@ -7,6 +7,7 @@ sees of them are their integrals. So the rounded choice is one whose accumulated
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -121,42 +122,36 @@ def limited_approximation(
     alternatives, intervals = relaxed.shape
     size = alternatives * intervals
     starts = np.concatenate([[0.0], np.cumsum(steps)[:-1]])
-    # Columns: choices, then whether an alternative begins in an interval, then the gap.
-    at = np.arange(size).reshape(alternatives, intervals)
-    rows: list[tuple[list[int], list[float], float, float]] = []
-    for k in range(intervals):
-        rows.append((at[:, k].tolist(), [1.0] * alternatives, 1.0, 1.0))
-    for i in range(alternatives):
-        accumulated = np.cumsum(relaxed[i] * steps)
-        for k in range(intervals):
-            columns, factors = at[i, : k + 1].tolist(), steps[: k + 1].tolist()
-            rows.append(([*columns, 2 * size], [*factors, -1.0], -np.inf, float(accumulated[k])))
-            rows.append(([*columns, 2 * size], [*factors, 1.0], float(accumulated[k]), np.inf))
-            if k:
-                begins = size + int(at[i, k])
-                rows.append(([begins, int(at[i, k]), int(at[i, k - 1])], [1.0, -1.0, 1.0], 0.0, np.inf))
-                for j in range(k + 1, intervals):
-                    if starts[j] < starts[k] + min_dwell - 1e-9 * steps[k]:
-                        rows.append(([int(at[i, j]), begins], [1.0, -1.0], 0.0, np.inf))
+    accumulated = np.cumsum(relaxed * steps, axis=1).ravel()
+    one, all_before = np.eye(intervals), np.tril(np.ones((intervals, intervals))) * steps
+    # Unknowns: choices, then whether an alternative begins in an interval, then the gap.
+    unknowns = scipy.sparse.identity(2 * size + 1, format="csr")
+    choices, begins, gap = unknowns[:size], unknowns[size : 2 * size], unknowns[np.full(size, 2 * size)]
+
+    def of_each(block: Array) -> Any:
+        return scipy.sparse.kron(scipy.sparse.identity(alternatives), block, format="csr")
+
+    limited = scipy.optimize.LinearConstraint
+    constraints = [
+        limited(scipy.sparse.csr_matrix(np.tile(one, alternatives)) @ choices, 1.0, 1.0),
+        limited(of_each(all_before) @ choices - gap, -np.inf, accumulated),
+        limited(of_each(all_before) @ choices + gap, accumulated, np.inf),
+    ]
+    if intervals > 1:
+        changes = of_each(one[1:] - one[:-1]) @ choices
+        constraints.append(limited(of_each(one[1:]) @ begins - changes, 0.0, np.inf))
+    stays = (starts < (starts + min_dwell - 1e-9 * steps)[:, None]) & (np.arange(intervals)[:, None] > 0)
+    begun, after = np.nonzero(np.triu(stays, 1))
+    if len(begun):
+        constraints.append(limited(of_each(one[after]) @ choices - of_each(one[begun]) @ begins, 0.0, np.inf))
     if max_switches is not None:
-        begins = [size + int(at[i, k]) for i in range(alternatives) for k in range(1, intervals)]
-        rows.append((begins, [1.0] * len(begins), 0.0, float(max_switches)))
-    lengths = [len(columns) for columns, *_ in rows]
-    matrix = scipy.sparse.csr_matrix(
-        (
-            np.concatenate([factors for _, factors, *_ in rows]),
-            np.concatenate([columns for columns, *_ in rows]),
-            np.concatenate([[0], np.cumsum(lengths)]),
-        ),
-        shape=(len(rows), 2 * size + 1),
-    )
+        later = np.tile(np.arange(intervals) > 0, alternatives).astype(float)
+        constraints.append(limited(scipy.sparse.csr_matrix(later) @ begins, -np.inf, float(max_switches)))
     # Switches that gain nothing cost a little.
     cost = np.concatenate([np.zeros(size), np.full(size, 1e-6 * float(steps.mean()) / max(size, 1)), [1.0]])
     found = scipy.optimize.milp(
         cost,
-        constraints=scipy.optimize.LinearConstraint(
-            matrix, np.array([row[2] for row in rows]), np.array([row[3] for row in rows])
-        ),
+        constraints=constraints,
         integrality=np.concatenate([np.ones(size), np.zeros(size + 1)]),
         bounds=scipy.optimize.Bounds(0.0, np.concatenate([np.ones(2 * size), [np.inf]])),
         options={"time_limit": time_limit},

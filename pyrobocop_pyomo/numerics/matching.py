@@ -48,36 +48,31 @@ class Matching:
     @cached_property
     def overdetermined(self) -> tuple[list[int], list[int]]:
         """Rows and columns of the part that has more rows than columns, whatever the matching; both empty if none."""
-        rows = set(self.unmatched_rows)
-        columns: set[int] = set()
-        waiting = list(rows)
-        while waiting:
-            for column in self.incidence[waiting.pop()]:
-                columns.add(column)
-                row = self.row_of[column]  # never -1: the matching would not be maximum
-                if row not in rows:
-                    rows.add(row)
-                    waiting.append(row)
-        return sorted(rows), sorted(columns)
+        return _reached(self.unmatched_rows, self.incidence, self.row_of)
 
     @cached_property
     def underdetermined(self) -> tuple[list[int], list[int]]:
         """Rows and columns of the part that has more columns than rows, whatever the matching; both empty if none."""
-        columns = set(self.unmatched_columns)
-        rows: set[int] = set()
-        rows_with: dict[int, list[int]] = {}
+        rows_with: list[list[int]] = [[] for _ in self.row_of]
         for row, own_columns in enumerate(self.incidence):
             for column in own_columns:
-                rows_with.setdefault(column, []).append(row)
-        waiting = list(columns)
-        while waiting:
-            for row in rows_with.get(waiting.pop(), ()):
-                rows.add(row)
-                column = self.column_of[row]
-                if column not in columns:
-                    columns.add(column)
-                    waiting.append(column)
-        return sorted(rows), sorted(columns)
+                rows_with[column].append(row)
+        columns, rows = _reached(self.unmatched_columns, rows_with, self.column_of)
+        return rows, columns
+
+
+def _reached(unmatched: list[int], incidence: Incidence, partner: Sequence[int]) -> tuple[list[int], list[int]]:
+    """What alternating paths from unmatched nodes reach: nodes like these, and the others, each in order."""
+    nodes, others = set(unmatched), set[int]()
+    waiting = list(unmatched)
+    while waiting:
+        for other in incidence[waiting.pop()]:
+            others.add(other)
+            node = partner[other]  # never -1: the matching would not be maximum
+            if node not in nodes:
+                nodes.add(node)
+                waiting.append(node)
+    return sorted(nodes), sorted(others)
 
 
 def maximum_matching(incidence: Incidence, columns: int, first_come: bool = False) -> Matching:

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .mesh import Mesh
+from .rounding import ROUNDING
 
 # A split aims below the tolerance and a join further below, so that the next estimate seldom calls for the contrary.
 _AIM_OF_SPLITTING = 0.5
 _AIM_OF_JOINING = 0.05
-_ROUNDING = 1e-14
 # A boundary moves over this part of an element at most.
 _NEAR = 0.2
 
@@ -50,8 +50,8 @@ def remesh(
         Local fractions at which elements are split in two instead of equal parts. A boundary that need not stay and is
         near to such a place moves there.
     """
-    found = np.maximum(np.asarray(errors, dtype=float), _ROUNDING)
-    tolerance = max(tolerance, _ROUNDING)  # no mesh is better than that
+    found = np.maximum(np.asarray(errors, dtype=float), ROUNDING)
+    tolerance = max(tolerance, ROUNDING)  # no mesh is better than that
     power = 1.0 / (order + 1)
     fixed = set(mesh.boundaries) if keep is None else set(keep)
     boundaries = [mesh.boundaries[0]]

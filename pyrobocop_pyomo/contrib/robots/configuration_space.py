@@ -30,11 +30,9 @@ from pyrobocop_pyomo.obstacles.scene import ConvexPart
 # Random configurations: for the size of a coordinate, and for solutions of rows at one end of the phase.
 SAMPLES, CANDIDATES, MOST_ENDS = 64, 300, 8
 # First from afar, then to the last digits.
-NEWTON_STEPS, DAMPINGS = 15, (1e-2, 1e-8)
-# Rows at an end hold to this, relative to their size.
+DAMPINGS = 1e-2, 1e-8
+# Rows and clearances at an end hold to this, relative to their size and that of the scene.
 ACCEPTED = 1e-6
-# Distances at an end may be below the clearance by rounding.
-ROUNDING = 1e-6
 # Corners of unbounded shapes are that many times the size of the scene away.
 FAR = 1e3
 TURN = 2.0 * np.pi
@@ -322,7 +320,7 @@ class ConfigurationSpace:
         """How many clearances to keep; a pair that has less room at one of the ends (k, n) keeps what it has there."""
         radii = self._radii[self._pairs].sum(axis=1)
         wanted = radii + clearances * (self._clearances - radii)
-        room = self._apart(ends, np.zeros(len(wanted)), wanted).min(axis=0) - ROUNDING * self._extent
+        room = self._apart(ends, np.zeros(len(wanted)), wanted).min(axis=0) - ACCEPTED * self._extent
         self._asked = np.minimum(wanted, room)
 
     # ---------------------------------------------------------------- ends
@@ -388,7 +386,7 @@ class ConfigurationSpace:
         return f"at best, {', '.join(dict.fromkeys(pairs))} are too close there"
 
     def _are_clear_as_asked(self, points: Array) -> BoolArray:
-        self._asked = self._clearances - ROUNDING * self._extent
+        self._asked = self._clearances - ACCEPTED * self._extent
         return self.are_clear(points)
 
     def _solved(self, rows: EndRows, points: Array, free: BoolArray, low: Array, high: Array) -> Array:
@@ -402,9 +400,7 @@ class ConfigurationSpace:
 
         found = points[:, free]
         for damping in DAMPINGS:
-            found = damped_least_squares(
-                residual, found, low[free], high[free], steps=NEWTON_STEPS, damping=damping
-            )  # fmt: skip
+            found = damped_least_squares(residual, found, low[free], high[free], damping=damping)
         found = whole(found)
         return found[rows.hold(found)]
 

@@ -10,9 +10,7 @@ import numpy as np
 from pyomo.core.expr import cos, sin
 
 from pyrobocop_pyomo.geometry import Pose
-
-# Entries of constant transformations this close to 0 or 1 are meant to be: sin(pi) and the like.
-_ROUNDING = 1e-15
+from pyrobocop_pyomo.numerics.rounding import ROUNDING
 
 TURNING = ("revolute", "continuous")
 WITH_ONE_COORDINATE = (*TURNING, "prismatic")
@@ -64,8 +62,8 @@ class Joint:
 def constant_pose(matrix: np.ndarray) -> Pose:
     """A pose of numbers from a homogeneous matrix; zeros and ones are exact, so that products with them vanish."""
     rotation = np.array(matrix[:3, :3], dtype=float)
-    for exact in (-1.0, 0.0, 1.0):
-        rotation[np.abs(rotation - exact) <= _ROUNDING] = exact
+    for exact in (-1.0, 0.0, 1.0):  # sin(pi) and the like are meant to be
+        rotation[np.abs(rotation - exact) <= ROUNDING] = exact
     return Pose(tuple(map(tuple, rotation.tolist())), tuple(np.asarray(matrix[:3, 3], dtype=float).tolist()))
 
 
@@ -87,8 +85,8 @@ def _turn_about(axis: np.ndarray, angle: Any) -> Pose:
             entry: Any = 0.0
             factors = (along[i, j], float(i == j) - along[i, j], crossed[i, j])
             for factor, term in zip(factors, (1.0, cosine, sine), strict=True):
-                if abs(factor) > _ROUNDING:
-                    part = term if abs(factor - 1.0) <= _ROUNDING else float(factor) * term
+                if abs(factor) > ROUNDING:
+                    part = term if abs(factor - 1.0) <= ROUNDING else float(factor) * term
                     entry = part if isinstance(entry, float) and entry == 0.0 else entry + part
             row.append(entry)
         rows.append(tuple(row))

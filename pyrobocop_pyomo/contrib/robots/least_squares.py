@@ -13,7 +13,7 @@ DIFFERENCE = 1e-6
 
 
 def damped_least_squares(
-    residual: Callable[[Array], Array], start: Array, low: Array, high: Array, *, steps: int, damping: float = 1e-9
+    residual: Callable[[Array], Array], start: Array, low: Array, high: Array, *, steps: int = 15, damping: float = 1e-9
 ) -> Array:
     """Minimise the squares of residuals in each row by damped Gauss-Newton steps, which end at the bounds.
 

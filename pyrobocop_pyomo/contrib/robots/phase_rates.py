@@ -19,7 +19,6 @@ from pyrobocop_pyomo.phases.families import equations_by_component
 Columns = dict[str, Array]
 
 SAMPLES = 300
-NEWTON_STEPS = 12
 
 
 class PhaseRates:
@@ -128,7 +127,7 @@ class PhaseRates:
             return self.evaluated(expressions, values | columns, len(wanted)) - wanted
 
         start = np.column_stack([values[name] for name in unknown])
-        found = damped_least_squares(residual, start, low, high, steps=NEWTON_STEPS)
+        found = damped_least_squares(residual, start, low, high)
         return values | dict(zip(unknown, found.T, strict=True))
 
     def _middle(self, name: str) -> float:

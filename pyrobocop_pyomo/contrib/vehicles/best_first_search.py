@@ -20,20 +20,15 @@ from pyrobocop_pyomo.numerics import Array, BoolArray, Indices
 
 from .cost_to_go import Bounds, CostToGo
 from .free_space import FreeSpace, FreeSpaceWithTrailer
-from .motion_primitives import MotionPrimitives
+from .motion_primitives import COARSE_HEADINGS, MotionPrimitives
 
-# Poses that are expanded together: array operations on a few hundred motions cost little more than on ten.
+# Poses that are expanded together: array operations on a few hundred motions cost little more than on ten. As many
+# Reeds-Shepp paths to the target are checked for collisions per expansion.
 EXPANDED_AT_ONCE = 32
-# Reeds-Shepp paths to the target that are checked for collisions per expansion.
-CHECKED_AT_ONCE = 16
 # They are looked for after each of the first expansions, later for several together: long arrays cost less than many.
 OFTEN, SELDOM = 12, 6
-# Every so many poses of a motion are checked first: a few decide most that collide, fewer still those of long ones.
-STRIDES = 96, 12
-# Whole turns, to either side of the root's, that are told apart where they count.
-MOST_WHOLE_TURNS = 3
-# Divisions of a turn for the angle of a trailer.
-TRAILER_ANGLES = 36
+# Every so many poses of a motion are checked first: a few decide most that collide.
+STRIDE = 12
 
 
 class SearchEnd(Enum):
@@ -161,10 +156,9 @@ class BestFirstSearch:
         whole, turn = np.divmod(turn, self.primitives.headings)
         cell = (place[..., 0] * self.cells[1] + place[..., 1]) * self.primitives.headings + turn
         if self.primitives.whole_turns:
-            whole = whole - math.floor(self.root[2] / (2.0 * math.pi))
-            cell = cell * (2 * MOST_WHOLE_TURNS + 1) + np.clip(whole, -MOST_WHOLE_TURNS, MOST_WHOLE_TURNS)
+            cell = cell + whole * int(self.cells.prod()) * self.primitives.headings
         if ends.shape[-1] > 3:
-            cell = cell * TRAILER_ANGLES + np.rint(ends[..., 3] * (TRAILER_ANGLES / (2.0 * np.pi))).astype(int)
+            cell = cell * COARSE_HEADINGS + np.rint(ends[..., 3] * (COARSE_HEADINGS / (2.0 * np.pi))).astype(int)
         return np.asarray(2 * cell + (self.primitives.lengths > 0))
 
     def within(self, motions: Array) -> BoolArray:
@@ -186,12 +180,10 @@ class BestFirstSearch:
         """
         motions = self.primitives.follow(poses, arcs, curvatures)
         clear = self.within(motions)
+        coarse = motions[clear, ::STRIDE]
+        free = self.space.are_free(coarse.reshape(-1, motions.shape[-1])).reshape(coarse.shape[:2]).all(axis=1)
+        clear[clear] = free
         kept = np.flatnonzero(clear)
-        for stride in STRIDES:
-            coarse = motions[kept, ::stride]
-            free = self.space.are_free(coarse.reshape(-1, motions.shape[-1])).reshape(coarse.shape[:2]).all(axis=1)
-            clear[kept[~free]] = False
-            kept = kept[free]
         spacings = np.full(len(kept), self.primitives.spacing)
         clear[kept] = self.space.is_clear(motions[kept], np.abs(curvatures[kept]).max(axis=1, initial=0.0), spacings)
         return clear
@@ -199,7 +191,7 @@ class BestFirstSearch:
     def _expand_analytically(self) -> None:
         """Look for a Reeds-Shepp path to the target, from any pose that waits for it, cheaper than the best path."""
         here, poses, costs, made_by = (np.concatenate(column) for column in zip(*self.waiting, strict=True))
-        checked = CHECKED_AT_ONCE * len(self.waiting)
+        checked = EXPANDED_AT_ONCE * len(self.waiting)
         self.waiting.clear()
         ahead, lengths, turns = self.primitives.paths_to(poses, self.cost_to_go.target)
         first = np.sign(first_nonzero(lengths))

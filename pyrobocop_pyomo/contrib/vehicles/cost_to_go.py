@@ -11,14 +11,12 @@ from pyrobocop_pyomo.geometry.grid_path_search import grid_distances
 from pyrobocop_pyomo.numerics import Array, BoolArray
 
 from .free_space import FreeSpace
-from .motion_primitives import MotionPrimitives
+from .motion_primitives import COARSE_HEADINGS, MotionPrimitives
 
 Bounds = tuple[tuple[float, float], tuple[float, float]]
 
-# The table for the car needs no finer cells than this many turning radii, and divisions of a turn.
+# The table for the car needs no finer cells than this many turning radii.
 TABLE_CELL = 0.15
-TABLE_HEADINGS = 36
-AHEAD = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +58,7 @@ class CostToGo:
         disc = grid_distances(np.where(free, 1.0, np.inf), np.full(2, cell), tuple(goal_cell.tolist()))
         car_cell = max(TABLE_CELL * primitives.turning_radius, float(size.max()) / 60)
         counts = np.ceil(size / car_cell).astype(int) + 1
-        car = np.full((int(counts[0]), int(counts[1]), TABLE_HEADINGS), np.nan)
+        car = np.full((int(counts[0]), int(counts[1]), COARSE_HEADINGS), np.nan)
         return cls(target, origin, cell, car_cell, disc, car, primitives)
 
     def disc_path_length(self, poses: Array) -> Array:
@@ -73,23 +71,15 @@ class CostToGo:
         """Estimated cost from each pose, ``(n,)``."""
         i = np.rint((poses[:, :2] - self.origin) / self.car_cell).astype(int)
         i = np.clip(i, 0, np.array(self.car.shape[:2]) - 1)
-        turn = np.rint(poses[:, 2] * (TABLE_HEADINGS / (2.0 * np.pi))).astype(int) % TABLE_HEADINGS
-        table, cells = self.car.reshape(-1), np.ravel_multi_index((i[:, 0], i[:, 1], turn), self.car.shape)
-        new = cells[np.isnan(table[cells])]
+        turn = np.rint(poses[:, 2] * (COARSE_HEADINGS / (2.0 * np.pi))).astype(int) % COARSE_HEADINGS
+        new = np.unique(i[np.isnan(self.car[i[:, 0], i[:, 1], turn])], axis=0)
         if len(new):
-            # Neighbouring headings will be asked for soon: long arrays cost little more than short ones.
-            place, asked = np.divmod(new, TABLE_HEADINGS)
-            around = (asked[:, None] + np.arange(-AHEAD, AHEAD + 1)) % TABLE_HEADINGS
-            new = np.unique(place[:, None] * TABLE_HEADINGS + around)
-            new = new[np.isnan(table[new])]
-            place, asked = np.divmod(new, TABLE_HEADINGS)
-            middles = np.column_stack([
-                self.origin[0] + place // self.car.shape[1] * self.car_cell,
-                self.origin[1] + place % self.car.shape[1] * self.car_cell,
-                asked * (2.0 * np.pi / TABLE_HEADINGS),
-            ])  # fmt: skip
-            table[new] = self.primitives.reeds_shepp_cost(middles, self.target)
-        return np.asarray(np.maximum(table[cells], self.disc_path_length(poses)))
+            # Other headings will be asked for soon: long arrays cost little more than short ones.
+            places = np.repeat(self.origin + new * self.car_cell, COARSE_HEADINGS, axis=0)
+            headings = np.tile(np.arange(COARSE_HEADINGS) * (2.0 * np.pi / COARSE_HEADINGS), len(new))
+            costs = self.primitives.reeds_shepp_cost(np.column_stack([places, headings]), self.target)
+            self.car[new[:, 0], new[:, 1]] = costs.reshape(len(new), COARSE_HEADINGS)
+        return np.asarray(np.maximum(self.car[i[:, 0], i[:, 1], turn], self.disc_path_length(poses)))
 
 
 def free_cells_of_disc(

@@ -39,9 +39,8 @@ from .meeting import joined_arcs
 from .motion_primitives import CarSearch, MotionPrimitives
 from .shortcuts import with_shortcuts
 
-# Expansions of a search until the end of its first turn, and how many times more until the end of each later one.
-FIRST_TURN, FIRST_TURN_WITH_TRAILER = 130, 33
-GROWTH = 2
+# Expansions of a search until the end of its first turn; twice as many until the end of each later one.
+FIRST_TURN = 130
 # The search from the start is for hard cases, where any path will do.
 WEIGHT_FROM_START = 2.0
 # The grid of distances: side of its cells in turning radii, and how many there are along its longer side.
@@ -131,7 +130,7 @@ def hybrid_a_star(
         return BestFirstSearch(ends[which], limits, primitives, weight, space, cost_to_go)
 
     searches: list[_EndSearch] = []
-    turn = FIRST_TURN if trailer is None else FIRST_TURN_WITH_TRAILER
+    turn = FIRST_TURN
 
     def run(current: _EndSearch) -> SearchEnd:
         left = options.max_expansions - sum(one.expansions for one in searches)
@@ -175,7 +174,7 @@ def hybrid_a_star(
                 "CarSearch(max_expansions=...), more time, a coarser cell, or less clearance.",
                 spent,
             )
-        turn *= GROWTH
+        turn *= 2
 
 
 @dataclass(eq=False)

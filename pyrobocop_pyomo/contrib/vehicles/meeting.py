@@ -11,14 +11,13 @@ from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import scipy
 
 from .best_first_search import BestFirstSearch
+from .shortcuts import CHECKED_AT_ONCE
 
 # Turning radii from one pose to the other; a turn counts as much as the way of a point one radius away.
 NEAR = 0.5
-# How far ahead or back the other pose is looked for, turning radii; a trailer needs a way to get to another angle.
-AHEAD, AHEAD_WITH_TRAILER = (0.0,), (-1.0, 1.0)
 NEIGHBOURS = 3
-# Pairs of poses whose Reeds-Shepp paths are computed, and how many of these are checked for collisions.
-PAIRS, CHECKED = 3000, 400
+# Pairs of poses whose Reeds-Shepp paths are computed.
+PAIRS = 3000
 
 
 def joined_arcs(one: BestFirstSearch, other: BestFirstSearch) -> tuple[Array, Array] | None:
@@ -32,7 +31,8 @@ def joined_arcs(one: BestFirstSearch, other: BestFirstSearch) -> tuple[Array, Ar
     radius = one.primitives.turning_radius
     mine, others = np.array(one.poses), np.array(other.poses)
     tree = scipy.spatial.cKDTree(_as_points(others, radius))
-    leads = radius * np.array(AHEAD if one.primitives.trailer is None else AHEAD_WITH_TRAILER)
+    # A trailer needs a way to get to another angle: a turning radius ahead or back.
+    leads = np.zeros(1) if one.primitives.trailer is None else np.array([-radius, radius])
     places = one.primitives.follow(mine[:, None], leads[:, None], np.zeros((len(leads), 1)))[:, :, 1]
     apart, found = tree.query(_as_points(places, radius), NEIGHBOURS, distance_upper_bound=NEAR * radius)
     chosen = np.nonzero(np.isfinite(apart))
@@ -44,7 +44,7 @@ def joined_arcs(one: BestFirstSearch, other: BestFirstSearch) -> tuple[Array, Ar
         return None
     between, lengths, turns = one.primitives.paths_to(mine[here], others[there])
     total = between + costs
-    order = np.argsort(total, axis=None, kind="stable")[:CHECKED]
+    order = np.argsort(total, axis=None, kind="stable")[:CHECKED_AT_ONCE]
     kind, pair = np.unravel_index(order[np.isfinite(total.ravel()[order])], total.shape)
     arcs, curvatures, reached = one.primitives.connecting_arcs(
         mine[here[pair]], lengths[kind, pair], turns[kind], others[there[pair]]

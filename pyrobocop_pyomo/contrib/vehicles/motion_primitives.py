@@ -11,18 +11,19 @@ import numpy as np
 from pyrobocop_pyomo.contrib.robots.least_squares import DIFFERENCE
 from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.numerics import Array, BoolArray
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
 from .car_kinematics import Trailer, follow_arc, follow_arcs, relative_pose
 from .reeds_shepp import reeds_shepp_paths
 
-# Turning radii, and divisions of a turn; with a trailer poses have one number more.
-CELL, HEADINGS = 0.06, 72
-CELL_WITH_TRAILER, HEADINGS_WITH_TRAILER = 0.25, 36
+# Turning radii; with a trailer poses have one number more.
+CELL, CELL_WITH_TRAILER = 0.06, 0.25
+# Divisions of a turn for tables and where there is a trailer, whose angle has as many; otherwise twice as many.
+COARSE_HEADINGS = 36
 # With a trailer: radians that a way to a target may turn, pieces of each of its segments that get curvatures of their
-# own, steps of Newton's method, and the largest change of a length. An end counts as reached within so many turning
-# radii and radians.
+# own, steps of Newton's method, and the largest change of a length.
 MOST_TURNED = 2.0
-PIECES, STEPS, STRETCHED, REACHED, DAMPING = 2, 8, 0.5, 1e-8, 1e-9
+PIECES, STEPS, STRETCHED = 2, 8, 0.5
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ class CarSearch:
 
     def cells(self, radius: float, trailer: Trailer | None) -> tuple[float, int]:
         """Side of the squares and divisions of a turn, for a turning radius."""
-        cell, headings = (CELL, HEADINGS) if trailer is None else (CELL_WITH_TRAILER, HEADINGS_WITH_TRAILER)
+        cell, headings = (CELL, 2 * COARSE_HEADINGS) if trailer is None else (CELL_WITH_TRAILER, COARSE_HEADINGS)
         return cell * radius if self.cell is None else self.cell, self.headings or headings
 
 
@@ -254,11 +255,11 @@ class MotionPrimitives:
             free = (np.abs(turns + found[:, :pieces]) < most)[:, None] / self.turning_radius
             slopes = np.concatenate([slopes[..., :pieces] * free, of_lengths], axis=-1)
             # The smallest change that removes the error, in first order.
-            square = slopes @ slopes.swapaxes(1, 2) + DAMPING * np.eye(4)
+            square = slopes @ slopes.swapaxes(1, 2) + NEGLIGIBLE * np.eye(4)
             found = found - (slopes.swapaxes(1, 2) @ np.linalg.solve(square, error))[..., 0]
             found = np.clip(found, -bound, bound)
         lengths, turns = changed(found)
-        reached = np.abs(errors(self.follow(first, lengths, turns))).max(axis=1) <= REACHED
+        reached = np.abs(errors(self.follow(first, lengths, turns))).max(axis=1) <= 10 * NEGLIGIBLE
         turns = turns * self.turning_radius
         lengths[back], turns[back] = -lengths[back, ::-1], turns[back, ::-1]
         return (*self._short_arcs(lengths, turns), reached)

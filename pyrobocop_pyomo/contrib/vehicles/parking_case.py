@@ -21,7 +21,6 @@ from pyrobocop_pyomo.presentation import Presented
 
 # Corners of an outline that are nearer to its hull than this many units of length make it no less convex.
 NEARLY_CONVEX = 1e-6
-NUMBERS_OF_POSES = 6
 # Obstacles are cut off this far from the start and the goal: no car gets there, and walls without end cost digits.
 CUT_OFF = 1000.0
 
@@ -127,7 +126,7 @@ class ParkingCase(Presented):
             As for `read`.
         """
         exact = [_decimal(number, position, name) for position, number in enumerate(numbers, start=1)]
-        if len(exact) <= NUMBERS_OF_POSES:
+        if len(exact) <= 6:
             raise ObstacleError(
                 f"parking case '{name}': {len(exact)} numbers; expected x, y, heading of the start and of the goal, "
                 "the number of obstacles, the number of corners of each, and the corners."
@@ -135,7 +134,7 @@ class ParkingCase(Presented):
         count = _count(exact[6], "the number of obstacles", name, least=0)
         counts = [_count(number, f"the number of corners of obstacle {k}", name, least=1)
                   for k, number in enumerate(exact[7 : 7 + count], start=1)]  # fmt: skip
-        wanted = NUMBERS_OF_POSES + 1 + count + 2 * sum(counts)
+        wanted = 7 + count + 2 * sum(counts)
         if len(counts) < count or len(exact) != wanted:
             raise ObstacleError(
                 f"parking case '{name}': {len(exact)} numbers, but {count} obstacles with {sum(counts)} corners in all "

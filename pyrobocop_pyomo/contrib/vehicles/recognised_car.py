@@ -23,6 +23,7 @@ from pyomo.core.base.constraint import ConstraintData
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
+from pyrobocop_pyomo.contrib.robots.sampled_path import FINE
 from pyrobocop_pyomo.errors import InitialGuessError, ObstacleError, PyRobocopError
 from pyrobocop_pyomo.geometry import Polytope, Pose, planar_pose, signed_distance
 from pyrobocop_pyomo.modeling.deadline import Deadline
@@ -43,7 +44,6 @@ logger = logging.getLogger(__name__)
 NOTHING = 1e-7
 # Of the body: the radius of the turns of one that could turn on the spot.
 SMALLEST_RADIUS = 0.5
-FINE = 400
 # Angles of a trailer, to either side, that are compared with bounds and rows.
 ANGLES = np.linspace(-0.5 * math.pi, 0.5 * math.pi, 181)
 

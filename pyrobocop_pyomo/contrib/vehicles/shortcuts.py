@@ -19,14 +19,14 @@ from .best_first_search import BestFirstSearch, first_nonzero
 from .motion_primitives import count_cusps
 
 NODES = 36
-# Turning radii by which a car goes on beyond a cusp.
-BEYOND = (0.15, 0.35, 0.6)
+# Turning radii by which a car goes on beyond a cusp at most, in three steps.
+BEYOND = 0.6
 # A cusp that the search accepted is worth this many of its costs here: it would need a stop.
 CUSP_FACTOR = 2.0
 # Reeds-Shepp paths per pair of nodes.
 KEPT_PER_PAIR = 2
 CHECKED_AT_ONCE = 200
-MOST_BATCHES = 6
+# Of shortcuts, and of checks in each of them, at most.
 ROUNDS = 6
 # Turning radii that a round saves at least: a solver takes off the rest, and shorter ways only cost time.
 LEAST_SAVING = 0.05
@@ -105,7 +105,7 @@ def _shortened(search: BestFirstSearch, lengths: Array, curvatures: Array) -> tu
     least = LEAST_SAVING * search.primitives.turning_radius
     before, own_way = _cheapest_way(edges, clear, len(places), cusp)[:2]
     best, way = before, own_way
-    for _ in range(MOST_BATCHES):
+    for _ in range(ROUNDS):
         _, _, reached = _cheapest_way(edges, ~banned, len(places), cusp)
         _, _, to_go = _cheapest_way(backward, ~banned[backward.order], len(places), cusp)
         bound = reached[edges.start] + edges.cost + to_go[len(places) - 1 - edges.end]
@@ -136,7 +136,7 @@ def _nodes(
         if k in cusps:
             sign = np.sign(lengths[k - 1])
             for bend in dict.fromkeys((float(curvatures[k - 1]), 0.0, 1.0 / radius, -1.0 / radius)):
-                arcs = sign * radius * np.diff([0.0, *BEYOND])
+                arcs = np.full(3, sign * radius * BEYOND / 3)
                 beyond = search.primitives.follow(poses[k], arcs, np.full(len(arcs), bend))[1:]
                 inside = search.within(beyond[None])[0] if len(beyond) else False
                 free = search.space.are_free(beyond) if inside else np.zeros(len(beyond), bool)

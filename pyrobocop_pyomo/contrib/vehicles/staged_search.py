@@ -22,8 +22,9 @@ logger = logging.getLogger(__name__)
 
 # Sizes of the car by which it may go beyond start and goal; the next one where there is no path.
 ROOM = (3.0, 8.0)
-# Of the clearance that was asked for, one after the other.
-CLEARANCES = (1.0, 0.6, 0.4, 0.2, 0.1)
+# Of the clearance that was asked for, one after the other: each is this share of the one before.
+LESS = 0.6
+CLEARANCES = tuple(LESS**k for k in range(5))
 # Divisors of the cells from the beginning. Coarse cells lead round what fine ones would have to be driven through with
 # many cusps.
 COARSE, FINER = 0.25, 2.0

@@ -36,10 +36,11 @@ from pyrobocop_pyomo.trajectories import Trajectory
 
 from .cost_to_go import free_cells_of_disc
 from .free_space import FreeSpace
+from .hybrid_a_star import MOST_CELLS
 from .motion_primitives import CarSearch
 from .parking_case import ParkingCar
 from .parking_model import parking_model
-from .staged_search import ROOM
+from .staged_search import LESS, ROOM
 from .vehicles_case import VehiclesCase
 
 logger = logging.getLogger(__name__)
@@ -48,16 +49,13 @@ logger = logging.getLogger(__name__)
 STEP = 0.1
 # Expansions for the path of one vehicle, while another one could come first.
 FIRST_EXPANSIONS = 300
-# Share of the clearance that is required where no vehicle that is left finds a way with all of it.
-LESS = 0.4
-# The cells in which a way for a disc is looked for: their side in widths of a car, the most along a side of the yard.
-CELL, MOST_CELLS = 0.15, 600
+# The cells in which a way for a disc is looked for: their side in widths of a car.
+CELL = 0.15
 # Added to the clearance of each alone, since less is proven of several: poses a step apart stand for the motion between
 # them. Added in the choice of departures as well; more each time that a proof fails.
 SPARE = 0.02
-DOUBLINGS = 4
-# How many move aside at most, how far the places for that are apart, in lengths of a car, and how many are tried.
-MOST_ASIDE, ASIDE_STEP, ASIDE_TRIALS = 3, 0.5, 4
+# How far the places to move aside to are apart, in lengths of a car, and how many are tried.
+ASIDE_STEP, ASIDE_TRIALS = 0.5, 4
 _Planned = tuple[Trajectory, SafetyReport | None]
 # A vehicle, those that have arrived, the share of the clearance and the expansions.
 _Trial = tuple[int, frozenset[int], float, int]
@@ -209,7 +207,7 @@ def plan_vehicles(
             moves, stuck = _in_turn(begun, car, clearance, search, deadline)
         if not stuck:
             return _timed(case, car, [*aside, *moves], clearance)
-        makes_room = _moves_aside(begun, car, stuck, clearance, search, deadline) if len(aside) < MOST_ASIDE else None
+        makes_room = _moves_aside(begun, car, stuck, clearance, search, deadline) if len(aside) < len(case) else None
         if makes_room is None:
             raise InitialGuessError(
                 f"plan_vehicles: '{case.name}': of the vehicles {[k + 1 for k in stuck]} none finds a way to its goal "
@@ -425,7 +423,7 @@ def _timed(case: VehiclesCase, car: ParkingCar, moves: list[VehicleMove], cleara
             body_pairs=list(pairs),
         )
         spare *= 2.0
-        if safety.safe or spare > SPARE * 2.0**DOUBLINGS:
+        if safety.safe or spare > car.width:
             return replace(plan, safety=safety)
 
 
