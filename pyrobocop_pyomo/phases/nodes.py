@@ -101,10 +101,6 @@ class Nodes:
                 matrix[row, position] = weight
         return matrix
 
-    def around(self, time: float) -> list[int]:
-        """Positions of all values of the element, or of the interval between knots, that a time lies in."""
-        raise NotImplementedError
-
     def at_points(self, values: Array) -> Array:
         """Values at the collocation points."""
         return values
@@ -149,11 +145,6 @@ class StateNodes(Nodes):
         elements, local = self._elements(times, after)
         return self._spread(self.grid.node_positions[elements], self.grid.scheme.state_at(local))
 
-    def around(self, time: float) -> list[int]:
-        """The nodes of the element."""
-        found: list[int] = self.grid.node_positions[self._element(time, False)[0]].tolist()
-        return found
-
     def at_points(self, values: Array) -> Array:
         """Values at the collocation points."""
         return values[np.searchsorted(self.times, self.grid.points)]
@@ -189,11 +180,6 @@ class StageNodes(Nodes):
         elements, local = self._elements(times, after)
         return self._spread(self.grid.stage_positions[elements], self.grid.scheme.stage_polynomial_at(local))
 
-    def around(self, time: float) -> list[int]:
-        """The stages of the element."""
-        found: list[int] = self.grid.stage_positions[self._element(time, self._starts_elements)[0]].tolist()
-        return found
-
     @property
     def _starts_elements(self) -> bool:
         """Whether a stage at an element boundary belongs to the element that begins there."""
@@ -219,10 +205,6 @@ class _PiecewiseNodes(Nodes):
     def variable(self, block: Any, position: int) -> Any:
         """One of the variables."""
         return block.component(self.component)[position]
-
-    def around(self, time: float) -> list[int]:
-        """The interval."""
-        return [position for position, _ in self.weights_at(time)]
 
     @cached_property
     def of_elements(self) -> NDArray[np.int64]:
@@ -298,11 +280,6 @@ class KnotNodes(_PiecewiseNodes):
         i = self._interval(time)
         share = min(max((time - self.knots[i]) / (self.knots[i + 1] - self.knots[i]), 0.0), 1.0)
         return [(i + k, weight) for k, weight in enumerate((1.0 - share, share)) if weight != 0.0]
-
-    def around(self, time: float) -> list[int]:
-        """The knots around."""
-        i = self._interval(time)
-        return [i, i + 1]
 
     def at_points(self, values: Array) -> Array:
         """Values at the collocation points."""
