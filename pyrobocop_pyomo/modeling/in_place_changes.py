@@ -106,27 +106,31 @@ class InPlaceChanges:
         """The parts that a component held, by index; none of one that was added since."""
         return self.contents[id(component)].parts if id(component) in self.contents else {}
 
-    def lost_parts(self) -> dict[int, Any]:
-        """Parts that no component has any more, by their identity."""
+    def lost_parts(self) -> dict[int, str]:
+        """Names of the parts that no component has any more, by their identity."""
         held = {id(part) for content in self.contents.values() for part in content.parts_now().values()}
-        parts = [part for content in self.contents.values() for part in content.parts.values()]
-        return {id(part): part for part in parts if id(part) not in held}
+        return {
+            id(part): f"{name}[{index}]"
+            for content, name in ((content, content.component.name) for content in self.contents.values())
+            for index, part in content.parts.items()
+            if id(part) not in held
+        }
 
     def finish(self, model: Any) -> None:
         """Take leave of the parts that are gone: suffixes forget them, or have the value for what took their place."""
         lost = self.lost_parts()
-        successors = {
-            id(part): content.parts_now().get(index)
+        parts = {
+            id(part): (part, content.parts_now().get(index))
             for content in self.contents.values()
             for index, part in content.parts.items()
             if id(part) in lost
         }
         for suffix in model.component_objects(Suffix, descend_into=Block):
-            for part in [part for part in suffix if id(part) in lost]:
-                number, successor = suffix.pop(part), successors[id(part)]
+            for part in [part for part in suffix if id(part) in parts]:
+                number, (_, successor) = suffix.pop(part), parts[id(part)]
                 if successor is not None:
                     suffix[successor] = number
-        for part in lost.values():
+        for part, _ in parts.values():
             part._component = None
 
     def take_back(self) -> None:

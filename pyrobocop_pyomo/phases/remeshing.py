@@ -10,26 +10,26 @@ by the polynomial of the element, controls by theirs.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from pyomo.common.gc_manager import PauseGC
-from pyomo.core.base.constraint import IndexedConstraint
 from pyomo.core.base.set import Set
 from pyomo.core.base.suffix import Suffix
 from pyomo.core.expr.numvalue import native_numeric_types
 
 from pyrobocop_pyomo.complementarity.record import records_below
-from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.errors import ModelError, TrajectoryError
 from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES
 from pyrobocop_pyomo.modeling.blocks import BuiltBlockData
-from pyrobocop_pyomo.modeling.bulk_parts import parts_taken_off, put_part
+from pyrobocop_pyomo.modeling.bulk_parts import put_part
 from pyrobocop_pyomo.modeling.in_place_changes import InPlaceChanges, expressions_of, state_anew
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
-from pyrobocop_pyomo.numerics import Array, Grid
+from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.rules.rule_template import same_results
+from pyrobocop_pyomo.trajectories import Trajectory
 
 from .asked_by_point import asked_by_point
 from .declarations import Bounds, Control, Parameter, within
@@ -47,6 +47,7 @@ from .equations import (
 from .horizon import add_boundaries, make_mesh
 from .integrals import INTEGRALS, restate_integrals
 from .nodes import IntervalNodes, KnotNodes, Nodes, StateNodes
+from .phase_values import PhaseValues
 from .record import PhaseRecord
 from .variables import add_variables
 
@@ -158,21 +159,6 @@ def free_element_widths(phases: Iterable[Any], factors: Bounds) -> None:
     _restate(grids)
 
 
-def rows_taken_off(phase: Any) -> AbstractContextManager[list[Any]]:
-    """Take the rows that a phase has stated off it for a while, as for a copy with another mesh, which states its own.
-
-    Those of a component of which some are deactivated stay, since the new ones will be so too. Gives the others.
-    """
-    record = phase.record
-    names = (*record.generated_rows, *(statement.name for statement in record.statements))
-    components = [phase.component(name) for name in dict.fromkeys(names)]
-    return parts_taken_off(
-        (component, {})
-        for component in components
-        if isinstance(component, IndexedConstraint) and all(row.active for row in component.values())
-    )
-
-
 def why_not_remeshed(phase: Any) -> str | None:
     """Why a phase cannot get another mesh in place, as far as can be told without trying; None where nothing is known.
 
@@ -240,7 +226,7 @@ def _reason(grids: Mapping[Any, Grid]) -> str | None:
 
 def _user_reading(model: Any, grids: Mapping[Any, Grid]) -> str | None:
     """What of the user's stands on the times, or reads what another mesh may not have."""
-    others = {id(part): part for phase, grid in grids.items() for part in _only_on_this_mesh(phase, grid)}
+    others = {id(part): "" for phase, grid in grids.items() for part in _only_on_this_mesh(phase, grid)}
     for phase in grids:
         for statement in phase.record.rules:
             for leaf in statement.readings(phase):
@@ -267,8 +253,16 @@ def _user_reading(model: Any, grids: Mapping[Any, Grid]) -> str | None:
     return _reading_of(model, grids, others)
 
 
-def _reading_of(model: Any, grids: Mapping[Any, Grid], wanted: Mapping[int, Any]) -> str | None:
-    """The first part of a component beside the phases that reads what another mesh has not, in words."""
+def _reading_of(model: Any, grids: Mapping[Any, Grid], wanted: Mapping[int, str]) -> str | None:
+    """The first part of a component beside the phases that reads what another mesh has not, in words.
+
+    Parameters
+    ----------
+    model : Block
+    grids : mapping of PhaseBlock to Grid
+    wanted : mapping of identity to str
+        Names of what has left the model, empty of what has its own.
+    """
     leaves = wanted.keys() | {id(part) for phase in grids for part in _following_expressions(phase)}
     for component in _components_beside(model, grids) if wanted else ():
         parts = [] if component.is_reference() else [(part, expressions_of(part)) for part in component.values()]
@@ -276,7 +270,8 @@ def _reading_of(model: Any, grids: Mapping[Any, Grid], wanted: Mapping[int, Any]
         for part, held in parts if read.keys() & wanted.keys() else ():
             for found in variables_in_any(held, leaves).values():
                 if id(found) in wanted:
-                    return f"'{part.name}' reads '{found.name}', which another mesh may not have. {_REMEDY}"
+                    name = wanted[id(found)]
+                    return f"'{part.name}' reads '{name or found.name}', which another mesh may not have. {_REMEDY}"
     return None
 
 
@@ -349,7 +344,8 @@ def _can_follow(block: Any) -> bool:
 
 def _changed_row(model: Any, grids: Mapping[Any, Grid]) -> str | None:
     """A rule whose rows are not what it has said: phases are stated on the meshes that they have, and put back."""
-    with PauseGC(), InPlaceChanges(grids) as changes:
+    changes = InPlaceChanges(grids)
+    with PauseGC():
         try:
             _state_anew({phase: phase.grid for phase in grids}, changes)
             for content in changes.contents.values():
@@ -412,14 +408,12 @@ class PhaseOnGrid:
         record: PhaseRecord = block.record
         self._block, self._record, self._grid, self._changes = block, record, grid, changes
         self._rates = record.rates
-        names = [name for name, of in record.declarations.items() if not isinstance(of, Parameter)]
-        names += [f"{name}_derivative" for name in record.kept_derivatives]
-        self._nodes = {name: record.nodes(name) for name in names}
-        self._variables = {name: nodes.variables(block) for name, nodes in self._nodes.items()}
+        self._before = PhaseValues(block)
+        self._plan = self._current_plan() if grid.mesh != record.grid.mesh else None
+        self._indices = record.grid.mesh.boundaries
         standing = block.component("boundary")  # none yet where they begin to move
         variables = [] if standing is None else standing.values()
-        self._boundaries = dict(zip(record.grid.mesh.boundaries, variables, strict=standing is not None))
-        self._weights: dict[Any, Array] = {}
+        self._boundaries = dict(zip(self._indices, variables, strict=standing is not None))
         self._placed: list[Any] = []
 
     # ---------------------------------------------------------------- the steps
@@ -473,6 +467,7 @@ class PhaseOnGrid:
             held.clear()
             held.update(record.rates.get(name, {}))
         record.rates = self._rates
+        self._interpolate()
         for component in self._placed:
             _carry_activity(component, self._changes.parts_before(component))
         record.restating = None
@@ -489,13 +484,10 @@ class PhaseOnGrid:
         return state_anew(standing, component)
 
     def keep(self, name: str) -> None:
-        """Let variables at times that stay be what they were; give the others values, bounds and domains."""
-        before, variables = self._nodes[name], self._variables[name]
-        nodes = self._record.nodes(name)
+        """Let variables at times that stay be what they were; give the others bounds and domains."""
+        variables, nodes = self._before.variables[name], self._record.nodes(name)
         component = self._block.component(nodes.component)
-        position = _retained(before, nodes)
-        numbers = [variable.value for variable in variables]
-        values = None if None in numbers else self._interpolated(before, nodes, numbers)
+        position = _retained(self._before.nodes[name], nodes)
         pattern = self._set_for_all(name, component, position)
         for number, index in enumerate(component.keys()):
             if number in position:
@@ -507,8 +499,6 @@ class PhaseOnGrid:
                 variable.setlb(pattern.lower)
                 variable.setub(pattern.upper)
                 variable.fixed = pattern.fixed
-            if values is not None:
-                variable.set_value(within(float(values[number]), variable.bounds), skip_validation=True)
 
     def keep_expressions(self, name: str) -> None:
         """Let members of an expression at times that stay be the objects that they were."""
@@ -533,12 +523,24 @@ class PhaseOnGrid:
 
     # ---------------------------------------------------------------- what is carried over
 
-    def _interpolated(self, before: Nodes, nodes: Nodes, numbers: list[float]) -> Array:
-        key = (type(before), before.times, nodes.times)
-        if key not in self._weights:
-            begins = nodes.begins if nodes.begins is not None else np.zeros(len(nodes.sample_times), dtype=bool)
-            self._weights[key] = before.matrix_at(nodes.sample_times, begins.tolist())
-        return nodes.from_samples(self._weights[key] @ np.array(numbers, dtype=float))
+    def _current_plan(self) -> Trajectory | None:
+        """The values as a trajectory; None where some are missing."""
+        try:
+            plan, values = self._before.trajectory(evaluate=False), self._before.read()
+        except TrajectoryError:
+            return None
+        return replace(plan, rates={name: values[f"{name}_derivative"] for name in self._record.kept_derivatives})
+
+    def _interpolate(self) -> None:
+        """Give new variables the values of the plan."""
+        if self._plan is None:
+            return
+        now, kept = PhaseValues(self._block), {id(of) for each in self._before.variables.values() for of in each}
+        times = partial(np.interp, xp=self._indices, fp=self._plan.grid.mesh.boundaries)
+        for name, numbers in now.sampled(self._plan, times).items():
+            for variable, number in zip(now.variables[name], numbers.tolist(), strict=True):
+                if id(variable) not in kept:
+                    variable.set_value(within(number, variable.bounds), skip_validation=True)
 
     def _set_for_all(self, name: str, component: Any, position: Mapping[int, int]) -> Any | None:
         """One of the variables, if the user has set bounds of all alike or fixed all; None if they are as declared.
@@ -550,7 +552,7 @@ class PhaseOnGrid:
         ModelError
             When what was set for some times only would be lost.
         """
-        before, variables = self._nodes[name], self._variables[name]
+        before, variables = self._before.nodes[name], self._before.variables[name]
         declared = self._declared_bounds(name, component)
         marks = [(_bounds_of(variable), bool(variable.fixed)) for variable in variables]
         is_state = isinstance(before, StateNodes)
@@ -571,7 +573,8 @@ class PhaseOnGrid:
         return None
 
     def _declared_bounds(self, name: str, component: Any) -> list[Any]:
-        before, variables, declaration = self._nodes[name], self._variables[name], self._record.declarations.get(name)
+        before, variables = self._before.nodes[name], self._before.variables[name]
+        declaration = self._record.declarations.get(name)
         if declaration is None or not callable(declaration.bounds):
             return [_bounds_of(next(iter(component.values())))] * len(variables)
         if isinstance(before, IntervalNodes):  # they have what the bounds at several points leave in common
