@@ -11,7 +11,7 @@ import numpy as np
 
 from pyrobocop_pyomo.discretisation import MeshErrors
 from pyrobocop_pyomo.discretisation.estimates import SMALL_MOTION_ERROR
-from pyrobocop_pyomo.discretisation.first_meshes import MOST_ELEMENTS
+from pyrobocop_pyomo.discretisation.first_meshes import MOST_ELEMENTS, MOST_TIMES
 from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.modeling.failures import undone_on_failure
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
@@ -37,8 +37,8 @@ logger = logging.getLogger(__name__)
 # What is aimed at, as a part of the tolerance: estimates are right within a factor, and one solve more costs more than
 # some elements.
 AIMED = 0.3
-# So many meshes follow the first one.
-MOST_MESHES = 8
+# So many meshes follow the first one, with at most `MOST_TIMES` its elements, or as many as a small problem may have.
+MOST_MESHES, SMALL_ELEMENTS = 8, 200
 # Iterations times elements of all of them: a multiple of that of the first solve, or a small problem's.
 EFFORT, SMALL_EFFORT = 10, 30_000
 # An objective on a finer mesh that is worse by more than this many estimated errors is that of another local optimum,
@@ -89,6 +89,7 @@ class MeshLoop:
         self._settings, self._start, self._tolerance = settings, start, tolerance
         self._boundaries = {phase.name: frozenset(phase.grid.mesh.boundaries) for phase in self._phases}
         self.steps = [MeshStep(elements_of(model), first, MeshErrors.of(first.discretisation))]
+        self._most = min(max(MOST_TIMES * self.steps[0].elements, SMALL_ELEMENTS), MOST_ELEMENTS)
         self._left = max(SMALL_EFFORT, EFFORT * self.steps[0].elements * first.iterations)
         self.remark = ""
 
@@ -133,7 +134,7 @@ class MeshLoop:
             best.result.stop_reason is StopReason.INTERRUPTED
             or self._settings.deadline.has_passed
             or len(self.steps) > MOST_MESHES
-            or sum(mesh.elements for mesh in meshes.values()) > min(MOST_ELEMENTS, self._left)
+            or sum(mesh.elements for mesh in meshes.values()) > min(self._most, self._left)
             or meshes == now
         )
         return None if at_an_end else meshes

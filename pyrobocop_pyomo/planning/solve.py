@@ -170,8 +170,8 @@ def solve(
     mesh_tolerance : float, optional
         Where the estimated error of the objective is above this part of its size, or that of the motion above ten times
         as much of a state's size, the meshes of all phases get finer, in place, and the model is solved again from
-        there; see `SolveResult.discretisation`. Up to 1000 elements, and about ten times the effort of the first
-        solve. Before the first solve, they are made fine enough for what is stated over time, such as periods
+        there; see `SolveResult.discretisation`. Up to eight times the elements, and about ten times the effort of the
+        first solve. Before the first solve, they are made fine enough for what is stated over time, such as periods
         and jumps. With pairs that change sides inside elements of several points, boundaries move to the switches.
         Not with obstacles, whose meshes follow from what is proven, and not with integer controls. None keeps the
         meshes as they are.
