@@ -18,7 +18,7 @@ from pyomo.opt.base.solvers import LegacySolverFactory
 SOLVERS = {
     "pyrobocop.ipopt": ("pyrobocop_pyomo.ipopt.in_process", "Ipopt in this process: no executable needed"),
     "pyrobocop.mpcc": (
-        "pyrobocop_pyomo.planning.older_interface",
+        "pyrobocop_pyomo.planning.mpcc_solver",
         "Mathematical programs with complementarity constraints: continuation, polish and certificate",
     ),
 }

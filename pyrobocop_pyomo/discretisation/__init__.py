@@ -1,10 +1,10 @@
 """How far an answer on a mesh is from that of the continuous problem: errors of the motion and of the objective."""
 
 from .estimates import DiscretisationEstimate, PhaseEstimate
-from .mesh_errors import MeshErrors, MeshTolerances
+from .mesh_errors import MeshErrors
 from .phase_multipliers import RowMultipliers
 from .probe import DiscretisationProbe
 
 __all__ = [
-    "DiscretisationEstimate", "DiscretisationProbe", "MeshErrors", "MeshTolerances", "PhaseEstimate", "RowMultipliers",
+    "DiscretisationEstimate", "DiscretisationProbe", "MeshErrors", "PhaseEstimate", "RowMultipliers",
 ]  # fmt: skip

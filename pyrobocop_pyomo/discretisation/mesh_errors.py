@@ -13,21 +13,11 @@ from pyrobocop_pyomo.numerics import Array, Mesh
 from pyrobocop_pyomo.numerics.remeshing import remesh
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .estimates import ZERO_OBJECTIVE, DiscretisationEstimate
+from .estimates import SMALL_MOTION_ERROR, SMALL_OBJECTIVE_ERROR, ZERO_OBJECTIVE, DiscretisationEstimate
 from .jump_times import jump_fractions
 
-
-@dataclass(frozen=True)
-class MeshTolerances:
-    """What errors may be, relative to sizes: of the motion, of limits that are passed, and of the objective."""
-
-    motion: float
-    limits: float
-    objective: float
-
-    def scaled(self, factor: float) -> MeshTolerances:
-        """That many times as much."""
-        return MeshTolerances(factor * self.motion, factor * self.limits, factor * self.objective)
+# The largest error of the motion that is allowed, as a multiple of those of the objective and of limits.
+MOTION = SMALL_MOTION_ERROR / SMALL_OBJECTIVE_ERROR
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,23 +64,25 @@ class MeshErrors:
         """The most by which a limit is passed in any element; NaN where that is not known."""
         return _largest(self.of_limits)
 
-    def ratio(self, tolerances: MeshTolerances) -> float:
-        """How many times the largest error is what it may be; NaN where none is known."""
-        found = (
-            self.motion / tolerances.motion,
-            self.limits / tolerances.limits,
-            self.objective / tolerances.objective,
-        )
-        return float(np.fmax.reduce(found))
+    def ratio(self, tolerance: float) -> float:
+        """How many times the largest error is what it may be; NaN where none is known.
+
+        Parameters
+        ----------
+        tolerance : float
+            What errors of limits and of the objective may be, relative to sizes; that of the motion, `MOTION` times so
+            much.
+        """
+        return float(np.fmax.reduce((self.motion / MOTION, self.limits, self.objective))) / tolerance
 
     def finer(
         self,
         meshes: Mapping[Any, Mesh],
         trajectories: Mapping[str, Trajectory],
-        tolerances: MeshTolerances,
-        keep: Mapping[str, Collection[float]] | None = None,
+        tolerance: float,
+        keep: Mapping[str, Collection[float]],
     ) -> dict[str, Mesh]:
-        """Meshes on which all elements are expected to meet tolerances.
+        """Meshes on which all elements are expected to meet a tolerance.
 
         Parameters
         ----------
@@ -98,32 +90,31 @@ class MeshErrors:
             Those of this answer.
         trajectories : dict of str to Trajectory
             The answer; where a control jumps, a boundary is put.
-        tolerances : MeshTolerances
-        keep : mapping of str to collection of float, optional
-            Boundaries that stay, so that others may go; all by default.
+        tolerance : float
+            As that of `ratio`.
+        keep : mapping of str to collection of float
+            Boundaries that stay; others may go.
         """
         return {
             name: remesh(
                 mesh,
-                self._shares(name, mesh.elements, tolerances),
+                self._shares(name, mesh.elements, tolerance),
                 1.0,
                 trajectories[name].grid.scheme.order,
-                keep=None if keep is None else keep[name],
+                keep=keep[name],
                 jumps=jump_fractions(trajectories[name]),
             )
             for name, mesh in meshes.items()
         }
 
-    def _shares(self, name: str, elements: int, tolerances: MeshTolerances) -> Array:
+    def _shares(self, name: str, elements: int, tolerance: float) -> Array:
         """Each element's errors as multiples of what it may have."""
         none = np.zeros(elements)
-        shares = np.maximum(
-            self.of_motion.get(name, none) / tolerances.motion, self.of_limits.get(name, none) / tolerances.limits
-        )
+        errors = np.maximum(self.of_motion.get(name, none) / MOTION, self.of_limits.get(name, none))
         if name in self.of_objective:
             count = sum(len(of) for of in self.of_objective.values())
-            shares = np.maximum(shares, self.of_objective[name] * count / tolerances.objective)
-        return shares
+            errors = np.maximum(errors, self.of_objective[name] * count)
+        return errors / tolerance
 
 
 def _largest(of: Mapping[str, Array]) -> float:

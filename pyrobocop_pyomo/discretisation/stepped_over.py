@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from functools import partial
-from itertools import pairwise
 from typing import Any
 
 from pyomo.common.numeric_types import native_numeric_types
 from pyomo.core.expr.numeric_expr import NegationExpression, SumExpression
-from pyomo.core.expr.relational_expr import EqualityExpression, RelationalExpression
 
 from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.phases.bounds_between_points import sides_stated
 from pyrobocop_pyomo.phases.companions import indices_of
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
 from pyrobocop_pyomo.phases.quick_instants import lowest_value
@@ -39,7 +38,7 @@ def stepped_over(phase: Any) -> Iterator[tuple[str, float, float]]:
     formulas = RuleFormulas(phase, record, indices, trajectory.grid)
     for statement in record.statements_of("constraint"):
         try:
-            slacks = formulas.formulas_of(statement, partial(_slacks, statement))
+            slacks = list(_slacks(formulas, statement))
         except TrajectoryError:
             continue
         for slack in slacks:
@@ -49,23 +48,15 @@ def stepped_over(phase: Any) -> Iterator[tuple[str, float, float]]:
                 yield statement.name, -lowest, time
 
 
-def _slacks(statement: Statement, result: Any) -> list[Any]:
+def _slacks(formulas: RuleFormulas, statement: Statement) -> Iterator[Any]:
     """What each inequality of a rule has left: the larger less the smaller side."""
-    found = [
-        after - before
-        for row in statement.rows(result).values()
-        for before, after in pairwise(_sides(row))
-        if before is not None and after is not None
-    ]
-    return [slack for slack in found if hasattr(slack, "is_expression_type")]
-
-
-def _sides(row: Any) -> tuple[Any, ...]:
-    """The sides of an inequality, the smallest first; none of anything else."""
-    if isinstance(row, tuple):
-        return row if len(row) == 3 else ()
-    is_inequality = isinstance(row, RelationalExpression) and not isinstance(row, EqualityExpression)
-    return tuple(row.args) if is_inequality else ()
+    for body, lower, upper in sides_stated(formulas, statement).values():
+        if lower is upper:
+            continue  # an equality
+        for smaller, larger in ((lower, body), (body, upper)):
+            is_limit = not any(side.__class__ is float and math.isinf(side) for side in (smaller, larger))
+            if is_limit and hasattr(slack := larger - smaller, "is_expression_type"):
+                yield slack
 
 
 def _limit(slack: Any) -> float:

@@ -63,9 +63,8 @@ def add_ode(block: Any, record: PhaseRecord, statement: Statement) -> None:
     ode = Ode(block, statement, given)
     for name in _names_given(given, what, "derivative"):
         _refuse_second_equation(record, name, what)
-        rates = record.rates.setdefault(name, Rates(ode, name))
-        rates.ode = ode  # a user may hold on to the derivative: a new mesh changes what is in it
-        _add_state_equation(block, record, name, rates, is_read_later)
+        record.odes[name], record.rates[name] = ode, Rates(block, name)
+        _add_state_equation(block, record, name, record.rates[name], is_read_later)
         record.equation_of[name] = statement.name
 
 

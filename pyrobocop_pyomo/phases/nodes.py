@@ -8,7 +8,6 @@ A piecewise control has fewer values: one per interval between its knots, or one
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -93,18 +92,6 @@ class Nodes:
         """
         raise NotImplementedError
 
-    def matrix_at(self, times: Sequence[float], after: Sequence[bool]) -> Array:
-        """`weights_at` of several time indices as a matrix, shape ``(times, values)``."""
-        matrix = np.zeros((len(times), len(self.times)))
-        for row, (time, begins) in enumerate(zip(times, after, strict=True)):
-            for position, weight in self.weights_at(time, begins):
-                matrix[row, position] = weight
-        return matrix
-
-    def around(self, time: float) -> list[int]:
-        """Positions of all values of the element, or of the interval between knots, that a time lies in."""
-        raise NotImplementedError
-
     def at_points(self, values: Array) -> Array:
         """Values at the collocation points."""
         return values
@@ -115,15 +102,6 @@ class Nodes:
         found = (bisect_right if after else bisect_left)(mesh.boundaries, time) - 1
         i = min(max(found, 0), mesh.elements - 1)
         return i, min(max((time - mesh.boundaries[i]) / float(mesh.widths[i]), 0.0), 1.0)
-
-    def _elements(self, times: Sequence[float], after: Sequence[bool]) -> tuple[list[int], list[float]]:
-        found = [self._element(time, begins) for time, begins in zip(times, after, strict=True)]
-        return [element for element, _ in found], [local for _, local in found]
-
-    def _spread(self, positions: Any, weights: Array) -> Array:
-        matrix = np.zeros((len(positions), len(self.times)))
-        np.put_along_axis(matrix, positions, weights, axis=1)
-        return matrix
 
 
 @dataclass(frozen=True)
@@ -143,16 +121,6 @@ class StateNodes(Nodes):
         """By the polynomial of the element."""
         element, local = self._element(time, after)
         return _nonzero(self.grid.node_positions[element], self.grid.scheme.state_at([local])[0])
-
-    def matrix_at(self, times: Sequence[float], after: Sequence[bool]) -> Array:
-        """By the polynomials of the elements."""
-        elements, local = self._elements(times, after)
-        return self._spread(self.grid.node_positions[elements], self.grid.scheme.state_at(local))
-
-    def around(self, time: float) -> list[int]:
-        """The nodes of the element."""
-        found: list[int] = self.grid.node_positions[self._element(time, False)[0]].tolist()
-        return found
 
     def at_points(self, values: Array) -> Array:
         """Values at the collocation points."""
@@ -184,16 +152,6 @@ class StageNodes(Nodes):
         element, local = self._element(time, after)
         return _nonzero(self.grid.stage_positions[element], self.grid.scheme.stage_polynomial_at([local])[0])
 
-    def matrix_at(self, times: Sequence[float], after: Sequence[bool]) -> Array:
-        """By the polynomials through the stages of the elements."""
-        elements, local = self._elements(times, after)
-        return self._spread(self.grid.stage_positions[elements], self.grid.scheme.stage_polynomial_at(local))
-
-    def around(self, time: float) -> list[int]:
-        """The stages of the element."""
-        found: list[int] = self.grid.stage_positions[self._element(time, self._starts_elements)[0]].tolist()
-        return found
-
     @property
     def _starts_elements(self) -> bool:
         """Whether a stage at an element boundary belongs to the element that begins there."""
@@ -219,10 +177,6 @@ class _PiecewiseNodes(Nodes):
     def variable(self, block: Any, position: int) -> Any:
         """One of the variables."""
         return block.component(self.component)[position]
-
-    def around(self, time: float) -> list[int]:
-        """The interval."""
-        return [position for position, _ in self.weights_at(time)]
 
     @cached_property
     def of_elements(self) -> NDArray[np.int64]:
@@ -298,11 +252,6 @@ class KnotNodes(_PiecewiseNodes):
         i = self._interval(time)
         share = min(max((time - self.knots[i]) / (self.knots[i + 1] - self.knots[i]), 0.0), 1.0)
         return [(i + k, weight) for k, weight in enumerate((1.0 - share, share)) if weight != 0.0]
-
-    def around(self, time: float) -> list[int]:
-        """The knots around."""
-        i = self._interval(time)
-        return [i, i + 1]
 
     def at_points(self, values: Array) -> Array:
         """Values at the collocation points."""

@@ -83,6 +83,8 @@ class PhaseRecord:
         States that a step map leads from element to element: they have no derivative.
     rates : dict of state name to mapping of collocation point to expression
         Right-hand sides that were substituted.
+    odes : dict of state name to Ode
+        Where they come from.
     kept_derivatives : set of str
         States whose derivative is a variable of its own.
     generated_rows : set of str
@@ -127,6 +129,7 @@ class PhaseRecord:
     equation_of: dict[str, str] = field(default_factory=dict)
     discrete_states: set[str] = field(default_factory=set)
     rates: dict[str, Any] = field(default_factory=dict)
+    odes: dict[str, Any] = field(default_factory=dict)
     kept_derivatives: set[str] = field(default_factory=set)
     generated_rows: set[str] = field(default_factory=set)
     control_rates: dict[str, Mapping[float, Any]] = field(default_factory=dict)

@@ -1,31 +1,70 @@
-"""Another mesh for phases that stand on a model, in place; everything that was stated over their times follows.
+"""Another mesh for phases that stand on a model, in place: the same declarations and templates on other points.
 
-What the phases themselves state is made anew from the templates of their rules (`Restatement`), and blocks of this
-package that stand on their times follow (`Followers`). No function of the user's is called again: a rule that was asked
-at each point, or a component of the user's own over the times, keeps the mesh.
+No function of the user's is called again. A rule that was asked at each point, or a component of the user's own that
+stands on the times, keeps the mesh.
+
+Values at times that stay are left alone, with their bounds and whether they are fixed. Others are interpolated: states
+by the polynomial of the element, controls by theirs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
+import numpy as np
 from pyomo.common.gc_manager import PauseGC
-from pyomo.core.base.constraint import IndexedConstraint
+from pyomo.core.base.set import Set
+from pyomo.core.base.suffix import Suffix
+from pyomo.core.expr.numvalue import native_numeric_types
 
 from pyrobocop_pyomo.complementarity.record import records_below
-from pyrobocop_pyomo.errors import ModelError, PyRobocopError
-from pyrobocop_pyomo.modeling.bulk_parts import parts_taken_off
-from pyrobocop_pyomo.modeling.in_place_changes import InPlaceChanges
+from pyrobocop_pyomo.errors import ModelError, TrajectoryError
+from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES
+from pyrobocop_pyomo.modeling.blocks import BuiltBlockData
+from pyrobocop_pyomo.modeling.bulk_parts import put_part
+from pyrobocop_pyomo.modeling.in_place_changes import InPlaceChanges, expressions_of, state_anew
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.rules.rule_template import same_results
+from pyrobocop_pyomo.trajectories import Trajectory
 
 from .asked_by_point import asked_by_point
-from .declarations import Bounds, Control
-from .followers import Followers, inner_variables
-from .horizon import make_mesh
-from .restatement import Restatement
+from .declarations import Bounds, Control, Parameter, within
+from .delays import VALUES_AT_TIMES, restate_values_at_times
+from .equations import (
+    add_complementarity,
+    add_constraint,
+    add_constraint_at_boundaries,
+    add_derivative,
+    add_expression,
+    add_ode,
+    add_residual,
+    add_step,
+)
+from .horizon import add_boundaries, make_mesh
+from .integrals import INTEGRALS, restate_integrals
+from .nodes import IntervalNodes, KnotNodes, Nodes, StateNodes
+from .phase_values import PhaseValues
+from .record import PhaseRecord
+from .variables import add_variables
+
+_ADD: dict[str, Callable[..., None]] = {
+    "ode": add_ode,
+    "step map": add_step,
+    "residual": add_residual,
+    "constraint": add_constraint,
+    "constraint at boundaries": add_constraint_at_boundaries,
+    "complementarity": add_complementarity,
+    "expression": add_expression,
+}
+_OF_EVERY_PHASE = ("time", "points", "start", "duration", "boundary", "boundary_width", INTEGRALS, VALUES_AT_TIMES)
+_REMEDY = (
+    "State it on the phase (phase.constraint, phase.integral), give data over time as an rcp.Table, and read what "
+    "follows the mesh: x.at(time), x.at_start, x.at_end."
+)
 
 
 def remesh_phases(meshes: Mapping[Any, Any]) -> None:
@@ -63,18 +102,17 @@ def remesh_phases(meshes: Mapping[Any, Any]) -> None:
     >>> m.move.grid.mesh.boundaries
     (0.0, 0.1, 0.25, 0.5, 1.0)
     """
-    asked = _other_grids(meshes)
-    if not asked:
+    if not (grids := _other_grids(meshes)):
         return
-    model = asked[0][0].model()
-    for phase, grid in asked:
-        if phase.model() is not model:
-            raise ModelError(f"phase '{phase.name}' is of another model than '{asked[0][0].name}'.")
+    first = next(iter(grids))
+    for phase, grid in grids.items():
+        if phase.model() is not first.model():
+            raise ModelError(f"phase '{phase.name}' is of another model than '{first.name}'.")
         for name in phase.record.names(Control):  # knots have to be element boundaries
             phase.record.declarations[name].nodes(name, grid, f"phase '{phase.name}': control '{name}'")
-    if (reason := _reason(model, [phase for phase, _ in asked])) is not None:
+    if (reason := _reason(grids)) is not None:
         raise ModelError(reason)
-    _restate(model, asked)
+    _restate(grids)
 
 
 def put_on_meshes(meshes: Mapping[Any, Any]) -> None:
@@ -84,29 +122,8 @@ def put_on_meshes(meshes: Mapping[Any, Any]) -> None:
     ----------
     meshes : mapping of PhaseBlock to mesh
     """
-    if asked := _other_grids(meshes):
-        _restate(asked[0][0].model(), asked)
-
-
-def _other_grids(meshes: Mapping[Any, Any]) -> list[tuple[Any, Grid]]:
-    """The phases that get another grid than they have, with these."""
-    wanted = [(phase, _grid(phase, mesh)) for phase, mesh in meshes.items()]
-    return [(phase, grid) for phase, grid in wanted if grid.mesh != phase.grid.mesh]
-
-
-def rows_taken_off(phase: Any) -> AbstractContextManager[list[Any]]:
-    """Take the rows that a phase has stated off it for a while, as for a copy with another mesh, which states its own.
-
-    Those of a component of which some are deactivated stay, since the new ones will be so too. Gives the others.
-    """
-    record = phase.record
-    names = (*record.generated_rows, *(statement.name for statement in record.statements))
-    components = [phase.component(name) for name in dict.fromkeys(names)]
-    return parts_taken_off(
-        (component, {})
-        for component in components
-        if isinstance(component, IndexedConstraint) and all(row.active for row in component.values())
-    )
+    if grids := _other_grids(meshes):
+        _restate(grids)
 
 
 def free_element_widths(phases: Iterable[Any], factors: Bounds) -> None:
@@ -126,52 +143,20 @@ def free_element_widths(phases: Iterable[Any], factors: Bounds) -> None:
     ModelError
         Naming what cannot follow. Phases may be left half way then: this is for copies.
     """
-    asked = [(phase, phase.grid) for phase in phases if not phase.record.free_widths]
-    if not asked:
+    grids = {phase: phase.grid for phase in phases if not phase.record.free_widths}
+    if not grids:
         return
-    reason = _reason(asked[0][0].model(), [phase for phase, _ in asked])
-    for phase, _ in asked:
+    reason = _reason(grids)
+    for phase in grids:
         moving = [name for name, of in phase.record.declarations.items() if callable(getattr(of, "bounds", None))]
         if moving:
             reason = f"phase '{phase.name}': the bounds of '{moving[0]}' are given by the times of its points."
     if reason is not None:
         raise ModelError(reason)
-    for phase, _ in asked:
+    for phase in grids:
         phase.record.normalised = phase.record.free_widths = True
         phase.record.width_factors = factors
-    _restate(asked[0][0].model(), asked)
-
-
-def _restate(model: Any, asked: list[tuple[Any, Grid]]) -> None:
-    """Make everything that was stated over the times of phases anew, on the grids that they get."""
-    with PauseGC(), InPlaceChanges() as changes:
-        restated = [Restatement(phase, grid, changes) for phase, grid in asked]
-        followers = Followers(model, restated, changes)
-        try:
-            _make_anew(restated)
-            followers.follow()
-        except PyRobocopError as error:
-            if isinstance(error, ModelError):
-                raise
-            raise ModelError(
-                f"{_names(asked)} keeps its mesh, since not everything can be stated on the new one: {error}"
-            ) from error
-        except (LookupError, ValueError, TypeError, ArithmeticError, AttributeError) as error:
-            raise ModelError(
-                f"{_names(asked)} keeps its mesh: what its rules say failed on the new one, by "
-                f"{type(error).__name__}: {error}."
-            ) from error
-        changes.finish(model)
-
-
-def _make_anew(restated: list[Restatement]) -> None:
-    """State phases on the grids that they get, each after all have their times."""
-    for restatement in restated:
-        restatement.begin()
-    for restatement in restated:
-        restatement.state()
-    for restatement in restated:
-        restatement.finish()
+    _restate(grids)
 
 
 def why_not_remeshed(phase: Any) -> str | None:
@@ -181,45 +166,7 @@ def why_not_remeshed(phase: Any) -> str | None:
     ----------
     phase : PhaseBlock
     """
-    return _reason(phase.model(), [phase])
-
-
-def _reason(model: Any, phases: list[Any]) -> str | None:
-    """What keeps the meshes of phases: the first reason of all."""
-    inner = inner_variables(phases)
-    for phase in phases:
-        if (reason := _own_reason(phase) or asked_by_point(phase) or _reads_inner_times(phase, inner)) is not None:
-            return reason
-    changes = InPlaceChanges()
-    restated = [Restatement(phase, phase.grid, changes) for phase in phases]
-    return Followers(model, restated, changes).reason() or _changed_rows(restated, changes)
-
-
-def _reads_inner_times(phase: Any, inner: dict[int, Any]) -> str | None:
-    for statement in phase.record.rules:
-        for leaf in statement.readings(phase):
-            if id(leaf) in inner:
-                return (
-                    f"phase '{phase.name}': its {statement.kind} '{statement.name}' reads '{leaf.name}' at all times, "
-                    "which another mesh may not have. Write x.at(time), which follows the mesh."
-                )
-    return None
-
-
-def _changed_rows(restated: list[Restatement], changes: InPlaceChanges) -> str | None:
-    """A rule whose rows are not what it has said: phases are stated on the meshes that they have, and put back."""
-    with PauseGC(), changes:
-        try:
-            _make_anew(restated)
-            for component, index, before, now in changes.rewritten():
-                if not same_results(before, now):
-                    return (
-                        f"'{component.name}[{index}]' is not what the rule of '{component.name}' said when it was "
-                        "stated: rows that were changed since cannot be made for another mesh. State the rule anew."
-                    )
-        finally:
-            changes.take_back()
-    return None
+    return _reason({phase: phase.grid})
 
 
 def why_its_mesh_is_stated(phase: Any) -> str | None:
@@ -234,18 +181,10 @@ def why_its_mesh_is_stated(phase: Any) -> str | None:
     return None
 
 
-def _own_reason(phase: Any) -> str | None:
-    what = f"phase '{phase.name}'"
-    record = phase.record
-    for name in record.declarations:
-        if phase.component(name) is None:
-            return f"{what}: a transformation has taken its '{name}' away."
-    if any(True for _ in records_below(phase.model())):
-        return (
-            f"{what}: the model '{phase.model().name}' is relaxed, and rows of the relaxation belong to single pairs. "
-            "Revert the relaxation first."
-        )
-    return None
+def _other_grids(meshes: Mapping[Any, Any]) -> dict[Any, Grid]:
+    """The phases that get another grid than they have, with these."""
+    wanted = {phase: _grid(phase, mesh) for phase, mesh in meshes.items()}
+    return {phase: grid for phase, grid in wanted.items() if grid.mesh != phase.grid.mesh}
 
 
 def _grid(phase: Any, mesh: Any) -> Grid:
@@ -265,5 +204,403 @@ def _grid(phase: Any, mesh: Any) -> Grid:
     return Grid(grid.scheme, type(made)(ends))
 
 
-def _names(asked: list[tuple[Any, Grid]]) -> str:
-    return "phase " + ", ".join(f"'{phase.name}'" for phase, _ in asked)
+# ------------------------------------------------------------------------------------------------ what keeps a mesh
+
+
+def _reason(grids: Mapping[Any, Grid]) -> str | None:
+    """What keeps the meshes of phases: the first reason of all."""
+    for phase in grids:
+        for name in phase.record.declarations:
+            if phase.component(name) is None:
+                return f"phase '{phase.name}': a transformation has taken its '{name}' away."
+        model = phase.model()
+        if any(True for _ in records_below(model)):
+            return (
+                f"phase '{phase.name}': the model '{model.name}' is relaxed, and rows of the relaxation belong to "
+                "single pairs. Revert the relaxation first."
+            )
+        if (reason := asked_by_point(phase)) is not None:
+            return reason
+    return _user_reading(model, grids) or _changed_row(model, grids)
+
+
+def _user_reading(model: Any, grids: Mapping[Any, Grid]) -> str | None:
+    """What of the user's stands on the times, or reads what another mesh may not have."""
+    others = {id(part): "" for phase, grid in grids.items() for part in _only_on_this_mesh(phase, grid)}
+    for phase in grids:
+        for statement in phase.record.rules:
+            for leaf in statement.readings(phase):
+                if id(leaf) in others:
+                    return (
+                        f"phase '{phase.name}': its {statement.kind} '{statement.name}' reads '{leaf.name}' at all "
+                        "times, which another mesh may not have. Write x.at(time), which follows the mesh."
+                    )
+    times = _times_of(grids)
+    for block in model.block_data_objects(active=None, descend_into=BLOCK_TYPES):
+        if _stands_on(block, times) and not block.can_follow_times:
+            return (
+                f"'{block.name}' stands on the times of a phase, and the rule of a pose or clearance of it has to "
+                "know the time as a number. Write pyo.Expr_if for a branch, rcp.Table for data over time."
+            )
+    for component in _components_beside(model, grids):
+        if component.is_indexed() and not component.is_reference():
+            sets = component.index_set().subsets(expand_all_set_operators=True)
+            if any(id(each) in times for each in sets):
+                return (
+                    f"'{component.name}' is indexed by the times of a phase, and nothing of it would be known at "
+                    f"others. {_REMEDY}"
+                )
+    return _reading_of(model, grids, others)
+
+
+def _reading_of(model: Any, grids: Mapping[Any, Grid], wanted: Mapping[int, str]) -> str | None:
+    """The first part of a component beside the phases that reads what another mesh has not, in words.
+
+    Parameters
+    ----------
+    model : Block
+    grids : mapping of PhaseBlock to Grid
+    wanted : mapping of identity to str
+        Names of what has left the model, empty of what has its own.
+    """
+    leaves = wanted.keys() | {id(part) for phase in grids for part in _following_expressions(phase)}
+    for component in _components_beside(model, grids) if wanted else ():
+        parts = [] if component.is_reference() else [(part, expressions_of(part)) for part in component.values()]
+        read = variables_in_any([each for _, held in parts for each in held], leaves)
+        for part, held in parts if read.keys() & wanted.keys() else ():
+            for found in variables_in_any(held, leaves).values():
+                if id(found) in wanted:
+                    name = wanted[id(found)]
+                    return f"'{part.name}' reads '{name or found.name}', which another mesh may not have. {_REMEDY}"
+    return None
+
+
+def _only_on_this_mesh(phase: Any, grid: Grid) -> Iterator[Any]:
+    """Variables of a phase, and expressions for controls, that another mesh may not have, or that mean more on it.
+
+    States at element boundaries that the other grid has stay, and algebraics and controls at both ends: what names such
+    a time means it.
+    """
+    record = phase.record
+    boundaries = set(grid.mesh.boundaries).intersection(record.grid.mesh.boundaries)
+    ends = {record.grid.mesh.boundaries[0], record.grid.mesh.boundaries[-1]}
+    kept = [f"{name}_derivative" for name in record.kept_derivatives]
+    for name in (*record.names_of_states, *record.names_of_signals, *kept):
+        nodes = record.nodes(name)
+        if getattr(record.declarations.get(name), "knots", None) is not None:
+            continue
+        last = {nodes.times[-1]} if isinstance(nodes, IntervalNodes) else set()
+        stay = boundaries if isinstance(nodes, StateNodes) else ends | last
+        yield from (of for time, of in zip(nodes.times, nodes.variables(phase), strict=True) if time not in stay)
+        if isinstance(nodes, KnotNodes):
+            yield from (seen for time, seen in phase.component(name).items() if time not in stay)
+    if record.free_widths:
+        yield from (of for number, of in phase.boundary.items() if 0 < number < record.grid.mesh.elements)
+
+
+def _following_expressions(phase: Any) -> Iterator[Any]:
+    """Named expressions of a phase that are made anew on another mesh: whoever reads them follows."""
+    names = [INTEGRALS, VALUES_AT_TIMES, *(statement.name for statement in phase.record.expressions)]
+    for name in names:
+        yield from (phase.component(name) or {}).values()
+
+
+def _components_beside(model: Any, grids: Mapping[Any, Grid]) -> Iterator[Any]:
+    """Components that neither these phases make anew nor a block that follows."""
+    for block in model.block_data_objects(active=None, descend_into=BLOCK_TYPES):
+        home = block
+        while home is not None and not _can_follow(home):
+            home = home.parent_block()
+        if home is not None:
+            continue
+        owned = _names_of(block) if block in grids else ()
+        for component in block.component_map().values():
+            is_content = component.ctype not in (*BLOCK_TYPES, Set, Suffix) and component.is_constructed()
+            if is_content and component.local_name not in owned:
+                yield component
+
+
+def _names_of(phase: Any) -> set[str]:
+    """Names of the components that declarations and statements of a phase make, and the integrals."""
+    record: PhaseRecord = phase.record
+    declared = [name for name, of in record.declarations.items() if not isinstance(of, Parameter)]
+    kept = [f"{name}_derivative" for name in record.kept_derivatives]
+    nodes = {record.nodes(name).component for name in (*declared, *kept)}
+    statements = {statement.name for statement in (*record.expressions, *record.statements)}
+    return {*_OF_EVERY_PHASE, *record.declarations, *record.generated_rows, *nodes, *statements}
+
+
+def _times_of(grids: Mapping[Any, Grid]) -> set[int]:
+    return {id(each) for phase in grids for each in (phase.time, phase.points)}
+
+
+def _stands_on(block: Any, times: set[int]) -> bool:
+    return isinstance(block, BuiltBlockData) and block.is_built and block.stands_on(times)
+
+
+def _can_follow(block: Any) -> bool:
+    return isinstance(block, BuiltBlockData) and block.is_built and block.can_follow_times
+
+
+def _changed_row(model: Any, grids: Mapping[Any, Grid]) -> str | None:
+    """A rule whose rows are not what it has said: phases are stated on the meshes that they have, and put back."""
+    changes = InPlaceChanges(grids)
+    with PauseGC():
+        try:
+            _state_anew({phase: phase.grid for phase in grids}, changes)
+            for content in changes.contents.values():
+                before = content.expressions()
+                now = {index: expressions_of(part) for index, part in content.parts_now().items()}
+                # What nobody has read is what its rule says.
+                for index in (content.parts | now).keys() - content.unread if content.parts else ():
+                    if not same_results(before.get(index, []), now.get(index, [])):
+                        name = content.component.name
+                        return (
+                            f"'{name}[{index}]' is not what the rule of '{name}' said when it was stated: rows that "
+                            "were changed since cannot be made for another mesh. State the rule anew."
+                        )
+        finally:
+            changes.take_back()
+    return None
+
+
+# -------------------------------------------------------------------------------------------------- the new mesh
+
+
+def _restate(grids: Mapping[Any, Grid]) -> None:
+    """Make everything that was stated over the times of phases anew, on the grids that they get."""
+    model, times = next(iter(grids)).model(), _times_of(grids)
+    blocks = model.block_data_objects(active=None, descend_into=BLOCK_TYPES)
+    followers = [block for block in blocks if _stands_on(block, times) and block.can_follow_times]
+    inside = [each for of in followers for each in of.block_data_objects(active=None, descend_into=BLOCK_TYPES)]
+    with PauseGC(), InPlaceChanges([*grids, *inside]) as changes:
+        _state_anew(grids, changes)
+        for block in followers:
+            block.follow_times()
+        if (reason := _reading_of(model, grids, changes.lost_parts())) is not None:
+            raise ModelError(reason)
+        changes.finish(model)
+
+
+def _state_anew(grids: Mapping[Any, Grid], changes: InPlaceChanges) -> None:
+    """State phases on the grids that they get, each after all have their times."""
+    phases = [PhaseOnGrid(phase, grid, changes) for phase, grid in grids.items()]
+    for phase in phases:
+        phase.begin()
+    for phase in phases:
+        phase.state()
+    for phase in phases:
+        phase.finish()
+
+
+class PhaseOnGrid:
+    """A phase that is on its way to another grid; `PhaseRecord.restating` while it is.
+
+    Parameters
+    ----------
+    block : PhaseBlock
+    grid : Grid
+        What the phase gets, with the scheme that it has.
+    changes : InPlaceChanges
+        Knows what the phase held.
+    """
+
+    def __init__(self, block: Any, grid: Grid, changes: InPlaceChanges) -> None:
+        record: PhaseRecord = block.record
+        self._block, self._record, self._grid, self._changes = block, record, grid, changes
+        self._before = PhaseValues(block)
+        self._plan = self._current_plan() if grid.mesh != record.grid.mesh else None
+        self._indices = record.grid.mesh.boundaries
+        standing = block.component("boundary")  # none yet where they begin to move
+        variables = [] if standing is None else standing.values()
+        self._boundaries = dict(zip(self._indices, variables, strict=standing is not None))
+        self._placed: list[Any] = []
+
+    # ---------------------------------------------------------------- the steps
+
+    def begin(self) -> None:
+        """Give the phase its new times, and its variables over them."""
+        block, record = self._block, self._record
+        record.grid, record.restating = self._grid, self
+        record.equation_of, record.discrete_states, record.generated_rows = {}, set(), set()
+        record.rates, record.odes, record.control_rates, record.residuals_per_point = {}, {}, {}, 0
+        for members_of, members in ((block.time, self._grid.times), (block.points, self._grid.points)):
+            members_of.clear()
+            members_of.update(members)
+        if record.free_widths:
+            assert record.width_factors is not None
+            add_boundaries(block, record, record.width_factors, f"phase '{block.name}'")
+        for name, declaration in record.declarations.items():
+            # An initial guess may be an array over the mesh that the phase had.
+            add_variables(block, record, name, replace(declaration, initial_guess=None))
+        for name in record.names_of_states:
+            if name in record.kept_derivatives:
+                add_derivative(block, record, name)
+
+    def state(self) -> None:
+        """State the rules in their order, by their templates.
+
+        Raises
+        ------
+        ModelError
+            When one cannot be stated on the new mesh.
+        """
+        for statement in (*self._record.expressions, *self._record.statements):
+            self._record.asking = True
+            try:
+                _ADD[statement.kind](self._block, self._record, statement)
+            except (LookupError, ValueError, TypeError, ArithmeticError, AttributeError) as error:
+                raise ModelError(
+                    f"phase '{self._block.name}': its {statement.kind} '{statement.name}' cannot be stated on the new "
+                    f"mesh ({type(error).__name__}: {error}). If it reads another phase, give both their meshes at "
+                    "once: remesh_phases({...})."
+                ) from error
+            finally:
+                self._record.asking = False
+
+    def finish(self) -> None:
+        """Give integrals their sums, and deactivated rows no part again."""
+        block, record = self._block, self._record
+        restate_integrals(block, record)
+        restate_values_at_times(block, record)
+        self._interpolate()
+        for component in self._placed:
+            _carry_activity(component, self._changes.parts_before(component))
+        record.restating = None
+
+    # ---------------------------------------------------------------- what the builders call
+
+    def place(self, name: str, component: Any) -> Any:
+        """Make the component of this name like a new one, or add the new one where there is none."""
+        standing = self._block.component(name)
+        if standing is None:
+            self._block.add_component(name, component)
+            return component
+        self._placed.append(standing)
+        return state_anew(standing, component)
+
+    def keep(self, name: str) -> None:
+        """Let variables at times that stay be what they were; give the others bounds and domains."""
+        variables, nodes = self._before.variables[name], self._record.nodes(name)
+        component = self._block.component(nodes.component)
+        position = _retained(self._before.nodes[name], nodes)
+        pattern = self._set_for_all(name, component, position)
+        for number, index in enumerate(component.keys()):
+            if number in position:
+                put_part(component, index, variables[position[number]])
+                continue
+            variable = component[index]
+            variable.domain = variables[0].domain
+            if pattern is not None:
+                variable.setlb(pattern.lower)
+                variable.setub(pattern.upper)
+                variable.fixed = pattern.fixed
+
+    def keep_expressions(self, name: str) -> None:
+        """Let members of an expression at times that stay be the objects that they were."""
+        component = self._block.component(name)
+        before = self._changes.parts_before(component)
+        for index, member in list(component.items()):
+            if index in before:
+                before[index].set_value(member.expr)
+                put_part(component, index, before[index])
+
+    def keep_boundaries(self) -> None:
+        """Let element boundaries that stay be the variables that they were; others lie on a line between these."""
+        if not self._boundaries:
+            return
+        component, old = self._block.boundary, [variable.value for variable in self._boundaries.values()]
+        values = np.interp(self._grid.mesh.boundaries, list(self._boundaries), old)
+        for i, time in enumerate(self._grid.mesh.boundaries):
+            if time in self._boundaries:
+                put_part(component, i, self._boundaries[time])
+            else:
+                component[i].set_value(float(values[i]), skip_validation=True)
+
+    # ---------------------------------------------------------------- what is carried over
+
+    def _current_plan(self) -> Trajectory | None:
+        """The values as a trajectory; None where some are missing."""
+        try:
+            plan, values = self._before.trajectory(evaluate=False), self._before.read()
+        except TrajectoryError:
+            return None
+        return replace(plan, rates={name: values[f"{name}_derivative"] for name in self._record.kept_derivatives})
+
+    def _interpolate(self) -> None:
+        """Give new variables the values of the plan."""
+        if self._plan is None:
+            return
+        now, kept = PhaseValues(self._block), {id(of) for each in self._before.variables.values() for of in each}
+        times = partial(np.interp, xp=self._indices, fp=self._plan.grid.mesh.boundaries)
+        for name, numbers in now.sampled(self._plan, times).items():
+            for variable, number in zip(now.variables[name], numbers.tolist(), strict=True):
+                if id(variable) not in kept:
+                    variable.set_value(within(number, variable.bounds), skip_validation=True)
+
+    def _set_for_all(self, name: str, component: Any, position: Mapping[int, int]) -> Any | None:
+        """One of the variables, if the user has set bounds of all alike or fixed all; None if they are as declared.
+
+        The ends of a state are another matter: they have initial and final values.
+
+        Raises
+        ------
+        ModelError
+            When what was set for some times only would be lost.
+        """
+        before, variables = self._before.nodes[name], self._before.variables[name]
+        declared = self._declared_bounds(name, component)
+        marks = [(_bounds_of(variable), bool(variable.fixed)) for variable in variables]
+        is_state = isinstance(before, StateNodes)
+        between = range(1, len(marks) - 1) if is_state else range(len(marks))
+        set_by_user = [i for i in between if marks[i] != (declared[i], False)]
+        fewest = 2 if is_state else 1  # one state between the ends is a waypoint
+        if len(set_by_user) == len(between) >= fewest and len({marks[i] for i in between}) == 1:
+            return variables[between[0]]
+        stay = set(position.values())
+        changes = isinstance(before, IntervalNodes) and before.times != self._record.nodes(name).times
+        for i in set_by_user:
+            if changes or i not in stay:
+                what = "fixed value" if variables[i].fixed else "bounds"
+                raise ModelError(
+                    f"phase '{self._block.name}': '{name}': the {what} at t = {before.times[i]:g} was set for some "
+                    "times only, which the new mesh has not. Set it for all times, or state a constraint."
+                )
+        return None
+
+    def _declared_bounds(self, name: str, component: Any) -> list[Any]:
+        before, variables = self._before.nodes[name], self._before.variables[name]
+        declaration = self._record.declarations.get(name)
+        if declaration is None or not callable(declaration.bounds):
+            return [_bounds_of(next(iter(component.values())))] * len(variables)
+        if isinstance(before, IntervalNodes):  # they have what the bounds at several points leave in common
+            return [_bounds_of(variable) for variable in variables]
+        return [declaration.bounds_at(time, f"'{name}'") for time in before.times]
+
+
+def _retained(before: Nodes, nodes: Nodes) -> dict[int, int]:
+    """Old position of each new node whose variable is the old one."""
+    if isinstance(nodes, IntervalNodes) and nodes.times != before.times:
+        return {len(nodes.times) - 1: len(before.times) - 1}  # of other intervals, that which the end sees
+    number_of = {time: i for i, time in enumerate(before.times)}
+    return {i: number_of[time] for i, time in enumerate(nodes.times) if time in number_of}
+
+
+def _carry_activity(component: Any, before: Mapping[Any, Any]) -> None:
+    inactive = [index for index, part in before.items() if not getattr(part, "active", True)]
+    if inactive and len(inactive) == len(before):
+        component.deactivate()
+        return
+    for index in inactive:
+        if index not in component:
+            raise ModelError(
+                f"'{component.name}' is deactivated at {index!r}, which the new mesh has not, and active "
+                "elsewhere. Activate it, or deactivate all of it."
+            )
+        component[index].deactivate()
+
+
+def _bounds_of(variable: Any) -> tuple[Any, Any]:
+    """Bounds that can be compared: expressions by their identity."""
+    sides = (variable.lower, variable.upper)
+    return tuple(of if of is None or of.__class__ in native_numeric_types else id(of) for of in sides)  # type: ignore[return-value]

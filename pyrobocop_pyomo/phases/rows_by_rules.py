@@ -36,12 +36,6 @@ class Ode:
         self.block, self.statement, self._known = block, statement, known
         self.label = f"phase '{block.name}': ode '{statement.name}'"
 
-    @property
-    def points(self) -> tuple[float, ...]:
-        """Where it is stated."""
-        points: tuple[float, ...] = self.block.record.grid.points
-        return points
-
     def at(self, time: float) -> dict[str, Any]:
         """Right-hand sides by the names that the states had when it was stated: they may have others by now."""
         if time not in self._known:
@@ -69,32 +63,38 @@ class Ode:
 
 
 class Rates(Mapping[float, Any]):
-    """The right-hand side of one state at the points.
+    """The right-hand side of one state at the points that its phase has, also on another mesh.
 
     Parameters
     ----------
-    ode : Ode
+    block : PhaseBlock
     name : str
+        Of the state when it was stated: it may have another by now.
     """
 
-    def __init__(self, ode: Ode, name: str) -> None:
-        self.ode, self._state = ode, name
+    def __init__(self, block: Any, name: str) -> None:
+        self._block, self._state = block, name
+
+    @property
+    def _ode(self) -> Ode:
+        found: Ode = self._block.record.odes[self._state]
+        return found
 
     def __getitem__(self, time: float) -> Any:
-        if time not in self.ode.block.record.grid.element_of:
+        if time not in self._block.record.grid.element_of:
             raise KeyError(time)
-        return self.ode.at(time)[self._state]
+        return self._ode.at(time)[self._state]
 
     @property
     def slots(self) -> list[Slot]:
         """What it reads, where the rule reads variables alone."""
-        return self.ode.slots()[self._state]
+        return self._ode.slots()[self._state]
 
     def __iter__(self) -> Iterator[float]:
-        return iter(self.ode.points)
+        return iter(self._block.record.grid.points)
 
     def __len__(self) -> int:
-        return len(self.ode.points)
+        return len(self._block.record.grid.points)
 
 
 class CollocationRows(RowRule):

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.discretisation import MeshErrors, MeshTolerances
+from pyrobocop_pyomo.discretisation import MeshErrors
+from pyrobocop_pyomo.discretisation.estimates import SMALL_MOTION_ERROR
+from pyrobocop_pyomo.discretisation.first_meshes import MOST_ELEMENTS, MOST_TIMES
 from pyrobocop_pyomo.errors import PyRobocopError
-from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.failures import undone_on_failure
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.numerics import Mesh
@@ -22,55 +23,27 @@ from pyrobocop_pyomo.solving.ipopt_options import FINER_MESH
 from pyrobocop_pyomo.solving.iterates import Quality, StopReason
 from pyrobocop_pyomo.solving.procedure import solve_model
 from pyrobocop_pyomo.solving.result_text import KEPT_MESH
+from pyrobocop_pyomo.solving.second_tries import ITERATIONS_OF_ONE
 from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult, with_steps_of_all
+from pyrobocop_pyomo.solving.solved_copies import elements_of
+from pyrobocop_pyomo.solving.starts import EXPLORED_ELEMENTS
 from pyrobocop_pyomo.solving.strategies import ABSOLUTE_VALUES, SOLVE
 
 from .planning_point import PlanningPoint
 
 logger = logging.getLogger(__name__)
 
-# The largest error of the motion that is allowed, as a multiple of those of the objective and of limits.
-MOTION = 10.0
-# What is aimed at: estimates are right within a factor, and one solve more costs more than some elements.
+# What is aimed at, as a part of the tolerance: estimates are right within a factor, and one solve more costs more than
+# some elements.
 AIMED = 0.3
-# So many meshes follow the first one, with as many times its elements, or as many in a small problem; at most so many.
-MOST_MESHES, MOST_TIMES, SMALL_ELEMENTS, MOST_ELEMENTS = 8, 8, 200, 1000
-# Up to so many elements may have no solution where twice as many have one.
-FEW_ELEMENTS = 20
+# So many meshes follow the first one, with at most `MOST_TIMES` its elements, or as many as a small problem may have.
+MOST_MESHES, SMALL_ELEMENTS = 8, 200
 # Iterations times elements of all of them: a multiple of that of the first solve, or a small problem's.
 EFFORT, SMALL_EFFORT = 10, 30_000
-# Iterations of one solve, or as many as before: it starts from the answer on the mesh before but may be unlucky.
-_FEWEST = 300
 # An objective on a finer mesh that is worse by more than this many estimated errors is that of another local optimum,
-# unless the motion before had an error above this, and was none of the equations.
-_TRUST, _INEXACT = 10.0, 1e-2
-# Over so many meshes errors have to fall to this part at least, once that of the objective is as small as this.
-_STALLED_MESHES, _FALLS, _KNOWN = 3, 0.9, 1e-3
-
-
-@dataclass(frozen=True)
-class MeshPlan:
-    """What finer meshes have to reach, and what they may take.
-
-    Attributes
-    ----------
-    tolerances : MeshTolerances
-    aimed : float
-        The part of the tolerances that a finer mesh aims at.
-    meshes, elements : int
-        Solves at most, and elements of all phases.
-    effort : float
-        Iterations times elements of all further solves.
-    deadline : Deadline
-    """
-
-    tolerances: MeshTolerances
-    aimed: float
-    meshes: int
-    elements: int
-    effort: float
-    deadline: Deadline
+# unless the motion before was none of the equations.
+_TRUST = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,10 +66,13 @@ class MeshLoop:
     Parameters
     ----------
     model : Block
+        Holds the first answer.
     settings : Settings
     start : PlanningPoint
         Where a solve that fails starts once more.
-    plan : MeshPlan
+    tolerance : float
+        Of the errors; see `MeshErrors.ratio`.
+    first : SolveResult
 
     Attributes
     ----------
@@ -106,36 +82,36 @@ class MeshLoop:
         What keeps the meshes; empty where nothing does.
     """
 
-    def __init__(self, model: Any, settings: Settings, start: PlanningPoint, plan: MeshPlan) -> None:
+    def __init__(
+        self, model: Any, settings: Settings, start: PlanningPoint, tolerance: float, first: SolveResult
+    ) -> None:
         self._model, self._phases = model, phases_of(model)
-        self._settings, self._start, self._plan, self._left = settings, start, plan, plan.effort
+        self._settings, self._start, self._tolerance = settings, start, tolerance
         self._boundaries = {phase.name: frozenset(phase.grid.mesh.boundaries) for phase in self._phases}
-        self.steps: list[MeshStep] = []
+        self.steps = [MeshStep(elements_of(model), first, MeshErrors.of(first.discretisation))]
+        self._most = min(max(MOST_TIMES * self.steps[0].elements, SMALL_ELEMENTS), MOST_ELEMENTS)
+        self._left = max(SMALL_EFFORT, EFFORT * self.steps[0].elements * first.iterations)
         self.remark = ""
 
-    def step(self, result: SolveResult) -> MeshStep:
-        """Keep an answer that stands on the model."""
-        self.steps.append(MeshStep(elements_of_phases(self._phases), result, _errors_of(result)))
-        return self.steps[-1]
-
-    def run(self, best: MeshStep) -> MeshStep:
-        """Go on until the tolerances are met or nothing helps; the model holds the best answer, which is returned."""
+    def run(self) -> MeshStep:
+        """Go on until the tolerance is met or nothing helps; the model holds the best answer, which is returned."""
+        best = self.steps[0]
         # Where a few elements had no solution, twice as many may.
         halved = not best.is_optimal
-        if halved and not (best.result.stop_reason is StopReason.INFEASIBLE and best.elements <= FEW_ELEMENTS):
+        if halved and best.elements > EXPLORED_ELEMENTS:
             return best
         while (meshes := self._next(best, halved)) is not None:
             point = PlanningPoint(self._model)
             try:
                 with undone_on_failure(point.restore):
-                    finer = self._on(meshes, best, FINER_MESH if best.is_optimal else None)
+                    finer = self._on(meshes, FINER_MESH if best.is_optimal else None)
                     once_more = best.is_optimal and not halved and not finer.result.stop_reason.is_final
-                    if once_more and not _replaces(finer, best, self._plan):
-                        finer = self._on(meshes, best, {})
+                    if once_more and not _replaces(finer, best):
+                        finer = self._on(meshes, {})
             except PyRobocopError as error:
                 logger.info("'%s' cannot be solved on a finer mesh: %s", self._model.name, error)
                 return best
-            if _replaces(finer, best, self._plan):
+            if _replaces(finer, best):
                 best, halved = finer, False
                 continue
             point.restore()
@@ -146,28 +122,24 @@ class MeshLoop:
 
     def _next(self, best: MeshStep, halved: bool) -> dict[str, Mesh] | None:
         """The next meshes; None where it ends."""
-        plan = self._plan
         now = {phase.name: phase.grid.mesh for phase in self._phases}
-        if best.is_optimal and not best.errors.ratio(plan.tolerances) > 1.0:  # or not known
+        if best.is_optimal and not best.errors.ratio(self._tolerance) > 1.0:  # or not known
             return None
         if halved:
             meshes = {name: halves_of(mesh) for name, mesh in now.items()}
         else:
             trajectories = {phase.name: phase.trajectory() for phase in self._phases}
-            aimed = plan.tolerances.scaled(plan.aimed)
-            meshes = best.errors.finer(now, trajectories, aimed, keep=self._boundaries)
-        count = sum(mesh.elements for mesh in meshes.values())
+            meshes = best.errors.finer(now, trajectories, AIMED * self._tolerance, keep=self._boundaries)
         at_an_end = (
             best.result.stop_reason is StopReason.INTERRUPTED
-            or plan.deadline.has_passed
-            or len(self.steps) >= plan.meshes
-            or count > min(plan.elements, self._left)
+            or self._settings.deadline.has_passed
+            or len(self.steps) > MOST_MESHES
+            or sum(mesh.elements for mesh in meshes.values()) > min(self._most, self._left)
             or meshes == now
-            or _stalls(self.steps, plan.tolerances)
         )
         return None if at_an_end else meshes
 
-    def _on(self, meshes: dict[str, Mesh], best: MeshStep, options: Mapping[str, Any] | None) -> MeshStep:
+    def _on(self, meshes: dict[str, Mesh], options: Mapping[str, Any] | None) -> MeshStep:
         """The answer on meshes: from the values on the model where there are options for that, else from the start."""
         if not options:
             self._start.restore()
@@ -176,22 +148,18 @@ class MeshLoop:
         except PyRobocopError as error:
             self.remark = f"{KEPT_MESH}: {error}"
             raise
-        count, strategies = elements_of_phases(self._phases), self._settings.strategies
+        count, strategies = elements_of(self._model), self._settings.strategies
         if options is not None:
-            most = max(1, min(max(_FEWEST, best.result.iterations), int(self._left / count)))
+            most = max(1, min(ITERATIONS_OF_ONE, int(self._left / count)))
             strategies = (replace(SOLVE, name="finer mesh", options={**options, "max_iter": most}),)
-        step = self.step(solve_model(self._model, replace(self._settings, strategies=strategies, exploration=0.0)))
-        self._left -= count * step.result.iterations
-        logger.info("'%s' on %d elements: %s", self._model.name, count, step.result.one_line())
-        return step
+        result = solve_model(self._model, replace(self._settings, strategies=strategies, exploration=0.0))
+        self.steps.append(MeshStep(count, result, MeshErrors.of(result.discretisation)))
+        self._left -= count * result.iterations
+        logger.info("'%s' on %d elements: %s", self._model.name, count, result.one_line())
+        return self.steps[-1]
 
 
-def elements_of_phases(phases: Sequence[Any]) -> int:
-    """Of all phases together."""
-    return sum(phase.grid.mesh.elements for phase in phases)
-
-
-def _replaces(finer: MeshStep, before: MeshStep, plan: MeshPlan) -> bool:
+def _replaces(finer: MeshStep, before: MeshStep) -> bool:
     """Whether an answer is no worse than that on the mesh before, which may have flattered itself."""
     if not (finer.is_optimal and before.is_optimal):
         return finer.is_optimal
@@ -200,16 +168,7 @@ def _replaces(finer: MeshStep, before: MeshStep, plan: MeshPlan) -> bool:
         error = step.errors.motion if np.isnan(step.errors.objective) else step.errors.objective
         explained += float(np.nan_to_num(error)) * abs(step.result.objective)
     worse = finer.result.standing.cost - before.result.standing.cost
-    inexact = before.errors.motion > max(plan.tolerances.motion, _INEXACT)
-    return inexact or not worse > _TRUST * explained
-
-
-def _stalls(steps: Sequence[MeshStep], tolerances: MeshTolerances) -> bool:
-    """Whether the last meshes, with twice the elements, brought nothing; where the cost is not known yet they may."""
-    *before, last = steps[-_STALLED_MESHES - 1 :]
-    if len(before) < _STALLED_MESHES or last.elements < 2 * before[0].elements or not last.errors.objective < _KNOWN:
-        return False
-    return last.errors.ratio(tolerances) > _FALLS * min(step.errors.ratio(tolerances) for step in before)
+    return before.errors.motion > SMALL_MOTION_ERROR or not worse > _TRUST * explained
 
 
 def solve_on_finer_meshes(model: Any, tolerance: float, settings: Settings) -> SolveResult:
@@ -220,7 +179,7 @@ def solve_on_finer_meshes(model: Any, tolerance: float, settings: Settings) -> S
     model : Block
         Its values are the initial guess. It holds the best answer afterwards.
     tolerance : float
-        Of the objective and of limits of states, as parts of their sizes; the motion may err by `MOTION` times as much.
+        Of the objective and of limits of states, as parts of their sizes; see `MeshErrors.ratio`.
     settings : Settings
     """
     phases = phases_of(model)
@@ -230,26 +189,14 @@ def solve_on_finer_meshes(model: Any, tolerance: float, settings: Settings) -> S
     through_pairs = first.residuals or first.strategy == ABSOLUTE_VALUES.name
     if guess is None or through_pairs or not (first.solved or first.stop_reason is StopReason.INFEASIBLE):
         return first
-    tolerances = MeshTolerances(MOTION * tolerance, tolerance, tolerance)
-    if first.solved and not _errors_of(first).ratio(tolerances) > 1.0:  # or not known
+    if first.solved and not MeshErrors.of(first.discretisation).ratio(tolerance) > 1.0:  # or not known
         return first
     answer = guess.read()
     guess.restore()
     start = PlanningPoint(model)
     guess.write(answer)
-
-    count = elements_of_phases(phases)
-    plan = MeshPlan(
-        tolerances, AIMED, MOST_MESHES + 1, min(max(MOST_TIMES * count, SMALL_ELEMENTS), MOST_ELEMENTS),
-        max(SMALL_EFFORT, EFFORT * count * first.iterations), settings.deadline,
-    )  # fmt: skip
-    loop = MeshLoop(model, settings, start, plan)
-    best = loop.run(loop.step(first))
-    return _joined(best, loop, tolerance)
-
-
-def _errors_of(result: SolveResult) -> MeshErrors:
-    return MeshErrors.of(result.discretisation)
+    loop = MeshLoop(model, settings, start, tolerance, first)
+    return _joined(loop.run(), loop, tolerance)
 
 
 def _joined(best: MeshStep, loop: MeshLoop, tolerance: float) -> SolveResult:

@@ -30,6 +30,7 @@ from pyrobocop_pyomo.phases.horizon import real_grid
 from pyrobocop_pyomo.phases.nodes import IntervalNodes
 from pyrobocop_pyomo.phases.remeshing import remesh_phases
 from pyrobocop_pyomo.solving.solve_result import SolveResult, with_steps_of_all
+from pyrobocop_pyomo.solving.solved_copies import elements_of
 
 from .planning_point import PlanningPoint
 
@@ -202,7 +203,7 @@ def solve_with_integer_controls(
         Whether there are no other meshes.
     """
     guess, phases = PlanningPoint(model), phases_of(model)
-    results, elements = [_solved_and_rounded(model, choices, solve, deadline)], [_elements(phases)]
+    results, elements = [_solved_and_rounded(model, choices, solve, deadline)], [elements_of(model)]
     first, answer = results[0], PlanningPoint(model)
     meshes = {phase: phase.grid.mesh for phase in phases}
     for _ in range(0 if keeps_mesh else MOST_HALVINGS):
@@ -216,7 +217,7 @@ def solve_with_integer_controls(
         except PyRobocopError as error:
             logger.info("'%s': integer controls cannot get more elements: %s", model.name, error)
             break
-        elements.append(_elements(phases))
+        elements.append(elements_of(model))
     if not _is_rounded(first, feasible=False):
         return first
     best = results[-1] if _is_rounded(results[-1], feasible=True) else first
@@ -233,10 +234,6 @@ def solve_with_integer_controls(
 
 def _is_rounded(result: SolveResult, *, feasible: bool) -> bool:
     return result.rounding is not None and result.standing.feasible == feasible
-
-
-def _elements(phases: list[Any]) -> int:
-    return sum(phase.grid.mesh.elements for phase in phases)
 
 
 def _solved_and_rounded(

@@ -13,6 +13,7 @@ from pyomo.common.config import ConfigValue
 from pyomo.common.timing import HierarchicalTimer
 from pyomo.contrib.solver.common.base import Availability, SolverBase
 from pyomo.contrib.solver.common.config import SolverConfig
+from pyomo.contrib.solver.common.factory import SolverFactory
 from pyomo.contrib.solver.common.results import Results, SolutionStatus, TerminationCondition
 from pyomo.contrib.solver.common.util import NoOptimalSolutionError
 from pyomo.core.base.block import BlockData
@@ -20,13 +21,14 @@ from pyomo.core.base.block import BlockData
 from pyrobocop_pyomo._version import __version__
 from pyrobocop_pyomo.errors import KeywordError
 from pyrobocop_pyomo.ipopt.backends import available_backends
+from pyrobocop_pyomo.ipopt.older_interface import OlderInterface
 from pyrobocop_pyomo.modeling.keywords import check_keywords
-from pyrobocop_pyomo.planning.solve import OTHER_WORDS, solve
 from pyrobocop_pyomo.solving.iterates import Quality, StopReason
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 
 from .found_point import FoundPoint, multipliers_imported
 from .planning_point import PlanningPoint
+from .solve import OTHER_WORDS, RETIRED_WORDS, solve
 
 # Every Pyomo solver has these, some under another name.
 _OF_EVERY_SOLVER = ("model", "options", "tee", "time_limit")
@@ -143,6 +145,19 @@ class Mpcc(SolverBase):
         else:
             before.restore()
         return results
+
+
+class LegacyMpcc(OlderInterface, Mpcc):
+    """`Mpcc` in Pyomo's older interface."""
+
+    own_options = (*CHOICES, *RETIRED_WORDS)
+
+
+SolverFactory.register(
+    name="pyrobocop.mpcc",
+    legacy_name="pyrobocop.mpcc",
+    doc="Mathematical programs with complementarity constraints: continuation, polish and certificate",
+)(Mpcc, LegacyMpcc)
 
 
 def _report(results: Results, answer: SolveResult) -> None:

@@ -23,6 +23,7 @@ from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockDat
 from pyrobocop_pyomo.obstacles.rerouting import overlaps_deeply, reroute, runs_into_several
 from pyrobocop_pyomo.obstacles.tightening import split_violated
 from pyrobocop_pyomo.solving.iterates import StopReason
+from pyrobocop_pyomo.solving.second_tries import ITERATIONS_OF_ONE, SIDE_ITERATIONS
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 
 from .planning_point import PlanningPoint
@@ -30,11 +31,6 @@ from .start_providers import StartProvider, fitting_providers
 
 # Degrees by which the way past an obstacle is turned: to its other side, then across.
 TURNS = (180.0, 90.0, -90.0)
-# Iterations of Ipopt from one start while there are others to try. What converges from a good start takes fewer; from
-# a bad one thousands are spent on restoring feasibility. The initial guess gets the rest at the end.
-MOST_ITERATIONS = 500
-# The same for an initial guess that overlaps deeply, where a search knows a better start.
-MOST_ITERATIONS_IN_OVERLAP = 60
 # What violates its rows by no more is about to get there, and may go on.
 NEARLY_FEASIBLE = 1e-2
 
@@ -97,7 +93,10 @@ class Recovery:
         if comes_first:
             yield from islice(starts, 1)
         others = any(block.separations for block in self._blocks)
-        enough = MOST_ITERATIONS_IN_OVERLAP if not may_be_led_around and self._overlaps_deeply() else MOST_ITERATIONS
+        # What converges from a good start takes few; from a bad one thousands are spent on restoring feasibility. Where
+        # a search knows a better start, a guess that overlaps deeply gets the fewest; the rest comes at the end.
+        is_bad = not may_be_led_around and self._overlaps_deeply()
+        enough = SIDE_ITERATIONS if is_bad else ITERATIONS_OF_ONE
         yield partial(self._from_initial_guess, enough if others else None, is_at_start=not (in_the_way or comes_first))
         # Where no separation takes part, obstacles are not what makes the rest infeasible.
         if not any(block.separations for block in self._blocks):
@@ -156,7 +155,7 @@ class Recovery:
         result = self._planning.solve(f"from the initial guess{again}", most_iterations=most_iterations)
         self._was_cut_short = result.stop_reason is StopReason.ITERATION_LIMIT
         if self._was_cut_short and most_iterations is not None and result.constraint_violation <= NEARLY_FEASIBLE:
-            result = self._planning.solve("on from there", again=True, most_iterations=MOST_ITERATIONS)
+            result = self._planning.solve("on from there", again=True, most_iterations=ITERATIONS_OF_ONE)
         return result
 
     def _overlaps_deeply(self) -> bool:
@@ -186,20 +185,20 @@ class Recovery:
             block.initialize()
         # A start that is clear of everything needs no detour over the middle of all bounds.
         clear = not any(block.record.overlapping for block in self._blocks)
-        return self._planning.solve(purpose, again=clear, most_iterations=MOST_ITERATIONS)
+        return self._planning.solve(purpose, again=clear, most_iterations=ITERATIONS_OF_ONE)
 
     def _new_planes(self) -> SolveResult:
         for block in self._blocks:
             split_violated(block)
             block.initialize()
-        return self._planning.solve("new planes, at the last point", most_iterations=MOST_ITERATIONS)
+        return self._planning.solve("new planes, at the last point", most_iterations=ITERATIONS_OF_ONE)
 
     def _other_side(self, turn: float) -> SolveResult:
         """Let the two bodies with the largest violation pass each other on another side."""
         block, pair, direction = self._most_in_the_way()
         self.start({block: {pair: _turned(direction, turn)}})
         purpose = f"'{pair[0]}' past '{pair[1]}', {turn:.0f} degrees round"
-        return self._planning.solve(purpose, most_iterations=MOST_ITERATIONS)
+        return self._planning.solve(purpose, most_iterations=ITERATIONS_OF_ONE)
 
     def _most_in_the_way(self) -> tuple[ObstacleAvoidanceBlockData, tuple[str, str], Array]:
         """The block and bodies of the separation with the largest violation, and its normal at the initial guess."""

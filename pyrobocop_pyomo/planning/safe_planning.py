@@ -31,13 +31,14 @@ from pyrobocop_pyomo.solving.ipopt_options import NEARLY_SAFE, SOLVE_AGAIN
 from pyrobocop_pyomo.solving.iterates import Quality, StopReason
 from pyrobocop_pyomo.solving.procedure import solve_model
 from pyrobocop_pyomo.solving.progress import Progress
+from pyrobocop_pyomo.solving.second_tries import ITERATIONS_OF_ONE, SIDE_ITERATIONS
 from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 from pyrobocop_pyomo.solving.solved_copies import elements_of
 from pyrobocop_pyomo.solving.starts import EXPLORED_ELEMENTS, coarser_copy, take_values_of_copy
 
 from .planning_round import PlanningRound, way_back
-from .recovery import MOST_ITERATIONS, Recovery, clear_margins
+from .recovery import Recovery, clear_margins
 from .safety_meshes import SafetyMeshes
 
 logger = logging.getLogger(__name__)
@@ -51,8 +52,6 @@ MOST_ROUNDS = 7
 MOST_IN_VAIN = 3
 # From this round on, planes of which margins alone did not make a safe plan are split.
 FIRST_SPLIT = 3
-# A motion without obstacles is only a start: what does not converge quickly is not worth waiting for.
-MOST_ITERATIONS_WITHOUT_OBSTACLES = 100
 
 
 def avoidance_blocks(model: Any) -> list[ObstacleAvoidanceBlockData]:
@@ -76,8 +75,6 @@ class SafePlanning:
     regions : list of ContainmentData
         Its active ones.
     settings : Settings
-    equations : bool
-        Whether the motion of the equations has to be safe as well.
     """
 
     def __init__(
@@ -86,10 +83,7 @@ class SafePlanning:
         blocks: list[ObstacleAvoidanceBlockData],
         regions: list[ContainmentData],
         settings: Settings,
-        *,
-        equations: bool = True,
     ) -> None:
-        self._equations = equations
         self._model, self._blocks, self._regions = model, blocks, regions
         # Rounds in which margins alone have changed have the same program.
         self._settings = replace(settings, program=KeptProgram())
@@ -104,7 +98,10 @@ class SafePlanning:
         self._recovery = Recovery(model, blocks, regions, self)
 
     def is_for_a_start(self, *, any_point: bool) -> None:
-        """Be content with a motion that is nearly clear, or with any feasible point, on the mesh as it is."""
+        """Be content with a plan that is nearly clear, or with any feasible point, on the mesh as it is.
+
+        The equations of so coarse a mesh lead elsewhere than those of the user's: they are not looked at.
+        """
         self._is_start, self._is_any_start, self._recovery.is_for_a_start = True, any_point, True
         self._meshes.stay()
 
@@ -163,8 +160,7 @@ class SafePlanning:
             return False
         left = self._settings.deadline.left
         shorter = replace(self._settings, deadline=Deadline.after(None if left is None else 0.5 * left))
-        # The equations of so coarse a mesh lead elsewhere than those of the user's.
-        planning = SafePlanning(copy, avoidance_blocks(copy), containments(copy), shorter, equations=False)
+        planning = SafePlanning(copy, avoidance_blocks(copy), containments(copy), shorter)
         # Among few separations margins are cheaper on the user's mesh, among many on the coarse one.
         planning.is_for_a_start(any_point=not many)
         try:
@@ -181,7 +177,9 @@ class SafePlanning:
             return False
         self.rounds += [replace(made, purpose=f"fewer elements: {made.purpose}") for made in planning.rounds]
         self._recovery.initialize_separations()
-        result = self.solve(f"from a plan on {elements_of(copy)} elements", again=True, most_iterations=MOST_ITERATIONS)
+        result = self.solve(
+            f"from a plan on {elements_of(copy)} elements", again=True, most_iterations=ITERATIONS_OF_ONE
+        )
         if result.quality is not Quality.INFEASIBLE:
             self._made_safe(result)
         return True
@@ -209,7 +207,7 @@ class SafePlanning:
         self._began = VariableValues.of_free(self._model)
         result = solve_model(self._model, replace(settings, deadline=self._deadline))
         # A plan that is not feasible is not integrated: its equations do not hold.
-        equations = self._equations and result.quality is not Quality.INFEASIBLE
+        equations = not self._is_start and result.quality is not Quality.INFEASIBLE
         # What is only a start, at any feasible point, is not verified.
         unseen, started = self._is_any_start, time.perf_counter()
         self._reports = (
@@ -240,7 +238,8 @@ class SafePlanning:
         if any(block.record.depends_on_what_is_far for block in self._blocks):
             return False
         guess, found = VariableValues.of_free(self._model), False
-        options = self._settings.options.with_default({"max_iter": MOST_ITERATIONS_WITHOUT_OBSTACLES})
+        # It is only a start: what does not converge quickly is not worth waiting for.
+        options = self._settings.options.with_default({"max_iter": SIDE_ITERATIONS})
         for block in self._blocks:
             block.deactivate()
         try:
@@ -302,7 +301,7 @@ class SafePlanning:
                 for block in self._blocks:
                     clear_margins(block)  # they are those of the motion that is given up
                     block.initialize()
-            result = self.solve(purpose, again=True, most_iterations=MOST_ITERATIONS)
+            result = self.solve(purpose, again=True, most_iterations=ITERATIONS_OF_ONE)
             in_vain = in_vain + 1 if result.quality is Quality.INFEASIBLE else 0
             if in_vain == MOST_IN_VAIN:
                 break

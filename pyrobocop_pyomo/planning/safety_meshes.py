@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from pyrobocop_pyomo.discretisation.first_meshes import MOST_ELEMENTS
 from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.motion.equations_motion import needed_reductions
@@ -23,8 +24,6 @@ from pyrobocop_pyomo.solving.result_text import KEPT_MESH
 
 # As shares of the clearance: larger deviations call for a finer mesh, which aims at the second one.
 LARGEST_SHARE, WANTED_SHARE = 0.25, 0.05
-# How many elements a phase gets at most, and each of them at once.
-MOST_ELEMENTS, MOST_PARTS = 800, 4
 
 
 class SafetyMeshes:
@@ -89,11 +88,8 @@ class SafetyMeshes:
         # A polynomial of degree s deviates by O(h^(s + 1)) inside an element, whatever the order at its end is.
         order = min(scheme.order, scheme.stages)
         tolerance = float(np.mean(errors)) * reduction ** ((order + 1) / order)
-        for parts in range(MOST_PARTS, 1, -1):
-            finer = remesh(mesh, errors, tolerance, order, most_parts=parts)
-            if mesh.elements < finer.elements <= MOST_ELEMENTS:
-                return finer
-        return None
+        finer = remesh(mesh, errors, tolerance, order)
+        return finer if mesh.elements < finer.elements <= MOST_ELEMENTS else None
 
 
 def _reduction(report: SafetyReport) -> float:

@@ -132,7 +132,7 @@ def repetitions(table: IndexArray) -> Iterator[tuple[IndexArray, dict[int, Index
     kinds = np.full(table.shape[1], -1)
     kinds[has_fixed] = np.unique(is_fixed[:, has_fixed], axis=1, return_inverse=True)[1].ravel()
     for kind in range(-1, kinds.max(initial=-1) + 1):
-        places = np.flatnonzero((kinds == kind) & ~same)
+        places = np.flatnonzero((kinds == kind) & ~same).astype(np.int32)
         if places.size:
             yield places, {int(columns[places[0]]): columns[places] for columns in table}
 

@@ -16,7 +16,7 @@ from pyrobocop_pyomo.modeling.variable_values import VariableValues, within_boun
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.obstacles.separation_rows import members_taken_off
 from pyrobocop_pyomo.phases import Algebraic, Control, State, phases_of
-from pyrobocop_pyomo.phases.remeshing import put_on_meshes, rows_taken_off, why_not_remeshed
+from pyrobocop_pyomo.phases.remeshing import put_on_meshes, why_not_remeshed
 from pyrobocop_pyomo.phases.rough_motion import put_rough_motion
 from pyrobocop_pyomo.phases.simulation import SimulationOptions, simulate
 
@@ -148,7 +148,7 @@ def elements_of_copy(model: Any, least: int) -> dict[Any, int]:
 
 
 def _copy_for_other_times(model: Any, phases: Iterable[Any]) -> Any:
-    """A copy without the rows of the phases and separations over their times, unless something else refers to them.
+    """A copy without the separations over the times of phases, unless something else refers to them.
 
     They take most of the time of a copy, and are made anew on another mesh.
     """
@@ -157,7 +157,6 @@ def _copy_for_other_times(model: Any, phases: Iterable[Any]) -> Any:
     copied: dict[int, Any] = {}
     with ExitStack() as stack:
         left_out = [part for block in blocks for part in stack.enter_context(members_taken_off(block))]
-        left_out += [part for phase in phases for part in stack.enter_context(rows_taken_off(phase))]
         copy = model.clone(copied)
     return model.clone() if any(id(part) in copied for part in left_out) else copy
 

@@ -289,18 +289,21 @@ def test_what_the_user_has_set_stays_or_is_refused_by_name() -> None:
     b = m.body
     b.x[0.0].fix(0.7)
     b.x[0.5].setub(1.5)
-    b.u_per_element[0].fix(2.0)
+    b.u.fix(2.0)
     b.drive.setlb(-4)
     b.remesh(FINE)
     assert (b.x[0.0].fixed, b.x[0.0].value, b.x[0.5].ub) == (True, 0.7, 1.5)
     assert [t for t in b.time if b.x[t].fixed or b.x[t].ub is not None] == [0.0, 0.5]
-    assert [b.u[t].fixed for t in b.points] == [t <= 0.25 for t in b.points]
+    assert all(b.u[t].fixed for t in b.points)
     assert all(b.drive[t].lb == -4 for t in b.points)
-    b.x[0.6].setub(1.2)
-    before = text(m)
-    with pytest.raises(ModelError, match=r"'x': the bounds at t = 0\.6"):
-        b.remesh(COARSE)
-    assert text(m) == before
+    for change, words in ((b.x[0.6].setub, r"'x': the bounds at t = 0\.6"), (b.u_per_element[0].fix, "'u': the fixed")):
+        b.u.unfix()
+        change(1.2)
+        before = text(m)
+        with pytest.raises(ModelError, match=words):
+            b.remesh(COARSE)
+        assert text(m) == before
+        b.x[0.6].setub(None)
 
 
 def test_rows_that_are_deactivated_stay_so() -> None:
