@@ -19,9 +19,9 @@ from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.further_boundaries import mesh_of_delays, mesh_with
 from pyrobocop_pyomo.optional_imports import scipy
+from pyrobocop_pyomo.phases.bounds_between_points import changing_places, stated_formulas
 from pyrobocop_pyomo.phases.declarations import FunctionOfTime
 from pyrobocop_pyomo.phases.horizon import real_grid
-from pyrobocop_pyomo.phases.quick_instants import changing_places, stated_formulas
 from pyrobocop_pyomo.phases.remeshing import remesh_phases, why_its_mesh_is_stated
 from pyrobocop_pyomo.phases.rule_formulas import RuleFormulas
 

@@ -23,10 +23,9 @@ from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.phases import Control
-from pyrobocop_pyomo.phases.bounds_between_points import sides_stated
+from pyrobocop_pyomo.phases.bounds_between_points import SAMPLES, instants_to_look_at, sides_stated
 from pyrobocop_pyomo.phases.companions import indices_of
 from pyrobocop_pyomo.phases.instants_inside import InstantsInside
-from pyrobocop_pyomo.phases.quick_instants import SAMPLES, instants_to_look_at
 from pyrobocop_pyomo.phases.rule_formulas import RuleFormulas
 from pyrobocop_pyomo.trajectories import Trajectory
 

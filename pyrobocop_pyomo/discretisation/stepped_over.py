@@ -10,10 +10,9 @@ from pyomo.common.numeric_types import native_numeric_types
 from pyomo.core.expr.numeric_expr import NegationExpression, SumExpression
 
 from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.phases.bounds_between_points import sides_stated
+from pyrobocop_pyomo.phases.bounds_between_points import lowest_value, sides_stated
 from pyrobocop_pyomo.phases.companions import indices_of
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
-from pyrobocop_pyomo.phases.quick_instants import lowest_value
 from pyrobocop_pyomo.phases.record import Statement
 from pyrobocop_pyomo.phases.rule_formulas import RuleFormulas
 

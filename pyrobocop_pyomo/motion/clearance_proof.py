@@ -16,13 +16,12 @@ import numpy as np
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import check_pose, distances_of_points, signed_distance
 from pyrobocop_pyomo.numerics import Array, Indices
+from pyrobocop_pyomo.numerics.interval_arithmetic import Interval
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
 from .bodies import Body
-from .far_pairs import BoxProofs, box_distances
 from .motion import Motion
-from .moving_shapes import MovingShape, PathBounds, halves, moving_shapes
-from .pose_templates import node_times
+from .moving_shapes import SAMPLES, MovingShape, PathBounds, halves, moving_shapes
 from .replayed_motion import replayed_motion
 from .required_clearance import (
     RequiredBounds,
@@ -36,13 +35,9 @@ from .safety_report import BodyPairSafety, SafetyReport
 
 _EPS = float(np.finfo(float).eps)
 _TOLERANCE_PER_CLEARANCE = 0.01
-# Instants per level of the search for the closest instant.
-_SEARCH = 17
-# So many intervals are searched although they are proven: the closest instant is nearly always in one of the three
-# that are proven least.
+# So many intervals of a pair are searched although they are proven: the closest instant is nearly always in one of the
+# three that are proven least. Of the pairs that boxes settle so many are searched as well.
 _SEARCHED = 3
-# So many pairs that boxes settle are searched as well.
-_SEARCHED_FAR_PAIRS = 5
 
 
 def verify_clearance(
@@ -95,26 +90,23 @@ def verify_clearance(
     shapes = moving_shapes(motion, watched)
     with np.errstate(all="ignore"):
         mismatches = {name: [shape.mismatch(motion) for shape in parts] for name, parts in shapes.items()}
-    times = node_times(motion)
-    required = {pair: required_clearance(motion, asked, pair, times) for pair, asked in clearances.items()}
-    for pair, clearance in required.items():
-        _check_tolerance(pair, clearance.least, tolerance)
-    ends = np.array([[times[nodes[0]], times[nodes[-1]]] for nodes in motion.intervals])
+    required = {pair: required_clearance(motion, asked, pair) for pair, asked in clearances.items()}
+    allowed = {pair: _allowed(pair, clearance.least, tolerance) for pair, clearance in required.items()}
+    ends = motion.interpolation.interval_ends
     lengths = {clearance_text(pair): asked.formulas for pair, asked in required.items() if asked.formulas is not None}
     led = replayed_motion(motion, shapes, lengths, equations=equations)
     proofs: list[_Proof] = []
-    jumps: list[Array] = []
     for (first, second), clearance in required.items():
-        settings = ProofSettings(_tolerance(tolerance, clearance.least), depth, max_subintervals)
+        settings = ProofSettings(allowed[first, second], depth, max_subintervals)
         for p, p_mismatch in zip(shapes[first], mismatches[first], strict=True):
             for q, q_mismatch in zip(shapes[second], mismatches[second], strict=True):
                 read = (p.name, q.name, clearance_text((first, second)))
                 deviation = np.sum([led.of(name, len(ends)) for name in read], axis=0)
                 unknown = led.why_unknown if any(name in led.deviation for name in read) else ""
-                proofs.append(_Proof(p, q, clearance, settings, deviation, unknown))
-                jumps.append(p_mismatch + q_mismatch)
+                jumps = p_mismatch + q_mismatch + clearance.mismatch
+                proofs.append(_Proof(p, q, clearance, settings, deviation, jumps, unknown))
     with np.errstate(all="ignore"):  # what is not finite is never proven
-        results = _proven(proofs, ends, jumps)
+        results = _proven(proofs, ends)
     lines = dict.fromkeys(
         name for parts in shapes.values() for shape in parts if shape.template for name in shape.template.parameters
     )
@@ -141,15 +133,13 @@ def _check_pair(bodies: Mapping[str, Body], pair: tuple[str, str]) -> None:
         raise ObstacleError(f"the body pair {pair} is of a body in {sizes[0]} and one in {sizes[1]} dimensions.")
 
 
-def _check_tolerance(pair: tuple[str, str], clearance: float, tolerance: float | None) -> None:
+def _allowed(pair: tuple[str, str], clearance: float, tolerance: float | None) -> float:
+    """By how much the clearance of a pair may be missed."""
     if tolerance is not None and not 0.0 < tolerance < clearance:
         raise ObstacleError(
             f"tolerance = {tolerance!r}: expected a length between 0 and the clearance of {pair}, {clearance:g}. "
             "With a tolerance of 0, bodies that keep their clearance exactly could not be proven to."
         )
-
-
-def _tolerance(tolerance: float | None, clearance: float) -> float:
     return _TOLERANCE_PER_CLEARANCE * clearance if tolerance is None else tolerance
 
 
@@ -166,21 +156,17 @@ def _at_points(
             poses[name, point] = pose
     results = []
     for (first, second), asked in clearances.items():
-        required = np.array([_required_at(motion, asked, (first, second), point) for point in motion.points])
-        _check_tolerance((first, second), float(required.min()), tolerance)
+        rule = asked if is_clearance_rule(asked) else lambda block, t, asked=asked: asked
+        what = clearance_text((first, second))
+        required = np.array([clearance_value(rule(motion.block, point), what) for point in motion.points])
+        allowed = _allowed((first, second), float(required.min()), tolerance)
         for p_name, p in bodies[first].named_parts(first):
             for q_name, q in bodies[second].named_parts(second):
                 distances = np.array(
                     [signed_distance(p, q, poses[first, at], poses[second, at]).distance for at in motion.points]
                 )
-                allowed = _tolerance(tolerance, float(required.min()))
                 results.append(BodyPairSafety.at_points(p_name, q_name, motion.points, distances, required, allowed))
     return SafetyReport(tuple(results), between=False, motion=motion.description)
-
-
-def _required_at(motion: Motion, asked: Any, pair: tuple[str, str], point: Any) -> float:
-    what = clearance_text(pair)
-    return clearance_value(asked(motion.block, point) if is_clearance_rule(asked) else asked, what)
 
 
 # ----------------------------------------------------------------------------------------------- proof of a single pair
@@ -195,34 +181,48 @@ class ProofSettings:
     max_subintervals: int
 
 
-def _proven(proofs: Sequence[_Proof], ends: Array, mismatches: Sequence[Array]) -> list[BodyPairSafety]:
-    """Prove the clearances of all pairs over all intervals.
-
-    Parameters
-    ----------
-    proofs : sequence of _Proof
-    ends : array, shape (intervals, 2)
-        Times of the start and the end of each interval.
-    mismatches : sequence of array, shape (intervals,)
-        Sum of the two shapes' `MovingShape.mismatch`; that of the clearance is added. Intervals with more than the
-        tolerance stay undecided.
-    """
+def _proven(proofs: Sequence[_Proof], ends: Array) -> list[BodyPairSafety]:
+    """Prove the clearances of all pairs over all intervals with the times `ends`, shape (intervals, 2)."""
     if not proofs:
         return []
-    boxes = BoxProofs(proofs, len(ends))
-    far = boxes.far(np.stack([proof.needed for proof in proofs]))
-    least = np.where(far, boxes.bounds.min(axis=1), np.inf)
+    bounds = _bounds_by_boxes(proofs, len(ends))
+    far = np.flatnonzero((bounds >= np.maximum([proof.needed for proof in proofs], 0.0)).all(axis=1))
     # The nearest of the far pairs are searched like all others: the smallest distance of a report is one of theirs.
-    searched = set(np.argsort(least, kind="stable")[:_SEARCHED_FAR_PAIRS].tolist())
-    measured = boxes.measured([k for k in np.flatnonzero(far).tolist() if k not in searched])
+    nearest = np.argsort(bounds[far].min(axis=1), kind="stable")
+    unsearched = set(far[nearest[_SEARCHED:]].tolist())
     results = []
-    for k, (proof, mismatch) in enumerate(zip(proofs, mismatches, strict=True)):
-        if k in measured:
-            proof.is_far(boxes.bounds[k], *measured[k])
-        else:
-            proof.prove(boxes.bounds[k])
-        results.append(proof.result(ends, mismatch))
+    for k, proof in enumerate(proofs):
+        proof.prove(bounds[k], search=k not in unsearched)
+        results.append(proof.result(ends))
     return results
+
+
+def _bounds_by_boxes(proofs: Sequence[_Proof], intervals: int) -> Array:
+    """Lower bounds of the excess of all pairs by the boxes around whole intervals, shape (pairs, intervals).
+
+    The boxes are made once per shape, and compared for all pairs and intervals in one operation. For pairs that are far
+    apart in all intervals that is the whole proof.
+    """
+    whole = np.arange(intervals), np.zeros(intervals), np.ones(intervals)
+    shapes = {id(shape): shape for proof in proofs for shape in (proof.first, proof.second)}
+    clearances = {id(proof.clearance): proof.clearance for proof in proofs}
+    boxes = {key: shape.boxes(*whole) for key, shape in shapes.items()}
+    highest = {key: clearance.bounds(*whole).highest for key, clearance in clearances.items()}
+    bounds = np.stack(
+        [
+            box_distances(boxes[id(proof.first)], boxes[id(proof.second)]) - highest[id(proof.clearance)]
+            for proof in proofs
+        ]
+    )
+    return np.where(np.isnan(bounds), -np.inf, bounds)
+
+
+def box_distances(a: Interval, b: Interval) -> Array:
+    """Lower bounds of the distances of boxes (..., d); ``-inf`` where they meet or are unbounded."""
+    gaps = np.maximum(np.maximum(a.low - b.high, b.low - a.high), 0.0)
+    distances = np.linalg.norm(gaps, axis=-1) * (1.0 - 8 * _EPS)
+    # Boxes that meet say nothing about the depth of an overlap.
+    return np.where(distances > 0.0, distances, -np.inf)
 
 
 class _Proof:
@@ -235,10 +235,13 @@ class _Proof:
         clearance: RequiredClearance,
         settings: ProofSettings,
         deviation: Array,
+        jumps: Array,
         not_replayed: str,
     ) -> None:
         self.first, self.second, self.clearance, self.settings = first, second, clearance, settings
         self.not_replayed = not_replayed
+        # Intervals in which more is wrong with the formulas than the tolerance stay undecided.
+        self.jumps = ~(jumps <= settings.tolerance)
         # More where the equations lead away from the plan.
         self.deviation = deviation
         self.needed = np.where(np.isfinite(deviation), deviation, 0.0) - settings.tolerance
@@ -250,18 +253,15 @@ class _Proof:
         self.undecided: set[int] = set()
         self.subintervals = 0
 
-    def is_far(self, bounds: Array, interval: int, fraction: float, excess: float) -> None:
-        """Take what boxes prove in all intervals, and the closest instant that was measured."""
-        self.proven, self.subintervals = bounds.copy(), len(bounds)
-        self.instant[interval], self.excess[interval] = fraction, excess
-
-    def prove(self, bounds: Array) -> None:
+    def prove(self, bounds: Array, *, search: bool) -> None:
         """Prove what boxes do not prove, interval by interval.
 
         Parameters
         ----------
         bounds : array, shape (intervals,)
             Lower bounds of the excess that boxes around whole intervals prove.
+        search : bool
+            Whether the closest instants are searched; else that in which the boxes are nearest is measured.
         """
         settled = bounds >= np.maximum(self.needed, 0.0)
         self.proven[settled] = bounds[settled]
@@ -272,16 +272,16 @@ class _Proof:
             if len(interval) == 0:
                 break
             interval, start, end = self._level(interval, start, end, level, bounds if level == 0 else None)
-        self._search_closest()
+        if search:
+            self._search_closest()
+        else:
+            self._measure(np.full(3, bounds.argmin()), np.array([0.0, 0.5, 1.0]))
 
-    def result(self, ends: Array, mismatch: Array) -> BodyPairSafety:
+    def result(self, ends: Array) -> BodyPairSafety:
         """What was found, with the times of all intervals."""
         intervals = len(ends)
-        if self.clearance.mismatch is not None:
-            mismatch = mismatch + self.clearance.mismatch
-        jumps = ~(mismatch <= self.settings.tolerance)
-        self.proven[jumps] = -np.inf
-        self.undecided.update(np.flatnonzero(jumps & ~(self.excess < self.needed)).tolist())
+        self.proven[self.jumps] = -np.inf
+        self.undecided.update(np.flatnonzero(self.jumps & ~(self.excess < self.needed)).tolist())
         worst = int(np.nanargmin(self.excess))
         interval_start, interval_end = ends[worst]
         required = self.clearance.values(np.arange(intervals), self.instant)
@@ -406,9 +406,9 @@ class _Proof:
         searched = np.union1d(np.flatnonzero(self.excess < self.needed), least_proven)
         low, high = np.zeros(len(searched)), np.ones(len(searched))
         for _ in range(2):
-            fractions = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, _SEARCH)
-            self._measure(np.repeat(searched, _SEARCH), fractions.ravel())
-            step = (high - low) / (_SEARCH - 1)
+            fractions = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, SAMPLES)
+            self._measure(np.repeat(searched, SAMPLES), fractions.ravel())
+            step = (high - low) / (SAMPLES - 1)
             low = np.maximum(self.instant[searched] - step, 0.0)
             high = np.minimum(self.instant[searched] + step, 1.0)
 

@@ -21,7 +21,7 @@ from pyrobocop_pyomo.trajectories import Trajectory
 
 from .motion import Motion
 from .moving_shapes import MovingShape
-from .pose_templates import SignalFormulas
+from .rules_along_motion import SignalFormulas
 
 # Distances are compared at a number of instants in each element; in between they may be larger, by much less than this.
 BETWEEN_INSTANTS = 1.1
@@ -250,7 +250,7 @@ def _differences(template: SignalFormulas, found: Mapping[int, Any], intervals: 
             moved = [np.interp(fractions, reintegration.fractions, of_element) for of_element in off]
             led[slot] = planned[slot] + np.concatenate(moved)
     with np.errstate(all="ignore"):
-        difference = template.evaluated(led, interval, fraction) - template.evaluated(planned, interval, fraction)
+        difference = template.evaluated(led, len(interval)) - template.evaluated(planned, len(interval))
     return difference.reshape(intervals, len(fractions), -1)
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,52 +17,61 @@ from pyomo.core.expr import cos, sin
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose, planar_pose
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
 from pyrobocop_pyomo.rules.slots import Item
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .interpolation import STATES_ONLY, CollocationInterpolation, NodalInterpolation, item_at
+from .interpolation import STATES_ONLY, Interpolation, Nodes, intervals_of_grid
 from .motion import Motion
 from .sampled_paths import SampledPath
 
-# Names with blanks: those of a user's signals have none.
+# A name with blanks: those of a user's signals have none.
 _TIMES = "times of the path"
-_CONSTANT = "constant "
 BETWEEN_POINTS = "straight lines between the points, on which bodies turn at constant rates"
 
 
 @dataclass(frozen=True, eq=False)
-class PathInterpolation(NodalInterpolation):
-    """Sampled paths: linear between the points, but for what is constant on each interval and jumps at its end.
+class GivenInterpolation(Interpolation):
+    """Polynomials that are given as numbers, for what a model of parameters has at the nodes; time is real time.
 
     Attributes
     ----------
-    model : Block or None
-        That of the paths.
-    angles : mapping of name to mapping of float to float
-        By the name of a turn, the angle of each interval by its start.
+    intervals : tuple of tuples
+        Nodes of each interval, both ends included.
+    samples : mapping of name to array, shape (intervals, k)
+        By the name of a parameter: values at ``k`` evenly spaced fractions of each interval.
+    description : str
+        What the motion is, in words.
+    refusal : str
+        What is said of a parameter without them.
+    has_equations : bool
+        False for a trajectory: it was made of equations that are not at hand.
     """
 
-    model: Any = None
-    angles: Mapping[str, Mapping[float, float]] = field(default_factory=dict)
+    intervals: Nodes
+    samples: Mapping[str, Array]
+    description: str = BETWEEN_POINTS
+    refusal: str = ""
+    has_equations: bool = True
+
+    def joins_lines(self, signal: Item) -> bool:
+        """False: the parameters of the model are what moves."""
+        return False
+
+    def refuse(self, signal: Item, *, early: bool = False) -> None:
+        """Refuse what has no polynomials."""
+        if signal.component.local_name not in self.samples:
+            raise ObstacleError(f"'{signal.name}' {self.refusal}")
 
     def polynomial(self, signal: Item, interval: int) -> list[Any]:
-        """Values at both ends; of a constant that of the interval, of a turn zero and the angle."""
-        start, end = self.support[interval]
-        name = signal.component.local_name
-        if name.startswith(_CONSTANT):
-            return [item_at(signal, start)] * 2
-        if name in self.angles:
-            return [0.0, self.angles[name][start]]
-        return [item_at(signal, start), item_at(signal, end)]
+        """The values at evenly spaced fractions."""
+        found: list[Any] = self.samples[signal.component.local_name][interval].tolist()
+        return found
 
     def polynomial_weights(self, signal: Item, interval: int, fractions: ArrayLike) -> Array:
-        """Of the values at both ends."""
-        local = np.atleast_1d(np.asarray(fractions, dtype=float))
-        return np.column_stack([1.0 - local, local])
-
-    def is_time_of(self, block: Any) -> bool:
-        """True for the model of the paths."""
-        return block is self.model
+        """Lagrange polynomials on these fractions."""
+        count = self.samples[signal.component.local_name].shape[1]
+        return evaluation_matrix(np.linspace(0.0, 1.0, count), fractions)
 
 
 def motion_along_paths(
@@ -88,26 +97,16 @@ def motion_along_paths(
     model = ConcreteModel(name="path")
     model.add_component(_TIMES, Set(initialize=points, ordered=True))
     model.time_at = _same
+    samples: dict[str, Array] = {}
     for name, values in (signals or {}).items():
         if not isinstance(name, str) or not name.isidentifier() or hasattr(model, name):
             raise ObstacleError(f"a signal has the name {name!r}, which a pose rule cannot read as block.name[t].")
-        _add(model, name, values)
-    angles: dict[str, Mapping[float, float]] = {}
+        _add_line(model, samples, name, values)
     rules = {}
     for number, (name, path) in enumerate(paths.items(), start=1):
-        if path.rotations is None:
-            rules[name] = _planar_rule(model, number, path)
-        else:
-            rules[name] = _spatial_rule(model, number, path, angles)
-    intervals = tuple(itertools.pairwise(points))
-    interpolation = PathInterpolation(
-        intervals, intervals, _accept, BETWEEN_POINTS, is_assumed=False, model=model, angles=angles
-    )
-    return Motion(model, points, interpolation), rules
-
-
-def _accept(signal: Item) -> None:
-    """Everything that a sampled path has is continuous, or a constant of a formula that is."""
+        make = _planar_rule if path.rotations is None else _spatial_rule
+        rules[name] = make(model, samples, number, path)
+    return Motion(model, points, GivenInterpolation(tuple(pairwise(points)), samples)), rules
 
 
 def _add(model: Any, name: str, values: Array) -> str:
@@ -116,10 +115,16 @@ def _add(model: Any, name: str, values: Array) -> str:
     return name
 
 
-def _planar_rule(model: Any, number: int, path: SampledPath) -> Callable[..., Any]:
+def _add_line(model: Any, samples: dict[str, Array], name: str, values: Array) -> str:
+    """What is linear from each time to the next."""
+    samples[name] = np.column_stack([values[:-1], values[1:]])
+    return _add(model, name, values)
+
+
+def _planar_rule(model: Any, samples: dict[str, Array], number: int, path: SampledPath) -> Callable[..., Any]:
     assert path.angles is not None
-    x, y = (_add(model, f"{axis} {number}", path.positions[:, k]) for k, axis in enumerate("xy"))
-    theta = _add(model, f"theta {number}", path.angles)
+    columns = {"x": path.positions[:, 0], "y": path.positions[:, 1], "theta": path.angles}
+    x, y, theta = (_add_line(model, samples, f"{name} {number}", of) for name, of in columns.items())
 
     def pose(block: Any, t: Any) -> Pose:
         return planar_pose(getattr(block, x)[t], getattr(block, y)[t], getattr(block, theta)[t])
@@ -127,9 +132,7 @@ def _planar_rule(model: Any, number: int, path: SampledPath) -> Callable[..., An
     return pose
 
 
-def _spatial_rule(
-    model: Any, number: int, path: SampledPath, angles_of: dict[str, Mapping[float, float]]
-) -> Callable[..., Any]:
+def _spatial_rule(model: Any, samples: dict[str, Array], number: int, path: SampledPath) -> Callable[..., Any]:
     """Rodrigues' formula on each interval: ``R_k (u u' + (I - u u') cos(angle) + [u] sin(angle))``, ``u`` the axis."""
     assert path.rotations is not None
     turns = np.vstack([path.turns(), np.zeros(3)])
@@ -138,16 +141,21 @@ def _spatial_rule(
     along = axes[:, :, None] * axes[:, None, :]
     crossed = np.cross(axes[:, None, :], np.eye(3)[None, :, :]).transpose(0, 2, 1)
     factors = [path.rotations @ along, path.rotations @ (np.eye(3) - along), path.rotations @ crossed]
-    position = [_add(model, f"{axis} {number}", path.positions[:, k]) for k, axis in enumerate("xyz")]
+    position = [_add_line(model, samples, f"{axis} {number}", path.positions[:, k]) for k, axis in enumerate("xyz")]
+
+    def constant(name: str, values: Array) -> str:
+        samples[name] = values[:-1, None]
+        return _add(model, name, values)
+
     entries = [
         [
-            [_add(model, f"{_CONSTANT}{number} {kind} {i}{j}", of[:, i, j]) for kind, of in enumerate(factors)]
+            [constant(f"constant {number} {kind} {i}{j}", of[:, i, j]) for kind, of in enumerate(factors)]
             for j in range(3)
         ]
         for i in range(3)
     ]
     turn = _add(model, f"turn {number}", np.zeros(len(angles)))
-    angles_of[turn] = dict(zip(path.times.tolist(), angles.tolist(), strict=True))
+    samples[turn] = np.column_stack([np.zeros(len(angles) - 1), angles[:-1]])
 
     def pose(block: Any, t: Any) -> Pose:
         angle = getattr(block, turn)[t]
@@ -166,41 +174,11 @@ def _spatial_rule(
 # -------------------------------------------------------------------------------------------------------- trajectories
 
 
-class TrajectoryInterpolation(CollocationInterpolation):
-    """States of a `Trajectory`, on a model that has its values; time is real time."""
-
-    def __init__(self, trajectory: Trajectory, model: Any) -> None:
-        super().__init__(trajectory.grid)
-        self.trajectory, self.model = trajectory, model
-
-    @property
-    def owner(self) -> str:
-        """The trajectory."""
-        return f"of trajectory '{self.trajectory.name}'"
-
-    def refuse(self, signal: Item) -> None:
-        """Refuse what is no state."""
-        if signal.component.local_name not in self.trajectory.states:
-            raise ObstacleError(f"'{signal.name}' is no state of trajectory '{self.trajectory.name}'. {STATES_ONLY}")
-
-    def joins_lines(self, signal: Item) -> bool:
-        """False: the parameters of the model are the states."""
-        return False
-
-    def is_time_of(self, block: Any) -> bool:
-        """True for the model that stands for the phase."""
-        return block is self.model
-
-    def rates(self, signal: Item) -> Any:
-        """Derivative of a state by collocation point; None where the trajectory has none."""
-        values = self.trajectory.rates.get(signal.component.local_name)
-        return None if values is None else dict(zip(self.grid.points, values.tolist(), strict=True))
-
-
 def motion_along_trajectory(trajectory: Trajectory) -> Motion:
     """The motion of a trajectory's states, by the polynomials of its scheme; rules read them as of its phase."""
     model = ConcreteModel(name=trajectory.name)
-    times, points = tuple(trajectory.grid.times), tuple(trajectory.grid.points)
+    grid = trajectory.grid
+    times, points = tuple(grid.times), tuple(grid.points)
     for names, index in ((trajectory.states, times), (trajectory.signals, points)):
         for name, values in names.items():
             given = dict(zip(index, values.tolist(), strict=True))
@@ -208,7 +186,14 @@ def motion_along_trajectory(trajectory: Trajectory) -> Motion:
     for name, value in trajectory.parameters.items():
         model.add_component(name, Param(initialize=value))
     model.time_at = _same
-    return Motion(model, times, TrajectoryInterpolation(trajectory, model))
+    interpolation = GivenInterpolation(
+        intervals_of_grid(grid),
+        trajectory.element_polynomials(np.linspace(0.0, 1.0, grid.scheme.stages + 2)),
+        f"the polynomials of the states of trajectory '{trajectory.name}' ({grid.scheme.name})",
+        f"is no state of trajectory '{trajectory.name}'. {STATES_ONLY}",
+        has_equations=False,
+    )
+    return Motion(model, times, interpolation)
 
 
 def _same(t: Any) -> Any:

@@ -12,23 +12,28 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.param import Param
 from pyomo.core.base.var import Var
+from pyomo.core.expr.numvalue import value
 from pyomo.dae import DerivativeVar
+from pyomo.repn import generate_standard_repn
 
 from pyrobocop_pyomo.continuous.record import Discretisation
 from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.modeling.expressions import same_expression
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
+from pyrobocop_pyomo.numerics.rounding import ROUNDING
 from pyrobocop_pyomo.phases import PhaseBlockData
 from pyrobocop_pyomo.phases.horizon import element_widths
 from pyrobocop_pyomo.rules.slots import Item
-
-from .simultaneous_phases import refuse_other_times
 
 Nodes = tuple[tuple[float, ...], ...]
 
@@ -49,11 +54,14 @@ class Interpolation(ABC):
         Whether nothing in the model says that the motion between the nodes is this one.
     phase : PhaseBlock or None
         Whose states move.
+    has_equations : bool
+        Whether the equations of the motion, where it has any, are on the model.
     """
 
     intervals: Nodes
     is_assumed: bool = False
     phase: Any = None
+    has_equations: bool = True
 
     @property
     @abstractmethod
@@ -61,8 +69,15 @@ class Interpolation(ABC):
         """What the motion between the nodes is, in words."""
 
     @abstractmethod
-    def refuse(self, signal: Item) -> None:
-        """Raise `ObstacleError` for a signal whose polynomial is not continuous."""
+    def refuse(self, signal: Item, *, early: bool = False) -> None:
+        """Raise `ObstacleError` for a signal whose polynomial is not continuous.
+
+        Parameters
+        ----------
+        signal : Item
+        early : bool
+            True while the model is still being stated: what ties two durations may come later.
+        """
 
     @abstractmethod
     def polynomial(self, signal: Item, interval: int) -> list[Any]:
@@ -76,13 +91,10 @@ class Interpolation(ABC):
         """Whether a signal has values at the nodes only, which are joined by lines: parameters over the nodes."""
         return signal.component.ctype is Param
 
-    def check(self, signal: Item) -> None:
-        """Raise `ObstacleError` for a signal that is not continuous."""
+    def check(self, signal: Item, *, early: bool = False) -> None:
+        """Raise `ObstacleError` for a signal that is not continuous; `early` as for `refuse`."""
         if not self.joins_lines(signal):
-            self.refuse(signal)
-
-    def check_early(self, signal: Item) -> None:  # noqa: B027
-        """The same while the model is still being stated: only for what can never become continuous."""
+            self.refuse(signal, early=early)
 
     def leaves(self, signal: Item, interval: int) -> list[Any]:
         """What the motion of a signal on one interval is made of."""
@@ -96,21 +108,38 @@ class Interpolation(ABC):
             return line_weights(self.intervals[interval], fractions)
         return self.polynomial_weights(signal, interval, fractions)
 
-    def is_time_of(self, block: Any) -> bool:
-        """Whether ``block.time_at`` maps the indices to time."""
-        return False
-
-    def check_time_of(self, block: Any) -> None:
-        """Raise `ObstacleError` where ``block.time_at`` is not that of the indices."""
-        if not self.is_time_of(block):
-            raise ObstacleError(f"time_at(t) is read from '{block.name}', whose time is not that of the set of points.")
+    def check_time_of(self, phase: Any) -> None:
+        """Raise `ObstacleError` where ``phase.time_at`` does not map the indices to time."""
+        raise ObstacleError(f"time_at(t) is read from '{phase.name}', whose time is not that of the set of points.")
 
     def time_at(self, index: float) -> Any:
         """Time at an index: a number or an expression."""
         return index
 
+    def node_times(self) -> dict[float, float]:
+        """The time of every node, as a number."""
+        # Between the boundaries of an element time is linear in the index.
+        times: dict[float, float] = {}
+        for nodes in self.intervals:
+            start, end = (float(value(self.time_at(node))) for node in (nodes[0], nodes[-1]))
+            for node in nodes:
+                times[node] = start + (node - nodes[0]) / (nodes[-1] - nodes[0]) * (end - start)
+        return times
+
+    @property
+    def interval_ends(self) -> Array:
+        """Times of the start and the end of each interval, shape ``(intervals, 2)``."""
+        times = self.node_times()
+        return np.array([[times[nodes[0]], times[nodes[-1]]] for nodes in self.intervals])
+
 
 # ---------------------------------------------------------------------------------------------- collocation polynomials
+
+
+def intervals_of_grid(grid: Grid) -> Nodes:
+    """The nodes of each element, its end included."""
+    ends = grid.mesh.boundaries[1:]
+    return tuple(nodes if nodes[-1] == end else (*nodes, end) for nodes, end in zip(grid.node_times, ends, strict=True))
 
 
 class CollocationInterpolation(Interpolation):
@@ -123,11 +152,7 @@ class CollocationInterpolation(Interpolation):
     """
 
     def __init__(self, grid: Grid) -> None:
-        self.grid = grid
-        ends = grid.mesh.boundaries[1:]
-        self.intervals = tuple(
-            nodes if nodes[-1] == end else (*nodes, end) for nodes, end in zip(grid.node_times, ends, strict=True)
-        )
+        self.grid, self.intervals = grid, intervals_of_grid(grid)
 
     @property
     @abstractmethod
@@ -184,34 +209,28 @@ class PhaseInterpolation(CollocationInterpolation):
         names = ", ".join(f"'{phase.name}'" for phase in self._phases)
         return f"of phase{'s' if len(self._phases) > 1 else ''} {names}"
 
-    def _home_of(self, signal: Item) -> Any:
-        """The phase that a signal is a state of; this one unless it is read from another."""
-        home = signal.component.parent_block()
+    def _home_of(self, component: Any) -> Any:
+        """The phase that something is a state of; this one unless it is read from another."""
+        home = None if component is None else component.parent_block()
         return home if isinstance(home, PhaseBlockData) else self.phase
 
     def _state_of(self, signal: Item) -> tuple[Any, str | None]:
         """Phase and name of a state; no name for what is none."""
         # States, algebraics and controls alike have a value at a collocation point.
         component = parent_of(item_at(signal, self.grid.points[0]))
-        home = component.parent_block() if component is not None else None
-        home = home if isinstance(home, PhaseBlockData) else self.phase
-        name = getattr(component, "local_name", None)
+        home, name = self._home_of(component), getattr(component, "local_name", None)
         is_state = name in home.record.names_of_states and home.component(name) is component
         return home, name if is_state else None
 
-    def refuse(self, signal: Item) -> None:
+    def refuse(self, signal: Item, *, early: bool = False) -> None:
         """Refuse what is no state of the phase, or of one at the same times."""
-        refuse_other_times(self.phase, self._home_of(signal))
+        refuse_other_times(self.phase, self._home_of(signal.component), early=early)
         home, name = self._state_of(signal)
-        refuse_other_times(self.phase, home)
+        refuse_other_times(self.phase, home, early=early)
         if name is None:
             raise ObstacleError(f"'{signal.name}' is no state of phase '{home.name}'. {STATES_ONLY}")
         if not any(home is phase for phase in self._phases):
             self._phases.append(home)
-
-    def check_early(self, signal: Item) -> None:
-        """Refuse states of a phase that has other times; ties of two durations may come later."""
-        refuse_other_times(self.phase, self._home_of(signal), early=True)
 
     def rates(self, signal: Item) -> Any:
         """Derivative of a state, where it has an equation."""
@@ -219,11 +238,9 @@ class PhaseInterpolation(CollocationInterpolation):
         known = name in home.record.rates or home.component(f"{name}_derivative") is not None
         return home.derivative(name) if known else None
 
-    def is_time_of(self, block: Any) -> bool:
-        """True for this phase, and for one that happens at the same time."""
-        if block is not self.phase and isinstance(block, PhaseBlockData):
-            refuse_other_times(self.phase, block)
-        return isinstance(block, PhaseBlockData)
+    def check_time_of(self, phase: Any) -> None:
+        """Refuse a phase that does not happen at the same time."""
+        refuse_other_times(self.phase, phase)
 
     def width(self, interval: int) -> Any:
         """Width of an element, in time."""
@@ -238,6 +255,60 @@ class PhaseInterpolation(CollocationInterpolation):
         return self.phase.time_at(index)
 
 
+def refuse_other_times(phase: Any, other: Any, *, early: bool = False) -> None:
+    """Refuse to read the states of a phase at the times of another one, unless both are the same times.
+
+    Parameters
+    ----------
+    phase, other : PhaseBlockData
+        The phase whose times are the set of points, and the one that is read.
+    early : bool
+        True while the model is still being stated: what ties two durations may come later.
+
+    Raises
+    ------
+    ObstacleError
+        Naming both phases.
+    """
+    if phase is other:
+        return
+    remedy = "Give both phases the same start, duration, mesh and scheme, or add a block for each of them."
+    if phase.grid.scheme.name != other.grid.scheme.name or phase.grid.times != other.grid.times:
+        raise ObstacleError(
+            f"states of phase '{other.name}' are read at the times of phase '{phase.name}', which has other points of "
+            f"time. {remedy}"
+        )
+    if not (phase.has_normalised_time or other.has_normalised_time) or early:
+        return
+    free = phase.record.free_widths or other.record.free_widths
+    if free or not (_same(phase.start, other.start) and _same_durations(phase, other)):
+        raise ObstacleError(
+            f"states of phase '{other.name}' are read at the times of phase '{phase.name}', but nothing says that both "
+            f"happen at the same time. Tie them by a constraint, {phase.name}.duration == {other.name}.duration, with "
+            "the same fixed start and without free element widths; or give both the same fixed duration."
+        )
+
+
+def _same(first: Any, second: Any) -> bool:
+    if isinstance(first, Real) and isinstance(second, Real):
+        return abs(float(first) - float(second)) <= ROUNDING * max(1.0, abs(float(first)))
+    return not isinstance(first, Real) and not isinstance(second, Real) and same_expression(first, second)
+
+
+def _same_durations(phase: Any, other: Any) -> bool:
+    pair = (phase.duration, other.duration)
+    if any(isinstance(duration, Real) for duration in pair):
+        return _same(*pair)
+    wanted = {id(duration) for duration in pair}
+    for row in phase.model().component_data_objects(Constraint, active=True, descend_into=True):
+        if row.equality and {id(v) for v in variables_in(row.body)} == wanted:
+            form = generate_standard_repn(row.body - row.upper)
+            size = max(map(abs, form.linear_coefs), default=0.0)
+            if form.is_linear() and max(abs(sum(form.linear_coefs)), abs(form.constant)) <= ROUNDING * size:
+                return True
+    return False
+
+
 class ContinuousSetInterpolation(CollocationInterpolation):
     """States along a `ContinuousSet` that the transformation `pyrobocop.collocation` has discretised."""
 
@@ -250,7 +321,7 @@ class ContinuousSetInterpolation(CollocationInterpolation):
         """The set."""
         return f"along '{self.discretisation.domain.name}'"
 
-    def refuse(self, signal: Item) -> None:
+    def refuse(self, signal: Item, *, early: bool = False) -> None:
         """Refuse what has no derivative along the set."""
         component = parent_of(item_at(signal, self.grid.points[0]))
         if not any(state is component for state in self.discretisation.states):
@@ -291,10 +362,6 @@ class NodalInterpolation(Interpolation):
         What the motion is, in words.
     is_assumed : bool
         Whether nothing in the model says so.
-    is_plain : bool
-        Whether the points are plain numbers.
-    has_lines : bool
-        Whether parameters are joined by lines from node to node, other than what the polynomials are for.
     """
 
     intervals: Nodes
@@ -302,21 +369,10 @@ class NodalInterpolation(Interpolation):
     refusal: Callable[[Item], None]
     description: str = "straight lines between the points, which is assumed"
     is_assumed: bool = True
-    is_plain: bool = False
-    has_lines: bool = False
 
-    def refuse(self, signal: Item) -> None:
+    def refuse(self, signal: Item, *, early: bool = False) -> None:
         """Raise what `refusal` raises."""
         self.refusal(signal)
-
-    def joins_lines(self, signal: Item) -> bool:
-        """True for parameters over a continuous set; elsewhere the polynomials hold for everything."""
-        return self.has_lines and signal.component.ctype is Param
-
-    def check_early(self, signal: Item) -> None:
-        """Raise it for plain numbers: derivatives along a continuous set may be declared later."""
-        if self.is_plain:
-            self.refuse(signal)
 
     def polynomial(self, signal: Item, interval: int) -> list[Any]:
         """Values at the nodes."""
@@ -327,6 +383,16 @@ class NodalInterpolation(Interpolation):
         start, end = self.intervals[interval][0], self.intervals[interval][-1]
         local = [(node - start) / (end - start) for node in self.support[interval]]
         return evaluation_matrix(local, fractions)
+
+
+def _refuse_nothing(signal: Item) -> None:
+    """What is read at points that have no order is not followed between them."""
+
+
+# Of points that are not ordered in time.
+ALONE = NodalInterpolation(
+    (), (), _refuse_nothing, "the points alone; nothing is known of the motion between them", is_assumed=False
+)
 
 
 def dae_interpolation(domain: Any) -> NodalInterpolation:
@@ -356,20 +422,18 @@ def dae_interpolation(domain: Any) -> NodalInterpolation:
     if "tau_points" not in facts:
         intervals = tuple(itertools.pairwise(points))
         words = f"straight lines between the points of '{domain.name}' ({facts['scheme']}), which is assumed"
-        return NodalInterpolation(intervals, intervals, refuse, words, has_lines=True)
+        return NodalInterpolation(intervals, intervals, refuse, words)
     boundaries = domain.get_finite_elements()
     intervals = tuple(
         tuple(point for point in points if start <= point <= end) for start, end in itertools.pairwise(boundaries)
     )
     count = len(facts["tau_points"])
     words = f"the polynomials of the states along '{domain.name}' ({facts['scheme']})"
-    return NodalInterpolation(
-        intervals, tuple(nodes[:count] for nodes in intervals), refuse, words, is_assumed=False, has_lines=True
-    )
+    return NodalInterpolation(intervals, tuple(nodes[:count] for nodes in intervals), refuse, words, is_assumed=False)
 
 
 def _has_derivative(component: Any, domain: Any) -> bool:
-    """Whether the model has a derivative of a variable along a set now: it may be declared later than the motion."""
+    """Whether the model has a derivative of a variable along a set."""
     # pyomo.dae turns the derivatives that it has discretised into plain variables.
     components = domain.model().component_objects((Var, DerivativeVar), descend_into=True)
     return any(

@@ -5,23 +5,20 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from numbers import Real
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
-from pyomo.core.expr import LinearExpression
 from pyomo.dae import ContinuousSet
 
 from pyrobocop_pyomo.continuous.record import discretisation_of
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.modeling.expressions import is_plain_variable
 from pyrobocop_pyomo.numerics.rounding import ROUNDING
 from pyrobocop_pyomo.phases import PhaseBlockData
-from pyrobocop_pyomo.rules.rule_template import templated
-from pyrobocop_pyomo.rules.slots import Always, Clock, Item, NamedItem, Place, Slot, Time
+from pyrobocop_pyomo.rules.slots import Item
 
 from .interpolation import (
+    ALONE,
     ContinuousSetInterpolation,
     Interpolation,
     NodalInterpolation,
@@ -30,7 +27,7 @@ from .interpolation import (
     item_at,
     parent_of,
 )
-from .pose_rules import asked_pose
+from .rules_along_motion import checked_pose, expressions_between, pose_formulas, rule_at_node
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,18 +40,18 @@ class Motion:
         First argument of pose rules.
     points : tuple
         Members of the set.
-    interpolation : Interpolation or None
-        None for points that are not ordered in time: there is no motion between them.
+    interpolation : Interpolation
+        Without intervals for points that are not ordered in time: there is no motion between them.
     """
 
     block: Any
     points: tuple[Any, ...]
-    interpolation: Interpolation | None
+    interpolation: Interpolation
 
     @property
     def intervals(self) -> tuple[tuple[float, ...], ...]:
         """Nodes of each interval, both ends included; empty where there is no motion between the points."""
-        return () if self.interpolation is None else self.interpolation.intervals
+        return self.interpolation.intervals
 
     @property
     def nodes(self) -> list[float]:
@@ -78,23 +75,21 @@ class Motion:
     @property
     def phase(self) -> Any:
         """The phase whose states move along the points; None where there is none."""
-        return None if self.interpolation is None else self.interpolation.phase
+        return self.interpolation.phase
 
     @property
     def description(self) -> str:
         """What the motion between the points is, and how that is known, in words."""
-        if self.interpolation is None:
-            return "the points alone; nothing is known of the motion between them"
         return self.interpolation.description
 
     @property
     def is_assumed(self) -> bool:
         """Whether nothing in the model says that bodies move like this."""
-        return self.interpolation is not None and self.interpolation.is_assumed
+        return self.interpolation.is_assumed
 
     def time_at(self, index: Any) -> Any:
         """Time at an index: the index itself, or an expression where the duration is free."""
-        return index if self.interpolation is None else self.interpolation.time_at(index)
+        return self.interpolation.time_at(index)
 
     def pose_at_node(self, rule: Callable[..., Any], t: Any, *, name: str = "body") -> Any:
         """Pose at a point of the set, or at a node of an interval.
@@ -102,15 +97,10 @@ class Motion:
         Raises
         ------
         ObstacleError
-            Naming the body and the time, when the rule has no result there.
+            Naming the body and the time, when the rule has no result there, or no pose.
         """
-        try:
-            return asked_pose(lambda: rule(self.block, t), rule, self.block, name)
-        except KeyError as error:
-            raise ObstacleError(
-                f"the pose of '{name}' has no value at t = {t!r} ({error}). It is evaluated at every point and at both "
-                "ends of every interval, where states have values, but controls and algebraics may have none."
-            ) from error
+        with rule_at_node(self, rule, f"the pose of '{name}'", t):
+            return checked_pose(rule(self.block, t), self.block, name)
 
     def pose_at(self, rule: Callable[..., Any], interval: int, fraction: float, *, name: str = "body") -> Any:
         """Pose at a local fraction of an interval, in expressions of the variables at the nodes.
@@ -131,81 +121,15 @@ class Motion:
         ObstacleError
             When the pose reads a signal that is not continuous, or the rule cannot be evaluated between nodes.
         """
-        if self.interpolation is None:
-            raise ObstacleError(f"the pose of '{name}' between points: these points are not ordered in time.")
+        what = f"the pose of '{name}'"
+        if not self.intervals:
+            raise ObstacleError(f"{what} between points: these points are not ordered in time.")
         if not 0.0 <= fraction <= 1.0:
-            raise ObstacleError(f"the pose of '{name}' at fraction {fraction!r} of an interval; expected 0 to 1.")
+            raise ObstacleError(f"{what} at fraction {fraction!r} of an interval; expected 0 to 1.")
         index = self.index_at(interval, fraction)
         if index in self.intervals[interval]:
             return self.pose_at_node(rule, index, name=name)
-        what, at_node = f"the pose of '{name}'", partial(self.pose_at_node, rule, name=name)
-        return asked_pose(lambda: self.between_nodes(rule, interval, fraction, what, at_node), rule, self.block, name)
-
-    def formulas_between_nodes(self, rule: Any, label: str, ask: Callable[[Any], Any]) -> Any:
-        """What a rule says for all times; `label` is for messages.
-
-        Parameters
-        ----------
-        rule : callable
-        label : str
-            What it is about, in messages.
-        ask : callable
-            Asks it at a node, and names a mistake in it.
-
-        Raises
-        ------
-        ObstacleError
-            When it has to know the time as a number.
-        """
-        formulas = templated(rule).formulas(self.block)
-        if formulas is None:
-            ask(self.intervals[0][0])
-            raise ObstacleError(
-                f"{label} cannot be asked between the nodes: its rule goes by a number that t or a variable has at the "
-                "moment, as by pyo.value(t), math.cos(t) or an 'if'. Compute with t and with the variables themselves, "
-                "by Pyomo's functions: pyo.cos(t)."
-            )
-        return formulas
-
-    def between_nodes(
-        self, rule: Callable[..., Any], interval: int, fraction: float, label: str, ask: Callable[[Any], Any]
-    ) -> Any:
-        """What a rule says at a local fraction of an interval, with interpolated signals; see `formulas_between_nodes`.
-
-        Raises
-        ------
-        ObstacleError
-            When it has to know the time as a number, or reads what has no value between the nodes.
-        """
-        index, formulas = self.index_at(interval, fraction), self.formulas_between_nodes(rule, label, ask)
-        try:
-            return formulas.at(lambda slot: self._between(slot, interval, fraction, index))
-        except ObstacleError as error:
-            raise error if label in str(error) else ObstacleError(f"{label}: {error}") from error
-
-    def _between(self, slot: Slot, interval: int, fraction: float, index: float) -> Any:
-        """What stands in the place of a slot between the nodes."""
-        interpolation = self.interpolation
-        assert interpolation is not None
-        if isinstance(slot, NamedItem):
-            return slot.formulas(ObstacleError).at(lambda inner: self._between(inner, interval, fraction, index))
-        if isinstance(slot, (Always, Time, Clock)):
-            return slot.on_model(Place(self.block, index))
-        if not isinstance(slot, Item):
-            refuse_between_nodes(slot)
-        interpolation.check(slot)
-        weights = interpolation.weights(slot, interval, fraction)[0].tolist()
-        leaves = interpolation.leaves(slot, interval)
-        if all(map(is_plain_variable, leaves)):
-            return LinearExpression(linear_vars=leaves, linear_coefs=weights)
-        return sum(weight * leaf for weight, leaf in zip(weights, leaves, strict=True))
-
-
-def refuse_between_nodes(slot: Slot) -> NoReturn:
-    """Raise `ObstacleError` for what has no motion between the nodes: a delayed value, a derivative, a rate."""
-    raise ObstacleError(
-        f"a rule reads '{slot.component.name}' by {type(slot).__name__.lower()}, which has no answer between the nodes."
-    )
+        return expressions_between(self, pose_formulas(self, rule, name), interval, fraction, what)
 
 
 def motion_of(point_set: Any, parent_block: Any) -> Motion:
@@ -232,7 +156,7 @@ def motion_of(point_set: Any, parent_block: Any) -> Motion:
         return Motion(parent_block, tuple(point_set), PhaseInterpolation(home))
     points = tuple(point_set)
     if not _is_ordered(point_set) or not all(map(_is_number, points)):
-        return Motion(parent_block, points, None)
+        return Motion(parent_block, points, ALONE)
     for before, after in itertools.pairwise(points):
         if not before < after:
             raise ObstacleError(
@@ -240,11 +164,9 @@ def motion_of(point_set: Any, parent_block: Any) -> Motion:
                 f"but {before:g} is followed by {after:g}. Sort them, or use names for points without an order."
             )
     if len(points) < 2:
-        return Motion(parent_block, points, None)
+        return Motion(parent_block, points, ALONE)
     intervals = tuple(itertools.pairwise(points))
-    return Motion(
-        parent_block, points, NodalInterpolation(intervals, intervals, _refuse_sampled_states(points[0]), is_plain=True)
-    )
+    return Motion(parent_block, points, NodalInterpolation(intervals, intervals, _refuse_sampled_states(points[0])))
 
 
 def _continuous_interpolation(domain: Any) -> Interpolation:

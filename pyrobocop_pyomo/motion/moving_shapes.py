@@ -7,16 +7,19 @@ from typing import Any
 
 import numpy as np
 
+from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.numerics import Array, Indices
 from pyrobocop_pyomo.numerics.interval_arithmetic import Interval
+from pyrobocop_pyomo.rules.rule_template import templated
 
 from .bodies import Body
 from .motion import Motion
-from .pose_templates import SignalFormulas, node_times, template_of
+from .rules_along_motion import SignalFormulas, pose_formulas
 
 _EPS = float(np.finfo(float).eps)
-_SAMPLES = 17
+# Instants of an interval at which shapes are measured, where they are to be searched or may be distorted.
+SAMPLES = 17
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +59,7 @@ class MovingShape:
         largest = np.zeros(len(motion.intervals))
         if self.template is not None:
             d = self.shape.dimension
-            interval, difference = self.template.mismatch(motion)
+            interval, difference = self.template.mismatch()
             rotation = difference[:, : d * d].reshape(-1, d, d)
             moved = _rotated(rotation, self.shape.vertices) + difference[:, None, d * d :]
             # Rays count with unit length.
@@ -70,8 +73,8 @@ class MovingShape:
     def _distortion(self, template: SignalFormulas, intervals: int) -> Array:
         """Largest distance of a corner from its place on a rigid body, at samples of each interval."""
         d = self.shape.dimension
-        interval = np.repeat(np.arange(intervals), _SAMPLES)
-        entries = template.values(interval, np.tile(np.linspace(0.0, 1.0, _SAMPLES), intervals))
+        interval = np.repeat(np.arange(intervals), SAMPLES)
+        entries = template.values(interval, np.tile(np.linspace(0.0, 1.0, SAMPLES), intervals))
         rotation = entries[:, : d * d].reshape(-1, d, d)
         # The nearest rotation has singular values of one. The proof deals with values that are not finite.
         finite = np.isfinite(rotation).all(axis=(1, 2))
@@ -83,14 +86,7 @@ class MovingShape:
 
     def boxes(self, interval: Indices, start: Array, end: Array) -> Interval:
         """Axis-aligned boxes that contain the shape during each subinterval, shape ``(m, d)``."""
-        if self.template is not None:
-            return self.path_bounds(interval, start, end).boxes()
-        vertices, rays = self.shape.vertices, self.shape.rays
-        slack = 8 * _EPS * np.abs(vertices).max() + self.shape.radius
-        low = np.where((rays < 0.0).any(axis=0), -np.inf, vertices.min(axis=0) - slack)
-        high = np.where((rays > 0.0).any(axis=0), np.inf, vertices.max(axis=0) + slack)
-        alike = (len(interval), len(low))
-        return Interval(np.broadcast_to(low, alike), np.broadcast_to(high, alike))
+        return self.path_bounds(interval, start, end).boxes()
 
     def path_bounds(self, interval: Indices, start: Array, end: Array) -> PathBounds:
         """Bounds on the corners' paths over subintervals ``[start, end]`` of intervals."""
@@ -185,11 +181,32 @@ def moving_shapes(motion: Motion, bodies: dict[str, Body]) -> dict[str, list[Mov
         Naming the body whose pose cannot be followed between the nodes.
     """
     shapes = {}
-    times = node_times(motion)
     for name, body in bodies.items():
-        template = None if body.pose is None else template_of(motion, body.pose, name, body.dimension, times)
+        template = None if body.pose is None else template_of(motion, body.pose, name, body.dimension)
         shapes[name] = [MovingShape(label, part, template) for label, part in body.named_parts(name)]
     return shapes
+
+
+def template_of(motion: Motion, rule: Any, name: str, dimension: int) -> SignalFormulas:
+    """What a pose rule says along a motion.
+
+    Raises
+    ------
+    ObstacleError
+        Naming the body, as `SignalFormulas`; also when the rule is no template, or does not return a pose of the body's
+        dimension.
+    """
+    what, formulas = f"the pose of '{name}'", pose_formulas(motion, rule, name)
+    pose = formulas.depending(lambda slot: False)
+    if pose.dimension != dimension:
+        raise ObstacleError(
+            f"{what}: its rule returned {pose!r}; expected a Pose in {dimension} dimensions, by "
+            f"{'planar_pose' if dimension == 2 else 'spatial_pose'}."
+        )
+    if getattr(templated(rule).rule, "skips_points", False):  # a table says nothing beyond its ends
+        for node in motion.nodes:
+            motion.pose_at_node(rule, node, name=name)
+    return SignalFormulas(motion, formulas, what)
 
 
 def halves(interval: Indices, start: Array, end: Array) -> tuple[Indices, Array, Array]:

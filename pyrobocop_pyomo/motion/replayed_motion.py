@@ -17,14 +17,13 @@ from pyrobocop_pyomo.links.tied_starts import ties_of
 from pyrobocop_pyomo.modeling.blocks import BuiltBlockData
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.phases import PhaseBlockData
-from pyrobocop_pyomo.phases.quick_instants import unseen_on_the_way
+from pyrobocop_pyomo.phases.bounds_between_points import unseen_on_the_way
 
 from .equations_motion import EquationsMotion, equations_motion
-from .given_motions import TrajectoryInterpolation
 from .interpolation import parent_of
 from .motion import Motion
 from .moving_shapes import MovingShape
-from .pose_templates import SignalFormulas
+from .rules_along_motion import SignalFormulas
 
 PLAN_ALONE = "equations=False asks for the plan alone."
 NO_EQUATIONS = "a trajectory has no equations. Where its phase is at hand, ask its avoidance block: block.verify()."
@@ -55,7 +54,7 @@ def replayed_motion(
         Its deviations are those of what reads variables that move: NaN where nobody looked, and a lower bound where
         `why_unknown` says that not everything was seen. Everything else has no other motion than the plan.
     """
-    alone = isinstance(motion.interpolation, TrajectoryInterpolation)
+    alone = not motion.interpolation.has_equations
     named = {shape.name: shape.template for parts in shapes.values() for shape in parts} | dict(lengths or {})
     moving = {name: of for name, of in named.items() if of is not None}
     read = {name: of for name, of in moving.items() if alone or _components(of)}

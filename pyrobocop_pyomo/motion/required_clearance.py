@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -16,7 +15,7 @@ from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.numerics import Array, Indices
 
 from .motion import Motion
-from .pose_templates import SignalFormulas, node_times
+from .rules_along_motion import SignalFormulas, formulas_between
 
 _EPS = float(np.finfo(float).eps)
 
@@ -56,13 +55,13 @@ class RequiredClearance:
         The least of its values at the nodes.
     formulas : SignalFormulas or None
         None where the same distance is required at all times.
-    mismatch : array, shape (intervals,), or None
+    mismatch : array, shape (intervals,), or 0
         Largest difference of the formulas from the rule at the nodes of each interval, where signals jump.
     """
 
     least: float
     formulas: SignalFormulas | None = None
-    mismatch: Array | None = None
+    mismatch: Array | float = 0.0
 
     def values(self, interval: Indices, fraction: Array) -> Array:
         """What is required at local fractions of intervals, shape ``(m,)``."""
@@ -85,9 +84,7 @@ class RequiredClearance:
         return RequiredBounds(at_start, at_end, np.fmin(above + rounding, form.value.high), low)
 
 
-def required_clearance(
-    motion: Motion, asked: Any, pair: tuple[str, str], times: Mapping[float, float] | None = None
-) -> RequiredClearance:
+def required_clearance(motion: Motion, asked: Any, pair: tuple[str, str]) -> RequiredClearance:
     """The clearance of a body pair at the current values of the model.
 
     Parameters
@@ -98,8 +95,6 @@ def required_clearance(
         A rule is called as ``rule(block, t)``, like that of a pose.
     pair : (str, str)
         Names of the two bodies, for messages.
-    times : mapping of node to float, optional
-        `node_times` of the motion, where they are known already.
 
     Raises
     ------
@@ -111,9 +106,9 @@ def required_clearance(
         return RequiredClearance(clearance_value(asked, what))
     with slips_explained(asked, what, motion.block, ("b", "t"), ObstacleError):
         least = min(clearance_value(asked(motion.block, node), f"{what} at t = {node:g}") for node in motion.nodes)
-        said = motion.formulas_between_nodes(asked, what, partial(asked, motion.block))
-        formulas = SignalFormulas(motion, said, what, node_times(motion) if times is None else times)
-    interval, difference = formulas.mismatch(motion)
+        said = formulas_between(motion, asked, what, partial(asked, motion.block))
+        formulas = SignalFormulas(motion, said, what)
+    interval, difference = formulas.mismatch()
     mismatch = np.zeros(len(motion.intervals))
     np.maximum.at(mismatch, interval, np.nan_to_num(np.abs(difference[:, 0])))
     return RequiredClearance(least, formulas, mismatch)

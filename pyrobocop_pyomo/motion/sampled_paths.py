@@ -20,9 +20,8 @@ TURNS = ("shorter", "as given")
 QUATERNION_ORDERS = ("wxyz", "xyzw")
 # Quaternions of files and messages are rounded; what is farther from length one is most likely no quaternion.
 _LENGTH_ERROR = 1e-3
+# Of matrices; and a turn this close to half a turn has no shorter way.
 _ROTATION_ERROR = 1e-6
-# A turn this close to half a turn has no shorter way.
-_HALF_TURN = 1e-6
 _SHAPES = {
     2: "(N, 2) for x, y; (N, 3) for x, y, theta; (N, 3, 3) for homogeneous matrices; or a list of Pose",
     3: "(N, 3) for x, y, z; (N, 6) for x, y, z, roll, pitch, yaw; (N, 7) for x, y, z and a quaternion; (N, 4, 4) for "
@@ -66,35 +65,6 @@ class SampledPath:
         fraction = (times - self.times[interval]) / (self.times[interval + 1] - self.times[interval])
         turned = scipy.spatial.transform.Rotation.from_rotvec(fraction[:, None] * self.turns()[interval]).as_matrix()
         return SampledPath(times, positions, None, self.rotations[interval] @ turned)
-
-
-def read_times(given: Any, label: str) -> Array:
-    """Increasing finite numbers, two or more.
-
-    Raises
-    ------
-    ObstacleError
-        Saying which of them does not fit.
-    """
-    try:
-        times = np.array(given, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise ObstacleError(f"{label}: expected numbers, such as seconds: {error}.") from None
-    if times.ndim != 1 or len(times) < 2:
-        raise ObstacleError(
-            f"{label}: an array of shape {times.shape}; expected two times or more, shape (N,). Where only the order "
-            "of the poses is known, give range(N)."
-        )
-    if not np.isfinite(times).all():
-        raise ObstacleError(f"{label}: the time of row {int(np.argmin(np.isfinite(times)))} is not finite.")
-    wrong = np.flatnonzero(np.diff(times) <= 0.0)
-    if len(wrong):
-        k = int(wrong[0])
-        raise ObstacleError(
-            f"{label}: times must increase, but row {k + 1} ({times[k + 1]:g}) follows row {k} ({times[k]:g}). Sort "
-            "the rows, and leave out those that are repeated."
-        )
-    return times
 
 
 def read_path(
@@ -170,10 +140,9 @@ def _planar(poses: Array, times: Array, label: str, turns: str) -> SampledPath:
         positions = poses[:, :2]
         angles = poses[:, 2] if poses.shape[1] == 3 else np.zeros(len(poses))
     if turns == "shorter":
-        steps = np.diff(angles)
-        shorter = np.remainder(steps + np.pi, 2.0 * np.pi) - np.pi
-        _refuse_half_turns(np.abs(shorter), label)
-        changed = int((np.abs(shorter - steps) > 1e-9).sum())
+        shorter = np.unwrap(angles)
+        _refuse_half_turns(np.abs(np.diff(shorter)), label)
+        changed = int((np.abs(np.diff(shorter - angles)) > _ROTATION_ERROR).sum())
         if changed:
             logger.info(
                 "%s: %d steps of the heading are longer than half a turn; the body is taken to turn the shorter way. "
@@ -181,12 +150,12 @@ def _planar(poses: Array, times: Array, label: str, turns: str) -> SampledPath:
                 label,
                 changed,
             )
-            angles = angles[0] + np.concatenate([[0.0], np.cumsum(shorter)])
+        angles = shorter
     return SampledPath(times, positions, angles, None)
 
 
 def _refuse_half_turns(angles: Array, label: str) -> None:
-    half = np.flatnonzero(angles >= np.pi - _HALF_TURN)
+    half = np.flatnonzero(angles >= np.pi - _ROTATION_ERROR)
     if len(half):
         raise ObstacleError(
             f"{label}: from row {half[0]} to row {half[0] + 1} the body turns by half a turn, and both ways are "

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import comb
+from typing import Any
 
 import numpy as np
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.modeling.functions import Function
 from pyrobocop_pyomo.numerics import Array, Indices
-from pyrobocop_pyomo.numerics.bernstein import bernstein_matrix, derivative_coefficients, restrict
+from pyrobocop_pyomo.numerics.bernstein import restrict
 from pyrobocop_pyomo.numerics.interval_arithmetic import Interval
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.numerics.taylor_forms import TaylorForm, taylor_form_of_polynomial
 from pyrobocop_pyomo.optional_imports import scipy
 
 _EPS = float(np.finfo(float).eps)
-# Slopes on both sides of a knot that differ by less, relative to the largest, are equal up to rounding.
-_SAME_SLOPE = 1e-10
 
 
 class TableFunction(Function):
@@ -42,8 +41,13 @@ class TableFunction(Function):
         self, name: str, knots: Array, values: Array, names: Sequence[str], *, kind: str = "linear", holds: bool = True
     ) -> None:
         self.knots, self.holds = knots, holds
-        # Bernstein coefficients of each piece, shape (pieces, degree + 1, outputs).
-        self.pieces = _linear_pieces(values) if kind == "linear" else _cubic_pieces(knots, values)
+        interpolate = scipy.interpolate
+        if kind == "linear":
+            curve = interpolate.BPoly(np.stack([values[:-1], values[1:]]), knots)
+        else:
+            curve = interpolate.BPoly.from_power_basis(interpolate.CubicSpline(knots, values, bc_type="natural"))
+        # Polynomials of the local fraction of each piece, by Bernstein coefficients (degree + 1, pieces, outputs).
+        self._orders = [curve.derivative(order) for order in range(3)]
         super().__init__(
             self._value_at,
             self._slope_at,
@@ -56,21 +60,10 @@ class TableFunction(Function):
 
     # ---------------------------------------------------------------- at instants
 
-    def _place(self, points: Array) -> tuple[Indices, Array, Array]:
-        """Piece, local fraction, and width of the piece; the ends of the table stand for what is outside."""
-        times = np.clip(points[:, 0], self.knots[0], self.knots[-1])
-        piece = np.clip(np.searchsorted(self.knots, times, side="right") - 1, 0, len(self.knots) - 2)
-        width = self.knots[piece + 1] - self.knots[piece]
-        return piece, (times - self.knots[piece]) / width, width
-
     def _derivative_at(self, points: Array, order: int) -> Array:
-        piece, fraction, width = self._place(points)
-        coefficients = np.moveaxis(self.pieces[piece], 1, 2)
-        for _ in range(order):
-            coefficients = derivative_coefficients(coefficients) / width[:, None, None]
-        basis = bernstein_matrix(coefficients.shape[2] - 1, fraction)
-        found = np.einsum("mok,mk->mo", coefficients, basis)
-        outside = (points[:, 0] < self.knots[0]) | (points[:, 0] > self.knots[-1])
+        times = points[:, 0]
+        found = self._orders[order](np.clip(times, self.knots[0], self.knots[-1]))
+        outside = (times < self.knots[0]) | (times > self.knots[-1])
         return np.where(outside[:, None], 0.0, found) if order else found
 
     def _value_at(self, points: Array) -> Array:
@@ -121,35 +114,15 @@ class TableFunction(Function):
         width = self.knots[piece + 1] - self.knots[piece]
         start = (np.clip(low - rounding, self.knots[piece], self.knots[piece + 1]) - self.knots[piece]) / width
         end = (np.clip(high + rounding, self.knots[piece], self.knots[piece + 1]) - self.knots[piece]) / width
-        values = self.pieces[piece, :, output]
-        slopes = derivative_coefficients(values) / width[:, None]
-        curvatures = derivative_coefficients(slopes) / width[:, None]
-        form = taylor_form_of_polynomial(
-            (
-                restrict(values, start, end),
-                restrict(slopes, start, end),
-                restrict(curvatures, start, end),
-            )
-        )
+        value, slope, curvature = (restrict(of.c[:, piece, output].T, start, end) for of in self._orders)
+        form = taylor_form_of_polynomial((value, slope, curvature))
         return form.value, form.first, form.second
 
     def _kinks(self, output: int) -> Array:
         """Knots at which the slope jumps; the ends too, where it is not zero."""
-        coefficients = self.pieces[:, :, output]
-        slopes = derivative_coefficients(coefficients) / np.diff(self.knots)[:, None]
-        before, after = np.append(0.0, slopes[:, -1]), np.append(slopes[:, 0], 0.0)
-        return self.knots[np.abs(after - before) > _SAME_SLOPE * np.abs(slopes).max(initial=0.0)]
-
-
-def _linear_pieces(values: Array) -> Array:
-    return np.stack([values[:-1], values[1:]], axis=1)
-
-
-def _cubic_pieces(knots: Array, values: Array) -> Array:
-    spline = scipy.interpolate.CubicSpline(knots, values, bc_type="natural")
-    powers = spline.c[::-1] * np.diff(knots)[None, :, None] ** np.arange(4)[:, None, None]  # in local fractions
-    shares = np.array([[comb(j, i) / comb(3, i) if i <= j else 0.0 for i in range(4)] for j in range(4)])
-    return np.einsum("ji,ipo->pjo", shares, powers)
+        slopes = self._orders[1].c[:, :, output]
+        before, after = np.append(0.0, slopes[-1]), np.append(slopes[0], 0.0)
+        return np.asarray(self.knots[np.abs(after - before) > NEGLIGIBLE * np.abs(slopes).max(initial=0.0)])
 
 
 def _hull(bounds: list[Interval]) -> Interval:
@@ -163,18 +136,30 @@ def _widened(bound: Interval, where: Array, number: float) -> Interval:
     )
 
 
-def checked_times(label: str, times: Sequence[float]) -> Array:
-    """Times of a table as an array.
+def increasing_times(given: Any, label: str) -> Array:
+    """Finite numbers that increase, two or more.
 
     Raises
     ------
     ObstacleError
-        When they are not finite, do not increase, or are fewer than two.
+        Saying which of them does not fit.
     """
-    found = np.asarray(times, dtype=float)
-    if found.ndim != 1 or len(found) < 2 or not np.isfinite(found).all():
-        raise ObstacleError(f"{label}: its times are {times!r}; expected at least two finite numbers.")
-    if not (np.diff(found) > 0).all():
-        k = int(np.argmax(np.diff(found) <= 0))
-        raise ObstacleError(f"{label}: its times must increase, but {found[k]:g} is followed by {found[k + 1]:g}.")
-    return found
+    try:
+        times = np.array(given, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise ObstacleError(f"{label}: expected numbers, such as seconds: {error}.") from None
+    if times.ndim != 1 or len(times) < 2:
+        raise ObstacleError(
+            f"{label}: an array of shape {times.shape}; expected two times or more, shape (N,). Where only the order "
+            "of the poses is known, give range(N)."
+        )
+    if not np.isfinite(times).all():
+        raise ObstacleError(f"{label}: the time of row {int(np.argmin(np.isfinite(times)))} is not finite.")
+    wrong = np.flatnonzero(np.diff(times) <= 0.0)
+    if len(wrong):
+        k = int(wrong[0])
+        raise ObstacleError(
+            f"{label}: times must increase, but row {k + 1} ({times[k + 1]:g}) follows row {k} ({times[k]:g}). Sort "
+            "the rows, and leave out those that are repeated."
+        )
+    return times

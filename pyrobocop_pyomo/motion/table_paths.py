@@ -13,7 +13,7 @@ from pyrobocop_pyomo.geometry import Pose, planar_pose, spatial_pose
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
-from .table_functions import TableFunction, checked_times
+from .table_functions import TableFunction, increasing_times
 
 
 class TablePath:
@@ -72,7 +72,7 @@ class TablePath:
     ) -> None:
         if kind not in ("linear", "cubic"):
             raise ObstacleError(f'TablePath: kind is {kind!r}; it is "linear" or "cubic".')
-        self.times = checked_times("TablePath", times)
+        self.times = increasing_times(times, "TablePath")
         self.kind, self.hold_ends, self.clock = kind, bool(hold_ends), clock
         given = {"x": x, "y": y, "theta": theta}
         if z is not None:

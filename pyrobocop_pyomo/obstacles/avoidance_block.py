@@ -21,7 +21,7 @@ from pyrobocop_pyomo.motion.clearance_proof import verify_clearance
 from pyrobocop_pyomo.motion.safety_report import SafetyReport
 from pyrobocop_pyomo.presentation import table
 
-from .avoidance_record import AvoidanceOptions, AvoidanceRecord, MotionSegment, segments_of_motion
+from .avoidance_record import AvoidanceRecord, MotionSegment, make_record, segments_of_motion
 from .block_arguments import MotionBlock, MotionBlockData, set_of_points, sort_arguments
 from .broad_phase import (
     BUILT_WITHOUT_GUESS,
@@ -33,11 +33,17 @@ from .broad_phase import (
     places_of,
 )
 from .clearances import ClearanceRule, asked_at, least_possible, update_estimates, verified_clearances
-from .clocks import check_rules, doubtful_clock
 from .impossible_gaps import check_gaps
-from .initial_checks import check_fixed_poses, check_poses, has_values, warn_about_quaternions
-from .initial_separations import start_all, start_new, start_one
-from .planes import SeparationIndex, declare_planes, set_norm
+from .initial_checks import (
+    check_fixed_poses,
+    check_poses,
+    check_rules,
+    doubtful_clock,
+    has_values,
+    warn_about_quaternions,
+)
+from .initial_separations import set_start_values
+from .planes import SeparationIndex, declare_planes, normal_of, set_norm
 from .scene import BodyPair
 from .separation_rows import (
     add_poses,
@@ -90,20 +96,10 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
         rows = [(name, "moves" if body.moves else "rests", shapes[name]) for name, body in bodies.items()]
         return [table(("body", "motion", "shape"), rows)] if rows else []
 
-    def build(self, points: Any, **options: Any) -> None:
-        """Build the block; for rules of indexed blocks, with the arguments of the class.
-
-        Raises
-        ------
-        ObstacleError
-            When the arguments contradict themselves; nothing is then left on the block.
-        """
-        self._build_once(points, **options)
-
     def _build(self, points: Any, *, equations: bool = True, **options: Any) -> None:
         self.equations = equations
         points = set_of_points(self, points)
-        self._record = record = AvoidanceOptions(**options).record(self._what, points)
+        self._record = record = make_record(self._what, points, **options)
         numbers = {pair: asked for pair, asked in record.asked.items() if isinstance(asked, float)}
         self.clearance = Param(
             list(numbers), initialize=numbers, mutable=True, doc="clearance of each body pair that has a number"
@@ -188,7 +184,7 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
         record.directions = given
         with PauseGC():
             apply_broad_phase(self, snapshot)
-            record.overlapping = start_all(self, snapshot, units, seed)
+            record.overlapping = set_start_values(self, snapshot, list(record.segments.values()), units, seed)
             # The ball is easier for solvers, the sphere pushes shapes apart.
             self.set_norm("ball" if record.overlapping else "sphere")
 
@@ -206,7 +202,7 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
         snapshot = Snapshot(self.record, self._what)
         segments = self.record.segments
         return {
-            index: proven_gap(*snapshot.placed_pair(segment), self._normal(index))
+            index: proven_gap(*snapshot.placed_pair(segment), normal_of(self, index))
             for index, segment in segments.items()
         }
 
@@ -254,13 +250,16 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
         left, right = segment.halves(motion)
         with PauseGC():
             add_poses(record, motion, (left, right))
-            margin, normal = value(self.margin[segment.index]), self._normal(segment.index)
+            margin, normal = value(self.margin[segment.index]), normal_of(self, segment.index)
             remove_separations(self, record, [segment])
             for half in (left, right):
                 add_separation(self, record, half)
                 record.pinned.add(half.index)
                 self.margin[half.index] = margin
-                start_one(self, Snapshot(record, self._what), half, normal)
+            length = np.linalg.norm(normal)
+            bodies = record.scene.parts[first].body, record.scene.parts[second].body
+            known = {bodies: normal / length} if np.isfinite(length) and length > 0.0 else {}
+            set_start_values(self, Snapshot(record, self._what), (left, right), known)
         return left.index, right.index
 
     def restore_near(self, missed: Iterable[tuple[str, str, Hashable]]) -> list[SeparationIndex]:
@@ -288,7 +287,7 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
             units = record.scene.unit_directions(self._what, record.directions)
             with PauseGC():
                 add_back(self, record, added)
-                start_new(self, snapshot, added, units)
+                set_start_values(self, snapshot, added, units)
         return [segment.index for segment in added]
 
     def set_margin(self, first: str, second: str, start: Hashable, margin: float) -> None:
@@ -306,10 +305,6 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
             for index in record.segments:
                 set_norm(self, index, norm)
         record.norm_now = norm
-
-    def _normal(self, index: SeparationIndex) -> np.ndarray:
-        entries = [value(self.normal[(*index, axis)], exception=False) for axis in self.axes]
-        return np.array([np.nan if entry is None else entry for entry in entries], dtype=float)
 
     def _segment(self, first: str, second: str, start: Hashable) -> MotionSegment:
         index = (first, second, start)

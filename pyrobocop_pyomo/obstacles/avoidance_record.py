@@ -165,66 +165,47 @@ class AvoidanceRecord:
         return found
 
 
-# ------------------------------------------------------------------------------------------------------------- options
+def make_record(
+    label: str,
+    points: Any,
+    *,
+    bodies: Any = None,
+    obstacles: Any = None,
+    clearance: Any = None,
+    body: Any = None,
+    pose: Callable[..., Any] | None = None,
+    body_pairs: Any = None,
+    exclude: Any = (),
+    between: str | None = "plane",
+    broad_phase: Any = "auto",
+) -> AvoidanceRecord:
+    """The record of a new block, from the arguments of `ObstacleAvoidanceBlock`.
 
-
-@dataclass(frozen=True, kw_only=True)
-class AvoidanceOptions:
-    """The arguments of `ObstacleAvoidanceBlock`, except its points."""
-
-    bodies: Any = None
-    obstacles: Any = None
-    clearance: Any = None
-    body: Any = None
-    pose: Callable[..., Any] | None = None
-    body_pairs: Any = None
-    exclude: Any = ()
-    between: str | None = "plane"
-    broad_phase: float | str | None = "auto"
-
-    def record(self, label: str, points: Any) -> AvoidanceRecord:
-        """The record of a new block.
-
-        Raises
-        ------
-        ObstacleError
-            When the scene or the options contradict themselves.
-        """
-        if self.clearance is None:
-            raise ObstacleError(f"{label}: clearance= is missing: the distance to be kept, a length > 0.")
-        scene = make_scene(
-            label,
-            bodies=self._bodies(label),
-            obstacles=self.obstacles,
-            body_pairs=self.body_pairs,
-            exclude=self.exclude,
-        )
-        asked = asked_clearances(label, scene.body_pairs, scene.bodies, self.clearance)
-        if self.between not in ("plane", None):
-            raise ObstacleError(f'{label}: between is {self.between!r}; it is "plane" or None.')
-        self._check_broad_phase(label, [number for number in asked.values() if isinstance(number, float)])
-        return AvoidanceRecord(scene, points, self.between is not None, self.broad_phase, asked=asked)
-
-    def _bodies(self, label: str) -> Any:
-        if self.body is None:
-            if self.pose is not None:
-                raise ObstacleError(f"{label}: pose= goes with body=; with bodies=, give Body(shape, pose=rule).")
-            return self.bodies
-        if self.bodies is not None:
-            raise ObstacleError(f"{label}: give bodies= or body=, not both.")
-        if self.pose is None:
-            raise ObstacleError(f"{label}: body= needs pose=rule, which says where it is: rule(block, t) -> Pose.")
-        return {"body": Body(self.body, self.pose)}
-
-    def _check_broad_phase(self, label: str, clearances: list[float]) -> None:
-        length = self.broad_phase
-        if length is None or (isinstance(length, str) and length == "auto"):
-            return
-        if not isinstance(length, Real) or isinstance(length, bool) or not math.isfinite(length):
-            raise ObstacleError(f'{label}: broad_phase is {length!r}; it is "auto", a length, or None.')
-        largest = max(clearances, default=0.0)
-        if length <= largest:
+    Raises
+    ------
+    ObstacleError
+        When the scene or the options contradict themselves.
+    """
+    if clearance is None:
+        raise ObstacleError(f"{label}: clearance= is missing: the distance to be kept, a length > 0.")
+    if body is None and pose is not None:
+        raise ObstacleError(f"{label}: pose= goes with body=; with bodies=, give Body(shape, pose=rule).")
+    if body is not None and bodies is not None:
+        raise ObstacleError(f"{label}: give bodies= or body=, not both.")
+    if body is not None and pose is None:
+        raise ObstacleError(f"{label}: body= needs pose=rule, which says where it is: rule(block, t) -> Pose.")
+    named = bodies if body is None else {"body": Body(body, pose)}
+    scene = make_scene(label, bodies=named, obstacles=obstacles, body_pairs=body_pairs, exclude=exclude)
+    asked = asked_clearances(label, scene.body_pairs, scene.bodies, clearance)
+    if between not in ("plane", None):
+        raise ObstacleError(f'{label}: between is {between!r}; it is "plane" or None.')
+    if not (broad_phase is None or (isinstance(broad_phase, str) and broad_phase == "auto")):
+        if not isinstance(broad_phase, Real) or isinstance(broad_phase, bool) or not math.isfinite(broad_phase):
+            raise ObstacleError(f'{label}: broad_phase is {broad_phase!r}; it is "auto", a length, or None.')
+        largest = max((number for number in asked.values() if isinstance(number, float)), default=0.0)
+        if broad_phase <= largest:
             raise ObstacleError(
-                f"{label}: broad_phase {length:g} leaves out body pairs that are nearer than the clearance "
+                f"{label}: broad_phase {broad_phase:g} leaves out body pairs that are nearer than the clearance "
                 f"{largest:g}. Take several times the clearance."
             )
+    return AvoidanceRecord(scene, points, between is not None, broad_phase, asked=asked)

@@ -19,6 +19,16 @@ class MotionBlockData(BuiltBlockData):
 
     _error = ObstacleError
 
+    def build(self, points: Any, **options: Any) -> None:
+        """Build the block; for rules of indexed blocks, with the arguments of the class.
+
+        Raises
+        ------
+        ObstacleError
+            When the arguments contradict themselves; nothing is then left on the block.
+        """
+        self._build_once(points, **options)
+
     @property
     def record(self) -> Any:
         """The facts behind this block: its points, bodies and poses."""

@@ -15,6 +15,7 @@ import numpy as np
 from pyrobocop_pyomo.geometry import distances_of_points
 from pyrobocop_pyomo.motion.safety_report import SafetyReport
 from pyrobocop_pyomo.numerics import Array, BoolArray
+from pyrobocop_pyomo.optional_imports import scipy
 
 from .avoidance_record import AvoidanceRecord, MotionSegment
 from .planes import SeparationIndex
@@ -136,24 +137,14 @@ def _earlier_or_later(record: AvoidanceRecord, segments: Sequence[MotionSegment]
     """Also the intervals shortly before and after one that is near: plans change the speed of a guess first."""
     if not record.per_interval:
         return near
-    count = 1 + max(segment.interval or 0 for segment in segments)
-    reached = int(np.ceil(EARLIER_OR_LATER * count))
-    places: dict[tuple[str, str], list[int]] = defaultdict(list)
-    for k in np.flatnonzero(near).tolist():
-        places[segments[k].first, segments[k].second].append(segments[k].interval or 0)
-    widened = {}
-    for pair, intervals in places.items():
-        kept = np.zeros(count, dtype=bool)
-        for interval in intervals:
-            kept[max(interval - reached, 0) : interval + reached + 1] = True
-        widened[pair] = kept
-    return np.array(
-        [
-            (segment.first, segment.second) in widened
-            and bool(widened[segment.first, segment.second][segment.interval or 0])
-            for segment in segments
-        ]
-    )
+    pairs = {pair: k for k, pair in enumerate(dict.fromkeys((of.first, of.second) for of in segments))}
+    row = np.array([pairs[of.first, of.second] for of in segments], dtype=int)
+    interval = np.array([of.interval for of in segments], dtype=int)
+    reached = np.zeros((len(pairs), 1 + interval.max(initial=0)), dtype=bool)
+    reached[row[near], interval[near]] = True
+    width = 2 * int(np.ceil(EARLIER_OR_LATER * reached.shape[1])) + 1
+    widened = scipy.ndimage.maximum_filter1d(reached, width, axis=1, mode="constant", cval=False)
+    return np.asarray(widened[row, interval])
 
 
 def apply_broad_phase(block: Any, snapshot: Snapshot) -> None:
@@ -163,16 +154,9 @@ def apply_broad_phase(block: Any, snapshot: Snapshot) -> None:
         return
     everywhere = [*record.segments.values(), *record.pruned.values()]
     kept = near_segments(snapshot, everywhere)
-    removed = [
-        segment
-        for segment, near in zip(everywhere, kept.tolist(), strict=True)
-        if not near and segment.index in record.segments and segment.index not in record.pinned
-    ]
-    added = [
-        segment
-        for segment, near in zip(everywhere, kept.tolist(), strict=True)
-        if near and segment.index in record.pruned
-    ]
+    near, far = ([everywhere[k] for k in np.flatnonzero(of).tolist()] for of in (kept, ~kept))
+    removed = [of for of in far if of.index in record.segments and of.index not in record.pinned]
+    added = [of for of in near if of.index in record.pruned]
     remove_separations(block, record, removed)
     record.pruned.update({segment.index: segment for segment in removed})
     add_back(block, record, added)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Iterable, Mapping
+from collections.abc import Collection, Hashable, Iterable, Mapping
 from functools import partial
 from numbers import Real
 from typing import Any
@@ -13,12 +13,12 @@ from pyomo.core.expr.numvalue import NumericValue, is_fixed, value
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
-from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.motion.motion import Motion
 from pyrobocop_pyomo.motion.required_clearance import clearance_text, clearance_value, is_clearance_rule
+from pyrobocop_pyomo.motion.rules_along_motion import expressions_between, formulas_between, rule_at_node
 from pyrobocop_pyomo.rules.rule_template import RuleTemplate
 
-BodyPair = tuple[str, str]
+from .scene import BodyPair, checked_pair
 
 
 class ClearanceRule(RuleTemplate):
@@ -33,7 +33,7 @@ def _is_length(number: Any) -> bool:
 
 
 def asked_clearances(
-    label: str, body_pairs: Iterable[BodyPair], bodies: Iterable[str], clearance: Any
+    label: str, body_pairs: Iterable[BodyPair], bodies: Collection[str], clearance: Any
 ) -> dict[BodyPair, Any]:
     """The clearance of each watched body pair: a float, an expression or a `ClearanceRule`.
 
@@ -46,7 +46,7 @@ def asked_clearances(
     if isinstance(clearance, IndexedComponent) and clearance.is_indexed():
         clearance = {key: clearance[key] for key in clearance}
     if isinstance(clearance, Mapping):
-        asked = {frozenset(_checked_key(label, key, bodies)): given for key, given in clearance.items()}
+        asked = {frozenset(checked_pair(label, "clearance", key, bodies)): given for key, given in clearance.items()}
         missing = [pair for pair in pairs if frozenset(pair) not in asked]
         if missing:
             raise ObstacleError(
@@ -63,16 +63,6 @@ def asked_clearances(
     else:
         asked = {frozenset(pair): clearance for pair in pairs}
     return {pair: _checked_clearance(label, pair, asked[frozenset(pair)]) for pair in pairs}
-
-
-def _checked_key(label: str, given: Any, bodies: Iterable[str]) -> BodyPair:
-    if not (isinstance(given, tuple) and len(given) == 2 and given[0] != given[1]):
-        raise ObstacleError(f"{label}: clearance= holds {given!r}; expected a pair of two different names.")
-    for name in given:
-        if name not in bodies:
-            listed = ", ".join(f"'{body}'" for body in bodies)
-            raise ObstacleError(f"{label}: clearance= names {name!r}, which is not among {listed}.")
-    return given
 
 
 def _checked_clearance(label: str, pair: BodyPair, given: Any) -> Any:
@@ -110,20 +100,13 @@ def length_at(motion: Motion, rule: ClearanceRule, pair: BodyPair, segment: Any,
         Naming the body pair and the time.
     """
     what, time = clearance_text(pair), segment.times[position]
-    if segment.interval is None or time in motion.intervals[segment.interval]:
-        try:
-            with slips_explained(rule.rule, what, motion.block, ("b", "t"), ObstacleError, time):
-                phase = motion.phase
-                found = rule(motion.block, time if phase is None else phase.record.index_for_rule(phase, time, what))
-        except KeyError as error:
-            raise ObstacleError(
-                f"{what} has no value at t = {time!r} ({error}). It is evaluated at every point and at both ends of "
-                "every interval, where states have values, but controls and algebraics may have none."
-            ) from error
-    else:
-        with slips_explained(rule.rule, what, motion.block, ("b", "t"), ObstacleError):
-            at, ask = segment.fractions[position], partial(rule, motion.block)
-            found = motion.between_nodes(rule, segment.interval, at, what, ask)
+    with rule_at_node(motion, rule.rule, what, time):
+        if segment.interval is None or time in motion.intervals[segment.interval]:
+            phase = motion.phase
+            found = rule(motion.block, time if phase is None else phase.record.index_for_rule(phase, time, what))
+        else:
+            formulas = formulas_between(motion, rule, what, partial(rule, motion.block))
+            found = expressions_between(motion, formulas, segment.interval, segment.fractions[position], what)
     known = isinstance(found, Real) or (isinstance(found, NumericValue) and is_fixed(found))
     if not isinstance(found, (Real, NumericValue)) or isinstance(found, bool):
         raise ObstacleError(f"{what} at t = {time!r} is {found!r}; its rule must return a length.")

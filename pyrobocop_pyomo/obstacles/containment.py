@@ -24,8 +24,8 @@ from pyrobocop_pyomo.motion.clearance_proof import verify_clearance
 from pyrobocop_pyomo.motion.safety_report import BodyPairSafety, SafetyReport
 
 from .block_arguments import MotionBlock, MotionBlockData, set_of_points, sort_arguments
-from .clocks import check_rules
-from .snapshot import variables_of
+from .initial_checks import check_rules
+from .snapshot import fixed_times
 
 
 @dataclass
@@ -35,8 +35,7 @@ class ContainmentRecord:
     body: Body
     region: Polytope
     points: Any
-    times: tuple[Any, ...]
-    poses: dict[Any, Pose]
+    poses: dict[tuple[str, Any], Pose]
 
 
 class ContainmentData(MotionBlockData):
@@ -56,16 +55,6 @@ class ContainmentData(MotionBlockData):
 
     _kind = "containment"
 
-    def build(self, points: Any, **options: Any) -> None:
-        """Build the block; for rules of indexed blocks, with the arguments of the class.
-
-        Raises
-        ------
-        ObstacleError
-            When the arguments contradict themselves; nothing is then left on the block.
-        """
-        self._build_once(points, **options)
-
     def _build(
         self,
         points: Any,
@@ -82,7 +71,7 @@ class ContainmentData(MotionBlockData):
         _check_region(self._what, region, moving)
         if not (isinstance(clearance, (int, float)) and math.isfinite(clearance) and clearance >= 0):
             raise ObstacleError(f"{self._what}: the clearance is {clearance!r}; it must be a length >= 0.")
-        self._record = ContainmentRecord(moving, region, points, (), {})
+        self._record = ContainmentRecord(moving, region, points, {})
         self.clearance = Param(initialize=float(clearance), mutable=True, doc="distance kept from the sides")
         self.times = Set(ordered=True, doc="times at which corners have rows")
         self.margin = Param(self.times, mutable=True, doc="added to the clearance")
@@ -95,8 +84,9 @@ class ContainmentData(MotionBlockData):
         record, motion = self.record, self.motion
         moving = record.body
         times = tuple(dict.fromkeys(t for nodes in motion.intervals for t in nodes)) or motion.points
-        poses = {time: motion.pose_at_node(moving.pose, time) for time in times} if moving.pose is not None else {}
-        record.times, record.poses = times, poses
+        assert moving.pose is not None
+        poses = {("body", time): motion.pose_at_node(moving.pose, time) for time in times}
+        record.poses = poses
         self.times.update(times)
         for time in times:
             self.margin[time] = 0.0
@@ -106,7 +96,7 @@ class ContainmentData(MotionBlockData):
             for time in times:
                 room = self.clearance + self.margin[time]
                 for number, (corner, radius) in enumerate(corners):
-                    point = poses[time].apply(corner)
+                    point = poses["body", time].apply(corner)
                     for side, (outwards, offset) in enumerate(sides):
                         self.inside.add((time, number, side), (None, dot(outwards, point) + room, offset - radius))
 
@@ -136,9 +126,10 @@ class ContainmentData(MotionBlockData):
         """
         if not (math.isfinite(margin) and margin >= 0):
             raise ObstacleError(f"{self._what}: the margin of interval {interval} is {margin!r}; it must be >= 0.")
+        # No plan moves a fixed pose: its rows could not hold with a margin.
+        fixed = fixed_times(self.record.poses, "body")
         for time in self.motion.intervals[interval]:
-            # No plan moves a fixed pose: its rows could not hold with a margin.
-            if not all(variable.fixed for variable in variables_of(self.record.poses[time])):
+            if time not in fixed:
                 self.margin[time] = max(float(margin), value(self.margin[time]))
 
     def verify(self, tolerance: float | None = None, *, equations: bool = True) -> SafetyReport:

@@ -1,6 +1,6 @@
 """Gaps that are too narrow for a body, where they close every way from its fixed start to its fixed goal.
 
-The largest disc inside a body keeps at least the body's distances. Its middle stays outside of every resting obstacle
+A disc inside a body keeps at least the body's distances. Its middle stays outside of every resting obstacle
 grown by the disc's radius and the clearance. Where two grown obstacles overlap, the disc does not pass between them.
 These gaps form a graph, and a cycle of it that goes around one of two places an odd number of times, and around the
 other an even number of times, separates the two: no motion leads from one to the other. Since grown obstacles are
@@ -14,21 +14,19 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, distance_of_points
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.optional_imports import scipy
 
 from .clearances import ClearanceRule, least_possible
-from .scene import ConvexPart
-from .snapshot import Snapshot, variables_of
+from .rerouting import balls_of
+from .snapshot import Snapshot, fixed_times
 
-# Relative to the scene: a gap counts as closed where this much more is missing than rounding explains.
-CLEARLY = 1e-6
 # Relative to the scene: how far away the middle of an unbounded part is.
 FAR = 1e3
 
@@ -69,17 +67,20 @@ def check_gaps(snapshot: Snapshot) -> None:
     for name, body in scene.bodies.items():
         if name in scene.obstacles or not body.moves:
             continue
-        places = _fixed_times(snapshot, name)
+        places = sorted(fixed_times(record.poses, name))
         if len(places) < 2:
             continue
-        part, middle, radius = max(
-            ((part, *largest_disc(part.shape)) for part in scene.parts_of(name)), key=lambda found: found[2]
-        )
-        walls, grown = _walls(snapshot, name, radius)
+        balls = balls_of(scene, name)
+        walls, grown = [], []
+        for pair, wall in scene.walls_of(name):
+            asked = record.asked[pair]
+            walls.append(wall)
+            least = 0.0 if isinstance(asked, ClearanceRule) else least_possible(asked)
+            grown.append(balls.inner + least + wall.shape.radius)  # for the middle of the disc
         shapes = [wall.shape for wall in walls]
-        gaps = closed_gaps(tuple(shapes), tuple(grown.tolist()))
+        gaps = closed_gaps(tuple(shapes), tuple(grown))
         unbounded = [k for k, shape in enumerate(shapes) if not shape.is_bounded]
-        ends = [rotation @ middle + shift for rotation, shift in (snapshot.pose(part.body, at) for at in places)]
+        ends = [rotation @ balls.middle + shift for rotation, shift in (snapshot.pose(name, at) for at in places)]
         for (before, start), (after, goal) in itertools.pairwise(zip(places, ends, strict=True)):
             gap = gap_that_separates(gaps, len(walls), start, goal, unbounded)
             if gap is not None:
@@ -87,29 +88,9 @@ def check_gaps(snapshot: Snapshot) -> None:
                 raise ObstacleError(
                     f"{snapshot.what}: '{name}' cannot get from where it is fixed at {before} to where it is fixed at "
                     f"{after}: the free width between '{first}' and '{second}' is {max(gap.width, 0.0):.6g}, needed is "
-                    f"{gap.needed:.6g} (its own width {2 * radius:.6g}, and the clearances), and all other ways are "
-                    "closed or narrower. Move an obstacle, ask for less clearance, or move the start or the goal."
+                    f"{gap.needed:.6g} (its own width {2 * balls.inner:.6g}, and the clearances), and all other ways "
+                    "are closed or narrower. Move an obstacle, ask for less clearance, or move the start or the goal."
                 )
-
-
-@lru_cache(maxsize=64)
-def largest_disc(shape: Polytope) -> tuple[Array, float]:
-    """Middle (d,) and radius of the largest disc or ball inside a shape, its padding included."""
-    if shape.is_flat or not shape.is_bounded:
-        return shape.vertices.mean(axis=0), shape.radius
-    normals, offsets = shape.halfspaces
-    d = shape.dimension
-    found = scipy.optimize.linprog(
-        np.append(np.zeros(d), -1.0),
-        A_ub=np.column_stack([normals, np.ones(len(normals))]),
-        b_ub=offsets,
-        bounds=[(None, None)] * d + [(0, None)],
-    )
-    if not found.success:
-        return shape.vertices.mean(axis=0), shape.radius
-    middle = found.x[:d]
-    # What the linear program returns is recomputed: the disc must be inside in any case.
-    return middle, max(float((offsets - normals @ middle).min()), 0.0) + shape.radius
 
 
 @lru_cache(maxsize=8)  # walls rest, and each mesh and start of a plan asks again
@@ -121,7 +102,7 @@ def closed_gaps(shapes: tuple[Polytope, ...], widths: tuple[float, ...]) -> list
     low = np.array([shape.vertices.min(axis=0) for shape in shapes]) - grown[:, None]
     high = np.array([shape.vertices.max(axis=0) for shape in shapes]) + grown[:, None]
     size = float(np.ptp(np.concatenate([low, high]), axis=0).max())
-    slack = CLEARLY * size
+    slack = NEGLIGIBLE * size  # more than rounding explains
     unbounded = [not shape.is_bounded for shape in shapes]
     low[unbounded], high[unbounded] = -np.inf, np.inf
     meet = (low[:, None] <= high[None]).all(axis=2) & (low[None] <= high[:, None]).all(axis=2)
@@ -192,25 +173,17 @@ def gap_that_separates(
     unbounded : sequence of int
         Parts that meet at infinity.
     """
-    # Each part knows its root, and how often, modulo two, the path to it crosses the line from start to goal.
-    root, odd = list(range(count)), [False] * count
-
-    def found(part: int) -> tuple[int, bool]:
-        crossings = False
-        while root[part] != part:
-            crossings ^= odd[part]
-            part = root[part]
-        return part, crossings
-
+    # Of each part there are two places, by how often, modulo two, a path crosses the line from start to goal.
+    places = scipy.cluster.hierarchy.DisjointSet(range(2 * count))
     for part in unbounded:
-        root[part] = unbounded[0]
+        places.merge(unbounded[0], part)
+        places.merge(unbounded[0] + count, part + count)
     # From the gaps in which most is missing to the widest: the first cycle that separates is closed by its widest gap.
     for gap in sorted(gaps, key=lambda gap: gap.width - gap.needed):
-        (first, from_first), (second, from_second) = found(gap.first), found(gap.second)
-        crossed = from_first ^ from_second ^ crosses_oddly(gap.path, start, goal)
-        if first != second:
-            root[second], odd[second] = first, crossed
-        elif crossed:
+        crossed = count * crosses_oddly(gap.path, start, goal)
+        places.merge(gap.first, gap.second + crossed)
+        places.merge(gap.first + count, gap.second + count - crossed)
+        if places.connected(gap.first, gap.first + count):
             return gap
     return None
 
@@ -226,33 +199,3 @@ def crosses_oddly(path: Array, start: Array, goal: Array) -> bool:
         point = offsets[k] + share * (offsets[k + 1] - offsets[k])
         count += 0.0 < float(point @ along) < float(along @ along)
     return count % 2 == 1
-
-
-def _fixed_times(snapshot: Snapshot, name: str) -> list[Any]:
-    """Times at which all that a pose reads is fixed, the earliest first."""
-    poses = snapshot.record.poses
-    times = [
-        time
-        for (body, time), pose in poses.items()
-        if body == name and time is not None and all(variable.fixed for variable in variables_of(pose))
-    ]
-    return sorted(times)
-
-
-def _walls(snapshot: Snapshot, name: str, radius: float) -> tuple[list[ConvexPart], Array]:
-    """Parts that rest, and by how much each grows for the middle of a disc inside the body."""
-    record, scene = snapshot.record, snapshot.record.scene
-    walls, grown = [], []
-    for pair, asked in record.asked.items():
-        if name not in pair:
-            continue
-        other = pair[0] if pair[1] == name else pair[1]
-        if not scene.is_static(other):
-            continue
-        least = 0.0
-        if not isinstance(asked, ClearanceRule):
-            least = least_possible(asked)
-        for part in scene.parts_of(other):
-            walls.append(part)
-            grown.append(radius + least + part.shape.radius)
-    return walls, np.array(grown)

@@ -11,15 +11,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import separating_directions
 from pyrobocop_pyomo.numerics import Array, BoolArray
 
-from .avoidance_record import AvoidanceRecord, MotionSegment
+from .avoidance_record import MotionSegment
 from .broad_phase import swept_distances
-from .planes import PlacedShape, start_plane
+from .planes import PlacedShape, normal_of, start_plane
 from .scene import BodyPair
 from .snapshot import Snapshot, gap_along
 
@@ -31,32 +30,51 @@ PlacedPair = tuple[PlacedShape, PlacedShape]
 PREFERENCE = 1e-3
 
 
-def start_all(block: Any, snapshot: Snapshot, directions: Mapping[BodyPair, Array], seed: int) -> dict[BodyPair, int]:
-    """Set start values of every separation.
+def set_start_values(
+    block: Any,
+    snapshot: Snapshot,
+    segments: Sequence[MotionSegment],
+    directions: Mapping[BodyPair, Array],
+    seed: int = 0,
+) -> dict[BodyPair, int]:
+    """Set start values of separations; others beside them in time have some, and are left alone.
+
+    Parameters
+    ----------
+    block : ObstacleAvoidanceBlockData
+    snapshot : Snapshot
+    segments : sequence of MotionSegment
+        Of the separations.
+    directions : mapping of body pair to unit vector (d,)
+        Used wherever shapes overlap.
+    seed : int
+        Of the random numbers that break ties where opposite directions are equally good.
 
     Returns
     -------
     dict of pair of parts to int
         Number of segments on which they overlap at the initial guess; pairs without overlap are left out.
     """
-    record = snapshot.record
-    generator = np.random.default_rng(seed)
-    overlapping = {}
+    record, generator = snapshot.record, np.random.default_rng(seed)
+    gaps, nearest = swept_distances(snapshot, segments)
+    known = {segment.index: k for k, segment in enumerate(segments)}
     by_pair = record.by_part_pair()
-    everywhere = [segment for segments in by_pair.values() for segment in segments]
-    gaps, nearest = swept_distances(snapshot, everywhere)
-    known = {segment.index: k for k, segment in enumerate(everywhere)}
-    for first, second in record.scene.part_pairs():
-        segments = by_pair.get((first.name, second.name))
-        if segments is None:
-            continue
-        rows = [known[segment.index] for segment in segments]
-        wanted = directions.get((first.body, second.body))
-        normals = choose_normals(snapshot, segments, gaps[rows], nearest[rows], generator, wanted)
-        for segment, normal in zip(segments, normals, strict=True):
-            _start(block, record, segment, snapshot.placed_pair(segment), normal)
-        if (gaps[rows] <= 0).any():
-            overlapping[first.name, second.name] = int((gaps[rows] <= 0).sum())
+    overlapping: dict[BodyPair, int] = {}
+    for pair in dict.fromkeys((segment.first, segment.second) for segment in segments):
+        bodies = record.scene.parts[pair[0]].body, record.scene.parts[pair[1]].body
+        along = by_pair[pair]
+        for run in _runs(np.array([segment.index in known for segment in along])):
+            beside = [along[k : k + 1] if k >= 0 else [] for k in (run.start - 1, run.stop)]
+            ends = [_unit(normal_of(block, of[0].index)) if of else None for of in beside]
+            rows = [known[segment.index] for segment in along[run]]
+            normals = choose_normals(
+                snapshot, along[run], gaps[rows], nearest[rows], generator, directions.get(bodies), (ends[0], ends[1])
+            )
+            for segment, normal in zip(along[run], normals, strict=True):
+                start_plane(block, segment.index, *snapshot.placed_pair(segment), normal)
+            count = int((gaps[rows] <= 0).sum())
+            if count:
+                overlapping[pair] = overlapping.get(pair, 0) + count
     if overlapping:
         LOGGER.info(
             "%s: the initial guess overlaps for %s; normals are chosen along time, ties broken with seed %d.",
@@ -67,58 +85,10 @@ def start_all(block: Any, snapshot: Snapshot, directions: Mapping[BodyPair, Arra
     return overlapping
 
 
-def start_new(
-    block: Any, snapshot: Snapshot, added: Sequence[MotionSegment], directions: Mapping[BodyPair, Array]
-) -> None:
-    """Set start values of separations that were added; those beside them in time have some, and are left alone."""
-    record = snapshot.record
-    new = {segment.index for segment in added}
-    gaps, nearest = swept_distances(snapshot, added)
-    known = {segment.index: k for k, segment in enumerate(added)}
-    by_pair = record.by_part_pair()
-    for pair in dict.fromkeys((segment.first, segment.second) for segment in added):
-        bodies = record.scene.parts[pair[0]].body, record.scene.parts[pair[1]].body
-        segments = by_pair[pair]
-        for run in _runs(np.array([segment.index in new for segment in segments])):
-            before = _unit_normal(block, segments[run.start - 1]) if run.start > 0 else None
-            after = _unit_normal(block, segments[run.stop]) if run.stop < len(segments) else None
-            rows = [known[segment.index] for segment in segments[run]]
-            normals = choose_normals(
-                snapshot,
-                segments[run],
-                gaps[rows],
-                nearest[rows],
-                np.random.default_rng(0),
-                directions.get(bodies),
-                (before, after),
-            )
-            for segment, normal in zip(segments[run], normals, strict=True):
-                _start(block, record, segment, snapshot.placed_pair(segment), normal)
-
-
-def start_one(block: Any, snapshot: Snapshot, segment: MotionSegment, normal: Array | None = None) -> None:
-    """Set start values of one separation; where shapes overlap, with the given normal."""
-    direction = _unit(normal)
-    gaps, nearest = swept_distances(snapshot, [segment])
-    normals = choose_normals(snapshot, [segment], gaps, nearest, np.random.default_rng(0), direction)
-    _start(block, snapshot.record, segment, snapshot.placed_pair(segment), normals[0])
-
-
-def _unit_normal(block: Any, segment: MotionSegment) -> Array | None:
-    """The normal that a separation has now."""
-    entries = [value(block.normal[(*segment.index, axis)], exception=False) for axis in block.axes]
-    return None if None in entries else _unit(np.array(entries, dtype=float))
-
-
-def _unit(normal: Array | None) -> Array | None:
+def _unit(normal: Array) -> Array | None:
     """A vector made to have length one; None where it cannot be."""
-    length = np.nan if normal is None else np.linalg.norm(normal)
-    return normal / length if normal is not None and np.isfinite(length) and length > 0 else None
-
-
-def _start(block: Any, record: AvoidanceRecord, segment: MotionSegment, pair: PlacedPair, normal: Array) -> None:
-    index = segment.index
-    start_plane(block, index, *pair, normal)
+    length = float(np.linalg.norm(normal))
+    return normal / length if np.isfinite(length) and length > 0.0 else None
 
 
 # --------------------------------------------------------------------------------------------------- choice of normals

@@ -12,12 +12,13 @@ from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.motion import SafetyReport, verify_clearance
 from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.motion.given_motions import motion_along_paths, motion_along_trajectory
-from pyrobocop_pyomo.motion.sampled_paths import TURNS, SampledPath, read_path, read_times
+from pyrobocop_pyomo.motion.sampled_paths import TURNS, SampledPath, read_path
+from pyrobocop_pyomo.motion.table_functions import increasing_times
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .clearances import asked_clearances
-from .scene import BodyPair, make_scene
+from .scene import BodyPair, make_scene, named_bodies
 
 _WHAT = "verify_motion"
 
@@ -89,13 +90,13 @@ def verify_motion(
     """
     if turns not in TURNS:
         raise ObstacleError(f"{_WHAT}: turns={turns!r}; expected 'shorter' or 'as given'.")
-    given = _bodies(body, bodies)
-    along = isinstance(path, Trajectory)
-    by_name = _poses_by_name(poses, given)
-    scene_bodies, scene_obstacles = dict(given), _named_obstacles(obstacles)
-    paths: dict[str, SampledPath] = {}
-    rules: dict[str, Any] = {}
-    if along:
+    given = {"body": body} if bodies is None else bodies
+    if (body is None) == (bodies is None):
+        raise ObstacleError(f"{_WHAT}: give either body=shape, or bodies={{name: shape}}.")
+    single = {"obstacle": obstacles} if isinstance(obstacles, (Polytope, Body)) else obstacles
+    moving, beside = named_bodies(_WHAT, "bodies", "body", given), named_bodies(_WHAT, "obstacles", "obstacle", single)
+    by_name = _poses_by_name(poses, moving)
+    if isinstance(path, Trajectory):
         if by_name or signals:
             raise ObstacleError(
                 f"{_WHAT}: both a trajectory and poses or signals are given. Give "
@@ -104,21 +105,27 @@ def verify_motion(
             )
         motion = motion_along_trajectory(path)
     else:
-        times = read_times(_refused_kinds(path), f"{_WHAT}: the times")
-        everybody = {**scene_obstacles, **scene_bodies}
-        for name, rows in by_name.items():
-            paths[name] = _path_of(name, rows, times, everybody, quaternion_order, turns)
-        joined = _joined_times(times, paths)
+        times = increasing_times(_refused_kinds(path), f"{_WHAT}: the times")
+        paths = {
+            name: _path_of(name, rows, times, {**beside, **moving}, quaternion_order, turns)
+            for name, rows in by_name.items()
+        }
+        # All times of all paths, within those of the path that is verified.
+        joined = np.unique(np.concatenate([times, *(of.times for of in paths.values())]))
+        joined = joined[(joined >= times[0]) & (joined <= times[-1])]
         values = {name: np.interp(joined, times, _signal(name, of, times)) for name, of in (signals or {}).items()}
-        motion, rules = motion_along_paths(joined, {name: found.at(joined) for name, found in paths.items()}, values)
-    for name, rule in rules.items():
-        holder = scene_bodies if name in scene_bodies else scene_obstacles
-        shape = holder[name]
-        holder[name] = Body(shape.shape if isinstance(shape, Body) else shape, rule)
-    _refuse_bodies_without_motion(scene_bodies)
-    scene = make_scene(
-        _WHAT, bodies=scene_bodies, obstacles=scene_obstacles, body_pairs=body_pairs, exclude=tuple(exclude)
-    )
+        motion, rules = motion_along_paths(joined, {name: of.at(joined) for name, of in paths.items()}, values)
+        for name, rule in rules.items():
+            holder = moving if name in moving else beside
+            holder[name] = Body(holder[name].shape, rule)
+    for name, of in moving.items():
+        # A Body without pose rule rests on purpose, like the links of a robot that no joint moves.
+        if not of.moves and not (isinstance(given, Mapping) and isinstance(given[name], Body)):
+            raise ObstacleError(
+                f"{_WHAT}: '{name}' has neither poses nor a pose rule. Give poses={{'{name}': ...}}; what rests "
+                "belongs to obstacles=."
+            )
+    scene = make_scene(_WHAT, bodies=moving, obstacles=beside, body_pairs=body_pairs, exclude=tuple(exclude))
     clearances = asked_clearances(_WHAT, scene.body_pairs, scene.bodies, clearance)
     return verify_clearance(
         motion, scene.bodies, clearances, tolerance=tolerance, depth=depth, max_subintervals=max_subintervals
@@ -138,18 +145,6 @@ def _signal(name: str, given: Any, times: Array) -> Array:
     return values
 
 
-def _bodies(body: Any, bodies: Any) -> dict[str, Any]:
-    if (body is None) == (bodies is None):
-        raise ObstacleError(f"{_WHAT}: give either body=shape, or bodies={{name: shape}}.")
-    if bodies is None:
-        return {"body": body}
-    if not isinstance(bodies, Mapping) or not bodies:
-        raise ObstacleError(
-            f"{_WHAT}: bodies= is {bodies!r}; expected a dict of names, or body=shape for a single one."
-        )
-    return dict(bodies)
-
-
 def _poses_by_name(poses: Any, bodies: Mapping[str, Any]) -> dict[str, Any]:
     if poses is None:
         return {}
@@ -161,15 +156,6 @@ def _poses_by_name(poses: Any, bodies: Mapping[str, Any]) -> dict[str, Any]:
             f"poses={{{', '.join(f'{name!r}: ...' for name in bodies)}}}."
         )
     return {next(iter(bodies)): poses}
-
-
-def _named_obstacles(obstacles: Any) -> dict[str, Any]:
-    """Obstacles by name; those of a list are numbered, as in scenes of avoidance blocks."""
-    if isinstance(obstacles, (Polytope, Body)):
-        return {"obstacle": obstacles}
-    if isinstance(obstacles, Mapping):
-        return dict(obstacles)
-    return {f"obstacle {number}": shape for number, shape in enumerate(obstacles or (), start=1)}
 
 
 def _refused_kinds(path: Any) -> Any:
@@ -187,17 +173,16 @@ def _refused_kinds(path: Any) -> Any:
 
 
 def _path_of(
-    name: str, given: Any, times: Array, everybody: Mapping[str, Any], quaternion_order: str | None, turns: str
+    name: str, given: Any, times: Array, everybody: Mapping[str, Body], quaternion_order: str | None, turns: str
 ) -> SampledPath:
     if name not in everybody:
         listed = ", ".join(f"'{known}'" for known in everybody)
         raise ObstacleError(f"{_WHAT}: poses= names '{name}', which is not among {listed}.")
-    found = everybody[name]
-    shaped = found if isinstance(found, Body) else _shaped(name, found)
+    shaped = everybody[name]
     if shaped.moves:
         raise ObstacleError(f"{_WHAT}: '{name}' has a pose rule and poses. Give one of them.")
     if isinstance(given, tuple) and len(given) == 2 and np.ndim(given[0]) == 1 and np.ndim(given[1]) > 1:
-        own_times = read_times(given[0], f"{_WHAT}: the times of '{name}'")
+        own_times = increasing_times(given[0], f"{_WHAT}: the times of '{name}'")
         if own_times[0] > times[0] or own_times[-1] < times[-1]:
             raise ObstacleError(
                 f"{_WHAT}: the times of '{name}' run from {own_times[0]:g} to {own_times[-1]:g}, those of the path "
@@ -206,26 +191,3 @@ def _path_of(
             )
         times, given = own_times, given[1]
     return read_path(given, times, shaped.dimension, name, quaternion_order=quaternion_order, turns=turns)
-
-
-def _shaped(name: str, found: Any) -> Body:
-    try:
-        return Body(found)
-    except (ObstacleError, TypeError) as error:
-        raise ObstacleError(f"{_WHAT}: '{name}': {error}") from None
-
-
-def _joined_times(times: Array, paths: Mapping[str, SampledPath]) -> Array:
-    """All times of all paths, within those of the path that is verified."""
-    everything = np.unique(np.concatenate([times, *(path.times for path in paths.values())]))
-    return everything[(everything >= times[0]) & (everything <= times[-1])]
-
-
-def _refuse_bodies_without_motion(bodies: Mapping[str, Any]) -> None:
-    for name, body in bodies.items():
-        # A Body without pose rule rests on purpose, like the links of a robot that no joint moves.
-        if not isinstance(body, Body):
-            raise ObstacleError(
-                f"{_WHAT}: '{name}' has neither poses nor a pose rule. Give poses={{'{name}': ...}}; what rests "
-                "belongs to obstacles=."
-            )

@@ -14,7 +14,6 @@ from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.motion.motion import Motion
 from pyrobocop_pyomo.motion.moving_shapes import MovingShape, moving_shapes
-from pyrobocop_pyomo.motion.pose_templates import node_times
 from pyrobocop_pyomo.numerics import Array, Indices
 from pyrobocop_pyomo.plotting import AnimationFile, BodyPath, animate_scene, draw_scene
 
@@ -95,8 +94,7 @@ def scene_of(avoid: Any) -> tuple[Array, list[BodyPath], list[Polytope]]:
         paths = [BodyPath(body.parts, *_at_points(motion, body, name), name) for name, body in moving.items()]
         return _times_of_points(motion), paths, resting
     interval, fraction = _instants(len(motion.intervals))
-    times = node_times(motion)
-    ends = np.array([[times[nodes[0]], times[nodes[-1]]] for nodes in motion.intervals])
+    ends = motion.interpolation.interval_ends
     time = ends[interval, 0] + fraction * (ends[interval, 1] - ends[interval, 0])
     paths = [
         BodyPath(body.parts, *_between_points(shapes[name][0], body.dimension, interval, fraction), name)

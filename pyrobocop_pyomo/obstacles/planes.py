@@ -123,6 +123,12 @@ def start_plane(
     block.offset[index].set_value((upper + lower) / 2, skip_validation=True)
 
 
+def normal_of(block: Any, index: SeparationIndex) -> np.ndarray:
+    """The normal (d,) of a separation; NaN where it has no value."""
+    entries = [value(block.normal[(*index, axis)], exception=False) for axis in block.axes]
+    return np.array(entries, dtype=float)
+
+
 def set_norm(block: Any, index: SeparationIndex, norm: str) -> None:
     """Bound the length of the normal, or fix it."""
     block.unit[index].set_value(_norm_relation([block.normal[(*index, axis)] for axis in block.axes], norm))

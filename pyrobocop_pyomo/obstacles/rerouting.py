@@ -117,7 +117,7 @@ def can_turn_at_both_ends(block: Any) -> bool:
     for name, body in scene.bodies.items():
         if name in scene.obstacles or body.pose is None:
             continue
-        balls, walls = _balls(scene, name), _walls(scene, name)
+        balls, walls = balls_of(scene, name), [wall.shape for _, wall in scene.walls_of(name)]
         clearance = max(value for pair, value in scene.clearances.items() if name in pair)
         ends = [motion.intervals[0][0], motion.intervals[-1][-1]]
         poses = [motion.pose_at_node(body.pose, end, name=name).numbers() for end in ends]
@@ -259,8 +259,8 @@ def distance_lower_bounds(points: Array, obstacles: Sequence[Polytope]) -> Array
 
 def _places(block: Any, scene: Scene, name: str, body: Body, numbers: Any, entries: Any) -> Array | None:
     """Translations (nodes, d) along the path, each at the fraction that the guess has covered; None without a path."""
-    balls = _balls(scene, name)
-    walls = _walls(scene, name)
+    balls = balls_of(scene, name)
+    walls = [wall.shape for _, wall in scene.walls_of(name)]
     if not walls:
         return None
     arms = np.array([rotation @ balls.middle for rotation, _ in numbers])
@@ -271,18 +271,7 @@ def _places(block: Any, scene: Scene, name: str, body: Body, numbers: Any, entri
     return None if path is None else _along(path, before) - arms
 
 
-def _walls(scene: Scene, name: str) -> list[Polytope]:
-    """All that rests and that a body keeps clear of."""
-    return [
-        part.shape
-        for pair in scene.body_pairs
-        if name in pair
-        for part in scene.parts_of(pair[0] if pair[1] == name else pair[1])
-        if scene.is_static(part.body)
-    ]
-
-
-def _balls(scene: Scene, name: str) -> InnerAndOuterBall:
+def balls_of(scene: Scene, name: str) -> InnerAndOuterBall:
     """Of the part with the largest inner ball: it stands for a union of parts."""
     return max((InnerAndOuterBall.of(part.shape) for part in scene.parts_of(name)), key=lambda balls: balls.inner)
 

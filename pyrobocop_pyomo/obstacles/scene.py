@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.geometry import Polytope, distance_of_points
+from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.motion.bodies import Body
 
 LOGGER = logging.getLogger(__name__)
@@ -74,6 +74,16 @@ class Scene:
         return [part for part in self.parts.values() if part.body == body]
 
     @property
+    def watched_bodies(self) -> dict[str, Body]:
+        """The bodies of all watched pairs."""
+        return {name: self.bodies[name] for pair in self.clearances for name in pair}
+
+    def walls_of(self, body: str) -> list[tuple[BodyPair, ConvexPart]]:
+        """All parts that rest and that a body keeps clear of, each with its body pair."""
+        others = ((pair, pair[pair[0] == body]) for pair in self.clearances if body in pair)
+        return [(pair, part) for pair, other in others if self.is_static(other) for part in self.parts_of(other)]
+
+    @property
     def body_pairs(self) -> list[BodyPair]:
         """Watched body pairs."""
         return list(self.clearances)
@@ -105,7 +115,7 @@ class Scene:
         dimension = next(iter(self.parts.values())).shape.dimension
         units = {}
         for given, direction in directions.items():
-            pair = self.body_pair(label, *_checked_pair(label, "directions", given, self.bodies))
+            pair = self.body_pair(label, *checked_pair(label, "directions", given, self.bodies))
             vector = np.asarray(direction, dtype=float)
             if vector.shape != (dimension,) or not np.isfinite(vector).all() or not vector.any():
                 raise ObstacleError(
@@ -142,8 +152,8 @@ def make_scene(what: str, *, bodies: Any, obstacles: Any, body_pairs: Any, exclu
     ObstacleError
         Naming the body or the body pair.
     """
-    moving = {name: _body(what, name, given) for name, given in _named(what, "bodies", "body", bodies).items()}
-    fixed = {name: _body(what, name, given) for name, given in _named(what, "obstacles", "obstacle", obstacles).items()}
+    moving = named_bodies(what, "bodies", "body", bodies)
+    fixed = named_bodies(what, "obstacles", "obstacle", obstacles)
     if not moving:
         raise ObstacleError(f"{what}: there is no body. Give bodies={{name: Body(shape, pose)}}, or body= and pose=.")
     twice = sorted(set(moving) & set(fixed))
@@ -161,11 +171,18 @@ def make_scene(what: str, *, bodies: Any, obstacles: Any, body_pairs: Any, exclu
     _check_dimensions(what, parts)
     pairs = _watched_pairs(what, everybody, frozenset(fixed), body_pairs, exclude)
     scene = Scene(everybody, frozenset(fixed), parts, dict.fromkeys(pairs, 0.0))
-    _log_oddities(what, scene)
+    _warn_of_sizes(what, scene)
     return scene
 
 
-def _named(label: str, plural: str, singular: str, given: Any) -> dict[str, Any]:
+def named_bodies(label: str, plural: str, singular: str, given: Any) -> dict[str, Body]:
+    """Bodies by name; those of a list are numbered.
+
+    Raises
+    ------
+    ObstacleError
+        Naming the body that is none.
+    """
     if given is None:
         return {}
     if isinstance(given, (Polytope, Body)):
@@ -173,11 +190,11 @@ def _named(label: str, plural: str, singular: str, given: Any) -> dict[str, Any]
     if not isinstance(given, Mapping):
         if not isinstance(given, Iterable) or isinstance(given, str):
             raise ObstacleError(f"{label}: {plural}= is {given!r}; expected a dict of names, or a list of shapes.")
-        return {f"{singular} {number}": shape for number, shape in enumerate(given, start=1)}
+        given = {f"{singular} {number}": shape for number, shape in enumerate(given, start=1)}
     for name in given:
         if not isinstance(name, str) or not name:
             raise ObstacleError(f"{label}: {plural}= has the name {name!r}; names are non-empty strings.")
-    return dict(given)
+    return {name: _body(label, name, each) for name, each in given.items()}
 
 
 def _body(label: str, name: str, given: Any) -> Body:
@@ -207,7 +224,7 @@ def _check_dimensions(label: str, parts: Mapping[str, ConvexPart]) -> None:
             )
 
 
-def _checked_pair(label: str, where: str, given: Any, bodies: Mapping[str, Body]) -> BodyPair:
+def checked_pair(label: str, where: str, given: Any, bodies: Collection[str]) -> BodyPair:
     """A pair of names that the user gave.
 
     Raises
@@ -231,13 +248,13 @@ def _watched_pairs(
             f"{label}: nothing moves: none of {_listed(bodies)} has a pose rule. Give Body(shape, pose=rule), with "
             "rule(block, t) -> Pose."
         )
-    excluded = {frozenset(_checked_pair(label, "exclude", pair, bodies)) for pair in exclude}
+    excluded = {frozenset(checked_pair(label, "exclude", pair, bodies)) for pair in exclude}
     if body_pairs is None:
         candidates = [pair for pair in combinations(bodies, 2) if not obstacles.issuperset(pair)]
         candidates = [pair for pair in candidates if any(bodies[name].moves for name in pair)]
     else:
         given = getattr(body_pairs, "edges", body_pairs)  # of a graph of networkx, which takes long to import
-        candidates = [_checked_pair(label, "body_pairs", pair, bodies) for pair in given]
+        candidates = [checked_pair(label, "body_pairs", pair, bodies) for pair in given]
         for first, second in candidates:
             if obstacles.issuperset((first, second)):
                 raise ObstacleError(
@@ -259,14 +276,8 @@ def _watched_pairs(
     return [(names[i], names[j]) for i, j in sorted({(min(places), max(places)) for places in watched})]
 
 
-def _log_oddities(label: str, scene: Scene) -> None:
-    """Log what is no error but seldom intended."""
-    static = [part for part in scene.parts.values() if scene.is_static(part.body)]
-    for first, second in _whose_boxes_meet(static):
-        if first.body != second.body and _overlap(first.shape, second.shape):
-            LOGGER.info(
-                "%s: '%s' and '%s' stand still and overlap; no row holds them apart.", label, first.name, second.name
-            )
+def _warn_of_sizes(label: str, scene: Scene) -> None:
+    """Warn of shapes beside which others are lost in rounding."""
     for first, second in scene.part_pairs():
         extents = [_extent(first.shape), _extent(second.shape)]
         if min(extents) > 0 and max(extents) > LARGEST_RATIO_OF_SIZES * min(extents):
@@ -278,24 +289,6 @@ def _log_oddities(label: str, scene: Scene) -> None:
                 max(extents) / min(extents),
                 smaller.name,
             )
-
-
-def _whose_boxes_meet(parts: list[ConvexPart]) -> list[tuple[ConvexPart, ConvexPart]]:
-    """Pairs of parts whose axis-aligned boxes meet: all others are apart."""
-    if not parts:
-        return []
-    low = np.array([part.shape.vertices.min(axis=0) - part.shape.radius for part in parts])
-    high = np.array([part.shape.vertices.max(axis=0) + part.shape.radius for part in parts])
-    unbounded = [not part.shape.is_bounded for part in parts]
-    low[unbounded], high[unbounded] = -np.inf, np.inf
-    meet = (low[:, None] <= high[None]).all(axis=2) & (low[None] <= high[:, None]).all(axis=2)
-    return [(parts[i], parts[j]) for i, j in np.argwhere(np.triu(meet, 1)).tolist()]
-
-
-def _overlap(first: Polytope, second: Polytope) -> bool:
-    # Two unbounded walls that meet have the distance minus infinity, which `signed_distance` refuses.
-    core = distance_of_points(first.vertices, second.vertices, first.rays, second.rays)
-    return core.distance < first.radius + second.radius
 
 
 def _extent(shape: Polytope) -> float:

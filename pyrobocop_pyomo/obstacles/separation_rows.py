@@ -29,29 +29,21 @@ def add_poses(record: AvoidanceRecord, motion: Motion, segments: Iterable[Motion
     ObstacleError
         When a rule returns no pose, or one of another dimension than its body.
     """
-    scene = record.scene
-    done: set[tuple[str, tuple[Any, ...]]] = set()
     for segment in segments:
-        for name in {scene.parts[segment.first].body, scene.parts[segment.second].body}:
-            body = scene.bodies[name]
+        pair = _bodies(record, segment)
+        for name in pair:
+            body = record.scene.bodies[name]
             if not body.moves:
-                if (name, None) not in record.poses:
-                    record.poses[name, None] = Pose.identity(record.dimension)
+                record.poses.setdefault((name, None), Pose.identity(record.dimension))
                 continue
-            if (name, segment.times) in done:
-                continue
-            done.add((name, segment.times))
             for position, time in enumerate(segment.times):
                 if (name, time) not in record.poses:
                     pose = segment.pose_at(motion, body, position, name)
                     record.poses[name, time] = _checked_pose(pose, name, time, record.dimension)
-    for segment in segments:
-        pair = _bodies(record, segment)
         asked = record.asked[pair]
-        if isinstance(asked, ClearanceRule):
-            for position, time in enumerate(segment.times):
-                if (*pair, time) not in record.lengths:
-                    record.lengths[(*pair, time)] = length_at(motion, asked, pair, segment, position)
+        for position, time in enumerate(segment.times) if isinstance(asked, ClearanceRule) else ():
+            if (*pair, time) not in record.lengths:
+                record.lengths[(*pair, time)] = length_at(motion, asked, pair, segment, position)
 
 
 def _bodies(record: AvoidanceRecord, segment: MotionSegment) -> tuple[str, str]:
@@ -73,9 +65,15 @@ def add_separation(block: Any, record: AvoidanceRecord, segment: MotionSegment) 
     index = segment.index
     block.separations.add(index)
     record.segments[index] = segment
-    block.required.add(index, _required_gap(block, record, segment))
     first, second = record.scene.parts[segment.first], record.scene.parts[segment.second]
-    rises = _rises(block, record, segment)
+    pair = _bodies(record, segment)
+    lengths = [asked_at(block, pair, time) for time in segment.times]
+    radii = first.shape.radius + second.shape.radius
+    gap = lengths[0] + block.margin[index]
+    block.required.add(index, gap + radii if radii else gap)
+    # What a rule asks for at other times than the first grows one of the shapes.
+    is_rule = isinstance(record.asked[pair], ClearanceRule)
+    rises = (0.0, *(later - lengths[0] for later in lengths[1:])) if is_rule else ()
     rising = second if record.scene.is_static(first.body) else first
     shapes = [_posed(record, part, segment, rises if part is rising else ()) for part in (first, second)]
     add_plane(block, index, *shapes)
@@ -90,24 +88,6 @@ def _posed(
         return PosedShape(part.shape, ((segment.times[0], record.poses[part.body, None]),))
     poses = tuple((time, record.poses[part.body, time]) for time in segment.times)
     return PosedShape(part.shape, poses, rises)
-
-
-def _rises(block: Any, record: AvoidanceRecord, segment: MotionSegment) -> tuple[Any, ...]:
-    """How much more is requested at each time of a segment than at its first; empty where it is always the same."""
-    pair = _bodies(record, segment)
-    if not isinstance(record.asked[pair], ClearanceRule):
-        return ()
-    asked = [asked_at(block, pair, time) for time in segment.times]
-    return (0.0, *(later - asked[0] for later in asked[1:]))
-
-
-def _required_gap(block: Any, record: AvoidanceRecord, segment: MotionSegment) -> Any:
-    """Clearance at the first time, radii and margin."""
-    first, second = record.scene.parts[segment.first], record.scene.parts[segment.second]
-    length = asked_at(block, (first.body, second.body), segment.times[0])
-    asked = length + block.margin[segment.index]
-    radii = first.shape.radius + second.shape.radius
-    return asked + radii if radii else asked
 
 
 def remove_separations(block: Any, record: AvoidanceRecord, segments: Iterable[MotionSegment]) -> None:

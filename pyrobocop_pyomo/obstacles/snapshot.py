@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable
+from collections.abc import Hashable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -98,6 +98,15 @@ class Snapshot:
 def variables_of(pose: Any) -> list[Any]:
     """Variables that a pose reads, the fixed ones included."""
     return list(variables_in_any(pose.entries).values())
+
+
+def fixed_times(poses: Mapping[tuple[str, Hashable], Any], body: str) -> dict[Any, None]:
+    """Times at which all that the pose of a moving body reads is fixed."""
+    return {
+        time: None
+        for (name, time), pose in poses.items()
+        if name == body and all(variable.fixed for variable in variables_of(pose))
+    }
 
 
 def gap_along(normals: np.ndarray, first: PlacedShape, second: PlacedShape) -> np.ndarray:

@@ -8,14 +8,12 @@ Samples are enough for it, since `verify` proves the result.
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.motion.motion import Motion
-from pyrobocop_pyomo.motion.moving_shapes import MovingShape, moving_shapes
+from pyrobocop_pyomo.motion.moving_shapes import SAMPLES, MovingShape, moving_shapes
 from pyrobocop_pyomo.motion.required_clearance import RequiredClearance, required_clearance
 from pyrobocop_pyomo.motion.safety_report import SafetyReport
 from pyrobocop_pyomo.numerics import Array
@@ -23,14 +21,13 @@ from pyrobocop_pyomo.numerics import Array
 from .avoidance_record import MotionSegment
 from .broad_phase import places_of
 from .clearances import ClearanceRule
-from .planes import SeparationIndex
+from .planes import SeparationIndex, normal_of
 
 logger = logging.getLogger(__name__)
 
 
 # The next motion will differ from the last: a margin is this many times the chord deviation.
 DEVIATION_FACTOR = 1.25
-SAMPLES_PER_SEGMENT = 33
 # Separations whose segment is at most this part of its interval are not split.
 SMALLEST_PART = 1.0 / 32.0
 
@@ -80,12 +77,10 @@ def tighten(block: Any, report: SafetyReport, *, split: bool) -> list[str]:
     restored = block.restore_near(missed)
     if restored:
         done["separations restored"] = len(restored)
-    paths = _Paths(record, block.motion)
-    concerned = [record.segments[index] for index in {**wanted, **beside}]
-    deviations = paths.deviations(concerned, [_normal(block, segment.index) for segment in concerned])
-    for index, deviation in zip([segment.index for segment in concerned], deviations.tolist(), strict=True):
+    paths = _Paths(block)
+    for index in {**wanted, **beside}:
         before = value(block.margin[index])
-        enough = DEVIATION_FACTOR * deviation + of_equations.get(index, 0.0)
+        enough = DEVIATION_FACTOR * paths.deviation(record.segments[index]) + of_equations.get(index, 0.0)
         # First the least: what is missing here, and beside it no more than that. Later whole deviations.
         asked = wanted.get(index, min(enough, beside.get(index, 0.0)))
         asked = max(asked, enough) if split else asked
@@ -138,7 +133,7 @@ def split_violated(block: Any, tolerance: float = 1e-6) -> int:
         return 0
     gaps = block.separation_gaps()
     violated = [index for index, gap in gaps.items() if gap < value(block.required[index]) - tolerance]
-    paths = _Paths(block.record, block.motion)
+    paths = _Paths(block)
     return sum(_split(block, index, paths) for index in violated)
 
 
@@ -162,9 +157,10 @@ def _logged(block: Any, done: list[str]) -> list[str]:
 class _Paths:
     """Paths of the corners of all parts."""
 
-    def __init__(self, record: Any, motion: Motion) -> None:
-        bodies = {name: record.scene.bodies[name] for pair in record.scene.body_pairs for name in pair}
-        shapes = moving_shapes(motion, bodies)
+    def __init__(self, block: Any) -> None:
+        record, motion = block.record, block.motion
+        shapes = moving_shapes(motion, record.scene.watched_bodies)
+        self._block = block
         self._shapes = {shape.name: shape for parts in shapes.values() for shape in parts}
         self._bodies = {name: part.body for name, part in record.scene.parts.items()}
         # What a clearance asks for counts like the reach of a shape: along its chord it is covered, above it is not.
@@ -174,31 +170,21 @@ class _Paths:
             if isinstance(asked, ClearanceRule)
         }
 
-    def deviations(self, segments: Sequence[MotionSegment], normals: Sequence[Array]) -> Array:
-        """How much farther the shapes reach across a plane during each segment than at its poses, shape (k,)."""
-        found = np.zeros(len(segments))
-        if not segments:
-            return found
-        with np.errstate(all="ignore"):
-            directions = np.array(normals) / np.linalg.norm(normals, axis=1)[:, None]
-        usable = np.isfinite(directions).all(axis=1)
-        for side, sign in (("first", -1.0), ("second", 1.0)):
-            of_shape: dict[str, list[int]] = {}
-            for k in np.flatnonzero(usable).tolist():
-                of_shape.setdefault(getattr(segments[k], side), []).append(k)
-            for name, members in of_shape.items():
-                shape = self._shapes[name]
-                if shape.template is not None:
-                    chosen = [segments[k] for k in members]
-                    rising = [self._rising_with(segment, side) for segment in chosen]
-                    found[members] += _reach_beyond(shape, chosen, sign * directions[members], rising)
+    def deviation(self, segment: MotionSegment) -> float:
+        """How much farther the shapes reach across their plane during a segment than at its poses."""
+        normal = normal_of(self._block, segment.index)
+        length = np.linalg.norm(normal)
+        if not (np.isfinite(length) and length > 0.0):
+            return 0.0
+        rising = self._rising.get((self._bodies[segment.first], self._bodies[segment.second]))
+        found = 0.0
+        for name, direction in ((segment.first, -normal / length), (segment.second, normal / length)):
+            shape = self._shapes[name]
+            if shape.template is not None:
+                # A changing clearance grows one of the two shapes: the first, unless that one rests.
+                found += _reach_beyond(shape, segment, direction, rising)
+                rising = None
         return found
-
-    def _rising_with(self, segment: MotionSegment, side: str) -> RequiredClearance | None:
-        """The changing clearance that grows one of the two shapes: the first, unless that one rests."""
-        grown = "first" if self._shapes[segment.first].template is not None else "second"
-        pair = self._bodies[segment.first], self._bodies[segment.second]
-        return self._rising.get(pair) if side == grown else None
 
 
 def _equations_deviations(record: Any, report: SafetyReport) -> dict[SeparationIndex, float]:
@@ -215,43 +201,26 @@ def _equations_deviations(record: Any, report: SafetyReport) -> dict[SeparationI
 
 
 def _reach_beyond(
-    shape: MovingShape,
-    segments: Sequence[MotionSegment],
-    directions: Array,
-    rising: Sequence[RequiredClearance | None],
-) -> Array:
-    """How much farther one shape, grown by what is required, reaches along directions than at the poses, shape (k,)."""
-    dense = [np.linspace(segment.fractions[0], segment.fractions[-1], SAMPLES_PER_SEGMENT) for segment in segments]
-    posed = [np.array(segment.fractions) for segment in segments]
-    intervals = np.array([segment.interval for segment in segments])
-    farthest = []
-    for instants in (dense, posed):
-        counts = np.array([len(fractions) for fractions in instants])
-        owner, fractions = np.repeat(np.arange(len(segments)), counts), np.concatenate(instants)
-        corners, _ = shape.corners(intervals[owner], fractions)
-        reach = np.einsum("mir,mr->mi", corners, directions[owner]).max(axis=1)
-        for k, asked in enumerate(rising):
-            if asked is not None:
-                mine = owner == k
-                reach[mine] += asked.values(intervals[owner[mine]], fractions[mine])
-        farthest.append(np.maximum.reduceat(reach, np.cumsum(counts) - counts))
-    return np.asarray(np.maximum(farthest[0] - farthest[1], 0.0), dtype=np.float64)
+    shape: MovingShape, segment: MotionSegment, direction: Array, rising: RequiredClearance | None
+) -> float:
+    """How much farther one shape, grown by what is required, reaches along a direction than at the poses."""
+    posed = np.array(segment.fractions)
+    fractions = np.concatenate([posed, np.linspace(posed[0], posed[-1], SAMPLES)])
+    interval = np.full(len(fractions), segment.interval)
+    corners, _ = shape.corners(interval, fractions)
+    reach = (corners @ direction).max(axis=1)
+    if rising is not None:
+        reach = reach + rising.values(interval, fractions)
+    return float(reach.max() - reach[: len(posed)].max())
 
 
 def _split(block: Any, index: SeparationIndex, paths: _Paths) -> bool:
     segment = block.record.segments[index]
     if segment.fractions[-1] - segment.fractions[0] <= SMALLEST_PART:
         return False
-    (whole,) = paths.deviations([segment], [_normal(block, index)])
     # What was asked beyond the chord deviation: the motion of the equations may need it in both halves.
-    beyond = max(value(block.margin[index]) - DEVIATION_FACTOR * float(whole), 0.0)
+    beyond = max(value(block.margin[index]) - DEVIATION_FACTOR * paths.deviation(segment), 0.0)
     for half in block.split(*index):
         # The chord deviation of a half is smaller than that of the whole segment.
-        (deviation,) = paths.deviations([block.record.segments[half]], [_normal(block, half)])
-        block.set_margin(*half, DEVIATION_FACTOR * float(deviation) + beyond)
+        block.set_margin(*half, DEVIATION_FACTOR * paths.deviation(block.record.segments[half]) + beyond)
     return True
-
-
-def _normal(block: Any, index: SeparationIndex) -> Array:
-    """The normal (d,) of a separation; NaN where it has no value."""
-    return np.array([value(block.normal[(*index, axis)]) for axis in block.axes], dtype=float)

@@ -1,29 +1,63 @@
-"""Bounds and path constraints are rows at the points of the mesh; how far do the polynomials between pass them?"""
+"""What rules do between the points of the mesh, along the polynomials of a trajectory.
+
+Bounds and path constraints are rows at the points: evaluated at many instants they tell how far they are passed between
+them. A number of instants shows nothing of a gust between them, or of a vibration with their period. There rules are
+bounded on parts of each element, and the parts are halved until every formula hardly bends on each of them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+import re
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from pyomo.core.base.constraint import Constraint, ConstraintData
+from pyomo.core.expr.numvalue import value
 from pyomo.core.expr.relational_expr import RelationalExpression
 
 from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions
+from pyrobocop_pyomo.modeling.expression_nodes import CALL, CHOICE, DIVISION, FUNCTION, POWER, RELATION, kind_of_node
+from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps, Leaf
+from pyrobocop_pyomo.modeling.functions import function_called
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
-from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.numerics import Array, BoolArray, Grid, Indices
+from pyrobocop_pyomo.numerics.bernstein import (
+    bernstein_from_samples,
+    bernstein_matrix,
+    derivative_coefficients,
+    restrict,
+)
 from pyrobocop_pyomo.numerics.lagrange import differentiation_matrix
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
+from pyrobocop_pyomo.numerics.taylor_forms import TaylorForm, taylor_form_of_polynomial
+from pyrobocop_pyomo.numerics.taylor_functions import TAYLOR_FUNCTIONS
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .companions import indices_of
 from .declarations import UNBOUNDED, Control, State
 from .instants_inside import InstantsInside
 from .nodes import StageNodes, StateNodes
-from .record import PhaseRecord, Statement
+from .record import PhaseRecord, Statement, labelled_rows
 from .rule_formulas import RuleFormulas
 
 # Instants per element at which polynomials are evaluated, and the excess worth a sentence, in sizes of the signal.
-SAMPLES, WORTH_A_SENTENCE = 24, 1e-3
+_INSTANTS, WORTH_A_SENTENCE = 24, 1e-3
+# Parts of each element at whose ends motions are compared in any case.
+SAMPLES = 16
+# On a part a formula changes by such a share of its whole range, or its chord is a tenth of that away from it.
+_CHANGE = 0.1
+# Where a formula jumps parts are halved down to this length, relative to an element.
+_SMALLEST = 2.0**-40
+# Instants in an element, and parts of all elements together, at most.
+_MOST_INSTANTS, _MOST_PARTS = 2000, 200_000
+
+_JUDGED = {FUNCTION, POWER, DIVISION, CHOICE, RELATION, CALL}
+
+
+# --------------------------------------------------------------------------------------------------- at many instants
 
 
 class BoundPassed(NamedTuple):
@@ -120,7 +154,7 @@ def _between_and_at_points(
     scheme, indices = trajectory.grid.scheme, indices_of(record, trajectory.grid)
     rates = {name: trajectory.element_rates(name).T for name in trajectory.rates if scheme.starts_on_a_stage}
     # Dense at the ends, where a polynomial through stages alone goes farthest.
-    inside = (1.0 - np.cos(np.pi * (np.arange(SAMPLES) + 0.5) / SAMPLES)) / 2.0
+    inside = (1.0 - np.cos(np.pi * (np.arange(_INSTANTS) + 0.5) / _INSTANTS)) / 2.0
     return [InstantsInside(record, trajectory, indices, at, formulas, rates) for at in (inside, scheme.c)]
 
 
@@ -182,3 +216,362 @@ def sides_of_row(row: Any) -> tuple[Any, Any, Any]:
     # Of two bounds both may change with the time, which a constraint refuses.
     lower, body, upper = parts if len(parts) == 3 else ConstraintData(row).to_bounded_expression()
     return body, -np.inf if lower is None else lower, np.inf if upper is None else upper
+
+
+# ---------------------------------------------------------------------------------------------- by bounds, in between
+
+
+class PiecewisePolynomial:
+    """One polynomial on each interval.
+
+    Parameters
+    ----------
+    coefficients : array, shape (intervals, degree + 1)
+        Of the Bernstein polynomials of the local fraction.
+    """
+
+    def __init__(self, coefficients: Array) -> None:
+        self._coefficients = coefficients
+
+    @cached_property
+    def _orders(self) -> tuple[Array, Array, Array]:
+        """Coefficients of the polynomials and of their first two derivatives."""
+        slope = derivative_coefficients(self._coefficients)
+        return self._coefficients, slope, derivative_coefficients(slope)
+
+    def values(self, interval: Indices, fraction: Array) -> Array:
+        """Values at local fractions of intervals, shape ``(m,)``."""
+        basis = bernstein_matrix(self._coefficients.shape[1] - 1, fraction)
+        return np.asarray((basis * self._coefficients[interval]).sum(axis=1), dtype=np.float64)
+
+    def taylor_form(self, interval: Indices, start: Array, end: Array) -> TaylorForm:
+        """Bounds on subintervals; derivatives are with respect to the local fraction."""
+        value, first, second = (restrict(order[interval], start, end) for order in self._orders)
+        return taylor_form_of_polynomial((value, first, second))
+
+
+def instants_to_look_at(
+    block: Any, record: PhaseRecord, trajectory: Trajectory, indices: Grid, statements: Iterable[Statement]
+) -> Array:
+    """Local fractions of elements between which the rules hardly change with the time, the same for all elements.
+
+    Parameters
+    ----------
+    block : PhaseBlock
+    record : PhaseRecord
+    trajectory : Trajectory
+        What rules read beside the time is that of its polynomials.
+    indices : Grid
+        Its grid in the time indices of the phase.
+    statements : iterable of Statement
+        What rules give no formula of the time for is left out.
+
+    Returns
+    -------
+    array, shape (k,)
+        From 0 to 1; ``SAMPLES`` equal parts where the rules do not change more quickly.
+
+    Raises
+    ------
+    TrajectoryError
+        Where the rules change more often than can be followed.
+    """
+    usual = np.linspace(0.0, 1.0, SAMPLES + 1)
+    formulas = RuleFormulas(block, record, indices, trajectory.grid)
+    times = {id(formulas.index), id(formulas.clock)}
+    stated = [expression for statement in statements for expression in stated_formulas(formulas, statement)]
+    steps = ExpressionSteps(stated)
+    places = changing_places(steps, times)
+    if not places:
+        return usual
+    parts = _Parts(formulas, steps, places, trajectory, indices)
+    jumps = parts.halved(usual)
+    if len(jumps):  # parts that were halved on the way to a jump are not needed beside it
+        parts.halved(np.union1d(usual, jumps))
+    found = parts.fractions
+    if len(found) > _MOST_INSTANTS:
+        raise TrajectoryError(_too_quick(f"{len(found)} instants of each element would have to be looked at"))
+    return found
+
+
+def unseen_on_the_way(block: Any, record: PhaseRecord, trajectory: Trajectory, statements: Iterable[Statement]) -> str:
+    """Which rule may do something along the way of a trajectory that ``SAMPLES`` instants of an element do not show.
+
+    Quick changes with the time are found by `instants_to_look_at`. This is about places: a jet that is passed between
+    two instants shows in the bounds of its formula only. A function in Python has no bounds; a table has its knots.
+
+    Parameters
+    ----------
+    block : PhaseBlock
+    record : PhaseRecord
+    trajectory : Trajectory
+    statements : iterable of Statement
+
+    Returns
+    -------
+    str
+        The first one, in words; empty where there is none.
+    """
+    indices = indices_of(record, trajectory.grid)
+    part = float(trajectory.grid.mesh.widths.max()) / SAMPLES
+    for statement in statements:
+        what = f"{statement.kind} '{statement.name}' of phase '{block.name}'"
+        if not statement.is_template(block):
+            return f"{what} has to know the time as a number, and may do anything between two instants."
+        formulas = RuleFormulas(block, record, indices, trajectory.grid)
+        stated = stated_formulas(formulas, statement)
+        steps = ExpressionSteps(stated)
+        moving = {id(variable) for variable in formulas.at_instant.values()}
+        places = changing_places(steps, moving)
+        for call in changing_places(steps, moving | {id(formulas.index), id(formulas.clock)}):
+            if steps.steps[call].kind != CALL:
+                continue
+            cells = getattr(function_called(steps.nodes[call]), "cells", None)
+            if cells is None:
+                return f"{what} has '{_readable(steps.nodes[call])}', a function of which no bounds are known."
+            if _Parts(formulas, steps, steps.steps[call].arguments, trajectory, indices).change_by_more_than(cells):
+                table = _readable(steps.nodes[call])
+                return f"{what} passes several knots of the table '{table}' between two instants."
+        least = [0.0] * len(places)
+        states = [state for state, name in record.equation_of.items() if name == statement.name]
+        for rate, state in zip(steps.outputs, states, strict=False):
+            # What changes slowly may add up to something narrow. It counts where it moves a state, at rest as well.
+            # Sums and products of signals are polynomials of a low degree, which instants show.
+            if changing_places(steps.part([rate]), moving):
+                places.append(rate)
+                least.append(_CHANGE**2 / part * (1e-3 + float(np.abs(trajectory.states[state]).max())))
+        parts = _Parts(formulas, steps, places, trajectory, indices, at_one_time=True)
+        hidden = parts.hidden(np.array(least)) if places else None
+        if hidden is not None:
+            return f"{what} has '{_readable(steps.nodes[hidden])}', which the motion may pass between two instants."
+    return ""
+
+
+def _readable(expression: Any) -> str:
+    """A formula in the names of the phase."""
+    return re.sub(r"declared\[(\w+)\]", r"\1", str(expression))
+
+
+def _too_quick(why: str) -> str:
+    return (
+        f"its rules change so quickly with the time that the motion between the points is not known: {why}. Take "
+        "more and shorter elements, or state what the quick part does on average."
+    )
+
+
+def stated_formulas(formulas: RuleFormulas, statement: Statement) -> list[Any]:
+    """What a rule gives at any time, side by side of its rows; nothing where it gives no formulas."""
+    try:
+        return formulas.formulas_of(statement, partial(_sides, statement))
+    except TrajectoryError:
+        return []
+
+
+def _sides(statement: Statement, result: Any) -> list[Any]:
+    rows = (
+        [result] if statement.kind == "integral" else labelled_rows(statement.kind, plain_expressions(result)).values()
+    )
+    return [side for row in rows for side in _formulas_in(row)]
+
+
+def _formulas_in(row: Any) -> Iterator[Any]:
+    """The sides of relations, and the components of vectors."""
+    if isinstance(row, (list, tuple, np.ndarray)):
+        for part in row:
+            yield from _formulas_in(part)
+    elif row is None or isinstance(row, str):
+        return  # of a pair: which bound of a side is meant
+    elif kind_of_node(row.__class__) == RELATION:
+        yield from row.args
+    else:
+        yield plain_expressions(row)
+
+
+def changing_places(steps: ExpressionSteps, variables: set[int]) -> list[int]:
+    """Places of steps that depend on some variables and are no sums or products: what these add up is judged itself."""
+    depends, needed = steps.depends_on(lambda leaf: id(leaf.node) in variables), steps.needed
+    return [i for i, step in enumerate(steps.steps) if depends[i] and needed[i] and step.kind in _JUDGED]
+
+
+def _polynomials(trajectory: Trajectory) -> dict[str, Any]:
+    """What moves, and the numbers of what does not, by name."""
+    points, to_coefficients = bernstein_from_samples(trajectory.grid.scheme.stages + 1)
+    weights = trajectory.grid.scheme.stage_polynomial_at(points)
+    mesh = trajectory.grid.mesh
+    values = dict(trajectory.element_polynomials(points))
+    values |= {name: trajectory.element_signals(name) @ weights.T for name in trajectory.signals}
+    times = np.array(mesh.boundaries[:-1])[:, None] + np.array(mesh.widths)[:, None] * points
+    values |= {name: np.interp(times, *knots) for name, knots in trajectory.piecewise_linear.items()}
+    moving = {name: PiecewisePolynomial(of @ to_coefficients.T) for name, of in values.items()}
+    return moving | dict(trajectory.parameters)
+
+
+class _Parts:
+    """Bounds of formulas along a trajectory, on parts of its elements; of which no bounds are known none is judged.
+
+    Parameters
+    ----------
+    formulas : RuleFormulas
+    steps : ExpressionSteps
+    places : sequence of int
+        Of the steps that are judged.
+    trajectory : Trajectory
+    indices : Grid
+        Its grid in the time indices of the phase.
+    at_one_time : bool
+        Whether the time is that of the start of each element.
+    """
+
+    def __init__(
+        self,
+        formulas: RuleFormulas,
+        steps: ExpressionSteps,
+        places: Sequence[int],
+        trajectory: Trajectory,
+        indices: Grid,
+        *,
+        at_one_time: bool = False,
+    ) -> None:
+        self._places, self._steps, self._elements = places, steps.part(places), trajectory.grid.mesh.elements
+        boundaries = [np.array(grid.mesh.boundaries) for grid in (indices, trajectory.grid)]
+        ends = [np.stack([of[:-1], of[:-1] if at_one_time else of[1:]], axis=1) for of in boundaries]
+        index, clock = map(PiecewisePolynomial, ends)
+        self._leaves = formulas.leaves(_polynomials(trajectory), index, clock)
+
+    @property
+    def fractions(self) -> Array:
+        """Where parts of any element start or end."""
+        return np.union1d(self._start, self._end)
+
+    def _on_samples(self) -> tuple[Array, ...]:
+        """Lowest and highest value of each node on each of ``SAMPLES`` parts of all elements, and those at its ends."""
+        quarters = 4  # bounds of short parts are close
+        edges = np.linspace(0.0, 1.0, quarters * SAMPLES + 1)
+        element = np.repeat(np.arange(self._elements), quarters * SAMPLES)
+        start, end = (np.tile(of, self._elements) for of in (edges[:-1], edges[1:]))
+        low, high, _ = self.bounds(element, start, end)
+        low, high = (of.reshape(len(self._places), -1, quarters) for of in (low, high))
+        at = [start[::quarters], end[quarters - 1 :: quarters]]
+        first, last = (self.bounds(element[::quarters], instants, instants)[0] for instants in at)
+        return low.min(axis=2), high.max(axis=2), first, last
+
+    def change_by_more_than(self, lengths: Array) -> bool:
+        """Whether one of the nodes changes by more than its length between two instants."""
+        low, high, _, _ = self._on_samples()
+        return not ((high - low).max(axis=1, initial=0.0) <= lengths).all()
+
+    def hidden(self, least: Array) -> int | None:
+        """Place of a step that goes beyond its values at two instants by more than is to be seen; None without any.
+
+        Between the two is a third one: what is narrow, and happens to be met there, is narrow all the same.
+        """
+        low, high, first, last = self._on_samples()
+        low, high = np.fmin(low[:, :-1], low[:, 1:]), np.fmax(high[:, :-1], high[:, 1:])
+        first, last = first[:, :-1], last[:, 1:]
+        with np.errstate(invalid="ignore"):
+            width = (high.max(axis=1) - low.min(axis=1))[:, None]
+            size = np.abs(first).max(axis=1)[:, None]
+            seen = np.where(np.isfinite(width), np.maximum(_CHANGE * width + NEGLIGIBLE * size, least[:, None]), 0.0)
+            beyond = np.fmax(high - np.fmax(first, last), np.fmin(first, last) - low)
+            found = np.flatnonzero((~(beyond <= seen)).any(axis=1))
+        return self._places[found[0]] if len(found) else None
+
+    def halved(self, fractions: Array) -> Array:
+        """Halve parts of all elements until no formula bends on them; the ends of those where one jumps."""
+        count = len(fractions) - 1
+        element = np.repeat(np.arange(self._elements), count)
+        start, end = np.tile(fractions[:-1], self._elements), np.tile(fractions[1:], self._elements)
+        bounds = self.bounds(element, start, end)
+        while True:
+            bends = self._bends(*bounds)
+            split = bends & (end - start > _SMALLEST)
+            if not split.any():
+                break
+            if len(start) > _MOST_PARTS:
+                raise TrajectoryError(_too_quick(f"after {_MOST_PARTS} parts of elements they still bend"))
+            middle = (start[split] + end[split]) / 2
+            again = np.tile(element[split], 2)
+            halves = np.concatenate([start[split], middle]), np.concatenate([middle, end[split]])
+            kept, new = [of[:, ~split] for of in bounds], self.bounds(again, *halves)
+            bounds = tuple(np.concatenate(both, axis=1) for both in zip(kept, new, strict=True))
+            element = np.concatenate([element[~split], again])
+            start, end = (np.concatenate([of[~split], half]) for of, half in zip((start, end), halves, strict=True))
+        self._start, self._end = start, end
+        return np.union1d(start[bends], end[bends])
+
+    def bounds(self, element: Indices, start: Array, end: Array) -> tuple[Array, ...]:
+        """Lowest and highest value of each step on each part, and how much it changes; shape (steps, parts)."""
+        low, high, changes = (np.zeros((len(self._places), len(start))) for _ in range(3))
+        unknown = TaylorForm.constant(np.nan, len(start))
+        known: dict[int, Any] = {}
+
+        def read(leaf: Leaf) -> Any:
+            key = id(leaf.node)
+            if key not in known:
+                found = self._leaves[key] if key in self._leaves else value(leaf.node, exception=False)
+                is_moving = isinstance(found, PiecewisePolynomial)
+                known[key] = (
+                    found.taylor_form(element, start, end) if is_moving else unknown if found is None else found
+                )
+            return known[key]
+
+        functions = {**TAYLOR_FUNCTIONS, "call": lambda *arguments: unknown}
+        with np.errstate(all="ignore"):
+            for row, form in enumerate(self._steps.evaluate(read, functions)):
+                if isinstance(form, TaylorForm) and not np.isnan(form.value.low).all():
+                    low[row], high[row] = form.value.low, form.value.high
+                    bend = form.second.magnitude * (end - start) ** 2 / (8 * _CHANGE)
+                    width = high[row] - low[row]
+                    changes[row] = np.where(np.isfinite(bend), np.fmin(width / _CHANGE, bend), width)
+        return low, high, changes
+
+    @staticmethod
+    def _bends(low: Array, high: Array, changes: Array) -> BoolArray:
+        """Parts on which a formula changes by more than a part of the range that it has over all parts."""
+        known = np.isfinite(low) & np.isfinite(high)
+        lowest = np.where(known, low, np.inf).min(axis=1, keepdims=True)
+        highest = np.where(known, high, -np.inf).max(axis=1, keepdims=True)
+        with np.errstate(all="ignore"):
+            size = np.fmax(np.abs(lowest), np.abs(highest))
+            least = np.nan_to_num(_CHANGE * (highest - lowest) + NEGLIGIBLE * size, nan=0.0, posinf=0.0, neginf=0.0)
+            return ~(changes <= least + np.finfo(float).tiny).all(axis=0)
+
+
+def lowest_value(
+    formula: Any, allowed: float, formulas: RuleFormulas, trajectory: Trajectory, indices: Grid
+) -> tuple[float, float]:
+    """A value of a formula along polynomials that is nearly the lowest, where that is below one that is allowed.
+
+    Parameters
+    ----------
+    formula : expression
+        Of `formulas`.
+    allowed : float
+        Parts of elements are halved while the formula may be below it, and lower than what was found.
+    formulas : RuleFormulas
+    trajectory : Trajectory
+    indices : Grid
+        Its grid in the time indices of the phase.
+
+    Returns
+    -------
+    float, float
+        The value and its time; the one that is allowed where nothing lower was found, or something is not known.
+    """
+    lowest, time = allowed, 0.0
+    boundaries = np.array(trajectory.grid.mesh.boundaries)
+    steps = ExpressionSteps([formula])
+    parts = _Parts(formulas, steps, steps.outputs, trajectory, indices)
+    element, start = np.divmod(np.arange(trajectory.grid.mesh.elements * SAMPLES), SAMPLES)
+    start, width = start / SAMPLES, 1.0 / SAMPLES
+    while len(start) and len(start) <= _MOST_PARTS and width > _SMALLEST and np.isfinite(lowest):
+        (least,), _, _ = parts.bounds(element, start, start + width)
+        width /= 2
+        (value,), _, _ = parts.bounds(element, start + width, start + width)
+        best = int(np.argmin(np.nan_to_num(value, nan=np.inf, posinf=np.inf)))
+        if value[best] < lowest:
+            lowest, there = float(value[best]), element[best]
+            time = float(boundaries[there] + (start[best] + width) * np.diff(boundaries)[there])
+        again = ~(least >= lowest - _CHANGE * max(0.0, allowed - lowest))
+        element, start = np.tile(element[again], 2), np.concatenate([start[again], start[again] + width])
+    return lowest, time

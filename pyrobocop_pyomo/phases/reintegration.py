@@ -21,12 +21,12 @@ from pyrobocop_pyomo.numerics.tables import tables_continued
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .asked_by_point import refuse_asked_by_point
+from .bounds_between_points import SAMPLES, instants_to_look_at, stated_formulas
 from .companions import Companion, companions_of, indices_of, put_on_model
 from .element_integration import each_from_its_start, whole_by_steps
 from .families import guesses_by_component
 from .instant_equations import refuse_equations_beside
 from .instants_inside import InstantsInside
-from .quick_instants import SAMPLES, instants_to_look_at, stated_formulas
 from .rate_arrays import PointRates, RateArrays
 from .record import PhaseRecord, Statement
 from .rule_formulas import RuleFormulas

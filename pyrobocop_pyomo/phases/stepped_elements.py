@@ -25,7 +25,7 @@ from pyrobocop_pyomo.numerics.mixed_complementarity import (
 )
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .quick_instants import SAMPLES
+from .bounds_between_points import SAMPLES
 from .rate_arrays import RateArrays
 
 _radau = cache(radau)

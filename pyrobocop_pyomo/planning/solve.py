@@ -20,14 +20,7 @@ from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.keywords import keywords_checked
 from pyrobocop_pyomo.modeling.rare_collections import rare_collections
 from pyrobocop_pyomo.modeling.variable_values import checksum_of_model
-from pyrobocop_pyomo.obstacles.clocks import check_clocks
-from pyrobocop_pyomo.obstacles.initial_checks import (
-    check_clearances,
-    check_contained_motion,
-    check_digits,
-    check_fixed_inside,
-    check_motion,
-)
+from pyrobocop_pyomo.obstacles.initial_checks import check_block, check_clocks, check_region
 from pyrobocop_pyomo.phases import note_outcome, phases_of
 from pyrobocop_pyomo.solving.ipopt_options import IpoptOptions
 from pyrobocop_pyomo.solving.iterates import Quality, checked_tolerances
@@ -221,13 +214,10 @@ def solve(
     refuse_inconsistent_units(model)
     doubts = doubts_before_solve(model)
     for block in blocks:
-        check_clearances(block, limits.feasibility)
-        check_motion(block)
-        check_digits(block, limits.feasibility)
-    check_clocks(model, blocks)
+        check_block(block, limits.feasibility)
+    check_clocks(blocks)
     for region in regions:
-        check_fixed_inside(region, limits.feasibility)
-        check_contained_motion(region)
+        check_region(region, limits.feasibility)
 
     choices = open_choices(model)
 

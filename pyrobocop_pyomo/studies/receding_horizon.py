@@ -20,7 +20,7 @@ from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.motion.safety_report import SafetyReport, joined_report
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.obstacles.clocks import warn_of_clocks_that_start_anew
+from pyrobocop_pyomo.obstacles.initial_checks import warn_of_clocks_that_start_anew
 from pyrobocop_pyomo.phases import Control, Parameter, PhaseBlockData
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
 from pyrobocop_pyomo.planning.safe_planning import avoidance_blocks, containments

@@ -39,7 +39,7 @@ def proof(m: Any, others: Any, first: Polytope, second: Polytope) -> _Proof:
         moving_shapes(motion_of(model.t, model), {"body": Body(shape, by_states)})["body"][0]
         for model, shape in ((m, first), (others, second))
     ]
-    return _Proof(*shapes, RequiredClearance(0.0), ProofSettings(0.001, 5, 100), np.zeros(1), "")
+    return _Proof(*shapes, RequiredClearance(0.0), ProofSettings(0.001, 5, 100), np.zeros(1), np.zeros(1), "")
 
 
 @given(seed=seeds, start=st.floats(0, 0.9), width=st.floats(0.01, 1.0), turn=st.floats(0, 3), length=st.floats(0.1, 3))

@@ -55,7 +55,7 @@ def test_a_plane_proves_no_more_than_its_smallest_gap(
     random = np.random.default_rng(seed)
     poses, others = random.normal(size=(2, 3)) * [2, 2, turn], random.normal(size=(2, 3)) * [2, 2, turn]
     first, second = moving(on_points(poses), SHAPE), moving(on_points(others), Polytope.box(0.5, 0.7))
-    proof = _Proof(first, second, RequiredClearance(0.0), ProofSettings(0.001, 5, 100), np.zeros(1), "")
+    proof = _Proof(first, second, RequiredClearance(0.0), ProofSettings(0.001, 5, 100), np.zeros(1), np.zeros(1), "")
     at = np.array([0]), np.array([subinterval[0]]), np.array([subinterval[1]])
     normal = np.array([[np.cos(direction), np.sin(direction)]])
     none = proof.clearance.bounds(*at)

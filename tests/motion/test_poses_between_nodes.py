@@ -17,7 +17,7 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError, ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, planar_pose
 from pyrobocop_pyomo.motion import Body, motion_of
-from pyrobocop_pyomo.motion.pose_templates import template_of
+from pyrobocop_pyomo.motion.moving_shapes import template_of
 from pyrobocop_pyomo.rules.rule_template import templated
 
 SCHEMES = [("radau", 3), ("radau", 1), ("gauss", 2), ("lobatto", 3), ("explicit", 3), ("implicit_midpoint", None)]

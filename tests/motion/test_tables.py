@@ -18,7 +18,7 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, planar_pose
 from pyrobocop_pyomo.motion import Body, motion_of
-from pyrobocop_pyomo.motion.pose_templates import template_of
+from pyrobocop_pyomo.motion.moving_shapes import template_of
 from pyrobocop_pyomo.motion.table_functions import TableFunction
 from pyrobocop_pyomo.numerics.taylor_forms import TaylorForm, taylor_form_of_polynomial
 
@@ -135,8 +135,8 @@ def test_beyond_its_ends_a_table_says_nothing_unless_the_body_rests_there() -> N
     ("arguments", "match"),
     [
         (([0, 1], [0, 1, 2], 0), "x has the shape"),
-        (([0, 0], 0, 0), "0 is followed by 0"),
-        (([0], 0, 0), "at least two"),
+        (([0, 0], 0, 0), r"row 1 \(0\) follows row 0"),
+        (([0], 0, 0), "two times or more"),
         (([0, 1], math.nan, 0), "finite"),
     ],
 )

@@ -7,11 +7,10 @@ from typing import Any
 
 import pyomo.environ as pyo
 import pytest
-from pyomo.dae import ContinuousSet, DerivativeVar
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.obstacles.clocks import check_clocks
+from pyrobocop_pyomo.obstacles.initial_checks import check_clocks
 from pyrobocop_pyomo.planning.safe_planning import avoidance_blocks
 
 BOX = rcp.Polytope.box(1, 1)
@@ -177,13 +176,13 @@ RESTARTED = {"fixed": {}, "free": FREE}
 def test_an_obstacle_that_jumps_back_where_a_clock_starts_anew_is_refused(horizon: str) -> None:
     m = two_legs(lambda m: {}, **RESTARTED[horizon])
     with pytest.raises(ObstacleError, match="'second' follows 'first'.*'truck' jumps by.*start=first"):
-        check_clocks(m, avoidance_blocks(m))
+        check_clocks(avoidance_blocks(m))
 
 
 @pytest.mark.parametrize("horizon", RESTARTED)
 def test_a_phase_that_starts_after_the_one_before_is_on_its_clock(horizon: str) -> None:
     m = two_legs(lambda m: {"start": m.first}, **RESTARTED[horizon])
-    check_clocks(m, avoidance_blocks(m))
+    check_clocks(avoidance_blocks(m))
 
 
 def test_an_offset_by_hand_is_as_good() -> None:
@@ -192,19 +191,19 @@ def test_an_offset_by_hand_is_as_good() -> None:
         phase.del_component("avoid")
         shift = 0.0 if phase is m.first else 3.0
         crossing(phase, lambda b, t, shift=shift: rcp.planar_pose(5, 2 * (t + shift)))
-    check_clocks(m, avoidance_blocks(m))
+    check_clocks(avoidance_blocks(m))
 
 
 def test_an_obstacle_of_the_later_phase_alone_is_told(caplog: pytest.LogCaptureFixture) -> None:
     m = two_legs(lambda m: {})
     m.first.del_component("avoid")
-    check_clocks(m, avoidance_blocks(m))
+    check_clocks(avoidance_blocks(m))
     assert "its time starts anew at 0, and 'truck' moves with it" in caplog.text
 
 
 def test_what_rests_or_is_moved_by_the_plan_has_no_clock(caplog: pytest.LogCaptureFixture) -> None:
     m = two_legs(lambda m: {}, truck=None)
-    check_clocks(m, avoidance_blocks(m))
+    check_clocks(avoidance_blocks(m))
     assert not [record for record in caplog.records if record.levelno >= logging.WARNING]
 
 
@@ -231,7 +230,7 @@ def legs(start: Any) -> pyo.ConcreteModel:
 def test_one_start_for_all_phases_of_a_sequence_is_refused() -> None:
     m = legs(0.0)
     with pytest.raises(ObstacleError, match=r"legs\[1\].*follows.*legs\[0\].*start=lambda m, k"):
-        check_clocks(m, avoidance_blocks(m))
+        check_clocks(avoidance_blocks(m))
 
 
 STARTS = {"phase": lambda m, k: m.legs[k - 1] if k else 0.0, "number": lambda m, k: 2.0 * k}
@@ -240,19 +239,19 @@ STARTS = {"phase": lambda m, k: m.legs[k - 1] if k else 0.0, "number": lambda m,
 @pytest.mark.parametrize("start", STARTS)
 def test_each_phase_of_a_sequence_may_have_its_start(start: str) -> None:
     m = legs(STARTS[start])
-    check_clocks(m, avoidance_blocks(m))
+    check_clocks(avoidance_blocks(m))
     assert [m.legs[k].initial_time for k in m.legs] == [0.0, 2.0, 4.0]
-    check_clocks(m.clone(), avoidance_blocks(m.clone()))
+    check_clocks(avoidance_blocks(m.clone()))
 
 
 def test_a_start_that_nothing_ties_to_the_phase_before_is_told(caplog: pytest.LogCaptureFixture) -> None:
     m = two_legs(lambda m: {"start": rcp.Start(bounds=(0, 9), initial_guess=3.0)})
-    check_clocks(m, avoidance_blocks(m))
+    check_clocks(avoidance_blocks(m))
     assert "nothing ties its start" in caplog.text
     assert "start=first" in caplog.text
     caplog.clear()
     m.after = pyo.Constraint(expr=m.second.start == 3.0)
-    check_clocks(m, avoidance_blocks(m))
+    check_clocks(avoidance_blocks(m))
     assert "ties" not in caplog.text
 
 
@@ -261,27 +260,3 @@ def test_rows_of_single_points_run_on_the_same_clock() -> None:
     trucks = (by_index, "one"), (by_time, "two")
     first, second = (crossing(m.drive, truck, name, between=None) for truck, name in trucks)
     assert rows(first) == rows(second) != []
-
-
-@pytest.mark.parametrize("transformation", ["dae.collocation", "pyrobocop.collocation"])
-def test_an_index_that_a_variable_scales_is_told(transformation: str, caplog: pytest.LogCaptureFixture) -> None:
-    m = pyo.ConcreteModel()
-    m.t = ContinuousSet(bounds=(0, 1))
-    m.x, m.u, m.duration = pyo.Var(m.t, initialize=0.0), pyo.Var(m.t, initialize=0.0), pyo.Var(initialize=2.0)
-    m.rate = DerivativeVar(m.x)
-    m.ode = pyo.Constraint(m.t, rule=lambda m, t: m.rate[t] == m.duration * m.u[t])
-    pyo.TransformationFactory(transformation).apply_to(m, nfe=2, ncp=2)
-
-    def add(name: str, truck: Any) -> None:
-        block = rcp.ObstacleAvoidanceBlock(
-            m.t, bodies={"car": rcp.Body(BOX, along)}, obstacles={"truck": rcp.Body(BOX, truck)}, clearance=0.1
-        )
-        m.add_component(name, block)
-
-    add("right", lambda m, t: rcp.planar_pose(5, m.duration * t))
-    check_clocks(m, avoidance_blocks(m))
-    assert "from 0 to 1" not in caplog.text
-    add("doubtful", lambda m, t: rcp.planar_pose(5, 2 * t))
-    check_clocks(m, avoidance_blocks(m))
-    assert "'truck' moves with the index of 't', from 0 to 1" in caplog.text
-    assert "write duration * t" in caplog.text

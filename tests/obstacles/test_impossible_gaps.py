@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.geometry.grid_path_search import grid_distances
-from pyrobocop_pyomo.obstacles.impossible_gaps import closed_gaps, gap_that_separates, largest_disc
+from pyrobocop_pyomo.obstacles.impossible_gaps import closed_gaps, gap_that_separates
 from pyrobocop_pyomo.obstacles.rerouting import distance_lower_bounds
 
 box = Polytope.box
@@ -81,19 +81,6 @@ def test_a_wall_with_a_door_between_unbounded_walls() -> None:
     post = box(0.1, 4.0, center=(0.0, 0.0))
     assert separating_width([left, below, post], 0.16 / 2, (0, 5), (0, -5)) == pytest.approx(0.15)
     assert separating_width([left, below, post], 0.14 / 2, (0, 5), (0, -5)) is None
-
-
-@given(seed=seeds)
-def test_the_largest_disc_is_inside(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    shape = Polytope.from_vertices(rng.normal(size=(3, 2)) + 1e3 * rng.normal(size=2))
-    middle, radius = largest_disc(shape)
-    normals, offsets = shape.halfspaces
-    assert (normals @ middle + radius <= offsets + 1e-9).all()
-    lengths = np.linalg.norm(np.diff(shape.vertices, axis=0, append=shape.vertices[:1]), axis=1)
-    # Of a triangle: twice its area over its circumference.
-    area = 0.5 * abs(float(np.linalg.det(np.diff(shape.vertices, axis=0))))
-    assert radius == pytest.approx(2 * area / lengths.sum(), rel=1e-6, abs=1e-9)
 
 
 def room_with_a_door(door: float, clearance: float = 0.05) -> pyo.ConcreteModel:
