@@ -21,7 +21,7 @@ from cart_pole_ways import stated_as_phase
 from table import Table, show_progress
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.diagnosis.before_solve import findings_before_solve
+from pyrobocop_pyomo.diagnosis.diagnose import findings_before_solve
 
 COLUMNS = [("model", "<22s"), ("variables", ">9d"), ("checks (s)", ">10.4f"), ("solve (s)", ">9.3f"), ("%", ">5.2f")]
 

@@ -29,12 +29,14 @@ from nonsmooth_problems import PROBLEMS
 from table import Table, show_progress
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.ipopt.backends import Backend
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE
 from pyrobocop_pyomo.solving.executable_session import ExecutableSession
 from pyrobocop_pyomo.solving.in_process_session import InProcessSession
 from pyrobocop_pyomo.solving.ipopt_options import IpoptOptions, warm_continuation
 from pyrobocop_pyomo.solving.iterates import Iterate
 from pyrobocop_pyomo.solving.relaxed_model import relaxed_model
+from pyrobocop_pyomo.solving.settings import Settings
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 
@@ -68,7 +70,11 @@ class Walk:
         deltas = list(PATH.steps())
         started = time.perf_counter()
         with relaxed_model(model, "scholtes", "pair", deltas[0]) as relaxed:
-            session = ExecutableSession(relaxed) if derivatives is None else InProcessSession(relaxed, derivatives)
+            settings = Settings("scholtes", "pair", Backend.EXECUTABLE)
+            is_process = derivatives is None
+            session = (
+                ExecutableSession(relaxed, settings) if is_process else InProcessSession(relaxed, settings, derivatives)
+            )
             try:
                 runs: list[Iterate] = []
                 for delta in deltas:

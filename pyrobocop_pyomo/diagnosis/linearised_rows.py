@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -26,35 +26,32 @@ NAN = float("nan")
 NO_VALUE = (ValueError, TypeError, ArithmeticError)
 
 
-class Equations:
-    """All active equations of a block and below, in all variables that may move.
+class LinearisedRows:
+    """Some rows in all variables that may move, at the values that are on the model.
 
     Parameters
     ----------
-    block : Block
+    rows : list
+        Each has a body.
 
     Attributes
     ----------
-    rows : list of constraint data
-        Those that hold a variable that may move: the others are judged by their values.
+    rows : list
     variables : list of variable data
     incidence : list of list of int
         Positions in `variables` of what each row holds.
     """
 
-    def __init__(self, block: Any) -> None:
-        self.rows: list[Any] = []
-        self.incidence: list[list[int]] = []
+    def __init__(self, rows: Sequence[Any]) -> None:
+        self.rows, self.variables = rows, list[Any]()
         column: dict[int, int] = {}
-        self.variables: list[Any] = []
-        for row in block.component_data_objects(Constraint, active=True, descend_into=Block):
-            own = list(variables_in(row.body, include_fixed=False)) if row.equality else []
-            if own:
-                for variable in own:
-                    if column.setdefault(id(variable), len(column)) == len(self.variables):
-                        self.variables.append(variable)
-                self.rows.append(row)
-                self.incidence.append([column[id(variable)] for variable in own])
+        self.incidence: list[list[int]] = []
+        for row in rows:
+            own = list(variables_in(row.body, include_fixed=False))
+            for variable in own:
+                if column.setdefault(id(variable), len(column)) == len(self.variables):
+                    self.variables.append(variable)
+            self.incidence.append([column[id(variable)] for variable in own])
 
     @cached_property
     def jacobian(self) -> Any:
@@ -66,6 +63,20 @@ class Equations:
         ]
         i, j, entries = zip(*triplets, strict=True) if triplets else ((), (), ())
         return scipy.sparse.csr_matrix((entries, (i, j)), shape=(len(self.rows), len(self.variables)))
+
+
+class Equations(LinearisedRows):
+    """All active equations of a block and below that hold a variable that may move: others are judged by their values.
+
+    Parameters
+    ----------
+    block : Block
+    """
+
+    def __init__(self, block: Any) -> None:
+        active = block.component_data_objects(Constraint, active=True, descend_into=Block)
+        equations = (row for row in active if row.equality)
+        super().__init__([row for row in equations if any(True for _ in variables_in(row.body, include_fixed=False))])
 
     @property
     def residuals(self) -> Array:

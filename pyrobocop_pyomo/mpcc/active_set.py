@@ -196,8 +196,10 @@ class ActiveSetSearch:
     _refused: list[BranchPoint] = field(default_factory=list)
     _tried_from: tuple[BranchPoint | None, set[bytes]] = (None, set())
 
-    def polish(self, start: BranchPoint) -> BranchPoint:
-        """Solve the branch nearest to a point, or else the best linearised one; keep the answer if it is no worse.
+    def polish(self, start: BranchPoint, *, only_nearest: bool = False) -> BranchPoint:
+        """Solve the branch nearest to a point, or else the best linearised one, unless only the nearest is wanted.
+
+        The answer is kept if it is no worse.
 
         Where neither is, the better one is kept all the same: the start, whose pairs are met only loosely, is no point
         of the problem at all.
@@ -205,7 +207,7 @@ class ActiveSetSearch:
         self._refused.clear()
         branch = nearest_branch(self.program, start.x)
         found = self._go("polish", branch, start, start.x)
-        if found is None and not self._late():
+        if found is None and not only_nearest and not self._late():
             radius = max(1e-2, 10.0 * start.natural_residual)
             nearby = self._nearly_feasible_branch(Linearisation.at(self.program.nlp, start.x), radius)
             if nearby is not None and nearby.branch != branch:

@@ -19,11 +19,6 @@ from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 Rows = tuple[Any, FloatArray | float, FloatArray | float]
 
 
-def prepare() -> None:
-    """Import the solver, which takes longer than it does for a small program."""
-    _ = scipy.optimize.milp
-
-
 class LinearStatus(enum.Enum):
     """How a linear program ended; the value is a sentence."""
 

@@ -27,7 +27,7 @@ from pyrobocop_pyomo.obstacles.broad_phase import ran_through_what_was_left_out
 from pyrobocop_pyomo.obstacles.pictures import scene_of
 from pyrobocop_pyomo.obstacles.tightening import tighten, tighten_containment
 from pyrobocop_pyomo.programs.compiled_model import KeptProgram
-from pyrobocop_pyomo.solving.ipopt_options import NEARLY_SAFE, SOLVE_AGAIN
+from pyrobocop_pyomo.solving.ipopt_options import NEARLY_SAFE, NEARLY_THERE
 from pyrobocop_pyomo.solving.iterates import Quality, StopReason
 from pyrobocop_pyomo.solving.procedure import solve_model
 from pyrobocop_pyomo.solving.progress import Progress
@@ -201,7 +201,7 @@ class SafePlanning:
         settings = self._settings
         if again:
             nearly = self.rounds and self.rounds[-1].is_nearly_safe
-            settings = replace(settings, options=settings.options.with_default(NEARLY_SAFE if nearly else SOLVE_AGAIN))
+            settings = replace(settings, options=settings.options.with_default(NEARLY_SAFE if nearly else NEARLY_THERE))
         if most_iterations is not None:
             settings = replace(settings, options=settings.options.with_default({"max_iter": most_iterations}))
         self._began = VariableValues.of_free(self._model)

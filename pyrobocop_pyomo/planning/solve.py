@@ -8,7 +8,7 @@ from dataclasses import replace
 from numbers import Real
 from typing import Any, TextIO
 
-from pyrobocop_pyomo.diagnosis.before_solve import doubts_before_solve
+from pyrobocop_pyomo.diagnosis.diagnose import doubts_before_solve, is_renamed
 from pyrobocop_pyomo.diagnosis.findings import Finding, Severity, Subject
 from pyrobocop_pyomo.diagnosis.statements import refuse_inconsistent_units, refuse_misplaced
 from pyrobocop_pyomo.discretisation.first_meshes import mesh_from_statement
@@ -29,7 +29,6 @@ from pyrobocop_pyomo.solving.procedure import solve_model
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult
-from pyrobocop_pyomo.solving.starts import are_renamed
 from pyrobocop_pyomo.solving.strategies import Choices, settings_of
 
 from .finer_meshes import solve_on_finer_meshes
@@ -89,8 +88,8 @@ def solve(
     "simulated, with pairs" and "straight lines, with pairs".
 
     Models without pairs are solved by one run, "solve". Where it fails or takes more than 500 iterations, further
-    strategies follow until one gives a solution by recomputed residuals; together they may take twice its iterations,
-    and at least 1500, each at most 500:
+    strategies follow until one gives a solution by recomputed residuals; together they may take 1500 iterations, each
+    at most 500:
 
     * "absolute values as pairs": where the model holds absolute values, a copy with their two parts is solved; in a
       model with pairs this comes last;
@@ -122,8 +121,7 @@ def solve(
     * "tight": one solve at delta = 1e-8 from the user's initial guess, as a cross-check of up to 100 pairs;
     * "continuation": delta from 1 to 1e-8 by factors of 0.1, warm in primal and dual values; also a second opinion
       on certified points where there are more than 100 pairs, or where the strategies so far do not agree on one;
-    * "elastic": the products below a variable with a penalty term in the objective;
-    * "projection": the branch that the linearised constraints can be met in, from the best point so far.
+    * "elastic": the products below a variable with a penalty term in the objective.
 
     Every strategy ends with a *polish*: the nonlinear program of the nearest branch is solved, so that each pair is met
     exactly; other branches through the point are followed as long as they descend; and the multipliers that are left,
@@ -226,7 +224,7 @@ def solve(
             # Where no plan is found, the recovery has other starts.
             without = replace(settings, second_tries=False)
             return SafePlanning(model, blocks, regions, without).plan()
-        if mesh_tolerance is None or choices or are_renamed(phases_of(model)):
+        if mesh_tolerance is None or choices or is_renamed(model):
             return solve_model(model, settings)
         first = mesh_from_statement(phases_of(model))
         result = solve_on_finer_meshes(model, mesh_tolerance, settings)
@@ -243,7 +241,7 @@ def solve(
     # Controls that were rounded are free again: without their values the rows would be those of the relaxed problem.
     if result.quality is Quality.INFEASIBLE and not result.stop_reason.is_final and result.rounding is None:
         result = replace(result, least_violation=least_violation(model, settings.deadline))
-    if result.quality is not Quality.INFEASIBLE and not are_renamed(phases_of(model)):
+    if result.quality is not Quality.INFEASIBLE and not is_renamed(model):
         result = replace(result, doubts=(*result.doubts, *_missed_between_points(phases_of(model))))
     fingerprint = None if result.safety is None else checksum_of_model(model)
     result = replace(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,7 +26,6 @@ from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProg
 from pyrobocop_pyomo.programs.scales import Scales
 from pyrobocop_pyomo.programs.stationarity import beside
 
-_ROUNDS = 5
 # Relative to an objective: below, its change by all variables is rounding.
 _CONSTANT = 1e-4
 # Of the change of an objective by all variables. Ipopt's first barrier parameter is 0.1: beside an objective of size
@@ -89,30 +87,21 @@ def _range(scales: dict[str, float]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class AutomaticScaling:
-    """The scales of a program, by its own numbers and by components.
+    """The scales of a program, by its own numbers and by names.
 
     Attributes
     ----------
     scales : Scales
     record : ScalingRecord
-    parts : list of (list of component data, array)
-        The variables of the program, and its constraints, with the scale of each.
     """
 
     scales: Scales
     record: ScalingRecord
-    parts: Sequence[tuple[Sequence[Any], FloatArray]]
 
     def is_like(self, other: AutomaticScaling) -> bool:
         """Whether no scale differs from the other one's by more than a factor of 10."""
         pairs = [(getattr(self.scales, name), getattr(other.scales, name)) for name in ("x", "g", "objective")]
         return all(np.abs(np.log(np.divide(ours, theirs))).max(initial=0.0) <= np.log(_ALIKE) for ours, theirs in pairs)
-
-    def above_one(self) -> Iterator[tuple[Any, float]]:
-        """Each variable and each constraint whose scale is above 1, with its scale."""
-        for components, sizes in self.parts:
-            for place in np.flatnonzero(sizes > 1.0).tolist():
-                yield components[place], float(sizes[place])
 
 
 def automatic_scaling(
@@ -127,38 +116,32 @@ def automatic_scaling(
         Factors that the user has stated, NaN where there are none; by default those of the model's suffixes.
     like : AutomaticScaling, optional
         Of the same program: returned where no scale is another one by more than a factor of 10.
-
-    Returns
-    -------
-    AutomaticScaling
     """
-    nlp, x = compiled.nlp, compiled.current_point()
-    variables, constraints = compiled.groups
-    known = _known_scales(variables, _widths(variables, nlp))
+    sizing = _Sizing(compiled)
+    nlp, x, variables, constraints = sizing.nlp, sizing.x, sizing.variables, sizing.constraints
+    known = _known_scales(variables, sizing.widths)
     stated = scaling_factors(compiled, missing=np.nan) if stated is None else stated
     x_stated = np.full(nlp.n, np.nan) if stated.x is None else _inverse(stated.x)
-    _set(known, variables.numbers, x_stated)
-    free = np.isnan(_by_group(known, variables.numbers, x_stated))
-    scales = _without_rounding(nlp, x, variables, constraints, known, free, _AT_A_GUESS)
-    jacobian = _jacobian(nlp, x)
+    of_groups = np.full(known.shape, np.nan)
+    of_groups[variables.numbers[~np.isnan(x_stated)]] = x_stated[~np.isnan(x_stated)]
+    free = np.isnan(of_groups)
+    scales = sizing.without_rounding(np.where(free, known, of_groups), free, _AT_A_GUESS)
     scales = np.where(np.isnan(scales), 1.0, scales)
-    x_beside = beside(nlp, x, scales[variables.numbers])
-    entries = _entries(nlp, [jacobian, _jacobian(nlp, x_beside)], variables, constraints)
     x_scales = scales[variables.numbers]
+    x_beside = beside(nlp, x, x_scales)
     bounds = np.abs(np.array([nlp.g_lower, nlp.g_upper]))
-    rows = row_scales(scales, entries, np.where(np.isfinite(bounds), bounds, 0.0).max(axis=0))
+    rows = row_scales(scales, sizing.entries(x, x_beside), np.where(np.isfinite(bounds), bounds, 0.0).max(axis=0))
     g_scales = rows[constraints.numbers]
-    changed = objective_scale(np.array([_gradient(nlp, x), _gradient(nlp, x_beside)]), x_scales)
-    objective = max(_SHARE * changed, _CONSTANT * _size_of_objective(nlp, x))
+    changed = objective_scale(sizing.gradients(x, x_beside), x_scales)
+    objective = max(_SHARE * changed, _CONSTANT * sizing.size_of_objective())
     objective *= min(1.0, _MANY_BOUNDS / max(_terms_of_barrier(nlp), 1))
     x_scales = np.where(np.isnan(x_stated), x_scales, x_stated)
     if stated.g is not None:
         g_scales = np.where(np.isnan(stated.g), g_scales, _inverse(stated.g))
     if np.isfinite(stated.objective):
         objective = 1.0 / abs(stated.objective)
-    parts = [(compiled.variables, x_scales), (compiled.constraints, g_scales)]
     record = ScalingRecord(_by_name(variables, x_scales), _by_name(constraints, g_scales), objective)
-    found = AutomaticScaling(Scales(x_scales, g_scales, objective), record, parts)
+    found = AutomaticScaling(Scales(x_scales, g_scales, objective), record)
     return like if like is not None and found.is_like(like) else found
 
 
@@ -175,13 +158,12 @@ def variable_sizes(compiled: CompiledModel) -> FloatArray:
     -------
     float array, shape (n,)
     """
-    nlp, x = compiled.nlp, compiled.current_point()
-    variables, constraints = compiled.groups
-    widths = _widths(variables, nlp)
-    known = _known_scales(variables, np.zeros(widths.shape))
-    scales = _without_rounding(nlp, x, variables, constraints, known, np.full(known.shape, True), _AT_AN_ANSWER)
+    sizing = _Sizing(compiled)
+    widths = sizing.widths
+    known = _known_scales(sizing.variables, np.zeros(widths.shape))
+    scales = sizing.without_rounding(known, np.full(known.shape, True), _AT_AN_ANSWER)
     widths = np.where((widths > 0.0) & np.isfinite(widths), widths, 1.0)
-    return np.where(np.isnan(scales), widths, scales)[variables.numbers]
+    return np.where(np.isnan(scales), widths, scales)[sizing.variables.numbers]
 
 
 def objective_slope(compiled: CompiledModel, below: float = _SMALL_SLOPE) -> float:
@@ -196,89 +178,89 @@ def objective_slope(compiled: CompiledModel, below: float = _SMALL_SLOPE) -> flo
         Larger ones are left as they are. Where a branch is solved, which has one optimum nearby, 1 is right: beside an
         objective of 1e-5 the last barrier parameter leaves a thousandth of it.
     """
-    nlp, x = compiled.nlp, compiled.current_point()
-    gradients = np.array([_gradient(nlp, x), _gradient(nlp, beside(nlp, x, variable_sizes(compiled)))])
+    sizing = _Sizing(compiled)
+    gradients = sizing.gradients(sizing.x, beside(sizing.nlp, sizing.x, variable_sizes(compiled)))
     slope = float(np.abs(gradients[np.isfinite(gradients)]).max(initial=0.0))
-    slope = max(slope, _CONSTANT * _size_of_objective(nlp, x))
+    slope = max(slope, _CONSTANT * sizing.size_of_objective())
     return slope if 0.0 < slope < below else 1.0
 
 
-def _without_rounding(
-    nlp: NonlinearProgram,
-    x: FloatArray,
-    variables: ComponentGroups,
-    constraints: ComponentGroups,
-    known: FloatArray,
-    doubted: BoolArray,
-    small: _Smallness,
-) -> FloatArray:
-    """As `_completed`; where a size that may be doubted is only what rounding left of zero, the rows tell."""
-    scales = _completed(nlp, x, variables, constraints, known)
-    doubtful = _doubtful(known, small) & doubted
-    if not doubtful.any():
+class _Sizing:
+    """What a program's values and derivatives say of sizes, at the values that are on its model."""
+
+    def __init__(self, compiled: CompiledModel) -> None:
+        self.nlp, self.x = compiled.nlp, compiled.current_point()
+        self.variables, self.constraints = compiled.groups
+        # The largest distance of the bounds of what may move, by groups.
+        self.widths = np.zeros(len(self.variables.members))
+        np.maximum.at(self.widths, self.variables.numbers, self.nlp.x_upper - self.nlp.x_lower)
+        self._places = [places.astype(np.intp) for places in self.nlp.jacobian_structure]
+        own = [_group_of_state(component, self.variables) for component in self.constraints.components]
+        self._own = np.array(own, dtype=np.intp)
+
+    def without_rounding(self, known: FloatArray, doubted: BoolArray, small: _Smallness) -> FloatArray:
+        """Scales of all groups of variables; where a size that may be doubted is only rounding, the rows tell."""
+        scales = self._completed(known, self.x)
+        doubtful = _doubtful(known, small) & doubted
+        if not doubtful.any():
+            return scales
+        told = self._completed_without(doubtful, known)
+        # What is told of by nothing is doubted beside its like only, as the flows of a trace of something.
+        while (untold := doubtful & np.isnan(told)).any():
+            doubtful = (doubtful & ~untold) | _doubtful(np.where(untold, known, np.nan), small)
+            told = self._completed_without(doubtful, known)
+        rounding = doubtful & (known < small.rounding * told)
+        return self._completed_without(rounding, known) if rounding.any() else scales
+
+    def _completed_without(self, left_out: BoolArray, known: FloatArray) -> FloatArray:
+        """As `_completed`, where some values are taken for zero: a derivative that is made of them tells nothing."""
+        without = np.where(left_out[self.variables.numbers], 0.0, self.x)
+        # A logarithm or a quotient has no derivative there.
+        x = without if np.isfinite(self._jacobian(without)).all() else self.x
+        return self._completed(np.where(left_out, np.nan, known), x)
+
+    def _completed(self, known: FloatArray, x: FloatArray) -> FloatArray:
+        """Scales of all groups of variables; NaN where nothing tells any."""
+        scales = variable_scales(known, self.entries(x))
+        while np.isnan(scales).any():
+            # Products of what is zero at the guess tell more where what is known already has moved.
+            moved = beside(self.nlp, x, np.nan_to_num(scales)[self.variables.numbers])
+            found = variable_scales(scales, self.entries(x, moved))
+            if np.array_equal(np.isnan(found), np.isnan(scales)):
+                break
+            scales = found
         return scales
-    told = _completed_without(doubtful, nlp, x, variables, constraints, known)
-    # What is told of by nothing is doubted beside its like only, as the flows of a trace of something.
-    while (untold := doubtful & np.isnan(told)).any():
-        doubtful = (doubtful & ~untold) | _doubtful(np.where(untold, known, np.nan), small)
-        told = _completed_without(doubtful, nlp, x, variables, constraints, known)
-    rounding = doubtful & (known < small.rounding * told)
-    if not rounding.any():
-        return scales
-    return _completed_without(rounding, nlp, x, variables, constraints, known)
 
+    def entries(self, *points: FloatArray) -> GroupedEntries:
+        """Derivatives of the rows at some points."""
+        values = np.array(list(map(self._jacobian, points)))
+        rows, columns = self._places
+        return GroupedEntries(rows, columns, values, self.constraints.numbers, self.variables.numbers, self._own)
 
-def _completed_without(
-    left_out: BoolArray,
-    nlp: NonlinearProgram,
-    x: FloatArray,
-    variables: ComponentGroups,
-    constraints: ComponentGroups,
-    known: FloatArray,
-) -> FloatArray:
-    """As `_completed`, where some values are taken for zero: a derivative that is made of them tells nothing."""
-    without = np.where(left_out[variables.numbers], 0.0, x)
-    # A logarithm or a quotient has no derivative there.
-    x = without if np.isfinite(_jacobian(nlp, without)).all() else x
-    return _completed(nlp, x, variables, constraints, np.where(left_out, np.nan, known))
+    def gradients(self, *points: FloatArray) -> FloatArray:
+        """Of the objective at some points; NaN where it has none."""
+        found = np.full((len(points), self.nlp.n), np.nan)
+        for number, x in enumerate(points):
+            with contextlib.suppress(EvaluationError):
+                found[number] = self.nlp.gradient(x)
+        return found
 
+    def size_of_objective(self) -> float:
+        """Its value without sign; 0 where it has none."""
+        with contextlib.suppress(EvaluationError):
+            return float(np.nan_to_num(abs(self.nlp.objective(self.x)), posinf=0.0))
+        return 0.0
 
-def _completed(
-    nlp: NonlinearProgram, x: FloatArray, variables: ComponentGroups, constraints: ComponentGroups, known: FloatArray
-) -> FloatArray:
-    """Scales of all groups of variables; NaN where nothing tells any."""
-    jacobian = _jacobian(nlp, x)
-    scales = variable_scales(known, _entries(nlp, [jacobian], variables, constraints))
-    for _ in range(_ROUNDS):
-        if not np.isnan(scales).any():
-            break
-        # Products of what is zero at the guess tell more where what is known already has moved.
-        moved = _jacobian(nlp, beside(nlp, x, np.nan_to_num(scales)[variables.numbers]))
-        found = variable_scales(scales, _entries(nlp, [jacobian, moved], variables, constraints))
-        if np.array_equal(np.isnan(found), np.isnan(scales)):
-            break
-        scales = found
-    return scales
+    def _jacobian(self, x: FloatArray) -> FloatArray:
+        with contextlib.suppress(EvaluationError):
+            return self.nlp.jacobian(x)
+        return np.full(self.nlp.jacobian_structure[0].size, np.nan)
 
 
 def _doubtful(known: FloatArray, small: _Smallness) -> BoolArray:
     """Where a size may be what rounding left of zero, as the sine of pi."""
     there = known[~np.isnan(known)]
     return known < small.doubtful * there.max(initial=0.0) if there.size else np.zeros(known.shape, dtype=bool)
-
-
-def _by_group(known: FloatArray, groups: Any, stated: FloatArray) -> FloatArray:
-    found = np.full(known.shape, np.nan)
-    _set(found, groups, stated)
-    return found
-
-
-def _size_of_objective(nlp: NonlinearProgram, x: FloatArray) -> float:
-    try:
-        value = abs(nlp.objective(x))
-    except EvaluationError:
-        return 0.0
-    return float(value) if np.isfinite(value) else 0.0
 
 
 def _terms_of_barrier(nlp: NonlinearProgram) -> int:
@@ -292,11 +274,6 @@ def _inverse(factors: FloatArray) -> FloatArray:
     return 1.0 / np.where(factors == 0.0, np.nan, np.abs(factors))
 
 
-def _set(known: FloatArray, groups: Any, stated: FloatArray) -> None:
-    there = ~np.isnan(stated)
-    known[groups[there]] = stated[there]
-
-
 def _by_name(groups: ComponentGroups, scales: FloatArray) -> dict[str, float]:
     return {groups.names[group]: scale for group, scale in zip(groups.numbers, scales.tolist(), strict=True)}
 
@@ -307,41 +284,8 @@ def _known_scales(groups: ComponentGroups, widths: FloatArray) -> FloatArray:
     return np.array([size_of_group(value, width) for value, width in zip(values, widths.tolist(), strict=True)])
 
 
-def _widths(groups: ComponentGroups, nlp: NonlinearProgram) -> FloatArray:
-    """The largest distance of the bounds of what may move, by groups."""
-    widths = np.zeros(len(groups.members))
-    np.maximum.at(widths, groups.numbers, nlp.x_upper - nlp.x_lower)
-    return widths
-
-
 def _largest_value(members: list[Any]) -> float:
     return max((abs(data.value) for data in members if data.value is not None), default=0.0)
-
-
-def _jacobian(nlp: NonlinearProgram, x: FloatArray) -> FloatArray:
-    with contextlib.suppress(EvaluationError):
-        return nlp.jacobian(x)
-    return np.full(nlp.jacobian_structure[0].size, np.nan)
-
-
-def _gradient(nlp: NonlinearProgram, x: FloatArray) -> FloatArray:
-    with contextlib.suppress(EvaluationError):
-        return nlp.gradient(x)
-    return np.full(nlp.n, np.nan)
-
-
-def _entries(
-    nlp: NonlinearProgram, jacobians: list[FloatArray], variables: ComponentGroups, constraints: ComponentGroups
-) -> GroupedEntries:
-    rows, columns = nlp.jacobian_structure
-    return GroupedEntries(
-        rows.astype(np.intp),
-        columns.astype(np.intp),
-        np.array(jacobians),
-        constraints.numbers,
-        variables.numbers,
-        np.array([_group_of_state(component, variables) for component in constraints.components], dtype=np.intp),
-    )
 
 
 def _group_of_state(rows: Any, variables: ComponentGroups) -> int:

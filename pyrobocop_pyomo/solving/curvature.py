@@ -106,18 +106,18 @@ class _System:
 
     def most_negative(self, shift: float) -> FloatArray | None:
         """The direction of the most negative curvature; None where all are above minus the shift."""
-        if self._is_convex(shift):
+        if self.is_convex(shift):
             return None
         below = shift
         for _ in range(_SHIFTS):
             shift = 10.0 * below
-            if self._is_convex(shift):
+            if self.is_convex(shift):
                 break
             below = shift
         for _ in range(_HALVINGS):
             middle = (below * shift) ** 0.5
-            below, shift = (below, middle) if self._is_convex(middle) else (middle, shift)
-        if not self._is_convex(shift):
+            below, shift = (below, middle) if self.is_convex(middle) else (middle, shift)
+        if not self.is_convex(shift):
             return None
         direction = np.random.default_rng(0).standard_normal(self.n)
         for _ in range(_INVERSE_STEPS):
@@ -125,7 +125,7 @@ class _System:
             direction /= np.abs(direction).max()
         return direction
 
-    def _is_convex(self, shift: float) -> bool:
+    def is_convex(self, shift: float) -> bool:
         """Whether no curvature is below minus the shift; the factors are kept."""
         diagonal = np.concatenate([np.full(self.n, shift / self._size), np.full(self.m, _ROWS)])
         return self._factors.factor(np.concatenate([self._off_diagonal, diagonal])).negative == self.m
@@ -148,23 +148,12 @@ def is_convex(nlp: NonlinearProgram, x: FloatArray) -> bool:
         if any(nlp.hessian(at, 0.0, random.uniform(0.5, 1.0, nlp.m)).any() for at in (x, beside)):
             return False
         here, there = (nlp.hessian(at, 1.0, np.zeros(nlp.m)) for at in (x, beside))
-    except EvaluationError:
-        return False
-    size = float(np.abs(here).max(initial=0.0))
-    if not np.allclose(here, there, rtol=0.0, atol=NEGLIGIBLE * size):
-        return False
-    if size == 0.0:
-        return True
-    return suits(nlp) and _is_semidefinite(nlp, here / size)
-
-
-def _is_semidefinite(nlp: NonlinearProgram, entries: FloatArray) -> bool:
-    """Whether no curvature of a matrix of size one is negative beyond rounding."""
-    diagonal = np.arange(nlp.n)
-    rows, columns = nlp.hessian_structure
-    factors = SymmetricFactorisation(nlp.n, np.concatenate([rows, diagonal]), np.concatenate([columns, diagonal]))
-    try:
-        shifted = np.concatenate([entries, np.full(nlp.n, NEGLIGIBLE)])
-        return factors.factor(shifted).negative == 0
+        size = float(np.abs(here).max(initial=0.0))
+        if not np.allclose(here, there, rtol=0.0, atol=NEGLIGIBLE * size):
+            return False
+        if size == 0.0:
+            return True
+        system = _System(nlp, x, np.zeros(nlp.m), np.full(nlp.n, True), np.full(nlp.m, False)) if suits(nlp) else None
+        return system is not None and system.is_convex(NEGLIGIBLE * size)
     except EvaluationError:
         return False

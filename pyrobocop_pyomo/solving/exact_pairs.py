@@ -14,10 +14,8 @@ from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
 from pyrobocop_pyomo.modeling.activity import deactivate
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.mpcc.active_set import BranchPoint
-from pyrobocop_pyomo.mpcc.branch import Branch, nearest_branch, restricted
-from pyrobocop_pyomo.mpcc.linearisation import Linearisation
-from pyrobocop_pyomo.mpcc.multipliers import opposing_multipliers
+from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, BranchPoint, Limits
+from pyrobocop_pyomo.mpcc.lpec import ZERO_SIDE
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
 
@@ -25,14 +23,8 @@ from .ipopt_options import DEFAULT_WITH_PAIRS, POLISH, IpoptOptions
 from .numeric_pairs import numeric_pairs
 from .relaxed_model import RelaxedModel
 
-# Violation of rows beyond which a branch counts as not solved.
-FEASIBLE = 1e-6
-# Branches that multipliers ask for: most there may be, what of them counts, relative to the gradient, at which size of
-# the other side, and by how much the objective has to become smaller. Without the last, degenerate pairs, of which all
-# sides are zero, would change places in every step.
-EXCHANGES, ASKING, BIACTIVE, GAIN = 3, 1e-6, 1e-6, 1e-4
 # A branch takes 5 to 15 iterations near its solution; one without a solution is left soon.
-ITERATIONS = 100
+LIMITS = Limits(exchanges=3, polishing_iterations=100)
 
 
 class ExactPoint(NamedTuple):
@@ -63,6 +55,10 @@ class ExactPairs:
     options : mapping
         Ipopt's options for every branch.
 
+    Attributes
+    ----------
+    relaxed : RelaxedModel
+
     Raises
     ------
     ComplementarityError
@@ -70,23 +66,18 @@ class ExactPairs:
     """
 
     def __init__(self, model: Any, options: Mapping[str, Any]) -> None:
-        self._relaxed = RelaxedModel.of(model)
-        if self._relaxed.has_penalty or not self._relaxed.lifted:
+        self.relaxed = RelaxedModel.of(model)
+        if self.relaxed.has_penalty or not self.relaxed.lifted:
             raise ComplementarityError(
                 f"'{model.name}': pairs can be made exact where rows relax them and their sides are lifted. Apply "
                 "pyrobocop.relax_complementarity with a relaxation such as 'scholtes' and lift=True."
             )
         self._options = IpoptOptions(user=options, default=DEFAULT_WITH_PAIRS)
 
-    @property
-    def delta(self) -> Any:
-        """The mutable parameter of the relaxation."""
-        return self._relaxed.delta
-
     @contextlib.contextmanager
     def stated(self) -> Iterator[None]:
         """Pairs are active for a moment, as they were stated: a simulation solves them."""
-        sources = list({id(pair.source): pair.source for pair in self._relaxed.pairs}.values())
+        sources = list({id(pair.source): pair.source for pair in self.relaxed.pairs}.values())
         for source in sources:
             source.activate()
         try:
@@ -94,16 +85,12 @@ class ExactPairs:
         finally:
             deactivate(sources)
 
-    def start_lifted(self) -> None:
-        """Give generated variables the values of what they stand for."""
-        self._relaxed.start_lifted()
-
     def solve(self, compiled: CompiledModel, start: PrimalDualPoint, deadline: Deadline) -> ExactPoint:
         """Solve the branch nearest to a point, with the numbers that the compiled model has now, and better ones.
 
         Where both sides of a pair are zero and the multiplier of the held one says that the other branch is better,
-        that one is solved as well, as long as the objective becomes clearly smaller. It promises nothing: certificates
-        are what `solve` gives.
+        that one is solved as well, as long as the objective becomes no larger. It promises nothing: certificates are
+        what `solve` gives.
 
         Parameters
         ----------
@@ -113,41 +100,30 @@ class ExactPairs:
             In its order, with multipliers of all its rows.
         deadline : Deadline
         """
-        relaxed, dual = self._relaxed, start.complete(compiled.nlp)[0]
+        relaxed, dual = self.relaxed, start.complete(compiled.nlp)[0]
         program, rows = numeric_pairs(compiled, relaxed.lifted, relaxed.relaxing_rows, relaxed.crossed)
-        start, branch, runs = (
-            replace(start, g_multipliers=dual[rows]),
-            nearest_branch(program, start.x),
-            list[IpoptOutcome](),
-        )
-        best: tuple[IpoptOutcome, BranchPoint] | None = None
-        for _ in range(1 + EXCHANGES):
-            outcome = self._solved(restricted(program, branch), start, deadline)
-            found = BranchPoint.at(program, outcome.point)
-            if outcome.status.solved and found.violation > FEASIBLE:
-                outcome = replace(outcome, status=IpoptStatus.INFEASIBLE)
-            runs.append(outcome)
-            if best is not None and not (outcome.status.solved and _clearly_better(found, best[1])):
-                break
-            best = outcome, found
-            if not outcome.status.solved:
-                break
-            point = Linearisation.at(program.nlp, found.x)
-            scale = max(1.0, float(np.abs(point.gradient).max(initial=0.0)))
-            asking = opposing_multipliers(program, point, branch, outcome.point, BIACTIVE) > ASKING * scale
-            if not asking.any():
-                break
-            branch, start = Branch(branch.a_zero ^ asking, branch.b_zero ^ asking), outcome.point
-        assert best is not None
-        outcome, found = best
+        runs: list[IpoptOutcome] = []
+        ends: dict[int, tuple[BranchPoint, IpoptOutcome]] = {}
+
+        def solve(nlp: NonlinearProgram, start: PrimalDualPoint, iterations: int) -> IpoptOutcome:
+            options = self._options.resolve(POLISH, {"max_iter": iterations})
+            runs.append(run_ipopt(nlp, options, start, deadline=deadline))
+            return runs[-1]
+
+        def note(purpose: str, outcome: IpoptOutcome, found: BranchPoint, kept: bool) -> None:
+            ends[id(found)] = found, outcome
+
+        search = ActiveSetSearch(program, solve, LIMITS, note, deadline)
+        begin = BranchPoint.at(program, replace(start, g_multipliers=dual[rows]))
+        found = search.polish(begin, only_nearest=True)
+        if found is begin:
+            failed = IpoptStatus.INFEASIBLE if runs[-1].status.solved else runs[-1].status
+            outcome = replace(runs[-1], status=failed)
+        else:
+            outcome = ends[id(found)][1]
+            better = search.exchange(found, ZERO_SIDE) if outcome.status.solved else found
+            if ends[id(better)][1].status.solved:
+                found, outcome = ends[id(better)]
         multipliers: FloatArray = np.zeros(compiled.nlp.m)
         multipliers[rows] = outcome.g_multipliers
         return ExactPoint(replace(outcome, g_multipliers=multipliers), found.natural_residual, runs)
-
-    def _solved(self, nlp: NonlinearProgram, start: PrimalDualPoint, deadline: Deadline) -> IpoptOutcome:
-        options = self._options.resolve(POLISH, {"max_iter": ITERATIONS})
-        return run_ipopt(nlp, options, replace(start, x=np.clip(start.x, nlp.x_lower, nlp.x_upper)), deadline=deadline)
-
-
-def _clearly_better(found: BranchPoint, best: BranchPoint) -> bool:
-    return found.objective < best.objective - GAIN * max(1e-8, abs(best.objective))

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import functools
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 from pyomo.common.collections import ComponentMap
@@ -24,7 +24,7 @@ from pyomo.core.base.suffix import Suffix
 
 from pyrobocop_pyomo.complementarity import BarrierSchedule
 from pyrobocop_pyomo.discretisation import RowMultipliers
-from pyrobocop_pyomo.errors import EvaluationError, SolverNotFoundError
+from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import NO_IPOPT
 from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable, ipopt_executable_version
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
@@ -42,12 +42,13 @@ from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.model_checks import refuse_function_calls
 from pyrobocop_pyomo.programs.nl_files import WRITER_OPTIONS, checked_writing
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
-from pyrobocop_pyomo.programs.stationarity import stationarity
 
-from .automatic_scaling import AutomaticScaling, automatic_scaling, objective_slope, variable_sizes
+from .automatic_scaling import automatic_scaling
 from .ipopt_options import IPOPT_MU_INIT, IPOPT_TOLERANCE, SCALED, IpoptOptions, warm_start
 from .iterates import Iterate
 from .relaxed_model import RelaxedModel
+from .session import Session
+from .settings import Settings
 
 _SUFFIXES = {
     "dual": Suffix.IMPORT_EXPORT,
@@ -99,12 +100,12 @@ class _PatientIpopt(Ipopt):
     _version_timeout = 60
 
 
-class ExecutableSession:
+class ExecutableSession(Session):
     """See `Session`; parameters as for `InProcessSession`, without a choice of derivatives."""
 
     derivatives = "ASL"
 
-    def __init__(self, relaxed: RelaxedModel, output: Sequence[TextIO] = (), *, scaling: bool = False) -> None:
+    def __init__(self, relaxed: RelaxedModel, settings: Settings) -> None:
         path = find_ipopt_executable()
         if path is None:
             raise SolverNotFoundError(NO_IPOPT)
@@ -112,12 +113,9 @@ class ExecutableSession:
         self._ipopt = _PatientIpopt(executable=path)
         model = self._model = relaxed.model
         refuse_function_calls(model)
-        self._relaxed, self._output = relaxed, list(output)
-        # What the run is divided by, and judged by.
-        self._compiled: CompiledModel | None = None
-        self._compiled = self.compiled()
-        self._stated = scaling_factors(self._compiled, missing=np.nan) if scaling and self._compiled else None
-        self.scaling: AutomaticScaling | None = None
+        super().__init__(relaxed, _compiled_or_none(model), settings)
+        scaled = self._compiled if self._is_scaled else None
+        self._stated = None if scaled is None else scaling_factors(scaled, missing=np.nan)
         names = {*_SUFFIXES} if self._stated is not None else {*_SUFFIXES} - {"scaling_factor"}
         # Where the user has suffixes of the same names, theirs would be filled instead of ours.
         self._deactivated = [
@@ -131,22 +129,18 @@ class ExecutableSession:
             if name in names:
                 self._own.add_component(name, Suffix(direction=direction, datatype=Suffix.FLOAT))
 
-    @functools.cached_property
-    def _of_objective(self) -> dict[str, float]:
-        """Ipopt's option for an objective that is too small, of a model with pairs."""
-        slope = objective_slope(self._compiled) if self._relaxed.pairs and self._compiled is not None else 1.0
-        return {} if slope == 1.0 else {"obj_scaling_factor": 1.0 / slope}
-
     def _take_sizes(self) -> None:
         """See `Session.scaling`: of the point on the model."""
         compiled, factors = self._compiled, self._own.component("scaling_factor")
         if compiled is None or factors is None:
             return
         self.scaling = automatic_scaling(compiled, self._stated, like=self.scaling)
+        scales = self.scaling.scales
         factors.clear()
-        factors.update((component, 1.0 / scale) for component, scale in self.scaling.above_one())
+        for components, sizes in ((compiled.variables, scales.x), (compiled.constraints, scales.g)):
+            factors.update((components[k], 1.0 / float(sizes[k])) for k in np.flatnonzero(sizes > 1.0))
         if compiled.objective is not None:
-            factors[compiled.objective] = 1.0 / self.scaling.scales.objective
+            factors[compiled.objective] = 1.0 / scales.objective
 
     def run(
         self, delta: float | None, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None = None
@@ -201,27 +195,22 @@ class ExecutableSession:
             # From where that run ended, if it left a point at all; the multipliers are those of its start.
             status, iterations = self._run_process({**options, **FALL_BACK}, deadline)
             facts["options"] = {**options, "linear_solver": FELL_BACK}
+        multipliers = {name: ComponentMap(self._own.component(name).items()) for name in _ARRIVED}
         iterate = Iterate.of_run(
             label,
             status,
             iterations=iterations,
             seconds=time.perf_counter() - started,
-            multipliers={name: ComponentMap(self._own.component(name).items()) for name in _ARRIVED},
+            multipliers=multipliers,
             load_suffixes=self._suffix_loader(),
-            row_multipliers=self._row_multipliers(),
+            row_multipliers=functools.partial(_row_multipliers, multipliers),
             **facts,
         )
         # With pairs that is a matter of the polish: the program of the file is another one for each delta.
-        judged = self._compiled is not None and not self._relaxed.pairs
-        return replace(iterate, stationarity=self._stationarity(iterate)) if judged else iterate
-
-    def _stationarity(self, iterate: Iterate) -> float:
-        assert self._compiled is not None
-        try:
-            point = self.primal_dual(iterate, self._compiled)
-            return stationarity(self._compiled.nlp, point, variable_sizes(self._compiled))
-        except EvaluationError:
-            return float("inf")
+        if self._compiled is None or self._relaxed.pairs:
+            return iterate
+        left = self._stationarity(self._compiled.nlp, self.primal_dual(iterate, self._compiled))
+        return replace(iterate, stationarity=left)
 
     def _run_process(self, options: Mapping[str, Any], deadline: Deadline) -> tuple[IpoptStatus, int]:
         """One process: its status and iterations; its point is put on the model."""
@@ -230,7 +219,7 @@ class ExecutableSession:
             with checked_writing(self._model):
                 results = self._ipopt.solve(
                     self._model,
-                    tee=self._output,
+                    tee=list(self._output),
                     load_solutions=False,
                     raise_exception_on_nonoptimal_result=False,
                     solver_options={**options, **limit},
@@ -245,13 +234,6 @@ class ExecutableSession:
         if results.solution_loader.get_number_of_solutions():
             results.solution_loader.load_solution()
         return status, int(results.extra_info.iteration_count or 0)
-
-    def _row_multipliers(self) -> Callable[[], RowMultipliers]:
-        rows, lower, upper = (
-            {id(component): float(number) for component, number in self._own.component(name).items()}
-            for name in _ARRIVED
-        )
-        return lambda: RowMultipliers(rows, lower, upper)
 
     def _suffix_loader(self) -> Callable[[], None]:
         found = [
@@ -271,18 +253,7 @@ class ExecutableSession:
         """See `Session.compiled`."""
         if self._compiled is not None and not anew and not self._relaxed.pairs:
             return self._compiled  # with pairs the rows are those of another delta by now
-        try:
-            return CompiledModel(self._model)
-        except SolverNotFoundError:
-            return None
-
-    def missing_rank(self) -> int:
-        """See `Session.missing_rank`; there are no derivatives here."""
-        return 0
-
-    def with_elastic_rows(self, price: float) -> None:
-        """See `Session.with_elastic_rows`; a file has the rows as they are."""
-        return
+        return _compiled_or_none(self._model)
 
     def primal_dual(self, iterate: Iterate, compiled: CompiledModel) -> PrimalDualPoint:
         """See `Session.primal_dual`."""
@@ -300,6 +271,19 @@ class ExecutableSession:
         self._model.del_component(self._own)
         for suffix in self._deactivated:
             suffix.activate()
+
+
+def _row_multipliers(multipliers: Mapping[str, ComponentMap]) -> RowMultipliers:
+    return RowMultipliers(
+        *({id(part): float(number) for part, number in multipliers[name].items()} for name in _ARRIVED)
+    )
+
+
+def _compiled_or_none(model: Any) -> CompiledModel | None:
+    try:
+        return CompiledModel(model)
+    except SolverNotFoundError:
+        return None
 
 
 def _status_of(results: Results) -> IpoptStatus:

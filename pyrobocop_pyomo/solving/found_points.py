@@ -8,7 +8,7 @@ from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
 from .iterates import Iterate, StopReason
 from .settings import Settings
-from .strategies import BARRIER_TO_THE_END, CONTINUATION, TIGHT, Strategy
+from .strategies import BARRIER_TO_THE_END, CONTINUATION, OTHER_STARTS, TIGHT, Strategy
 
 logger = logging.getLogger(__name__)
 
@@ -113,16 +113,6 @@ class FoundPoints:
         feasible = relaxed.converged and relaxed.constraint_violation <= self._settings.tolerances.feasibility
         return feasible and loss >= -SAME_OBJECTIVE * max(1.0, abs(best.objective))
 
-    def is_loose(self, iterate: Iterate) -> bool:
-        """Whether a point is feasible, but its pairs are not exact, and there is time to tighten them."""
-        tolerances = self._settings.tolerances
-        return (
-            self.cut is None
-            and iterate.excess(tolerances) <= 1.0
-            and not iterate.is_exact(tolerances)
-            and not self._settings.deadline.has_passed
-        )
-
     def need(self, strategy: Strategy, pairs: int) -> bool:
         """Whether a strategy is to be run, after what the others have found in a model with so many pairs."""
         if self.best is None:
@@ -134,6 +124,8 @@ class FoundPoints:
             if not self.is_certified(self.best):
                 self.cut = StopReason.TIME_LIMIT
             return False
+        if settings.strategies is None and strategy in OTHER_STARTS:
+            return not self.best.excess(settings.tolerances) <= 1.0
         small = pairs <= CROSS_CHECKED_PAIRS
         if not self.is_certified(self.best):
             return strategy is not BARRIER_TO_THE_END or (not small and self._was_cut_short())

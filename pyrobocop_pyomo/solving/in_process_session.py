@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
-import functools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 
 from pyrobocop_pyomo.complementarity import BarrierSchedule
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
-from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus, IterationRecord
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt, run_scaled
 from pyrobocop_pyomo.ipopt.linear_solvers import FELL_BACK
 from pyrobocop_pyomo.ipopt.standstill import Standstill
 from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader, scaling_factors, starting_point
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.mpcc.problem import violation
-from pyrobocop_pyomo.programs.compiled_model import CompiledModel, KeptProgram
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.composed_program import ComposedProgram
 from pyrobocop_pyomo.programs.elastic_rows import ElasticRows
 from pyrobocop_pyomo.programs.missing_rank import missing_rank
@@ -30,52 +29,39 @@ from pyrobocop_pyomo.programs.nonlinear_program import (
     ShiftedRows,
 )
 from pyrobocop_pyomo.programs.scales import Scales
-from pyrobocop_pyomo.programs.stationarity import stationarity
 
-from .automatic_scaling import AutomaticScaling, automatic_scaling, objective_slope, variable_sizes
+from .automatic_scaling import automatic_scaling
 from .ipopt_options import IPOPT_MU_INIT, SCALED, IpoptOptions
 from .iterates import Iterate
+from .progress import Progress
 from .relaxed_model import RelaxedModel
-from .session import DeltaFollowsBarrier, OnIteration
+from .session import DeltaFollowsBarrier, OnIteration, Session
+from .settings import Settings
 
 
-class InProcessSession:
+class InProcessSession(Session):
     """See `Session`.
 
     Parameters
     ----------
     relaxed : RelaxedModel
+    settings : Settings
     derivatives : {"vectorised", "asl"} or None
-    output : sequence of text streams
-        Where Ipopt's log goes.
-    on_iteration : callable, optional
-        Told of each iteration.
-    scaling : bool
-        Whether Ipopt sees the program in variables, rows and an objective of size one.
-    program : KeptProgram, optional
-        Of the same model, from an earlier session.
     """
 
-    def __init__(
-        self,
-        relaxed: RelaxedModel,
-        derivatives: str | None,
-        output: Sequence[TextIO] = (),
-        on_iteration: OnIteration | None = None,
-        *,
-        scaling: bool = False,
-        program: KeptProgram | None = None,
-    ) -> None:
-        self._relaxed, self._derivatives = relaxed, derivatives
-        self._output, self._on_iteration = output, on_iteration
-        self._compiled = (CompiledModel if program is None else program.of)(relaxed.model, derivatives)
+    _compiled: CompiledModel
+
+    def __init__(self, relaxed: RelaxedModel, settings: Settings, derivatives: str | None) -> None:
+        known = None if relaxed.pairs else settings.program
+        compiled = (CompiledModel if known is None else known.of)(relaxed.model, derivatives)
+        super().__init__(relaxed, compiled, settings)
+        self._derivatives = derivatives
+        self._on_iteration = None if settings.output else _live_line(settings.progress, relaxed.model.name)
         self._seen_as: ElasticRows | None = None
         self._nlp = self._shifted(self._compiled.nlp)
         self.solver = str(load_ipopt_library())
         self.derivatives = self._compiled.nlp.derivatives
         self.calls_python = isinstance(self._compiled.nlp, ComposedProgram)
-        self._is_scaled = scaling
-        self.scaling: AutomaticScaling | None = None
         self._scales: Scales | None = None
 
     def _shifted(self, nlp: NonlinearProgram) -> NonlinearProgram:
@@ -97,12 +83,6 @@ class InProcessSession:
             elastic._scales = replace(scales, x=rows.completed(scales.x, scales.g), objective=1.0)
         return elastic
 
-    @functools.cached_property
-    def _of_objective(self) -> dict[str, float]:
-        """Ipopt's option for an objective that is too small, of a model with pairs."""
-        slope = objective_slope(self._compiled) if self._relaxed.pairs else 1.0
-        return {} if slope == 1.0 else {"obj_scaling_factor": 1.0 / slope}
-
     def _take_sizes(self) -> None:
         """Let the sizes be those of the point on the model: what a run is divided by belongs to where it starts."""
         if self._is_scaled and self._seen_as is None:
@@ -111,10 +91,9 @@ class InProcessSession:
 
     def _slope(self) -> float:
         """The largest derivative of the objective, or 1 if that is larger."""
-        try:
+        slope = 0.0
+        with contextlib.suppress(EvaluationError):
             slope = float(abs(self._nlp.gradient(self._compiled.current_point())).max(initial=0.0))
-        except EvaluationError:
-            slope = 0.0
         return max(1.0, slope)
 
     def run(
@@ -137,8 +116,7 @@ class InProcessSession:
     def follow(self, schedule: BarrierSchedule, options: IpoptOptions, deadline: Deadline) -> Iterator[Iterate]:
         """See `Session.follow`."""
         nlp = self._nlp
-        if not isinstance(nlp, ShiftedRows):
-            raise TypeError("delta can follow the barrier parameter only where it shifts rows")
+        assert isinstance(nlp, ShiftedRows)
         resolved = options.resolve()
         first = float(resolved.get("mu_init", IPOPT_MU_INIT))
         follow_mu = DeltaFollowsBarrier(nlp, schedule, first, self._on_iteration)
@@ -181,14 +159,6 @@ class InProcessSession:
                 upper_multipliers=upper,
             )
             point = outcome.point
-        try:
-            violated = violation(nlp, point.x)
-        except EvaluationError:
-            violated = float("inf")
-        try:
-            left = self._stationarity(nlp, point)
-        except EvaluationError:
-            left = float("inf")
         loader = InProcessSolutionLoader(self._compiled, outcome)
         return Iterate.of_run(
             label,
@@ -198,16 +168,12 @@ class InProcessSession:
             iterations=outcome.iterations,
             seconds=outcome.seconds,
             options=_recorded(options, outcome),
-            stationarity=left,
-            constraint_violation=violated,
+            stationarity=self._stationarity(nlp, point),
             multipliers=point,
             undefined_at=undefined_at,
             load_suffixes=loader.load_import_suffixes,
             row_multipliers=loader.row_multipliers,
         )
-
-    def _stationarity(self, nlp: NonlinearProgram, point: PrimalDualPoint) -> float:
-        return stationarity(nlp, point, variable_sizes(self._compiled))
 
     def compiled(self, *, anew: bool = False) -> CompiledModel | None:
         """See `Session.compiled`."""
@@ -231,3 +197,14 @@ def _recorded(options: Mapping[str, Any], outcome: IpoptOutcome) -> dict[str, An
     """Options of a run, with the linear solver where that was not Ipopt's own decision."""
     solver = FELL_BACK if outcome.fell_back else outcome.linear_solver
     return {**options, "linear_solver": solver} if solver else dict(options)
+
+
+def _live_line(progress: Progress, name: str) -> OnIteration:
+    def show(record: IterationRecord) -> None:
+        if record.iteration % 10 == 0:
+            progress.live(
+                f"{name}: iteration {record.iteration}, mu {record.mu:.1e}, objective {record.objective:.6g}, "
+                f"infeasibility {record.primal_infeasibility:.1e}"
+            )
+
+    return show

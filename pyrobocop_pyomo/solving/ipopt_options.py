@@ -29,8 +29,9 @@ DEFAULT = {"max_iter": 3000, "diverging_iterates_tol": 1e15}
 # Ipopt loosens all bounds a little by default, and the two sides of a pair could both become slightly negative.
 DEFAULT_WITH_PAIRS = {**DEFAULT, "bound_relax_factor": 0.0}
 
-# A warm run that takes more does not get anywhere, nor does one that goes on from a failed run.
-WARM_ITERATIONS = 500
+# A warm run that takes more does not get anywhere, nor does one that goes on from a failed run. A first run without
+# pairs that takes more goes on when others were tried.
+ITERATIONS_OF_ONE = 500
 
 _WARM_PUSHES = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac", "mult_bound_push")
 
@@ -51,7 +52,7 @@ def warm_start(mu: float, push: float = 1e-9) -> dict[str, Any]:
 
 def warm_continuation(delta: float | None) -> dict[str, Any]:
     """Go on with a smaller delta."""
-    return {**warm_start(min(IPOPT_MU_INIT, delta or 1e-6)), "max_iter": WARM_ITERATIONS}
+    return {**warm_start(min(IPOPT_MU_INIT, delta or 1e-6)), "max_iter": ITERATIONS_OF_ONE}
 
 
 def inexact(delta: float) -> dict[str, Any]:
@@ -64,14 +65,11 @@ def inexact(delta: float) -> dict[str, Any]:
 POLISH = {**warm_start(1e-6, 1e-8), "s_max": 1e8}
 # Shows the way to a branch only, which is then solved to the full tolerance.
 ROUGH = {"tol": 1e-3}
-# Where the polish fails. Ipopt's tolerance is absolute, and would hide products of this size.
-TIGHTENED = {"tol": 1e-10, "s_max": 1e8, "max_iter": WARM_ITERATIONS}
-# The last point is nearly the next one: start near it, and do not go back to the middle of the bounds.
-SOLVE_AGAIN = {"mu_init": 1e-3, "bound_push": 1e-4, "bound_frac": 1e-4}
+# From where elastic rows, fewer elements or the solve before led: near a solution, but not at it. Do not go back to
+# the middle of the bounds.
+NEARLY_THERE = {"mu_init": 1e-3, "bound_push": 1e-4, "bound_frac": 1e-4}
 # The answer on a coarse mesh is nearly that on a fine one.
 FROM_COARSE_MESH = {"mu_init": 1e-6, "bound_push": 1e-6, "bound_frac": 1e-6}
-# From where elastic rows or fewer elements have led: near a solution, but not at it.
-NEARLY_THERE = {"mu_init": 1e-3, "bound_push": 1e-4, "bound_frac": 1e-4}
 # The answer on a coarser mesh, interpolated. Multipliers of bounds are those that belong to the barrier parameter,
 # and those of rows follow from them; with all of them 1, a start forgets which bounds hold.
 FINER_MESH = {**FROM_COARSE_MESH, "bound_mult_init_method": "mu-based"}

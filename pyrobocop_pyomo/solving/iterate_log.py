@@ -18,11 +18,11 @@ from pyomo.core.base.var import Var
 from pyrobocop_pyomo.complementarity import (
     CanonicalPair,
     PairResidual,
-    SidePart,
     active_sources,
     canonical_form,
-    side_values,
 )
+from pyrobocop_pyomo.complementarity.residuals import part_of_side
+from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
 from pyrobocop_pyomo.modeling.row_violations import relation_violation
 from pyrobocop_pyomo.modeling.rows_on_read import bounds_of, content_of, is_unread
 from pyrobocop_pyomo.modeling.variable_bounds import VariableBounds
@@ -31,13 +31,9 @@ from pyrobocop_pyomo.programs.row_values import RowTerms, RowValues, SumValue
 
 from .iterates import Iterate, Tolerances
 from .progress import Progress
-from .side_sizes import SideSizes
 from .violations import Violation, violations_of_pairs, worst_row_of_each_component
 
 logger = logging.getLogger(__name__)
-
-# From so many pairs on, their sides are evaluated as arrays.
-MANY_PAIRS = 20
 
 
 class ModelCheck:
@@ -139,6 +135,67 @@ class ModelCheck:
         return np.where(np.isfinite(sizes), violations[rows] / np.maximum(1.0, sizes), violations[rows])
 
 
+# Below, a side is zero and not small: what a relaxation leaves of it.
+SMALLEST_SIZE = 1e-6
+# Runs with the smallest parameters leave less than this of zero.
+_LEFT_OF_ZERO = 1e-8
+
+
+class SideSizes:
+    """Sizes by component: the sides of a contact over time are of one size, also where it is closed.
+
+    Parameters
+    ----------
+    pairs : sequence of CanonicalPair
+    start : float array, shape (pairs, 2)
+        Values of the sides at the start. They count as well: at the answer all sides of a component may be zero.
+    """
+
+    def __init__(self, pairs: Sequence[CanonicalPair], start: NDArray[np.float64]) -> None:
+        components = [id(pair.source.parent_component()) for pair in pairs]
+        self._pairs = pairs
+        self._groups = np.unique(np.array(components, dtype=np.int64), return_inverse=True)[1].ravel()
+        self._start = start
+
+    def at(self, sides: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Sizes of the sides at a point, shape (pairs, 2): at most 1, so that no tolerance becomes larger.
+
+        Parameters
+        ----------
+        sides : float array, shape (pairs, 2)
+            Their values there.
+        """
+        sizes = self._largest(sides)
+        return np.where(sizes < SMALLEST_SIZE, 1.0, np.minimum(sizes, 1.0))
+
+    def too_small(self, sides: NDArray[np.float64], tolerance: float) -> NDArray[np.bool_]:
+        """The pairs that are met if their sides are zero, and are not if these are small, shape (pairs,).
+
+        Parameters
+        ----------
+        sides : float array, shape (pairs, 2)
+        tolerance : float
+            Of the smaller side, relative to its size.
+        """
+        sizes = self._largest(sides)
+        small = (sizes > _LEFT_OF_ZERO) & (sizes < SMALLEST_SIZE)
+        # What bounds keep as small as that is small all the same, as a force is in units of large masses.
+        for place, side in np.argwhere(sizes <= _LEFT_OF_ZERO).tolist():
+            pair = self._pairs[place]
+            _, most = ExpressionBounds(use_fixed_var_values_as_bounds=True).walk_expression((pair.a, pair.b)[side])
+            if 0.0 < most < SMALLEST_SIZE:
+                sizes[place, side], small[place, side] = most, True
+        relative = sides / np.where(small, sizes, self.at(sides))
+        return small.any(axis=1) & (relative.min(axis=1) > tolerance)
+
+    def _largest(self, sides: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Of the component, at the start or at the point, shape (pairs, 2)."""
+        largest = np.zeros((int(self._groups.max(initial=-1)) + 1, 2))
+        for values in (self._start, sides):
+            np.maximum.at(largest, self._groups, np.abs(np.nan_to_num(values, posinf=1.0, neginf=-1.0)))
+        return largest[self._groups]
+
+
 class IterateLog:
     """Checks the point on the model after each run and keeps the record.
 
@@ -150,7 +207,7 @@ class IterateLog:
     Attributes
     ----------
     pairs : sequence of CanonicalPair
-        To be checked; set when the start is on the model.
+        To be checked.
     steps : list of Iterate
         Without values and multipliers.
     seconds : float
@@ -159,9 +216,9 @@ class IterateLog:
 
     def __init__(self, check: ModelCheck, progress: Progress) -> None:
         self._check, self._progress = check, progress
-        self._pairs: Sequence[CanonicalPair] = ()
+        self.pairs: Sequence[CanonicalPair] = ()
         self._sizes = SideSizes((), np.empty((0, 2)))
-        self._side_values: tuple[Sequence[CanonicalPair], RowValues] | None = None
+        self._side_values: RowValues | None = None
         self.steps: list[Iterate] = []
         self.seconds = 0.0
 
@@ -170,53 +227,36 @@ class IterateLog:
         """Those of Ipopt, in all runs so far."""
         return sum(step.iterations for step in self.steps)
 
-    @property
-    def pairs(self) -> Sequence[CanonicalPair]:
-        """The pairs that are checked."""
-        return self._pairs
-
-    @pairs.setter
-    def pairs(self, pairs: Sequence[CanonicalPair]) -> None:
-        known = len(self._pairs) == len(pairs)  # again, by another backend or relaxation
-        self._pairs = pairs
+    def check_pairs(self, pairs: Sequence[CanonicalPair]) -> None:
+        """Take the pairs that are to be checked from now on; their start is on the model."""
+        known = len(self.pairs) == len(pairs)  # again, by another backend or relaxation
+        if pairs is not self.pairs:
+            self.pairs, self._side_values = pairs, None
         if not known:
             self._sizes = SideSizes(pairs, self._sides())
 
-    def add(
-        self, iterate: Iterate, *, at: Iterate | None = None, on_the_way: bool = False, exact: bool = False
-    ) -> Iterate:
+    def add(self, iterate: Iterate, *, exact: bool = False) -> Iterate:
         """Check the point on the model, and log the run that ended there.
 
         Parameters
         ----------
         iterate : Iterate
             Not checked yet.
-        at : Iterate, optional
-            One that was checked at the very same point: its residuals are taken over.
-        on_the_way : bool
-            Leave the violation as the session found it by the compiled functions: the user's own expressions are
-            evaluated where it counts.
         exact : bool
             Whether one side of each pair was held at zero, whatever rounding leaves of it.
         """
-        if at is None:
-            iterate = self.checked(iterate, on_the_way=on_the_way, exact=exact)
-        else:
-            names: tuple[str, ...] = ("objective", "constraint_violation", "relative_violation")
-            names += ("largest_product", "largest_natural_residual", "relative_product", "relative_natural_residual")
-            iterate = replace(iterate, **{name: getattr(at, name) for name in names})
-        iterate = replace(iterate, number=len(self.steps))
+        iterate = replace(self.checked(iterate, exact=exact), number=len(self.steps))
         self.steps.append(iterate.record())
         line = iterate.line(pairs=bool(self.pairs))
         self._progress.line(line)
         logger.info("%s", line)
         return iterate
 
-    def checked(self, iterate: Iterate, *, on_the_way: bool = False, exact: bool = False) -> Iterate:
+    def checked(self, iterate: Iterate, *, exact: bool = False) -> Iterate:
         """The iterate with the residuals of the point on the model; see `add`."""
         started = time.perf_counter()
         sides = self._sides()
-        violation, relative = (iterate.constraint_violation,) * 2 if on_the_way else self._check.violations()
+        violation, relative = self._check.violations()
         if np.isnan(sides).any():  # an expression without a value is infinitely far from what is required of it
             sides = np.full_like(sides, -np.inf)
         least_side = float(-sides.min(initial=0.0))
@@ -241,15 +281,10 @@ class IterateLog:
     def _sides(self) -> NDArray[np.float64]:
         """Values of both sides of each pair, shape (pairs, 2)."""
         pairs = self.pairs
-        whole = all(part is SidePart.WHOLE for pair in pairs for part in (pair.a_part, pair.b_part))
-        if whole and len(pairs) >= MANY_PAIRS:
-            known = self._side_values
-            if known is None or known[0] is not pairs or not known[1].is_current:
-                known = self._side_values = (pairs, RowValues([side for pair in pairs for side in (pair.a, pair.b)]))
-            sides = known[1].values().reshape(-1, 2)
-            if not np.isnan(sides).any():
-                return sides
-        return np.array([side_values(pair, unknown=np.nan) for pair in pairs]).reshape(-1, 2)
+        if self._side_values is None or not self._side_values.is_current:
+            self._side_values = RowValues([side for pair in pairs for side in (pair.a, pair.b)])
+        parts = [part for pair in pairs for part in (pair.a_part, pair.b_part)]
+        return np.array(list(map(part_of_side, self._side_values.values(), parts)), dtype=float).reshape(-1, 2)
 
     def unmet(self, tolerances: Tolerances) -> list[Violation]:
         """Pairs that are not met at the model's current values, the sides relative to their sizes."""

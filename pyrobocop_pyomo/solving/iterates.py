@@ -176,12 +176,8 @@ class Standing:
         return (self.certified, self.optimal) > (other.certified, other.optimal)
 
 
-def _nothing_to_load() -> None:
-    """Multipliers that nobody kept fill no suffix."""
-
-
-def _nothing_to_classify() -> None:
-    """Multipliers that nobody kept cannot be classified."""
+def _nothing() -> None:
+    """Multipliers that nobody kept fill no suffix, and cannot be classified."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,11 +237,11 @@ class Iterate(Presented):
     """
 
     label: str
-    delta: float | None
-    mu: float | None
-    status: IpoptStatus | None
-    iterations: int
-    seconds: float
+    delta: float | None = None
+    mu: float | None = None
+    status: IpoptStatus | None = None
+    iterations: int = 0
+    seconds: float = 0.0
     objective: float = float("nan")
     constraint_violation: float = float("inf")
     largest_product: float = float("inf")
@@ -263,9 +259,9 @@ class Iterate(Presented):
     values: Any = field(default=None, repr=False)
     multipliers: Any = field(default=None, repr=False)
     undefined_at: Any = field(default=None, repr=False)
-    load_suffixes: Callable[[], None] = field(default=_nothing_to_load, repr=False)
-    row_multipliers: Callable[[], RowMultipliers | None] = field(default=_nothing_to_classify, repr=False)
-    classify: Callable[[], Multipliers | None] = field(default=_nothing_to_classify, repr=False)
+    load_suffixes: Callable[[], None] = field(default=_nothing, repr=False)
+    row_multipliers: Callable[[], RowMultipliers | None] = field(default=_nothing, repr=False)
+    classify: Callable[[], Multipliers | None] = field(default=_nothing, repr=False)
 
     @classmethod
     def of_run(cls, label: str, status: IpoptStatus, **facts: Any) -> Iterate:
@@ -341,9 +337,9 @@ class Iterate(Presented):
             values=None,
             multipliers=None,
             undefined_at=None,
-            load_suffixes=_nothing_to_load,
-            row_multipliers=_nothing_to_classify,
-            classify=_nothing_to_classify,
+            load_suffixes=_nothing,
+            row_multipliers=_nothing,
+            classify=_nothing,
         )
 
     def line(self, *, pairs: bool) -> str:

@@ -12,8 +12,9 @@ from pyrobocop_pyomo.diagnosis.places import is_equation_of_a_phase, place_in_wo
 
 # So many are named in a sentence.
 SHOWN = 5
-# Of the last digit that is shown.
-_ROUNDING = 1e-4
+# What linear programs leave of zero: of violations and their sums, of sides and distances from bounds in their sizes,
+# and of multipliers beside the largest possible one.
+MET = 1e-6
 
 
 @dataclass(frozen=True)
@@ -168,7 +169,7 @@ def _how_far(amount: float, exactly: bool) -> str:
     if math.isinf(amount):
         return ", which is not enough alone"
     unit = 10.0 ** (math.floor(math.log10(amount)) - 2)
-    digits = f"{math.ceil(amount / unit - _ROUNDING) * unit:.3g}"
+    digits = f"{math.ceil(amount / unit * (1.0 - MET)) * unit:.3g}"
     return f" by {digits} or more" if exactly else f" by about {digits}"
 
 

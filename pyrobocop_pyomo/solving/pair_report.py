@@ -8,10 +8,8 @@ from dataclasses import dataclass
 
 from pyrobocop_pyomo.complementarity import PairResidual
 from pyrobocop_pyomo.complementarity.canonical import PAIR_ROLES
+from pyrobocop_pyomo.mpcc.lpec import ZERO_SIDE
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
-
-# A side of at most this size counts as zero, as where multipliers are classified.
-ZERO_SIDE = 1e-6
 
 
 class ActiveSide(enum.Enum):

@@ -136,11 +136,6 @@ class PersistentNLP:
             self._nlp = self._shifted = ShiftedRows(self._nlp, rows, base=delta_of(self.model).value)
 
     @property
-    def size(self) -> tuple[int, int]:
-        """Numbers of free variables and of rows."""
-        return self._nlp.n, self._nlp.m
-
-    @property
     def state(self) -> PrimalDualPoint | None:
         """Where a warm solve goes on: copies of the point, of the rows' and of the bounds' multipliers.
 

@@ -6,7 +6,6 @@ import contextlib
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -15,22 +14,18 @@ from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.mpcc.active_set import Certificate
+from pyrobocop_pyomo.mpcc.lpec import ZERO_SIDE
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 
-from .ipopt_options import DEFAULT_WITH_PAIRS
+from .ipopt_options import DEFAULT_WITH_PAIRS, IPOPT_TOLERANCE
 from .iterate_log import IterateLog, ModelCheck
 from .iterates import Iterate, Quality, StopReason
 from .polish import Exploration, Polish
 from .relaxed_model import forget_removed, relaxed_model
 from .settings import Settings
 from .solve_result import SolveResult
-
-# Below any tolerance: the relaxing rows are left out of what is solved here.
-_DELTA = 1e-8
-# The branch has just been solved exactly: only where both sides are zero are there others through the point.
-_BIACTIVE = 1e-6
 
 
 class PersistentSolve:
@@ -63,19 +58,18 @@ class PersistentSolve:
         self._check = ModelCheck(model)
         self._values = VariableValues.of_free(model)
         self._stack = contextlib.ExitStack()
-        relaxation = relaxed_model(model, settings.relaxation, settings.grouping, _DELTA)
+        # Below any tolerance: the relaxing rows are left out of what is solved here.
+        relaxation = relaxed_model(model, settings.relaxation, settings.grouping, IPOPT_TOLERANCE)
         with contextlib.ExitStack() as opened:
             self._relaxed = opened.enter_context(relaxation)
             self._compiled = CompiledModel(model, "vectorised")
             self._stack = opened.pop_all()
-        self.decided_pairs = len(self._relaxed.decisions)
+        self.decided_pairs = len(self._relaxed.decided)
 
     def __enter__(self) -> PersistentSolve:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self._stack.close()
         forget_removed(self._model)
 
@@ -100,19 +94,17 @@ class PersistentSolve:
         self._values.write(near)
         self._relaxed.start_lifted()
         log = IterateLog(self._check, settings.progress)
-        log.pairs = self._relaxed.pairs
+        log.check_pairs(self._relaxed.pairs)
+        # The branch is solved exactly: only where both sides are zero are there others through the point.
         polish = Polish(
-            settings, self._relaxed, self._compiled, log, self._values, Exploration(0.0, started), biactive=_BIACTIVE
+            settings, self._relaxed, self._compiled, log, self._values, Exploration(0.0, started), biactive=ZERO_SIDE
         )
-        start = Iterate(
-            "start", delta=None, mu=None, status=None, iterations=0, seconds=0.0, values=list(near),
-            strategy="neighbour", stop_reason=StopReason.FAILED,
-        )  # fmt: skip
+        start = Iterate("start", values=list(near), strategy="neighbour", stop_reason=StopReason.FAILED)
         nlp = self._compiled.nlp
         # Multipliers of other numbers are not known here, and ones at every bound would push into the interior.
         none = np.zeros(nlp.n)
         point = PrimalDualPoint(self._compiled.current_point(), np.zeros(nlp.m), none, none)
-        best = polish.improve(start, point, reach=np.inf)
+        best = polish.improve(start, point)
         if best.quality(settings.tolerances) is Quality.INFEASIBLE and not polish.interrupted and self._relaxed.pairs:
             # The other numbers ask for another branch: the linearised constraints say which.
             self._values.write(near)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import logging
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -20,7 +18,6 @@ from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, BranchPoint, Certificate, ExploredBranches, Limits
 from pyrobocop_pyomo.mpcc.branch import nearest_branch, restricted
-from pyrobocop_pyomo.mpcc.linear_programs import prepare
 from pyrobocop_pyomo.mpcc.linearisation import Linearisation
 from pyrobocop_pyomo.mpcc.multipliers import STATIONARY, MultiplierProblem, classify, strong_multipliers
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
@@ -29,6 +26,7 @@ from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProg
 from pyrobocop_pyomo.programs.stationarity import stationarity
 
 from .automatic_scaling import objective_slope, variable_sizes
+from .found_points import CROSS_CHECKED_PAIRS
 from .ipopt_options import OVERDETERMINED, POLISH
 from .iterate_log import IterateLog
 from .iterates import Iterate, Quality, StopReason
@@ -38,14 +36,11 @@ from .settings import Settings
 
 logger = logging.getLogger(__name__)
 
-# Far from feasible the nearest branch means nothing: that is for other strategies.
-POLISHED_VIOLATION = 1e-2
 # A pair this near to a change of its branch is looked at, as if it were there.
 NEARLY_BIACTIVE = 1e-3
-# Up to here exploration may take as long as the rest of the solve by default. The more pairs, the less a look beyond
-# the nearest solution pays: at twice as many there is none, unless it is requested.
-EXPLORED_PAIRS = 100
-# By default it may take this long in any case: where a solve ends after tenths of a second, its answer is not to depend
+# By default exploration may take as long as the rest of the solve with up to `CROSS_CHECKED_PAIRS` pairs. The
+# more pairs, the less a look beyond the nearest solution pays: at twice as many there is none, unless it is requested.
+# It may take this long in any case: where a solve ends after tenths of a second, its answer is not to depend
 # on which of them the machine was busy in.
 EXPLORED_SECONDS = 1.0
 # By default it may take as many iterations of Ipopt as the rest of the solve took, linear programs counted as parts of
@@ -57,8 +52,6 @@ PLAIN_WORK, PLAIN_WORK_SHARE = 80, 0.4
 SMALL_PROGRAM, LEAST_PART = 500, 0.25
 # Objectives that differ by less, relative to their size, are those of one solution, relaxed and exact.
 SAME_COST = 1e-6
-# For a linear program where Ipopt did not solve the branch: what the program says of such a point is rarely of use.
-LINEAR_SECONDS_WITHOUT_SOLUTION = 0.25
 
 
 @dataclass(eq=False)
@@ -68,7 +61,7 @@ class Exploration:
     Attributes
     ----------
     factor : float or None
-        How long it may take, as a multiple of the time that the rest of the solve took so far; see `EXPLORED_PAIRS`.
+        How long it may take, as a multiple of the time that the rest of the solve took so far.
     started : float
         When the solve started, on the clock `time.perf_counter`.
     most_work : float or None
@@ -77,12 +70,8 @@ class Exploration:
         Elapsed in exploring.
     work : float
         Iterations of Ipopt and linear programs of exploring.
-    explored_iterations : int
-        Of Ipopt, in exploring.
     branches : ExploredBranches
         What need not be tried again.
-    unsolved : set
-        Keys of branches that Ipopt did not solve from a point nearby.
     """
 
     factor: float | None
@@ -90,9 +79,7 @@ class Exploration:
     most_work: float | None = None
     seconds: float = 0.0
     work: float = 0.0
-    explored_iterations: int = 0
     branches: ExploredBranches = field(default_factory=ExploredBranches)
-    unsolved: set[bytes] = field(default_factory=set)
 
     def budget(self, pairs: int) -> float:
         """Seconds that may be spent from now on in a problem with so many pairs; by default any number without them."""
@@ -114,37 +101,21 @@ class Exploration:
         """
         if self.factor is not None:
             return np.inf
-        elsewhere = iterations - self.explored_iterations
         if not pairs:
             return (np.inf if self.most_work is None else self.most_work) - self.work
-        return self._share(pairs) * max(EXPLORED_WORK, elsewhere) - self.work
+        return self._share(pairs) * max(EXPLORED_WORK, iterations - self.work) - self.work
 
     def may_go_on(self, pairs: int, iterations: int) -> bool:
         """Whether anything is left of the budget, in seconds and in work."""
         return self.budget(pairs) > 0.0 and self.work_within(pairs, iterations) >= 1.0
 
-    @contextlib.contextmanager
-    def counted(self, log: IterateLog) -> Iterator[None]:
-        """Count what is done meanwhile as exploring.
-
-        Parameters
-        ----------
-        log : IterateLog
-            Of all runs of the solve.
-        """
-        started, before, explored = time.perf_counter(), log.iterations, self.explored_iterations
-        seconds = self.seconds
-        try:
-            yield
-        finally:
-            # What explores branches in between has counted itself.
-            taken = log.iterations - before - (self.explored_iterations - explored)
-            self.seconds = seconds + time.perf_counter() - started
-            self.work += taken
-            self.explored_iterations += taken
+    def spend(self, started: float, work: float) -> None:
+        """Count what was done since a time on the clock `time.perf_counter` as exploring."""
+        self.seconds += time.perf_counter() - started
+        self.work += work
 
     def _share(self, pairs: int) -> float:
-        return min(1.0, max(0.0, 2.0 - pairs / EXPLORED_PAIRS)) if self.factor is None else self.factor
+        return min(1.0, max(0.0, 2.0 - pairs / CROSS_CHECKED_PAIRS)) if self.factor is None else self.factor
 
 
 def plain_work(variables: int, iterations: int) -> float:
@@ -216,7 +187,7 @@ class Polish:
         """Whether Ctrl-C ended the search."""
         return self._search.interrupted
 
-    def improve(self, iterate: Iterate, point: PrimalDualPoint, *, reach: float = POLISHED_VIOLATION) -> Iterate:
+    def improve(self, iterate: Iterate, point: PrimalDualPoint) -> Iterate:
         """Solve the nearest branch, follow descending ones, and certify where that ends.
 
         Parameters
@@ -225,8 +196,6 @@ class Polish:
             Its point is on the model.
         point : PrimalDualPoint
             The same in the order of the compiled model.
-        reach : float
-            Largest violation from which the nearest branch is tried.
 
         Returns
         -------
@@ -238,14 +207,7 @@ class Polish:
             rows = point.complete(self._compiled.nlp)[0][self._kept_rows]
             point = replace(point, g_multipliers=rows).with_objective_divided(self._slope)
             start = BranchPoint.at(self._program, point)
-            nearest = nearest_branch(self._program, start.x).key()
-            certified = iterate.is_certified(self._settings.tolerances, polished=True)
-            if certified and nearest in self._exploration.unsolved:
-                return iterate  # as good as it can be shown to be
-            found = self._search.polish(start) if start.violation <= reach else start
-            if found is start or not self._solved[id(found)][0].converged:
-                self._exploration.unsolved.add(nearest)
-            return self._better(iterate, self._examined(iterate, found, start))
+            return self._better(iterate, self._examined(iterate, self._search.polish(start), start))
         except EvaluationError as error:
             logger.info("strategy '%s': its point cannot be polished or certified: %s", iterate.strategy, error)
             return iterate
@@ -258,15 +220,11 @@ class Polish:
 
     def explore(self, iterate: Iterate) -> Iterate:
         """Look for a better optimum beyond a certified one, in the time that this may take; or return the same."""
-        if self._exploration.budget(self._program.pairs) <= 0.0:
+        pairs, iterations = self._program.pairs, self._log.iterations
+        if not self._exploration.may_go_on(pairs, iterations) or self._settings.deadline.has_passed:
             return iterate
-        prepare()
-        budget = self._exploration.budget(self._program.pairs)
-        deadline = self._settings.deadline.within(budget)
-        iterations = self._log.iterations
-        work = self._exploration.work_within(self._program.pairs, iterations)
-        if deadline.has_passed or work < 1.0:
-            return iterate
+        work = self._exploration.work_within(pairs, iterations)
+        deadline = self._settings.deadline.within(self._exploration.budget(pairs))
         self._settings.progress.live(f"exploring other branches, at most {deadline.left:.1f} s")
         started = time.perf_counter()
         x = self._compiled.current_point()
@@ -275,9 +233,7 @@ class Polish:
             found = self._search.explore(start, self._exploration.branches, deadline, work)
             self._add_linear_programs("explore", found)
         finally:
-            self._exploration.seconds += time.perf_counter() - started
-            self._exploration.work += work - self._search.work_left if np.isfinite(work) else 0.0
-            self._exploration.explored_iterations += self._log.iterations - iterations
+            self._exploration.spend(started, work - self._search.work_left if np.isfinite(work) else 0.0)
             self._search.work_left = np.inf
         return iterate if found is start else self._examined(iterate, found, start)
 
@@ -295,7 +251,6 @@ class Polish:
 
     def _examined(self, iterate: Iterate, found: BranchPoint, start: BranchPoint) -> Iterate:
         """The iterate at the best point that is found from here, with its certificate and multipliers."""
-        self._search.limits = self._limits_at(found)
         best, certificate = self._certified(found)
         if best is not start:
             iterate = self._at(best, iterate.strategy)
@@ -318,13 +273,6 @@ class Polish:
         if multipliers.kind is Stationarity.S and (left <= STATIONARY or certificate is not Certificate.DESCENT):
             iterate = replace(iterate, certificate=Certificate.PROVEN)
         return replace(iterate, stop_reason=StopReason.FINISHED, stationarity=multipliers.residual)
-
-    def _limits_at(self, found: BranchPoint) -> Limits:
-        """How long linear programs may take at a point."""
-        solved = self._solved.get(id(found))
-        if solved is None or solved[0].converged:
-            return self._limits
-        return replace(self._limits, lpec_seconds=LINEAR_SECONDS_WITHOUT_SOLUTION)
 
     def _certified(self, found: BranchPoint) -> tuple[BranchPoint, Certificate]:
         """Follow descending branches, unless the multipliers show already that there are none."""
@@ -349,8 +297,8 @@ class Polish:
         point = Linearisation.at(self._program.nlp, found.x)
         multipliers = self._strong(found, point)
         if multipliers is None:
-            seconds, deadline = self._limits_at(found).lpec_seconds, self._settings.deadline
-            multipliers = classify(MultiplierProblem(self._program, point), time_limit=seconds, deadline=deadline)
+            problem, seconds = MultiplierProblem(self._program, point), self._limits.lpec_seconds
+            multipliers = classify(problem, time_limit=seconds, deadline=self._settings.deadline)
         if multipliers is None:
             return None
         numbers = {name: getattr(multipliers, name) * self._slope for name in ("nu", "xi", "rows")}
@@ -404,7 +352,6 @@ class Polish:
             Iterate.of_run(
                 purpose if kept else f"{purpose} (not kept)",
                 outcome.status,
-                delta=None,
                 mu=outcome.mu,
                 iterations=outcome.iterations,
                 seconds=outcome.seconds + self._linear_seconds(),
@@ -424,9 +371,7 @@ class Polish:
             label = f"{purpose} (linear)"
             if purpose == "certificate" and self._search.undecided:
                 label = f"{purpose} (linear, {self._search.undecided} pairs undecided)"
-            known = self._solved.get(id(at), (None, None))[0]
-            step = Iterate(label=label, delta=None, mu=None, status=None, iterations=0, seconds=seconds)
-            self._log.add(step, at=known)
+            self._log.add(Iterate(label, seconds=seconds), exact=True)
 
     def _linear_seconds(self) -> float:
         seconds, self._search.linear_seconds = self._search.linear_seconds, 0.0

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
 from pyomo.common.errors import InfeasibleConstraintException
 
+from pyrobocop_pyomo.complementarity import CanonicalPair
+from pyrobocop_pyomo.diagnosis import Finding, Severity, Subject
 from pyrobocop_pyomo.diagnosis.difficult_forms import form_findings
 from pyrobocop_pyomo.diagnosis.values import boundary_findings, decided_findings
 from pyrobocop_pyomo.discretisation import DiscretisationProbe
 from pyrobocop_pyomo.errors import ComplementarityError, ContradictionError, EvaluationError, PyRobocopError
+from pyrobocop_pyomo.ipopt.linear_solvers import FELL_BACK
 from pyrobocop_pyomo.modeling.failures import undone_on_failure
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.mpcc.active_set import Certificate
@@ -21,17 +24,17 @@ from pyrobocop_pyomo.mpcc.stationarity import Stationarity
 from pyrobocop_pyomo.phases import phases_of
 
 from .curvature import is_convex
-from .ipopt_options import WARM_ITERATIONS
+from .ipopt_options import ITERATIONS_OF_ONE, NEARLY_THERE
+from .iterate_log import SMALLEST_SIZE
 from .iterates import Iterate, Quality, StopReason
-from .polish import plain_work
+from .polish import EXPLORED_WORK, plain_work
 from .relaxed_model import forget_removed
-from .run_remarks import doubts_on_pairs, doubts_on_point, remarks_on_runs
-from .second_tries import SecondTries, first_run, with_pairs, without_pairs
+from .runner import Runner
+from .second_tries import second_tries
 from .settings import Settings
 from .solve_result import ModelReference, SolveResult
-from .solve_state import SolveState
-from .solved_copies import SolvedCopies
 from .strategies import (
+    ABSOLUTE_VALUES,
     DEFAULT_SEQUENCE,
     OTHER_OPTIMUM,
     OTHER_STARTS,
@@ -42,7 +45,6 @@ from .strategies import (
     StartingPoint,
     Strategy,
 )
-from .strategy_runs import StrategyRuns
 from .violations import (
     GROWING,
     Violation,
@@ -53,13 +55,11 @@ from .violations import (
 
 logger = logging.getLogger(__name__)
 
-# By default, other ways follow a solve of at most so many iterations of Ipopt.
-SHORT_SOLVE = 300
 # Exploring ends after so many other ways and starts in a row that led to nothing better: by default, and on request.
 PATIENCE, REQUESTED_PATIENCE = 3, 8
-# Without pairs and by default: a third of what all starts may take, within these; with less than the least, few come to
-# an end.
-FEW_ITERATIONS, MANY_ITERATIONS, LEAST_ITERATIONS = 50, 100, 25
+# Without pairs and by default one start may take a third of what all may, but so many in any case; with less, few come
+# to an end.
+FEW_ITERATIONS = 50
 
 
 def solve_model(model: Any, settings: Settings) -> SolveResult:
@@ -73,23 +73,17 @@ def solve_model(model: Any, settings: Settings) -> SolveResult:
     return _Procedure(model, settings).solve()
 
 
-class _Procedure:
-    """The state of one solve."""
+class _Procedure(Runner):
+    """One solve: which strategies follow each other, and what comes out."""
 
     def __init__(self, model: Any, settings: Settings) -> None:
-        self._state = state = SolveState(model, settings)
-        self._model, self._settings, self._log, self._values = model, settings, state.log, state.values
-        self._guess, self._found, self._places, self._exploration = (
-            state.guess, state.found, state.places, state.exploration,
-        )  # fmt: skip
+        super().__init__(model, settings, solve_model)
         self._tried: set[str] = set()
-        self._copies = SolvedCopies(state, solve_model)
-        self._runs = StrategyRuns(state, self._copies)
 
     def _leave_best_point(self) -> None:
         """Whatever ends it, the model is left with the best point that there is."""
-        best = self._found.best
-        self._values.write(self._guess.values if best is None else best.values)
+        best = self.found.best
+        self.values.write(self.guess.values if best is None else best.values)
 
     def solve(self) -> SolveResult:
         """Go through the strategies until one gives a point that is certified; the best of all points wins."""
@@ -97,147 +91,139 @@ class _Procedure:
             with undone_on_failure(self._leave_best_point):
                 self._go_through()
         except InfeasibleConstraintException as error:
-            raise _contradiction(self._model, error) from error
-        best = self._found.best
+            raise _contradiction(self.model, error) from error
+        best = self.found.best
         if best is None:
             raise ComplementarityError(
-                f"'{self._model.name}': delta cannot follow the barrier parameter with the relaxation "
-                f"{self._settings.relaxation!r}, which bounds no row by it, and the projection starts from a point "
-                "that another strategy left. Use Strategy(schedule=Geometric(...)) or Fixed(...), or other strategies."
+                f"'{self.model.name}': delta cannot follow the barrier parameter with the relaxation "
+                f"{self.settings.relaxation!r}, which bounds no row by it. Use Strategy(schedule=Geometric(...)) or "
+                "Fixed(...), or other strategies."
             )
         if best.stop_reason is StopReason.ITERATION_LIMIT and any(
-            step.stop_reason is StopReason.DIVERGED for step in self._log.steps
+            step.stop_reason is StopReason.DIVERGED for step in self.log.steps
         ):
             best = replace(best, stop_reason=StopReason.DIVERGED)  # it was on the same way
         # Where there is no time left, that is the reason, and not a value somewhere on the way.
-        if best.quality(self._settings.tolerances) is not Quality.OPTIMAL and self._found.cut is None:
-            first = self._found.first
-            self._guess.explain(began=first is not None and first.iterations > 0)
-        unbounded = self._found.unbounded
+        if best.quality(self.settings.tolerances) is not Quality.OPTIMAL and self.found.cut is None:
+            first = self.found.first
+            self.guess.explain(began=first is not None and first.iterations > 0)
+        unbounded = self.found.unbounded
         if unbounded is not None:
-            self._values.write(unbounded.values)
-            self._guess.remarks += [_what_grows(self._values, unbounded, best)]
+            self.values.write(unbounded.values)
+            self.guess.remarks += [_what_grows(self.values, unbounded, best)]
             best = replace(best, stop_reason=StopReason.DIVERGED)
-        self._values.write(best.values)
-        self._guess.remarks += self._explanations(best)
+        self.values.write(best.values)
+        self.guess.remarks += self._explanations(best)
         best.load_suffixes()
-        forget_removed(self._model)
+        forget_removed(self.model)
         return self._result(best)
 
     def _go_through(self) -> None:
-        with self._places:
-            if self._state.has_pairs:
+        with self.places:
+            if self.has_pairs:
                 self._go_through_those_for_pairs()
             else:
                 self._go_through_those_without_pairs()
-            self._runs.explore()
+            self.explore()
             self._go_other_ways()
-            if self._found.best is not None and self._found.cut is not StopReason.INTERRUPTED:
-                self._classify(self._found.best)
+            if self.found.best is not None and self.found.cut is not StopReason.INTERRUPTED:
+                self._classify(self.found.best)
         # A copy is made when the relaxation is taken back.
-        if self._state.has_pairs and self._settings.strategies is None and not self._found.are_enough():
-            self._guess.write_start()
+        if self.has_pairs and self.settings.strategies is None and not self.found.are_enough():
+            self.guess.write_start()
             split = self._copies.with_absolute_values_split()
             if split is not None:
-                self._found.keep(split)
+                self.found.keep(split)
 
     def _go_through_those_for_pairs(self) -> None:
-        chosen = self._settings.strategies
-        for strategy in DEFAULT_SEQUENCE if chosen is None else with_pairs(chosen):
-            if strategy is not TIGHT:
-                self._runs.explore()
-            if not self._found.need(strategy, self._places.pairs):
+        for strategy in self._first_strategies((*DEFAULT_SEQUENCE, *OTHER_STARTS)):
+            if strategy not in (TIGHT, *OTHER_STARTS):
+                self.explore()
+            if not self.found.need(strategy, self.places.pairs):
                 continue
             self._try(strategy)
-            if self._found.cut is not None or (self._places.place is not None and not self._places.pairs):
+            if self.found.cut is not None or (self.places.place is not None and not self.places.pairs):
                 return
-        for strategy in OTHER_STARTS if chosen is None else ():
-            if self._found.best is None or self._found.best.excess(self._settings.tolerances) <= 1.0:
-                return
-            if self._found.need(strategy, self._places.pairs):
-                self._try(strategy)
+
+    def _first_strategies(self, default: tuple[Strategy, ...]) -> tuple[Strategy, ...]:
+        """Those of the caller's strategies that are for such a model; the default ones where there are none."""
+        chosen = self.settings.strategies or ()
+        return tuple(strategy for strategy in chosen if strategy.for_pairs == self.has_pairs) or default
 
     def _go_other_ways(self) -> None:
         """Beyond a certified point: other ways down, then other starts, as long as there is a budget and it pays."""
-        pairs, found, without_gain = self._places.pairs, self._found, 0
+        pairs, found, without_gain = self.places.pairs, self.found, 0
         missing: set[StartingPoint] = set()  # kinds of starts that this model has not
-        requested, before, ends = self._settings.exploration is not None, found.best, []
-        by_default = self._log.iterations <= SHORT_SOLVE if pairs else bool(phases_of(self._model))
-        if self._settings.strategies is not None or not (requested or by_default):
+        requested, before, ends = self.settings.exploration is not None, found.best, []
+        by_default = self.log.iterations <= EXPLORED_WORK if pairs else bool(phases_of(self.model))
+        if self.settings.strategies is not None or not (requested or by_default):
             return
+        patience = PATIENCE if pairs and not requested else REQUESTED_PATIENCE
         for strategy in OTHER_WAYS if pairs else self._other_starts(requested=requested):
             best = found.best
             if best is None or not found.is_certified(best) or found.are_cut():
                 break
             if pairs and best.certificate is not Certificate.PROVEN:
                 break
-            if without_gain == (PATIENCE if pairs and not requested else REQUESTED_PATIENCE):
-                break
-            if not self._exploration.may_go_on(pairs, self._log.iterations):
+            if without_gain == patience or not self.exploration.may_go_on(pairs, self.log.iterations):
                 break
             if strategy.name in self._tried or strategy.start in missing:
                 continue
             self._classify(best)  # another relaxation takes away the rows whose multipliers this asks for
-            with self._exploration.counted(self._log):
-                iterate = self._try(strategy, certified=not pairs)
+            started, iterations = time.perf_counter(), self.log.iterations
+            iterate = self._try(strategy, certified=not pairs)
+            self.exploration.spend(started, self.log.iterations - iterations)
             ends.append(f"'{strategy.name}' " + (f"{iterate.objective:.6g}" if iterate is not None else "no point"))
             if iterate is None:
                 missing.add(strategy.start)
             without_gain = without_gain + 1 if found.best is best else 0
             if not without_gain:
-                self._runs.explore()
+                self.explore()
         if ends and before is not None and (requested or found.best is not before):
             relaxed = ", relaxed where they led to nothing better" if pairs else ""
-            self._guess.remarks.append(
+            self.guess.remarks.append(
                 f"Objectives of other ways and starts, beside {before.objective:.6g} of '{before.strategy}'{relaxed}: "
                 f"{', '.join(ends)}. Strategy(exploration=...) asks for more of them."
             )
 
     def _other_starts(self, *, requested: bool) -> Iterator[Strategy]:
         """For a solved model without pairs, on fewer elements where there are many; none where it is convex."""
-        place, exploration = self._places.place, self._exploration
-        if place is None or not self._settings.second_tries or exploration.factor == 0.0:
+        place, exploration = self.places.place, self.exploration
+        if place is None or not self.settings.second_tries or exploration.factor == 0.0:
             return
         compiled = place.session.compiled()
         if compiled is None or is_convex(compiled.nlp, compiled.current_point()):
             return
         if exploration.most_work is None:
-            exploration.most_work = plain_work(compiled.nlp.n, self._log.iterations)
+            exploration.most_work = plain_work(compiled.nlp.n, self.log.iterations)
         coarse = self._copies.has_fewer_elements()
+        most = ITERATIONS_OF_ONE if requested else int(max(FEW_ITERATIONS, (exploration.most_work or 0.0) / 3.0))
         if coarse:
-            yield replace(OTHER_OPTIMUM, most_iterations=self._iterations_of_start(requested=requested))
+            yield replace(OTHER_OPTIMUM, most_iterations=most)
         for strategy in OTHER_STARTS_WITHOUT_PAIRS if requested or not coarse else ():
-            most = self._iterations_of_start(requested=requested)
-            if most < LEAST_ITERATIONS:
+            left = exploration.work_within(0, self.log.iterations)
+            if left < FEW_ITERATIONS and not requested:
                 return
-            yield replace(strategy, most_iterations=most)
-
-    def _iterations_of_start(self, *, requested: bool) -> int:
-        if requested:
-            return WARM_ITERATIONS
-        exploration = self._exploration
-        share = min(MANY_ITERATIONS, max(FEW_ITERATIONS, (exploration.most_work or 0.0) / 3.0))
-        return int(min(share, exploration.work_within(0, self._log.iterations)))
+            yield replace(strategy, most_iterations=int(min(most, left)))
 
     def _go_through_those_without_pairs(self) -> None:
         """One run; where it fails, what else may lead to a solution."""
-        chosen = self._settings.strategies
-        for strategy in (first_run(self._settings),) if chosen is None else without_pairs(chosen):
+        chosen = self.settings.strategies
+        # A long first run is cut short where others follow.
+        first = replace(SOLVE, small_problem_iterations=ITERATIONS_OF_ONE) if self.settings.second_tries else SOLVE
+        for strategy in self._first_strategies((first,)):
             self._try(strategy)
-            if self._found.are_enough():
+            if self.found.are_enough():
                 return
-        if self._found.best is None:
+        if self.found.best is None:
             self._try(SOLVE)  # what was chosen has no start of its own here
-        if chosen is not None or self._found.best is None:
+        if chosen is not None or self.found.best is None:
             return
-        tries = SecondTries(self._settings, self._found.best, scaled=self._places.scaling is not None)
-        for strategy in tries:
-            steps = len(self._log.steps)
-            if any(step.label == strategy.name for step in self._log.steps):
+        for strategy in second_tries(self.settings, self.found.best, self.log, scaled=self.places.scaling is not None):
+            if any(step.label == strategy.name for step in self.log.steps):
                 continue  # a dependent start was simulated first
             self._try(strategy)
-            tries.spent += sum(step.iterations for step in self._log.steps[steps:])
-            if self._found.are_enough():
+            if self.found.are_enough():
                 return
 
     def _try(self, strategy: Strategy, *, certified: bool = False) -> Iterate | None:
@@ -249,15 +235,17 @@ class _Procedure:
         certified : bool
             Whether to go on from a better point that is not certified, and to keep none that is not.
         """
-        found = self._found
+        found = self.found
         self._tried.add(strategy.name)
         try:
-            iterate = self._runs.run(strategy)
+            iterate = self.run(strategy)
             if certified and iterate is not None and not found.is_certified(iterate):
                 if found.best is None or not found.is_better(iterate, found.best) or found.are_cut():
                     return iterate
-                going_on = replace(strategy, start=StartingPoint.REACHED, most_iterations=WARM_ITERATIONS)
-                iterate = self._runs.run(going_on) or iterate
+                options = {**NEARLY_THERE, **strategy.options}
+                start, most = StartingPoint.REACHED, ITERATIONS_OF_ONE
+                going_on = replace(strategy, start=start, options=options, most_iterations=most)
+                iterate = self.run(going_on) or iterate
                 if not found.is_certified(iterate):
                     return iterate
         except KeyboardInterrupt:
@@ -270,12 +258,12 @@ class _Procedure:
                 raise
             # What only looks for something better may fail: nothing is lost.
             level = logging.INFO if found.is_certified(found.best) else logging.WARNING
-            logger.log(level, "'%s': strategy '%s' failed: %s", self._model.name, strategy.name, error)
+            logger.log(level, "'%s': strategy '%s' failed: %s", self.model.name, strategy.name, error)
             return None
         if iterate is not None:
             if iterate.stop_reason.is_final and found.cut is None:
                 found.cut = iterate.stop_reason
-            self._runs.keep(iterate)
+            self.keep(iterate)
         return iterate
 
     def _classify(self, best: Iterate) -> None:
@@ -283,66 +271,129 @@ class _Procedure:
         try:
             best.classify()
         except EvaluationError as error:
-            logger.info("'%s': no multipliers of the pairs: %s", self._model.name, error)
-            self._found.best = replace(best, classify=lambda: None)
+            logger.info("'%s': no multipliers of the pairs: %s", self.model.name, error)
+            self.found.best = replace(best, classify=lambda: None)
         except KeyboardInterrupt:
-            self._found.cut = StopReason.INTERRUPTED
-            self._found.best = replace(best, classify=lambda: None)
+            self.found.cut = StopReason.INTERRUPTED
+            self.found.best = replace(best, classify=lambda: None)
 
     def _result(self, best: Iterate) -> SolveResult:
-        cut, places = self._found.cut, self._places
+        cut, places = self.found.cut, self.places
         multipliers = None if cut is StopReason.INTERRUPTED else best.classify()
         if multipliers is not None and multipliers.kind is Stationarity.S:
             best = replace(best, certificate=Certificate.PROVEN)
-        residuals, quality = self._log.residuals(), best.quality(self._settings.tolerances)
+        residuals, quality = self.log.residuals(), best.quality(self.settings.tolerances)
         return SolveResult(
-            name=self._model.name,
+            name=self.model.name,
             stop_reason=cut or self._why_it_ended(best, quality),
             quality=quality,
             best=best.record(),
             multipliers=multipliers,
             residuals=residuals,
             violations=self._violations() if quality is Quality.INFEASIBLE else (),
-            remarks=(*self._guess.remarks, *remarks_on_runs(self._log.steps, best.certificate)),
-            doubts=doubts_on_pairs(self._log.too_small(self._settings.tolerances))
+            remarks=(*self.guess.remarks, *remarks_on_runs(self.log.steps, best.certificate)),
+            doubts=doubts_on_pairs(self.log.too_small(self.settings.tolerances))
             if residuals
             else doubts_on_point(best),
-            steps=self._log.steps,
-            standing=best.standing(self._settings.tolerances, self._state.check.sign),
+            steps=self.log.steps,
+            standing=best.standing(self.settings.tolerances, self.check.sign),
             decided_pairs=places.decided_pairs,
             solver=places.solver,
             derivatives=places.derivatives,
             scaling=places.scaling,
-            checking_seconds=self._log.seconds,
-            model=ModelReference(self._model),
-            probe=DiscretisationProbe(self._model, best.row_multipliers, best.objective),
-            seconds=time.perf_counter() - self._state.started,
+            checking_seconds=self.log.seconds,
+            model=ModelReference(self.model),
+            probe=DiscretisationProbe(self.model, best.row_multipliers, best.objective),
+            seconds=time.perf_counter() - self.started,
         )
 
     def _why_it_ended(self, best: Iterate, quality: Quality) -> StopReason:
         """That of the best point; where it is a solution of relaxed pairs alone, what became of those that go on."""
-        ends = [step.stop_reason for step in self._log.steps]
+        ends = [step.stop_reason for step in self.log.steps]
         if quality is Quality.INFEASIBLE and best.converged and StopReason.INFEASIBLE in ends:
             return StopReason.INFEASIBLE
         return best.stop_reason
 
     def _explanations(self, best: Iterate) -> list[str]:
         """What may be the cause of a failure, beside what is not met."""
-        said = []
-        if best.diverged and self._found.unbounded is None and (growing := growing_variables(self._values, GROWING)):
+        said, quality = [], best.quality(self.settings.tolerances)
+        if best.diverged and self.found.unbounded is None and (growing := growing_variables(self.values, GROWING)):
             said.append(f"What grows: {growing}.")
-        infeasible = best.quality(self._settings.tolerances) is Quality.INFEASIBLE
-        said += remarks_on_phases_with_pairs(self._model) if infeasible else []
-        optimal = best.quality(self._settings.tolerances) is Quality.OPTIMAL
+        said += remarks_on_phases_with_pairs(self.model) if quality is Quality.INFEASIBLE else []
         # A run that reached its limit of iterations is a sign of them, even where another one found a solution.
-        stalled = any(step.stop_reason is StopReason.ITERATION_LIMIT for step in self._log.steps)
-        if (stalled or not optimal) and not best.stop_reason.is_final:
-            said += [f"{finding.message} {finding.remedy}" for finding in form_findings(self._model)]
+        stalled = any(step.stop_reason is StopReason.ITERATION_LIMIT for step in self.log.steps)
+        if (stalled or quality is not Quality.OPTIMAL) and not best.stop_reason.is_final:
+            said += [f"{finding.message} {finding.remedy}" for finding in form_findings(self.model)]
         return said
 
     def _violations(self) -> tuple[Violation, ...]:
-        tolerances = self._settings.tolerances
-        return worst_of_each_component([*self._state.check.violated(tolerances), *self._log.unmet(tolerances)])
+        tolerances = self.settings.tolerances
+        return worst_of_each_component([*self.check.violated(tolerances), *self.log.unmet(tolerances)])
+
+
+def remarks_on_runs(steps: Iterable[Iterate], certificate: Certificate) -> Iterator[str]:
+    """Sentences for the report of a result.
+
+    Parameters
+    ----------
+    steps : iterable of Iterate
+    certificate : Certificate
+        Of the result.
+    """
+    steps = list(steps)
+    if any(step.label == ABSOLUTE_VALUES.name and step.converged for step in steps):
+        yield (
+            "Absolute values have no derivative at zero: a copy with their two parts was solved, as "
+            "pyrobocop.absolute_values_to_complementarity makes it. Stationarity is that of the copy, all else that of "
+            "the model."
+        )
+    undecided = [step.label for step in steps if "undecided" in step.label]
+    if undecided and certificate is Certificate.UNKNOWN:
+        yield (
+            f"Whether another branch descends is not known: step '{undecided[-1]}' ended at its limit of linear "
+            "programs or of time. Pairs with both sides near zero are what makes this search long."
+        )
+    failed = [step.label for step in steps if step.options.get("linear_solver") == FELL_BACK]
+    if failed:
+        yield (
+            f"The linear solver of this package failed in {len(failed)} of the runs ('{failed[0]}'), and MUMPS solved "
+            "them again; options={'linear_solver': 'mumps'} takes it at once."
+        )
+
+
+def doubts_on_point(best: Iterate) -> tuple[Finding, ...]:
+    """Why the best point of a model without pairs may not be what was meant.
+
+    Parameters
+    ----------
+    best : Iterate
+    """
+    if best.certificate is not Certificate.DESCENT:
+        return ()
+    message = (
+        "The point is stationary, but no minimum: along a direction that the constraints leave free the objective "
+        "falls, and no better point was reached along it."
+    )
+    remedy = "Give an initial guess that is not symmetric, or compare several starts: rcp.studies.multistart(model)."
+    return (Finding(Severity.WARNING, Subject.OUTCOME, message, (), remedy),)
+
+
+def doubts_on_pairs(too_small: Sequence[CanonicalPair]) -> tuple[Finding, ...]:
+    """Why pairs may not be met although both sides are within the tolerances.
+
+    Parameters
+    ----------
+    too_small : sequence of CanonicalPair
+        Met only if what their sides have left is zero and not small.
+    """
+    if not too_small:
+        return ()
+    message = (
+        f"Both sides of pair '{too_small[0].name}' differ from zero, and one of them is smaller than {SMALLEST_SIZE:g} "
+        f"all the time: whether such pairs are met, {len(too_small)} in all, is not known."
+    )
+    remedy = "State what is so small in a smaller unit, so that it has values near 1."
+    return (Finding(Severity.WARNING, Subject.OUTCOME, message, (), remedy),)
 
 
 def _what_grows(values: VariableValues, unbounded: Iterate, best: Iterate) -> str:

@@ -40,10 +40,6 @@ class Progress:
         """The progress itself, or a new one."""
         return show if isinstance(show, Progress) else cls(show)
 
-    def within(self, label: str) -> Progress:
-        """What a part of the work writes to: its live line, named by `label`; its lines that stay are left out."""
-        return _PartProgress(self, label)
-
     def live(self, text: str) -> None:
         """Replace the current line."""
         if self._notebook is not None:
@@ -82,22 +78,6 @@ class Progress:
             self._area = self._notebook(shown, raw=True, display_id=True, metadata={"progress": True})
         else:
             self._area.update(shown, raw=True, metadata={"progress": True})
-
-
-class _PartProgress(Progress):
-    """Progress of a part of some work."""
-
-    def __init__(self, whole: Progress, label: str) -> None:
-        self._whole, self._what = whole, label
-
-    def live(self, text: str) -> None:
-        self._whole.live(f"{self._what}, {text}" if text else self._what)
-
-    def line(self, text: str) -> None:
-        """Leave out what only belongs to the part."""
-
-    def line_once(self, text: str) -> None:
-        """Leave out what only belongs to the part."""
 
 
 def notebook_display() -> Any:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
 from pyomo.core.base.suffix import Suffix
+from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.complementarity import (
     CanonicalPair,
     LiftedPair,
+    SidePart,
+    SideVariable,
     active_sources,
     crossed_pairs_of,
     delta_of,
@@ -23,10 +26,102 @@ from pyrobocop_pyomo.complementarity import (
     revert,
     shifted_rows_of,
     side_values,
-    without_penalty,
 )
+from pyrobocop_pyomo.diagnosis.values import SIDES_HOLD
+from pyrobocop_pyomo.errors import ComplementarityError
+from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
 
-from .presolve import Decision, fixed_at_zero, presolve
+
+def presolve(pairs: Sequence[LiftedPair], tolerance: float = 1e-7) -> list[SideVariable]:
+    """Find the pairs that bounds and fixed variables decide.
+
+    Parameters
+    ----------
+    pairs : list of LiftedPair
+    tolerance : float
+        A side counts as positive from here on, and a fixed one as negative below ``-tolerance``.
+
+    Returns
+    -------
+    list of SideVariable
+        The sides to hold at zero, because the others cannot be; in the order of the pairs.
+
+    Raises
+    ------
+    ComplementarityError
+        Where a side has a fixed value and both are positive, or one of them cannot reach zero from below: the pair
+        cannot be met.
+    """
+    intervals = ExpressionBounds()
+    found = []
+    for pair in pairs:
+        least_a, most_a = _range(pair.a, pair.pair.a, pair.pair.a_part, intervals)
+        least_b, most_b = _range(pair.b, pair.pair.b, pair.pair.b_part, intervals)
+        for which, most in (("first", most_a), ("second", most_b)):
+            if most < -tolerance:
+                raise ComplementarityError(
+                    f"'{pair.pair.name}': its {which} side is at most {most:g} by bounds and fixed variables, but must "
+                    f"be >= 0. Check the bounds and what is fixed. {SIDES_HOLD}"
+                )
+        if least_a > tolerance and least_b > tolerance:
+            if not (_is_fixed(pair.a) or _is_fixed(pair.b)):
+                continue  # bounds alone: a problem without a solution, which the solve says
+            raise ComplementarityError(
+                f"'{pair.pair.name}': both sides are positive by bounds and fixed variables (at least {least_a:g} and "
+                f"{least_b:g}), but one has to be zero. Check the bounds and what is fixed."
+            )
+        if least_a > tolerance:
+            found.append(pair.b)
+        elif least_b > tolerance:
+            found.append(pair.a)
+    return found
+
+
+@contextmanager
+def fixed_at_zero(sides: Sequence[SideVariable]) -> Iterator[None]:
+    """Hold the decided sides at zero by the bounds of their variables; afterwards these are as they were."""
+    # The stored bound and not `variable.upper`, which cannot tell a bound of its own from one of the domain.
+    before: list[tuple[Any, str, Any]] = []
+    try:
+        for side in sides:
+            variable, offset = side.variable, value(side.offset)
+            if variable.fixed:
+                continue
+            # Intersected and not overwritten: a bound that excludes zero stays, and the solver sees it.
+            if side.sign > 0:
+                before.append((variable, "_ub", variable._ub))
+                variable.setub(offset if variable.ub is None else min(offset, variable.ub))
+            else:
+                before.append((variable, "_lb", variable._lb))
+                variable.setlb(offset if variable.lb is None else max(offset, variable.lb))
+        yield
+    finally:
+        for variable, name, bound in reversed(before):
+            setattr(variable, name, bound)
+
+
+def _is_fixed(side: SideVariable) -> bool:
+    return bool(side.variable.fixed)
+
+
+def _range(side: SideVariable, expression: Any, part: SidePart, intervals: ExpressionBounds) -> tuple[float, float]:
+    """Interval that a side lies in, by its variable and, where it was lifted, by its expression."""
+    variable, offset = side.variable, value(side.offset)
+    if variable.fixed:
+        ends = [side.sign * (variable.value - offset)] * 2
+    else:
+        lower = -float("inf") if variable.lb is None else variable.lb
+        upper = float("inf") if variable.ub is None else variable.ub
+        ends = [side.sign * (lower - offset), side.sign * (upper - offset)]
+    least, most = min(ends), max(ends)
+    if expression is not variable:
+        below, above = intervals.walk_expression(expression)
+        if part is SidePart.NEGATIVE:
+            below, above = -above, -below
+        if part is not SidePart.WHOLE:
+            below, above = max(below, 0.0), max(above, 0.0)
+        least, most = max(least, below), min(most, above)
+    return least, most
 
 
 @dataclass(eq=False)
@@ -47,7 +142,7 @@ class RelaxedModel:
         Those that a shift of delta moves.
     relaxing_rows : list of ConstraintData
         All that relax; the rest of the model says everything but "one of both is zero".
-    decisions : list of Decision
+    decided : list of SideVariable
         What the presolve found.
     """
 
@@ -58,7 +153,7 @@ class RelaxedModel:
     crossed: list[tuple[int, int]] = field(default_factory=list)
     shifted_rows: list[Any] = field(default_factory=list)
     relaxing_rows: list[Any] = field(default_factory=list)
-    decisions: list[Decision] = field(default_factory=list)
+    decided: list[SideVariable] = field(default_factory=list)
 
     @classmethod
     def of(cls, model: Any) -> RelaxedModel:
@@ -86,12 +181,6 @@ class RelaxedModel:
         """Whether the objective has a penalty term."""
         return self.block is not None and has_penalty(self.model)
 
-    @contextmanager
-    def without_penalty(self) -> Iterator[None]:
-        """Put the user's objective back for a moment."""
-        with without_penalty(self.model):
-            yield
-
     def start_lifted(self) -> None:
         """Give generated variables the values of what they stand for."""
         for lifted in self.lifted:
@@ -113,8 +202,8 @@ def relaxed_model(model: Any, relaxation: Any, grouping: Any, delta: float) -> I
         token = relax(model, relaxation=relaxation or "scholtes", grouping=grouping or "pair", delta=delta, lift=True)
         try:
             relaxed = RelaxedModel.of(model)
-            relaxed.decisions = presolve(relaxed.lifted)
-            with fixed_at_zero(relaxed.decisions):
+            relaxed.decided = presolve(relaxed.lifted)
+            with fixed_at_zero(relaxed.decided):
                 yield relaxed
         finally:
             revert(model, token)

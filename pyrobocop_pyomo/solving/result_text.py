@@ -13,14 +13,14 @@ from pyrobocop_pyomo.phases import phases_of
 
 from .iterates import Quality, StopReason
 from .least_violation import STANDS_AGAINST, Least
-from .obstructions import first_try
+from .obstructions import SHOWN, first_try
 from .pair_report import ActiveSide, PairReport
 
 MOST_LINES = 8
 # Of a line that is shown; `report()` has all of it.
 MOST_CHARACTERS = 400
-# So many violated components, and so many together with what stands against a solution, are named.
-SHOWN_VIOLATIONS, SHOWN_OBSTRUCTIONS = 2, 5
+# So many violated components are named, and `SHOWN` together with what stands against a solution.
+SHOWN_VIOLATIONS = 2
 IN_THE_WAY = "What stands against a solution near the best point found:"
 FAR = " If you know that there is a solution, start nearer to it: try another initial guess."
 KEPT_MESH = "The mesh stays as it is"
@@ -90,11 +90,9 @@ def _bare_verdict(result: Any) -> str:
     if result.stop_reason is StopReason.INFEASIBLE and least is not None:
         ended = f": {least.in_short}"  # what linear programs found there, and not what Ipopt took it for
     unsafe = ", NOT SAFE" if result.was_safe is False else ""
-    if result.quality is Quality.INFEASIBLE:
-        if least is not None and least.is_proof:
-            return "NOT SOLVED, and proven to have no solution"
-        return f"NOT SOLVED{unsafe}{ended}"
-    if result.best.diverged:
+    if result.quality is Quality.INFEASIBLE and least is not None and least.is_proof:
+        return "NOT SOLVED, and proven to have no solution"
+    if result.quality is Quality.INFEASIBLE or result.best.diverged:
         return f"NOT SOLVED{unsafe}{ended}"
     if result.quality is Quality.FEASIBLE:
         return f"feasible, but not shown to be optimal{unsafe}{ended}{'' if unsafe else _kept(result.safety)}"
@@ -165,7 +163,7 @@ def _failure(result: Any) -> Iterable[str]:
         yield f"not met: {violation}"
     if least is not None and least.obstructions:
         yield STANDS_AGAINST if least.is_proof else f"Not proven to be impossible. {IN_THE_WAY}"
-        shown = list(least.obstructions[: SHOWN_OBSTRUCTIONS - max(len(unmet), 1)])
+        shown = list(least.obstructions[: SHOWN - max(len(unmet), 1)])
         fixed = [obstruction for obstruction in least.obstructions if obstruction.is_fixed]
         if fixed and not any(obstruction.is_fixed for obstruction in shown):
             shown[-1] = fixed[0]  # an end that was given wrongly is what a user looks for

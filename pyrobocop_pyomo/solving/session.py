@@ -2,26 +2,40 @@
 
 from __future__ import annotations
 
+import functools
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, Protocol
+from typing import Any
 
 from pyrobocop_pyomo.complementarity import BarrierSchedule
+from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IterationRecord
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint, ShiftedRows
+from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, PrimalDualPoint, ShiftedRows
+from pyrobocop_pyomo.programs.stationarity import stationarity
 
-from .automatic_scaling import AutomaticScaling
+from .automatic_scaling import AutomaticScaling, objective_slope, variable_sizes
 from .ipopt_options import IpoptOptions
 from .iterates import Iterate
+from .relaxed_model import RelaxedModel
+from .settings import Settings
 
 OnIteration = Callable[[IterationRecord], Any]
 
 
-class Session(Protocol):
+class Session(ABC):
     """Two ways to do the same: in process, or through the executable.
 
     The iterates that it returns are not checked yet by what the user stated, and their point is on the model.
+
+    Parameters
+    ----------
+    relaxed : RelaxedModel
+    compiled : CompiledModel or None
+        What runs are divided by, and judged by; None where nothing takes derivatives here.
+    settings : Settings
+        Where Ipopt's log goes, and whether Ipopt sees the program in variables, rows and an objective of size one.
 
     Attributes
     ----------
@@ -34,28 +48,38 @@ class Session(Protocol):
 
     solver: str
     derivatives: str
-    scaling: AutomaticScaling | None
 
+    def __init__(self, relaxed: RelaxedModel, compiled: CompiledModel | None, settings: Settings) -> None:
+        self._relaxed, self._compiled, self._output = relaxed, compiled, settings.output
+        is_wanted = settings.scaling and "nlp_scaling_method" not in settings.options.user
+        # The products of pairs are bounded by delta in the units of the user.
+        self._is_scaled = is_wanted and not relaxed.pairs and compiled is not None
+        self.scaling: AutomaticScaling | None = None
+
+    @abstractmethod
     def run(
         self, delta: float | None, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None = None
     ) -> Iterate:
         """Solve with a fixed delta from the point on the model, with the multipliers of `start` where it is given."""
-        ...
 
+    @abstractmethod
     def follow(self, schedule: BarrierSchedule, options: IpoptOptions, deadline: Deadline) -> Iterator[Iterate]:
         """Solve with delta following the barrier parameter, from the point on the model."""
-        ...
 
+    @abstractmethod
     def compiled(self, *, anew: bool = False) -> CompiledModel | None:
         """The relaxed model as numbers, at the last delta; None where nothing here can take its derivatives.
 
         It may have been compiled before, unless it is requested as it is now.
         """
-        ...
+
+    @abstractmethod
+    def primal_dual(self, iterate: Iterate, compiled: CompiledModel) -> PrimalDualPoint:
+        """The point on the model with the multipliers of an iterate of this session, in the order of `compiled`."""
 
     def missing_rank(self) -> int:
         """Equations that are dependent at the point on the model, to first order; 0 where that is not known."""
-        ...
+        return 0
 
     def with_elastic_rows(self, price: float) -> Session | None:
         """A session of the same model whose rows may be violated; None where there is no such program.
@@ -65,15 +89,25 @@ class Session(Protocol):
         price : float
             Of a violation of the size of its row, in sizes of the objective; without sizes, of a unit in its slopes.
         """
-        ...
+        return None
 
-    def primal_dual(self, iterate: Iterate, compiled: CompiledModel) -> PrimalDualPoint:
-        """The point on the model with the multipliers of an iterate of this session, in the order of `compiled`."""
-        ...
-
+    @abstractmethod
     def close(self) -> None:
         """Take everything off the model that the session put there."""
-        ...
+
+    @functools.cached_property
+    def _of_objective(self) -> dict[str, float]:
+        """Ipopt's option for an objective that is too small, of a model with pairs."""
+        slope = objective_slope(self._compiled) if self._relaxed.pairs and self._compiled is not None else 1.0
+        return {} if slope == 1.0 else {"obj_scaling_factor": 1.0 / slope}
+
+    def _stationarity(self, nlp: NonlinearProgram, point: PrimalDualPoint) -> float:
+        """What is left of the first-order conditions; infinite where derivatives have no value."""
+        assert self._compiled is not None
+        try:
+            return stationarity(nlp, point, variable_sizes(self._compiled))
+        except EvaluationError:
+            return float("inf")
 
 
 class DeltaFollowsBarrier:

@@ -17,9 +17,9 @@ from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.phases import phases_of
 
 from .found_points import SAME_OBJECTIVE
+from .ipopt_options import ITERATIONS_OF_ONE
 from .iterates import Iterate, Quality
 from .progress import Progress
-from .second_tries import ITERATIONS_OF_ONE
 from .settings import Settings
 from .solve_result import SolveResult
 from .solve_state import SolveState

@@ -3,35 +3,105 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from typing import Any
 
+import numpy as np
 from pyomo.core.base.var import Var
 
+from pyrobocop_pyomo.diagnosis.diagnose import is_renamed
 from pyrobocop_pyomo.diagnosis.undefined_rows import move_into_domain, named_undefined_rows
-from pyrobocop_pyomo.errors import PyRobocopError
+from pyrobocop_pyomo.errors import ModelError, PyRobocopError
 from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
 from pyrobocop_pyomo.modeling.variable_values import VariableValues, within_bounds
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.obstacles.separation_rows import members_taken_off
-from pyrobocop_pyomo.phases import Algebraic, Control, State, phases_of
+from pyrobocop_pyomo.phases import Algebraic, Control, PhaseBlockData, State, phases_of
 from pyrobocop_pyomo.phases.remeshing import put_on_meshes, why_not_remeshed
 from pyrobocop_pyomo.phases.rough_motion import put_rough_motion
 from pyrobocop_pyomo.phases.simulation import SimulationOptions, simulate
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 
-from .random_starts import RandomStarts
 from .strategies import StartingPoint, Strategy
 
 logger = logging.getLogger(__name__)
 
 # A start need not be exact, and a stiff motion must not take long (LSODA would not stop where an exception is raised).
 SIMULATED_BY = SimulationOptions(method="RK45", rtol=1e-5, atol=1e-7, most_evaluations=5000)
-RANDOM_SEED = 0  # a solve that is repeated draws the same starts
 # A copy has so many times fewer elements, and no fewer than this.
-COARSER, LEAST_COARSE_ELEMENTS = 4, 4
+COARSER = 4
 # Optima of a coarser mesh may be none of the problem.
 EXPLORED_ELEMENTS = 20
+
+
+WAVES = 4  # cosines in a curve over time: enough to change its shape, few enough to stay near the dynamics
+
+
+class RandomStarts:
+    """Draws values for the free variables of a model.
+
+    Parameters
+    ----------
+    model : Block
+        Its values are the initial guess.
+    seed : int
+    spreads : mapping from int or None to float
+        How far from the initial guess, as a multiple of the distance to the bounds or of its own size: by the
+        identity of a component, None for all others.
+
+    Raises
+    ------
+    ModelError
+        If no free variable is left to vary.
+    """
+
+    def __init__(self, model: Any, seed: int, spreads: Mapping[int | None, float]) -> None:
+        self._seed = seed
+        self._groups: list[tuple[list[Any], FloatArray, FloatArray, FloatArray, bool]] = []
+        for component in model.component_objects(Var, active=True):
+            factor = spreads.get(id(component), spreads.get(None, 0.0))
+            members = [member for member in component.values() if not member.fixed]
+            if factor <= 0.0 or not members:
+                continue
+            guess = np.array([_initial_guess(member) for member in members])
+            reach = np.maximum(1.0, np.abs(guess))
+            lower = np.array([-np.inf if member.lb is None else member.lb for member in members])
+            upper = np.array([np.inf if member.ub is None else member.ub for member in members])
+            bounded = np.isfinite(lower) & np.isfinite(upper)
+            down = np.where(bounded, guess - lower, np.minimum(reach, guess - lower))
+            up = np.where(bounded, upper - guess, np.minimum(reach, upper - guess))
+            over_time = component.is_indexed() and isinstance(component.parent_block(), PhaseBlockData)
+            self._groups.append((members, guess, factor * down, factor * up, over_time))
+        if not self._groups:
+            raise ModelError(
+                f"'{model.name}': no free variable is left to vary. Give a positive spread to one of them, or starts=1."
+            )
+
+    def put(self, number: int) -> None:
+        """Put start `number` on the model; the same number gives the same point, however many are drawn."""
+        generator = np.random.default_rng([self._seed, number])
+        for members, guess, down, up, over_time in self._groups:
+            draw = _curve(generator, len(members)) if over_time else generator.uniform(-1.0, 1.0, len(members))
+            values = guess + np.where(draw < 0.0, draw * down, draw * up)
+            for variable, number_of in zip(members, values.tolist(), strict=True):
+                variable.set_value(number_of, skip_validation=True)
+
+
+def _curve(generator: np.random.Generator, size: int) -> FloatArray:
+    """A smooth curve within -1 and 1."""
+    place = np.linspace(0.0, np.pi, size)
+    waves = np.cos(np.outer(np.arange(WAVES), place))
+    weights = generator.uniform(-1.0, 1.0, WAVES) / np.arange(1, WAVES + 1)
+    # Uniform in its size as well: without the division the curves would crowd around the initial guess.
+    curve = weights @ waves
+    return np.asarray(curve / max(np.abs(curve).max(), 1e-12) * generator.uniform())
+
+
+def _initial_guess(variable: Any) -> float:
+    """The value, moved within the bounds; without a finite value, the number nearest to zero within them."""
+    known = variable.value is not None and np.isfinite(variable.value)
+    return within_bounds(float(variable.value) if known else 0.0, variable)
 
 
 def defined_start(model: Any) -> str:
@@ -67,11 +137,6 @@ def defined_start(model: Any) -> str:
     return f"The initial guess could not be evaluated: {undefined}. Started instead with {' and '.join(how)}."
 
 
-def are_renamed(phases: Iterable[Any]) -> bool:
-    """Whether a transformation, such as ``core.scale_model``, has given other names and units to what phases hold."""
-    return any(phase.component(name) is None for phase in phases for name in phase.record.declarations)
-
-
 def put_start(model: Any, strategy: Strategy) -> bool:
     """Put the start of a strategy on the model, which holds the user's initial guess.
 
@@ -82,13 +147,13 @@ def put_start(model: Any, strategy: Strategy) -> bool:
     """
     start = strategy.start
     if start is StartingPoint.RANDOM:
-        RandomStarts(model, RANDOM_SEED, {None: 1.0}).put(strategy.draw)
+        RandomStarts(model, 0, {None: 1.0}).put(strategy.draw)  # the same starts where a solve is repeated
         return True
     if start is StartingPoint.INSIDE_BOUNDS:
         return _put_inside_bounds(model)
     if start is StartingPoint.INITIAL_GUESS:
         return True
-    if are_renamed(phases_of(model)):
+    if is_renamed(model):
         return False
     if start is StartingPoint.RANDOM_CONTROLS:
         _put_on_straight_lines(model, keep_guesses=False)
@@ -99,7 +164,7 @@ def put_start(model: Any, strategy: Strategy) -> bool:
         return _mirror_controls(model)
     if start is StartingPoint.STRAIGHT_LINES:
         return _put_on_straight_lines(model, keep_guesses=False)
-    return start is StartingPoint.SIMULATED and _simulate(model)
+    return start is StartingPoint.SIMULATED and put_motion(model)
 
 
 def put_motion(model: Any) -> bool:
@@ -109,8 +174,6 @@ def put_motion(model: Any) -> bool:
     time of a simulation.
     """
     phases = phases_of(model)
-    if are_renamed(phases):
-        return False
     if phases and not any(phase.record.names(Algebraic) for phase in phases):
         before = VariableValues.of_free(model)
         _put_on_straight_lines(model, keep_guesses=True)
@@ -120,7 +183,7 @@ def put_motion(model: Any) -> bool:
     return _simulate(model)
 
 
-def coarser_copy(model: Any, least: int = LEAST_COARSE_ELEMENTS) -> Any | None:
+def coarser_copy(model: Any, least: int = COARSER) -> Any | None:
     """A copy with a quarter of the elements in each long phase; None where there is none or it cannot be made.
 
     Parameters
@@ -207,7 +270,7 @@ def _put_random_controls(model: Any, draw: int) -> bool:
         id(control): 1.0 for control in _controls(model) if any(not member.is_fixed() for member in control.values())
     }
     if free:
-        RandomStarts(model, RANDOM_SEED, free).put(draw)
+        RandomStarts(model, 0, free).put(draw)
     return bool(free)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from pyrobocop_pyomo.complementarity import Fixed, FollowBarrier, Geometric, Schedule
 
-from .ipopt_options import NEARLY_THERE, WARM_ITERATIONS
+from .ipopt_options import ITERATIONS_OF_ONE, NEARLY_THERE, TIGHTER_TOLERANCES
 
 
 class StartingPoint(enum.Enum):
@@ -44,7 +44,7 @@ class Strategy:
     name : str
         As it appears in reports, and the word that chooses it.
     schedule : Schedule or None
-        How delta shrinks; None for that of the name, or for the projection, which relaxes nothing.
+        How delta shrinks; None for that of the name.
     relaxation, grouping : str or object, optional
         As for ``pyrobocop.relax_complementarity``; by default "scholtes" and "pair".
     polish : bool
@@ -63,8 +63,6 @@ class Strategy:
         Of Ipopt, for this strategy; the caller's win.
     small_problem_iterations, large_problem_iterations : int, optional
         Ipopt's iterations in each run, where it is one of the default sequence.
-    from_initial_guess : bool
-        Whether it starts from the user's initial guess, or from the best point so far.
     for_pairs : bool
         Whether it is one for models with pairs, or one for models without any.
     start : StartingPoint
@@ -86,7 +84,6 @@ class Strategy:
     options: Mapping[str, Any] = field(default_factory=dict)
     small_problem_iterations: int | None = None
     large_problem_iterations: int | None = None
-    from_initial_guess: bool = True
     for_pairs: bool = True
     start: StartingPoint = StartingPoint.INITIAL_GUESS
     elastic_rows: bool = False
@@ -115,9 +112,8 @@ ELASTIC = Strategy(
     options={"mu_strategy": "adaptive"},
     small_problem_iterations=100,
 )
-PROJECTION = Strategy("projection", None, from_initial_guess=False)
 
-DEFAULT_SEQUENCE = (BARRIER, TIGHT, CONTINUATION, ELASTIC, PROJECTION, BARRIER_TO_THE_END)
+DEFAULT_SEQUENCE = (BARRIER, TIGHT, CONTINUATION, ELASTIC, BARRIER_TO_THE_END)
 # Where all of these ended infeasible, from the user's initial guess.
 OTHER_STARTS = (
     Strategy("simulated, with pairs", BARRIER.schedule, start=StartingPoint.SIMULATED),
@@ -140,11 +136,13 @@ OTHER_WAYS = (CONTINUATION, *_RANDOM[:3], ELASTIC, _ADAPTIVE, *_RANDOM[3:])
 # Models without pairs: one run, and what follows where it fails. The order was measured on problems of optimal control
 # from naive and from random starts: a simulated start helps most often, then elastic rows, then fewer elements.
 SOLVE = Strategy("solve", None, for_pairs=False)
-TIGHTER = Strategy("tighter", None, for_pairs=False, start=StartingPoint.BEST)
+TIGHTER = Strategy(
+    "tighter", None, for_pairs=False, start=StartingPoint.BEST, options={**NEARLY_THERE, **TIGHTER_TOLERANCES}
+)
 SIMULATED = Strategy("simulated", None, for_pairs=False, start=StartingPoint.SIMULATED)
 ELASTIC_ROWS = Strategy("elastic rows", None, for_pairs=False, elastic_rows=True)
 OWN_UNITS = Strategy("own units", None, for_pairs=False, options={"nlp_scaling_method": "gradient-based"})
-COARSE_MESH = Strategy("coarse mesh", None, for_pairs=False, start=StartingPoint.COARSE_MESH)
+COARSE_MESH = Strategy("coarse mesh", None, for_pairs=False, start=StartingPoint.COARSE_MESH, options=NEARLY_THERE)
 ADAPTIVE = Strategy("adaptive", None, for_pairs=False, options={"mu_strategy": "adaptive"})
 STRAIGHT_LINES = Strategy("straight lines", None, for_pairs=False, start=StartingPoint.STRAIGHT_LINES)
 INSIDE_BOUNDS = Strategy("inside bounds", None, for_pairs=False, start=StartingPoint.INSIDE_BOUNDS)
@@ -156,7 +154,7 @@ SOLVE_TO_THE_END = replace(SOLVE, name="solve to the end")
 
 # Beyond a solution of a model without pairs. Each kind leads to optima that the others miss: where the motion under
 # any controls is tame, simulated ones find most; where it is not, states on lines do.
-_ONE_RUN = replace(SOLVE, most_iterations=WARM_ITERATIONS)
+_ONE_RUN = replace(SOLVE, most_iterations=ITERATIONS_OF_ONE)
 _MOTIONS = _random_starts(_ONE_RUN, StartingPoint.RANDOM_MOTION, "random motion")
 _CONTROLS = _random_starts(_ONE_RUN, StartingPoint.RANDOM_CONTROLS, "random controls")
 _VALUES = _random_starts(_ONE_RUN)
@@ -166,7 +164,9 @@ _LATER = (one for kinds in zip(_MOTIONS[3:], _CONTROLS[1:], _VALUES[1:], strict=
 OTHER_STARTS_WITHOUT_PAIRS = (*_FIRST, *_LATER)
 # Short runs, for where a guess is symmetric: from the middle of what stands in the way no side is downhill.
 SIDE_STARTS = (_CONTROLS[0], _VALUES[0])
-OTHER_OPTIMUM = Strategy("other optimum", None, for_pairs=False, start=StartingPoint.OTHER_OPTIMUM)
+OTHER_OPTIMUM = Strategy(
+    "other optimum", None, for_pairs=False, start=StartingPoint.OTHER_OPTIMUM, options=NEARLY_THERE
+)
 
 # From beside a point that is stationary and no minimum; it follows by itself, and is none to choose.
 BEYOND_SADDLE = Strategy("beyond a saddle", None, for_pairs=False, options={**NEARLY_THERE, "max_iter": 500})
@@ -224,11 +224,11 @@ def _known() -> str:
 
 
 def _strategy(choice: str | Strategy) -> Strategy:
-    if isinstance(choice, Strategy):
-        return choice
-    if choice != "default" and choice not in STRATEGIES:
-        raise ValueError(f"unknown strategy {choice!r}. Known: {_known()}.")
-    return Strategy(choice)
+    strategy = choice if isinstance(choice, Strategy) else Strategy(choice)
+    is_own = strategy.schedule is not None or not strategy.for_pairs
+    if not is_own and strategy.name != "default" and strategy.name not in STRATEGIES:
+        raise ValueError(f"unknown strategy {strategy.name!r}. Known: {_known()}.")
+    return strategy
 
 
 def _completed(strategy: Strategy) -> Strategy:

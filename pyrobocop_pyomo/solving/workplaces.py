@@ -10,7 +10,6 @@ from typing import Any
 
 from pyrobocop_pyomo.errors import EvaluationError, FunctionError, ModelError
 from pyrobocop_pyomo.ipopt.backends import Backend
-from pyrobocop_pyomo.ipopt.ipopt_outcome import IterationRecord
 from pyrobocop_pyomo.modeling.variable_values import Values, VariableValues
 
 from .automatic_scaling import ScalingRecord
@@ -19,10 +18,8 @@ from .in_process_session import InProcessSession
 from .initial_guess import InitialGuess
 from .ipopt_options import DEFAULT_WITH_PAIRS, IpoptOptions
 from .iterates import step_header
-from .progress import Progress
 from .relaxed_model import RelaxedModel, relaxed_model
-from .second_tries import may_be_scaled
-from .session import OnIteration, Session
+from .session import Session
 from .settings import Settings
 from .strategies import Strategy
 
@@ -125,8 +122,7 @@ class Workplaces:
         """Keep the workplace, or change it for one with the relaxation that the strategy asks for."""
         relaxation = self._settings.relaxation if strategy.relaxation is None else strategy.relaxation
         place = self.place
-        same = place is not None and (strategy.schedule is None or place.relaxation == relaxation)
-        if place is not None and same:
+        if place is not None and place.relaxation == relaxation:
             return place
         self._leave()
         self.place = self._stack.enter_context(self._opened(relaxation, strategy))
@@ -141,7 +137,7 @@ class Workplaces:
     def _opened(self, relaxation: Any, strategy: Strategy) -> Iterator[Workplace]:
         delta = 1e-2 if strategy.schedule is None else next(iter(strategy.schedule.steps()))
         with relaxed_model(self._model, relaxation, self._settings.grouping, delta) as relaxed:
-            self.decided_pairs = len(relaxed.decisions)
+            self.decided_pairs = len(relaxed.decided)
             session = self._session = self._open_session(relaxed)
             self.solver, self.derivatives = session.solver, session.derivatives
             values = VariableValues.of_free(self._model)
@@ -156,7 +152,11 @@ class Workplaces:
         refused: Exception | None = None
         while True:
             try:
-                session = _session(self.backend, relaxed, self._settings)
+                session = (
+                    ExecutableSession(relaxed, self._settings)
+                    if self.backend is Backend.EXECUTABLE
+                    else InProcessSession(relaxed, self._settings, self.backend.derivatives)
+                )
                 break
             except (ModelError, EvaluationError) as error:
                 refused = refused or error
@@ -170,24 +170,3 @@ class Workplaces:
         progress.line_once(f"{name}: {session.solver}, derivatives by {session.derivatives}")
         progress.line(step_header(pairs=bool(relaxed.pairs)))
         return session
-
-
-def _session(backend: Backend, relaxed: RelaxedModel, settings: Settings) -> Session:
-    # The products of pairs are bounded by delta in the units of the user.
-    scaling = not relaxed.pairs and may_be_scaled(settings)
-    if backend is Backend.EXECUTABLE:
-        return ExecutableSession(relaxed, settings.output, scaling=scaling)
-    live = None if settings.output else _live_line(settings.progress, relaxed.model.name)
-    program = None if relaxed.pairs else settings.program
-    return InProcessSession(relaxed, backend.derivatives, settings.output, live, scaling=scaling, program=program)
-
-
-def _live_line(progress: Progress, name: str) -> OnIteration:
-    def show(record: IterationRecord) -> None:
-        if record.iteration % 10 == 0:
-            progress.live(
-                f"{name}: iteration {record.iteration}, mu {record.mu:.1e}, objective {record.objective:.6g}, "
-                f"infeasibility {record.primal_infeasibility:.1e}"
-            )
-
-    return show

@@ -269,7 +269,8 @@ class _Follower:
             options["strategies"] = in_order(options.get("strategies"), FOLLOWING_STRATEGIES)
         result, error = None, ""
         try:
-            result = solve_as_given(self._model, progress=self._bar.within(f"at {position:.4g}"), **options)
+            self._bar.live(f"at {position:.4g}")
+            result = solve_as_given(self._model, progress=False, **options)
         except (ModelError, SolverNotFoundError):
             raise  # no other problem of the path could do better
         except PyRobocopError as raised:

@@ -16,7 +16,7 @@ from pyrobocop_pyomo.motion.replayed_motion import PLAN_ALONE
 from pyrobocop_pyomo.motion.safety_report import joined_report
 from pyrobocop_pyomo.planning.safe_planning import avoidance_blocks, containments
 from pyrobocop_pyomo.solving import SolveResult
-from pyrobocop_pyomo.solving.random_starts import RandomStarts
+from pyrobocop_pyomo.solving.starts import RandomStarts
 
 from .case_solver import SweepOutcome
 from .named_data import by_component

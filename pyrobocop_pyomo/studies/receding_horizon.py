@@ -287,7 +287,7 @@ class RecedingHorizon:
         self, pairs: ExactPairs, relaxed: IpoptOutcome, ahead: FloatArray, mu: float, deadline: Deadline
     ) -> tuple[IpoptOutcome, float | None, list[IpoptOutcome]]:
         """The branch that one of several starts leads to, on the model, with its natural residual and all runs."""
-        compiled, usual, runs = self._program.compiled, pairs.delta.value, [relaxed]
+        compiled, usual, runs = self._program.compiled, pairs.relaxed.delta.value, [relaxed]
         self._made = None
         try:
             for start in self._starts(pairs, relaxed, ahead, mu, runs, deadline):
@@ -296,7 +296,7 @@ class RecedingHorizon:
                 if outcome.status.solved or outcome.status is IpoptStatus.INTERRUPTED or deadline.has_passed:
                     break
         finally:
-            pairs.delta.set_value(usual)
+            pairs.relaxed.delta.set_value(usual)
         if not outcome.status.solved:
             return outcome, None, runs
         compiled.load_point(outcome.x)
@@ -323,8 +323,8 @@ class RecedingHorizon:
         yield replace(relaxed.point, x=ahead)
         if not relaxed.status.solved:
             yield from self._simulated(pairs, ahead)
-        while (smaller := pairs.delta.value / DELTA_DIVISOR) >= SMALLEST_DELTA:
-            pairs.delta.set_value(smaller)
+        while (smaller := pairs.relaxed.delta.value / DELTA_DIVISOR) >= SMALLEST_DELTA:
+            pairs.relaxed.delta.set_value(smaller)
             target = min(mu, smaller)
             rough = self._program.solve(mu=target, mu_target=target, time_limit=seconds_left(deadline))
             runs.append(rough)
@@ -339,7 +339,7 @@ class RecedingHorizon:
         found = None
         with contextlib.suppress(PyRobocopError), pairs.stated():
             self.phase.initialize(self.phase.simulate(method="scheme"))
-            pairs.start_lifted()
+            pairs.relaxed.start_lifted()
             found = compiled.current_point()
         if found is not None:
             zeros = np.zeros(compiled.nlp.n)

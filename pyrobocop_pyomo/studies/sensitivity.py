@@ -28,6 +28,7 @@ from pyrobocop_pyomo.complementarity import (
 from pyrobocop_pyomo.errors import EvaluationError, ModelError
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
+from pyrobocop_pyomo.mpcc.lpec import ZERO_SIDE
 from pyrobocop_pyomo.mpcc.sensitivity import derivatives
 from pyrobocop_pyomo.mpcc.wrapped_programs import WithBounds
 from pyrobocop_pyomo.optional_imports import pandas
@@ -36,7 +37,6 @@ from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 from pyrobocop_pyomo.solving.iterate_log import ModelCheck
 from pyrobocop_pyomo.solving.iterates import Quality
-from pyrobocop_pyomo.solving.pair_report import ZERO_SIDE
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 
 from .named_data import by_component, fixed_members, named

@@ -13,7 +13,7 @@ import pytest
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.diagnosis import Subject
-from pyrobocop_pyomo.diagnosis.before_solve import doubts_before_solve
+from pyrobocop_pyomo.diagnosis.diagnose import doubts_before_solve
 from pyrobocop_pyomo.errors import ContradictionError, ModelError
 
 pytestmark = pytest.mark.casadi

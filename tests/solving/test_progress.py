@@ -24,18 +24,6 @@ def test_a_live_line_never_wraps(monkeypatch: pytest.MonkeyPatch, columns: int) 
     assert shown[-1] == "stays\n"
 
 
-def test_a_part_shows_its_live_line_within_that_of_the_whole() -> None:
-    stream = io.StringIO()
-    whole = Progress.of(Progress(True, stream))
-    part = Progress.of(whole.within("2 of 5 starts").within("mesh 3"))
-    part.line("a table of its own")
-    part.line_once("its header")
-    part.live("iteration 10")
-    whole.line("start 3: optimal")
-    shown = [text.rstrip() for text in stream.getvalue().split("\r")[1:]]
-    assert shown == ["2 of 5 starts, mesh 3, iteration 10", "start 3: optimal"]
-
-
 def test_what_was_said_is_not_said_again() -> None:
     stream = io.StringIO()
     bar = Progress(True, stream)

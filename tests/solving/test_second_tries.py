@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import pyomo.environ as pyo
 import pytest
@@ -11,7 +13,7 @@ from harness.routes import every_backend
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.solving.iterates import Iterate
-from pyrobocop_pyomo.solving.second_tries import SecondTries
+from pyrobocop_pyomo.solving.second_tries import second_tries
 from pyrobocop_pyomo.solving.settings import Settings
 
 pytestmark = pytest.mark.casadi
@@ -120,4 +122,5 @@ def test_a_run_that_converged_met_no_kink(status: str, first: str) -> None:
     """Smaller tolerances take a few iterations, absolute values in two parts hundreds."""
     ended = Iterate.of_run("solve", IpoptStatus[status], iterations=26, seconds=0.1, delta=None, mu=None)
     settings = Settings("scholtes", "pair", rcp.ipopt.available_backends()[0])
-    assert next(iter(SecondTries(settings, ended, scaled=True))).name == first
+    log: Any = SimpleNamespace(iterations=ended.iterations)
+    assert next(second_tries(settings, ended, log, scaled=True)).name == first

@@ -12,7 +12,7 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ComplementarityError, SolverNotFoundError
 from pyrobocop_pyomo.ipopt import backends
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
-from pyrobocop_pyomo.solving import workplaces
+from pyrobocop_pyomo.solving import in_process_session
 from pyrobocop_pyomo.solving.iterates import Iterate
 
 RELAX = pyo.TransformationFactory("pyrobocop.relax_complementarity")
@@ -148,7 +148,7 @@ def test_ctrl_c_stops_cleanly_and_keeps_the_point(backend: str, monkeypatch: pyt
         if record.iteration == 5:
             signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(workplaces, "_live_line", lambda *arguments: press)
+    monkeypatch.setattr(in_process_session, "_live_line", lambda *arguments: press)
     handler = signal.getsignal(signal.SIGINT)
     m = touching_mass()
     result = rcp.solve(m, backend=backend)

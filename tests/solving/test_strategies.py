@@ -12,11 +12,10 @@ from hypothesis import strategies as st
 from known_mpccs import mpcc_problem, mpcc_problems
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
-from pyrobocop_pyomo.solving import workplaces
+from pyrobocop_pyomo.solving import in_process_session
 from pyrobocop_pyomo.solving.iterates import Iterate, Tolerances
 from pyrobocop_pyomo.solving.strategies import DEFAULT_SEQUENCE
 
@@ -66,7 +65,7 @@ def everything(m: pyo.ConcreteModel) -> dict:
 # ------------------------------------------------------------------------------------------------- strategies
 
 
-@pytest.mark.parametrize("strategy", [name for name in STRATEGIES if name != "projection"])
+@pytest.mark.parametrize("strategy", STRATEGIES)
 @pytest.mark.parametrize("name", KNOWN)
 def test_each_strategy_alone_reaches_the_known_answer(name: str, strategy: str) -> None:
     problem = mpcc_problem(name)
@@ -77,17 +76,11 @@ def test_each_strategy_alone_reaches_the_known_answer(name: str, strategy: str) 
     assert result.largest_natural_residual <= 1e-6
 
 
-def test_the_projection_alone_has_nothing_to_start_from() -> None:
-    m = trap()
-    before = everything(m)
-    with pytest.raises(ComplementarityError, match="the projection starts from a point that another strategy left"):
-        rcp.solve(m, strategies="projection")
-    assert everything(m) == before
-
-
 def test_an_unknown_strategy_is_refused() -> None:
     with pytest.raises(ValueError, match="unknown strategy 'stairs'. Known: 'barrier', 'tight'"):
         rcp.solve(trap(), strategies=["barrier", "stairs"])
+    with pytest.raises(ValueError, match="unknown strategy 'stairs'"):
+        rcp.solve(trap(), strategies=rcp.Strategy("stairs"))
     with pytest.raises(ValueError, match="no strategy was chosen"):
         rcp.solve(trap(), strategies=[])
 
@@ -208,7 +201,7 @@ def test_nothing_but_values_differs_afterwards(backend: str, strategies: str | N
     m.idle = pyo.Constraint(expr=m.x >= 5)
     m.idle.deactivate()
     before = everything(m)
-    rcp.solve(m, backend=backend, strategies=["barrier", strategies] if strategies == "projection" else strategies)
+    rcp.solve(m, backend=backend, strategies=strategies)
     assert everything(m) == before
     assert [(each.name, factor) for each, factor in m.scaling_factor.items()] == [("cost", 2.0)]
     assert [each.name for each in m.dual] == ["limit"]
@@ -225,7 +218,7 @@ def test_an_interrupted_climb_keeps_the_best_point_and_the_model(backend: str, m
         if record.iteration == 3 and iterations.count(0) == 2:  # in the second run: one point is there already
             signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(workplaces, "_live_line", lambda *arguments: press)
+    monkeypatch.setattr(in_process_session, "_live_line", lambda *arguments: press)
     m = mpcc_problem("bard1").build()
     before = everything(m)
     result = rcp.solve(m, backend=backend, strategies="continuation")

@@ -15,7 +15,7 @@ from test_failures import weighted
 import pyrobocop_pyomo as rcp
 
 USERS: Options = {"tol": 1e-9, "max_iter": 407, "mu_init": 0.05, "mu_strategy": "monotone"}
-STRATEGIES = ["barrier", "tight", "continuation", "elastic", ("barrier", "projection")]
+STRATEGIES = ["barrier", "tight", "continuation", "elastic"]
 
 
 def as_numbers(options: Any, names: Any = USERS) -> dict[str, str]:
