@@ -81,16 +81,11 @@ def test_pairs_live_in_indexed_blocks(model):
     assert [pair.name for pair in active_pairs(model)] == ["part[1].cc", "part[2].cc", "part[3].cc"]
 
 
-def test_groups_and_weights_are_kept_per_pair(model):
+def test_groups_and_weights_are_kept_per_pair_and_by_default_no_label_and_one(model):
     model.cc = Complementarity(model.I, rule=by_rule, group=lambda m, i: i % 2, weight={1: 1, 2: model.p, 3: 0.5})
-    assert [model.cc[i].group for i in model.I] == [1, 0, 1]
-    assert [pyo.value(model.cc[i].weight) for i in model.I] == [1, 1, 0.5]
-
-
-def test_without_group_and_weight_a_pair_has_no_label_and_measure_one(model):
-    model.cc = Complementarity(expr=by_rule(model, 1))
-    assert model.cc.group is None
-    assert model.cc.weight == 1
+    model.one = Complementarity(expr=by_rule(model, 1))
+    pairs = (*model.cc.values(), model.one)
+    assert [(pair.group, pyo.value(pair.weight)) for pair in pairs] == [(1, 1), (0, 1), (1, 0.5), (None, 1)]
 
 
 def test_pprint_and_display_show_the_sides(model):

@@ -2,38 +2,22 @@
 
 from __future__ import annotations
 
-import importlib.util
 import pickle
-import sys
-from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+import sphere
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.mechanics.bodies import SPACE
-
-EXAMPLES = Path(__file__).parents[2] / "examples"
-
-
-@pytest.fixture
-def sphere(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """The example as a module that can be imported again, as a worker does."""
-    monkeypatch.syspath_prepend(str(EXAMPLES))
-    spec = importlib.util.spec_from_file_location("sphere", EXAMPLES / "sphere.py")
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, "sphere", module)
-    spec.loader.exec_module(module)
-    return module
 
 
 def size(model: pyo.ConcreteModel) -> int:
     return sum(1 for _ in model.component_data_objects(pyo.Var))
 
 
-def test_a_quadrotors_model_does_not_grow_with_the_team(sphere: ModuleType) -> None:
+def test_a_quadrotors_model_does_not_grow_with_the_team() -> None:
     sizes = {
         n: (size(sphere.sphere(sphere.task(0, n))), size(sphere.quadrotor(sphere.task(0, n), "b"))) for n in (2, 12)
     }
@@ -42,7 +26,7 @@ def test_a_quadrotors_model_does_not_grow_with_the_team(sphere: ModuleType) -> N
 
 
 @pytest.mark.parametrize("robots", [3, 12])
-def test_the_models_are_complete_and_builders_travel(sphere: ModuleType, robots: int) -> None:
+def test_the_models_are_complete_and_builders_travel(robots: int) -> None:
     task = sphere.task(3, robots)
     build_sphere, build_quadrotor, sent = pickle.loads(pickle.dumps((sphere.sphere, sphere.quadrotor, task)))
     assert sent == task
@@ -57,7 +41,7 @@ def test_the_models_are_complete_and_builders_travel(sphere: ModuleType, robots:
 
 
 @pytest.mark.parametrize("robots", [3, 12])
-def test_tasks_have_room_for_everybody(sphere: ModuleType, robots: int) -> None:
+def test_tasks_have_room_for_everybody(robots: int) -> None:
     for seed in range(5):
         task = sphere.task(seed, robots)
         places = np.array(list(task.robots.values()))
@@ -69,7 +53,7 @@ def test_tasks_have_room_for_everybody(sphere: ModuleType, robots: int) -> None:
         assert 20 <= np.degrees(np.linalg.norm(task.goal[3:])) <= 60
 
 
-def test_the_guess_touches_the_ball_from_below_and_keeps_apart(sphere: ModuleType) -> None:
+def test_the_guess_touches_the_ball_from_below_and_keeps_apart() -> None:
     for robots in (3, 12):
         m = sphere.build(1, robots)
         late = [t for t in m.body.points if t > sphere.MEETING]
@@ -81,7 +65,7 @@ def test_the_guess_touches_the_ball_from_below_and_keeps_apart(sphere: ModuleTyp
         assert not score.practical
 
 
-def test_the_team_shares_what_its_models_have(sphere: ModuleType) -> None:
+def test_the_team_shares_what_its_models_have() -> None:
     """One model for all, made from the builders of the agents, has the guess of the example's own, and scores it."""
     task = sphere.task(2)
     team = sphere.team(task)
@@ -94,7 +78,7 @@ def test_the_team_shares_what_its_models_have(sphere: ModuleType) -> None:
 
 @pytest.mark.ipopt
 @pytest.mark.slow
-def test_three_quadrotors_catch_the_ball(sphere: ModuleType) -> None:
+def test_three_quadrotors_catch_the_ball() -> None:
     """Strict by physics, its pairs met, and its rotations rotations."""
     m = sphere.build(1)
     result = rcp.solve(m, strategies=rcp.Strategy("barrier", polish=False, exploration=0), backend="vectorised")

@@ -2,41 +2,23 @@
 
 from __future__ import annotations
 
-import importlib.util
 import pickle
-import sys
-from pathlib import Path
-from types import ModuleType
 
+import hit_and_catch as game
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+import rod
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.mechanics.plan_score import PlannedBody
-
-EXAMPLES = Path(__file__).parents[2] / "examples"
-
-
-def example(name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """An example as a module that can be imported again, as a worker does."""
-    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, name, module)
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.fixture
-def rod(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    return example("rod", monkeypatch)
 
 
 def size(model: pyo.ConcreteModel) -> int:
     return sum(1 for _ in model.component_data_objects(pyo.Var))
 
 
-def test_tasks_are_drawn_as_described(rod: ModuleType) -> None:
+def test_tasks_are_drawn_as_described() -> None:
     """Angle, distance, direction, turn, robots, in this order; robots near the rod and apart from each other."""
     random = np.random.default_rng(7)
     angle, distance, direction = (random.uniform(*ends) for ends in ((-np.pi, np.pi), (0.3, 1.0), (-np.pi, np.pi)))
@@ -55,7 +37,7 @@ def test_tasks_are_drawn_as_described(rod: ModuleType) -> None:
             assert distances.min() > 0.35
 
 
-def test_a_robots_model_does_not_grow_with_the_team(rod: ModuleType) -> None:
+def test_a_robots_model_does_not_grow_with_the_team() -> None:
     sizes = {
         robots: (size(rod.rod(rod.task(0, robots))), size(rod.robot(rod.task(0, robots), "b"))) for robots in (2, 4, 16)
     }
@@ -63,7 +45,7 @@ def test_a_robots_model_does_not_grow_with_the_team(rod: ModuleType) -> None:
     assert [hub for hub, _ in sizes.values()] == [6 * 43 + 3 * robots * 42 for robots in sizes]
 
 
-def test_the_models_are_complete_and_builders_travel(rod: ModuleType) -> None:
+def test_the_models_are_complete_and_builders_travel() -> None:
     task = rod.task(3)
     build_rod, build_robot, sent = pickle.loads(pickle.dumps((rod.rod, rod.robot, task)))
     assert sent == task
@@ -71,7 +53,7 @@ def test_the_models_are_complete_and_builders_travel(rod: ModuleType) -> None:
         phase.check()
 
 
-def test_shared_components_have_the_same_name_and_grid(rod: ModuleType) -> None:
+def test_shared_components_have_the_same_name_and_grid() -> None:
     """What a team agrees on: pose and velocity of the body, and each robot's push."""
     task = rod.task(1)
     hub, robot = rod.rod(task), rod.robot(task, "c")
@@ -82,7 +64,7 @@ def test_shared_components_have_the_same_name_and_grid(rod: ModuleType) -> None:
     assert list(hub.push["c"].fx) == list(robot.push["c"].fx)
 
 
-def test_the_score_reads_what_the_models_hold(rod: ModuleType) -> None:
+def test_the_score_reads_what_the_models_hold() -> None:
     """The initial guess is scored: it misses the goal, because nobody pushes, by as much as the goal is away."""
     task = rod.task(2)
     score = task.score(rod.plans_of(rod.build(2)))
@@ -94,7 +76,7 @@ def test_the_score_reads_what_the_models_hold(rod: ModuleType) -> None:
     assert isinstance(bodies[0], rcp.scenes.BodyPath)
 
 
-def test_a_team_has_an_agent_for_the_rod_and_one_for_each_robot(rod: ModuleType) -> None:
+def test_a_team_has_an_agent_for_the_rod_and_one_for_each_robot() -> None:
     """Its central model holds the plans of all, and is scored like the example's own one."""
     task = rod.task(4, steps=7)
     team = rod.team(task)
@@ -110,13 +92,8 @@ def test_a_team_has_an_agent_for_the_rod_and_one_for_each_robot(rod: ModuleType)
 # ----------------------------------------------------------------- hit and catch
 
 
-@pytest.fixture
-def game(rod: ModuleType, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    return example("hit_and_catch", monkeypatch)
-
-
 @pytest.mark.parametrize("kicks", range(3))
-def test_the_schedule_brings_the_puck_to_the_goal_by_the_law_of_the_score(game: ModuleType, kicks: int) -> None:
+def test_the_schedule_brings_the_puck_to_the_goal_by_the_law_of_the_score(kicks: int) -> None:
     now = game.game(0, kicks=kicks)
     schedule = now.schedule
     wrench = np.column_stack([schedule.force, np.zeros(now.steps)])
@@ -130,7 +107,7 @@ def test_the_schedule_brings_the_puck_to_the_goal_by_the_law_of_the_score(game: 
     assert set(np.flatnonzero(np.abs(schedule.force).sum(axis=1))) == pushed
 
 
-def test_the_schedule_is_the_start_of_every_model(game: ModuleType) -> None:
+def test_the_schedule_is_the_start_of_every_model() -> None:
     now = game.game(1)
     hub, a, b = game.puck(now), game.player(now, "a"), game.player(now, "d")
     for phase in (hub.body, a.body, a.me, b.me):
@@ -144,7 +121,7 @@ def test_the_schedule_is_the_start_of_every_model(game: ModuleType) -> None:
     assert {round(v.value, 9) for v in b.me.x.values()} == {round(now.players["d"][0], 9)}
 
 
-def test_touches_and_flights_are_counted(game: ModuleType) -> None:
+def test_touches_and_flights_are_counted() -> None:
     force = {"a": [0, 2, 2, 0, 0, 0, 0, 0, 0, 0], "b": [0, 0, 0, 0, 0, 0, 0, 3, 0.05, 0], "c": [0] * 10}
     plans = {name: {"me.c": np.array(values, dtype=float)} for name, values in force.items()}
     plans["puck"] = {"body.ux": np.full(11, 0.5), "body.uy": np.zeros(11)}
@@ -153,7 +130,7 @@ def test_touches_and_flights_are_counted(game: ModuleType) -> None:
     assert game.touches(plans) == (["a", "b"], 0)
 
 
-def test_players_start_at_home_apart_from_each_other_and_from_the_puck(game: ModuleType) -> None:
+def test_players_start_at_home_apart_from_each_other_and_from_the_puck() -> None:
     for seed in range(10):
         players = game.game(seed).players
         places = np.array(list(players.values()))

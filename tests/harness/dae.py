@@ -30,8 +30,9 @@ def driven_tank(points=(0, 2), **options):
     return m
 
 
-def solved(m):
-    rcp.solve(m, progress=False, options={"tol": 1e-11}).raise_for_status()
+def solved(m, **options):
+    tight = {"tol": 1e-12, "constr_viol_tol": 1e-13, "bound_relax_factor": 0.0}
+    rcp.solve(m, progress=False, options=tight, **options).raise_for_status()
     return m
 
 

@@ -54,6 +54,7 @@ DECLARATIONS = {
         "lower of its bounds between",
     ),
     "guess of a control too long": (rcp.Control(initial_guess=[0.0] * 7), "has 7 values; 3 elements need 3 or 6"),
+    "guess holds nan": (rcp.Control(initial_guess=[0, NAN, 0]), "value 1 of the initial guess is nan"),
     "guess is a matrix": (rcp.Control(initial_guess=np.zeros((2, 3))), r"has shape \(2, 3\)"),
     "guess function of a parameter": (
         rcp.Parameter(initial_guess=abs),
@@ -289,6 +290,7 @@ OPTIONS = {
         InitialGuessError,
         "the initial guess is -1; it must be pos",
     ),
+    "no elements": ({"elements": 0}, ModelError, "elements = 0; expected an integer of at least 1"),
     "mesh falls": (
         {"mesh": [0, 0.6, 0.5, 1]},
         ModelError,
