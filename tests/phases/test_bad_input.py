@@ -151,10 +151,6 @@ def equation_for_some(b: Any, t: float) -> Any:
     return [] if t < 0.5 else [b.x[t] == b.u[t]]
 
 
-def bare(b: Any, t: float) -> Any:
-    return b.x[t]
-
-
 STATEMENTS = {
     "ode names what is not": ("ode", lambda b, t: {"q": 1.0}, "'q' is no state"),
     "ode at some points": ("ode", lambda b, t: {b.x: 1.0} if t < 0.5 else {}, "gives no derivative of 'x' at t = 0"),
@@ -164,7 +160,6 @@ STATEMENTS = {
     "residual is an inequality": ("residual", inequality, "states the inequality .* Write ==, or use 'constraint'"),
     "residual is a number": ("residual", number, "returned 3.0 at t = .* expected an equality in variables"),
     "residual at some points": ("residual", equation_for_some, "states 0 equations at t = .* and 1 at t = "),
-    "constraint is bare": ("constraint", bare, "expected a relation such as 'expression <= 1'"),
 }
 
 

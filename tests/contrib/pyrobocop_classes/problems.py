@@ -5,9 +5,9 @@ and, for linear complementarity systems, from Vieira, Brogliato & Prieur, Quadra
 complementarity systems (hal-01690400v3). `np.Infinity` is a name that NumPy 2 has removed.
 """
 
-# ruff: noqa: NPY201
 from __future__ import annotations
 
+# ruff: noqa: NPY201
 import numpy as np
 
 FREE = 1e20
