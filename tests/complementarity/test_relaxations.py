@@ -179,7 +179,7 @@ def pairs():
     for i in (1, 2):
         m.part[i].u = Complementarity(expr=complements(*pair))
         m.part[i].v = Complementarity(expr=complements(*pair))
-    yield active_pairs(m)  # a pair does not keep its model alive
+    yield active_pairs(m)  # noqa: PT022  (a pair does not keep its model alive)
 
 
 def test_per_pair_gives_each_pair_a_group_that_none_joins(pairs):
