@@ -1,7 +1,5 @@
 """Data flows right, imports point left: the order of the folders, held by a test. Each test lists all offenders."""
 
-from __future__ import annotations
-
 import ast
 import os
 import re

@@ -1,7 +1,5 @@
 """One word, one meaning, and the field's: retired words do not come back in public names."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections import defaultdict

@@ -1,7 +1,5 @@
 """Every benchmark runs in its quick form and prints its table; what it measures is for people to read."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """What the tests of complementarity share: the model as bytes, its state, and how to get the transformation."""
 
-from __future__ import annotations
-
 import io
 import pickle
 from typing import Any

@@ -5,8 +5,6 @@ that nothing but solving needs an Ipopt (solving/test_solve), that wrong stateme
 what is applied is reverted (test_transformation, test_forms, test_disjunctions).
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Pairs as choices: the mixed-integer answer is that of enumerating all branches, and the way back is complete."""
 
-from __future__ import annotations
-
 import io
 import itertools
 import pickle

@@ -1,7 +1,5 @@
 """A side with a sign against a side of any sign: one of both is zero, and nothing else is asked of the second."""
 
-from __future__ import annotations
-
 import pyomo.environ as pyo
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """All forms of a statement: what each means, checked by its projection formula and not by our own pairs."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

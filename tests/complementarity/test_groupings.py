@@ -1,7 +1,5 @@
 """Which products are formed, and which share a bound."""
 
-from __future__ import annotations
-
 import pyomo.environ as pyo
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Together with generalized disjunctive programming, `pyomo.dae`, `pyomo.mpec` lists and Pyomo's KKT conditions."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import pyomo.dae as dae

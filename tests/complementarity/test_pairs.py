@@ -1,7 +1,5 @@
 """The canonical form: the bound is found by structure, and rows are asked for only where no bound does the work."""
 
-from __future__ import annotations
-
 import io
 
 import pyomo.environ as pyo

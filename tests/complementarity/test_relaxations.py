@@ -1,7 +1,5 @@
 """Relaxations as numbers: formulas, limits, nested sets, symmetry and equivalences, without a model or a solver."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

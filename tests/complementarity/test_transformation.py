@@ -1,7 +1,5 @@
 """The transformation: what it adds, that it can be undone, repeated, copied and questioned."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

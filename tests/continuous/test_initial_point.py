@@ -1,7 +1,5 @@
 """Other people's models at the initial point: what is fixed there, before or after, is a condition of the model."""
 
-from __future__ import annotations
-
 import logging
 from itertools import product
 from math import exp

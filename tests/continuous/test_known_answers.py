@@ -1,7 +1,5 @@
 """Six models of plain pyomo.dae against their known answers, and the orders of convergence."""
 
-from __future__ import annotations
-
 from math import cos
 
 import numpy as np

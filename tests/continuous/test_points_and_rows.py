@@ -1,7 +1,5 @@
 """Meshes, what the user set beforehand, and where rows hold."""
 
-from __future__ import annotations
-
 import pickle
 from math import exp, pi, sin
 

@@ -1,7 +1,5 @@
 """What cannot be discretised is refused by name, with a remedy, and the model is as it was."""
 
-from __future__ import annotations
-
 import logging
 from itertools import pairwise
 

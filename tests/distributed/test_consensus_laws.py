@@ -1,7 +1,5 @@
 """On convex problems consensus reaches the joint optimum, whatever the penalties and the method."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import combinations

@@ -1,7 +1,5 @@
 """The numbered formulas of the explanation pages, evaluated against the code."""
 
-from __future__ import annotations
-
 import math
 import re
 from itertools import islice, pairwise

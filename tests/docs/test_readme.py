@@ -1,7 +1,5 @@
 """What the README promises to somebody in a hurry: two commands, each a single line under its heading."""
 
-from __future__ import annotations
-
 import doctest
 import importlib
 import io

@@ -1,7 +1,5 @@
 """The reference shows every public name, and pages reach each other."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import re

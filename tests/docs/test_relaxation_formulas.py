@@ -1,7 +1,5 @@
 """The numbered formulas of relaxations, groupings, lifting and schedules, evaluated against the code."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Every example runs as a script, and its full size is as good as what is published."""
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import io

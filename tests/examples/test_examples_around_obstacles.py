@@ -1,7 +1,5 @@
 """Examples around obstacles keep their clearances, checked afresh: densely between the nodes, by another library."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from itertools import pairwise
 from typing import Any

@@ -1,7 +1,5 @@
 """Examples with linked phases, held to what is known about them in closed form."""
 
-from __future__ import annotations
-
 from importlib import import_module
 
 import numpy as np

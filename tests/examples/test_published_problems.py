@@ -1,7 +1,5 @@
 """Examples of published problems, held to what is known about them without the publication."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import belt_drive

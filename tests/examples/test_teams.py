@@ -1,7 +1,5 @@
 """Examples of teams: their models, their sizes, and what their tasks are."""
 
-from __future__ import annotations
-
 import pickle
 
 import hit_and_catch as game

@@ -1,7 +1,5 @@
 """The truss robot rolls over on a tube of one length, and motors can follow its shapes."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from itertools import pairwise

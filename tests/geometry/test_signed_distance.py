@@ -1,7 +1,5 @@
 """Signed distances agree with programs and methods that know nothing of ours."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

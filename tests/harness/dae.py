@@ -1,7 +1,5 @@
 """Small models of pyomo.dae, and a picture of everything that a refusal must not change."""
 
-from __future__ import annotations
-
 import pyomo.environ as pyo
 from pyomo.dae import ContinuousSet, DerivativeVar, Integral
 

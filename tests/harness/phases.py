@@ -1,7 +1,5 @@
 """Small phases with known answers, and what can be asked of any built phase."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """All numbers of a compiled program, by names of variables and constraints, so that two programs can be compared."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.sparse import coo_matrix, csr_matrix, tril

@@ -1,7 +1,5 @@
 """Several ways to spend time in this package, each with a time limit that it has to keep."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field

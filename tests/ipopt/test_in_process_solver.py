@@ -1,7 +1,5 @@
 """SolverFactory("pyrobocop.ipopt") behaves as Pyomo's own Ipopt interfaces do."""
 
-from __future__ import annotations
-
 import copy
 import io
 import logging

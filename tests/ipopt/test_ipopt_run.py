@@ -1,7 +1,5 @@
 """What can happen during a run of Ipopt in this process."""
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

@@ -1,7 +1,5 @@
 """Ipopt with the linear solver of this package: how it is asked for, what it changes, and what follows a failure."""
 
-from __future__ import annotations
-
 import io
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Laws of the linear solver: inertia, residuals, repetition, threads, memory, and what cannot be factored."""
 
-from __future__ import annotations
-
 import concurrent.futures
 import os
 import resource

@@ -1,7 +1,5 @@
 """Laws of smooth gaps, of friction in the plane, and of what phases state of bodies, robots and contact."""
 
-from __future__ import annotations
-
 import math
 import pickle
 from typing import Any

@@ -1,7 +1,5 @@
 """The physical score in space passes a plan that was made by hand from the laws of motion, and finds faults in it."""
 
-from __future__ import annotations
-
 import copy
 import math
 from dataclasses import replace

@@ -5,8 +5,6 @@ An entry is a function ``(m, followed)`` that states a model. With ``followed=Fa
 decorator are what the answer has to name: the culprit first, then the remedy.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

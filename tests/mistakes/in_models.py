@@ -1,7 +1,5 @@
 """Mistakes that a diagnosis finds: in equations and unknowns, values, numbers, units, and what else a model holds."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pyomo.environ as pyo

@@ -1,7 +1,5 @@
 """Mistakes in declarations, and in what is assigned where."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pyomo.environ as pyo

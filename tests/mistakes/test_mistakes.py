@@ -1,7 +1,5 @@
 """Every mistake of the catalogue is answered by its culprit and a remedy, and the remedy works when it is followed."""
 
-from __future__ import annotations
-
 import logging
 import re
 from typing import Any

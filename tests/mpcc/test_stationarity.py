@@ -1,7 +1,5 @@
 """Kinds of stationarity, against their definitions."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """What every entry of the catalogue of complementarity problems has to satisfy, without solving anything."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

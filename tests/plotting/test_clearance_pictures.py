@@ -1,7 +1,5 @@
 """Clearances over time: what is drawn is what the report says, and a plan's picture begins with its scene."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from harness.moving import check, on_points

@@ -1,7 +1,5 @@
 """Pictures: what is drawn, and that no global state of Matplotlib is touched."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

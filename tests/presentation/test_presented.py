@@ -1,7 +1,5 @@
 """Objects show themselves in one short line, and in a notebook as HTML that holds what they hold."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 from html import escape

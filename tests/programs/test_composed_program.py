@@ -1,7 +1,5 @@
 """A model with Python functions has the values and derivatives of the same model written in Pyomo."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Derivatives against finite differences, and what a shift changes."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Values of expressions as arrays are those that Pyomo gives one by one."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Bundles hold every term once, and what rows of one time point share is evaluated once, whoever evaluates it."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

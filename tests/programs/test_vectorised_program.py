@@ -1,7 +1,5 @@
 """Vectorised expressions against ASL, against finite differences, and after changes of numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyomo.environ as pyo
 import pytest

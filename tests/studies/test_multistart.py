@@ -1,7 +1,5 @@
 """`multistart`: the same starts for the same seed, the best point left on the model."""
 
-from __future__ import annotations
-
 import importlib
 import io
 import itertools

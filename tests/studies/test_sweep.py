@@ -1,7 +1,5 @@
 """`sweep`: cases do not touch each other, go on where they were stopped, and are the same in several processes."""
 
-from __future__ import annotations
-
 import importlib
 import itertools
 import json

@@ -1,7 +1,5 @@
 """Several trajectories, read as one."""
 
-from __future__ import annotations
-
 import io
 import pickle
 from pathlib import Path

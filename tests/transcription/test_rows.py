@@ -1,7 +1,5 @@
 """Rows and quadrature, without a phase around them."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Files of a folder are solved to their known optima, kept, and checked by their statement."""
 
-from __future__ import annotations
-
 import importlib
 import shutil
 from pathlib import Path

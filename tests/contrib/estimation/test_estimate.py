@@ -1,7 +1,5 @@
 """`estimate`: known answers, agreement with parmest, and what is refused."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The same problems as in `problems`, stated with this package."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyomo.environ as pyo
 

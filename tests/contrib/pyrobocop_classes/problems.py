@@ -5,8 +5,6 @@ and, for linear complementarity systems, from Vieira, Brogliato & Prieur, Quadra
 complementarity systems (hal-01690400v3). `np.Infinity` is a name that NumPy 2 has removed.
 """
 
-from __future__ import annotations
-
 # ruff: noqa: NPY201
 import numpy as np
 

@@ -1,7 +1,5 @@
 """A class with PyRoboCOP's methods is the model that the same problem has in this package."""
 
-from __future__ import annotations
-
 import pickle
 
 import car_between_obstacles

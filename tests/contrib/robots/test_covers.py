@@ -1,7 +1,5 @@
 """Occupied cells and points lie within the shapes of their cover, which reach no farther than the tolerance."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Paths of arms among random configurations: clear by exact distances, within bounds, from the start to the goal."""
 
-from __future__ import annotations
-
 import logging
 import math
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Parking cases: what a file says, whatever the orientation of its rings, its origin and the turns of its headings."""
 
-from __future__ import annotations
-
 import math
 from decimal import Decimal
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Cars are recognised by how they move, whatever their states are called and wherever their reference point is."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable
