@@ -1,7 +1,5 @@
 """Which ways to Ipopt the tests may use, and marks that tell the truth about that."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import gc

@@ -1,7 +1,5 @@
 """An independent judge of answers: rows by ``pyo.value``, optimality by the executable of Ipopt through Pyomo."""
 
-from __future__ import annotations
-
 from math import inf, isfinite
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Problems for the adversary: small, solved as they stand, and stated by functions that build them anew each time."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Motions beside obstacles, most of them spoilt, each stated in Pyomo and as a function of numbers."""
 
-from __future__ import annotations
-
 from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass, field

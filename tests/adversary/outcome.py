@@ -1,7 +1,5 @@
 """What came of one seed, for both adversaries."""
 
-from __future__ import annotations
-
 import enum
 from dataclasses import dataclass
 

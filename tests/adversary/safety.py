@@ -11,8 +11,6 @@ judge integrates from break to break with small steps. The judge takes the value
 their polynomials from their nodes; of the package it uses nothing.
 """
 
-from __future__ import annotations
-
 import enum
 import logging
 from collections.abc import Callable, Iterator

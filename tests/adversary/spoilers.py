@@ -1,7 +1,5 @@
 """What spoils a problem: one small function each, by the words of a user who made the mistake."""
 
-from __future__ import annotations
-
 import enum
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager

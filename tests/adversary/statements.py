@@ -5,8 +5,6 @@ that its first lines name, or than `UNSAID` where they name less or none. Where 
 What is stated is what rules said while the model was built, whatever became of their data afterwards.
 """
 
-from __future__ import annotations
-
 import re
 from bisect import bisect_left
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """No spoilt problem has a wrong answer with a clean report; and the judge that says so sees what is wrong."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyomo.environ as pyo
 import pytest

@@ -1,7 +1,5 @@
 """What is called safe is clear, however a motion is spoilt between the points; and the judge that says so sees it."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One trial: a seed picks a problem and what spoils it, and says what became of the answer."""
 
-from __future__ import annotations
-
 import enum
 import logging
 from collections.abc import Callable

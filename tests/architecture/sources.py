@@ -1,7 +1,5 @@
 """The package's files as syntax trees, read once, and what can be asked of them."""
 
-from __future__ import annotations
-
 import ast
 import functools
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """What goes into the source distribution and the wheel, and what the package index shows of them."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import re

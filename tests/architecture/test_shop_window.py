@@ -1,7 +1,5 @@
 """What `import pyrobocop_pyomo` does and does not do, and the names that people may rely on."""
 
-from __future__ import annotations
-
 import ast
 import functools
 import json

@@ -1,7 +1,5 @@
 """The sums of the code only fall: each is at most one per cent above the lowest that was recorded."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

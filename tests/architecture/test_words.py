@@ -1,15 +1,14 @@
 """One word, one meaning, and the field's: retired words do not come back in public names."""
 
-from __future__ import annotations
-
 import ast
 import re
+from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
 import pyrobocop_pyomo
 
-from .sources import ROOT, folder_trees, nodes
+from .sources import ROOT, folder_trees, nodes, trees
 
 PROJECT = ROOT.parent
 
@@ -119,3 +118,30 @@ def test_no_retired_phrase_where_people_read() -> None:
             line = text.count("\n", 0, found.start()) + 1
             offenders.append(f"{path.relative_to(PROJECT)}, line {line}: '{phrase}'; write {RETIRED_PHRASES[phrase]}")
     assert not offenders, "\n".join(offenders)
+
+
+# --------------------------------------------------------------------
+# Names: a class or a public function has one name, and the name stands for nothing else in the whole package.
+
+
+def listed_twice(found: dict[str, list[Path]]) -> str:
+    """One line per name that several files define."""
+    return "\n".join(f"{name}: {', '.join(map(str, paths))}" for name, paths in sorted(found.items()) if len(paths) > 1)
+
+
+def test_no_class_name_twice() -> None:
+    """Also where the two would never meet in one file."""
+    found: defaultdict[str, list[Path]] = defaultdict(list)
+    for path, tree in trees().items():
+        for node in nodes(tree, ast.ClassDef):
+            found[node.name].append(path)
+    assert not listed_twice(found), listed_twice(found)
+
+
+def test_no_public_function_name_twice() -> None:
+    found: defaultdict[str, list[Path]] = defaultdict(list)
+    for path, tree in trees().items():
+        for node in tree.body:
+            if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)) and not node.name.startswith("_"):
+                found[node.name].append(path)
+    assert not listed_twice(found), listed_twice(found)

@@ -1,7 +1,5 @@
 """Open loop: a plan is played back by its driving forces, and contact obeys the law of impact."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

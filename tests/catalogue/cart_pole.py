@@ -1,7 +1,5 @@
 """The cart with a pole of ModelingToolkit.jl's issue 5076: upright at rest after five seconds, by 125 steps."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pyomo.environ as pyo

@@ -4,8 +4,6 @@ Each entry builds a flowsheet, and fixes its inputs and initial conditions on th
 feed may change after the start, so that there is something to follow.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 from functools import partial

@@ -4,8 +4,6 @@ Each is a function that gives a model as a user of ``dae.collocation`` writes it
 boundary points, Mayer costs, conditions as constraint lists, sets that already have points, abstract models.
 """
 
-from __future__ import annotations
-
 from math import exp, pi, sin
 
 import pyomo.environ as pyo

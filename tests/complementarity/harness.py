@@ -1,7 +1,5 @@
 """What the tests of complementarity share: the model as bytes, its state, and how to get the transformation."""
 
-from __future__ import annotations
-
 import io
 import pickle
 from typing import Any
@@ -11,12 +9,27 @@ from pyomo.gdp import Disjunct
 from pyomo.repn.plugins.nl_writer import NLWriter
 
 import pyrobocop_pyomo.complementarity  # registers the transformation
+from pyrobocop_pyomo.complementarity import Complementarity, complements
 from pyrobocop_pyomo.complementarity.pairs import active_sources
 
 
 def relaxation() -> Any:
     assert pyrobocop_pyomo.complementarity.RelaxComplementarity is not None
     return pyo.TransformationFactory("pyrobocop.relax_complementarity")
+
+
+def stages(values: Any = (1.0,) * 8, weight: float = 0.5) -> Any:
+    """Two elements of two stages."""
+    m = pyo.ConcreteModel(name="stages")
+    m.I = pyo.Set(initialize=[0, 1])
+    m.a = pyo.Var(m.I, m.I, bounds=(0, None), initialize=dict(zip(m.I * m.I, values[:4], strict=True)))
+    m.b = pyo.Var(m.I, m.I, bounds=(0, None), initialize=dict(zip(m.I * m.I, values[4:], strict=True)))
+    m.cc = Complementarity(
+        m.I, m.I, rule=lambda m, i, k: complements(m.a[i, k], m.b[i, k]), group=lambda m, i, k: i, weight=weight,
+        family="stages",
+    )  # fmt: skip
+    m.cost = pyo.Objective(expr=m.a[0, 0])
+    return m
 
 
 def nl_text(model: Any) -> str:

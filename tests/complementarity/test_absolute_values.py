@@ -1,7 +1,5 @@
 """Absolute values as two parts: the same values, known optima, pairs only where they are needed, and the way back."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

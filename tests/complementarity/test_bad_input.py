@@ -3,8 +3,6 @@
 An entry is a function that makes the mistake in a right model and returns the options of the transformation.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """How far relaxed solutions are from the solution, as delta shrinks: the orders that the docstrings state."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

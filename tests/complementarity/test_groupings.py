@@ -1,7 +1,5 @@
 """Which products are formed, and which share a bound."""
 
-from __future__ import annotations
-
 import pyomo.environ as pyo
 import pytest
 from hypothesis import given
@@ -20,23 +18,9 @@ from pyrobocop_pyomo.complementarity import (
 )
 from pyrobocop_pyomo.errors import ComplementarityError
 
-from .harness import relaxation
+from .harness import relaxation, stages
 
 amounts = st.lists(st.floats(0.0, 10.0), min_size=8, max_size=8)
-
-
-def stages(values=(1.0,) * 8):
-    """Two elements of two stages."""
-    m = pyo.ConcreteModel(name="stages")
-    m.I = pyo.Set(initialize=[0, 1])
-    m.a = pyo.Var(m.I, m.I, bounds=(0, None), initialize=dict(zip(m.I * m.I, values[:4], strict=True)))
-    m.b = pyo.Var(m.I, m.I, bounds=(0, None), initialize=dict(zip(m.I * m.I, values[4:], strict=True)))
-    m.cc = Complementarity(
-        m.I, m.I, rule=lambda m, i, k: complements(m.a[i, k], m.b[i, k]), group=lambda m, i, k: i, weight=0.5,
-        family="stages",
-    )  # fmt: skip
-    m.cost = pyo.Objective(expr=m.a[0, 0])
-    return m
 
 
 def bodies(m):

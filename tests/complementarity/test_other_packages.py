@@ -1,16 +1,17 @@
 """Together with generalized disjunctive programming, `pyomo.dae`, `pyomo.mpec` lists and Pyomo's KKT conditions."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import pyomo.dae as dae
 import pyomo.environ as pyo
 import pyomo.mpec as mpec
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from pyomo.gdp import Disjunct, Disjunction
 
 from pyrobocop_pyomo.complementarity import Complementarity, active_pairs, complements
+from pyrobocop_pyomo.complementarity.lifting import part_values, side_variable
 from pyrobocop_pyomo.errors import ComplementarityError
 
 from .harness import nl_text, relaxation, state
@@ -118,3 +119,112 @@ def test_a_grouping_that_loses_pairs_is_refused(choice, relax):
     with pytest.raises(ComplementarityError, match=r"Forgetful\(\) put 1 pairs into groups, of 2 pairs"):
         relax.apply_to(choice, grouping=Forgetful())
     assert state(choice) == before
+
+
+# --------------------------------------------------------------------
+# Lifting: which sides are variables already, and what the generated ones do.
+
+
+numbers = st.floats(-5, 5)
+
+
+def mixed(values=(2.0, 3.0, 1.0)):
+    """Plain variables, shifted and reversed ones, and expressions, on either side."""
+    m = pyo.ConcreteModel(name="mixed")
+    m.x = pyo.Var(bounds=(0, 10), initialize=values[0])
+    m.y, m.z = pyo.Var(initialize=values[1]), pyo.Var(initialize=values[2])
+    m.p = pyo.Param(initialize=0.5, mutable=True)
+    m.plain = Complementarity(expr=complements(m.x >= 0, m.y >= m.p))
+    m.reversed = Complementarity(expr=complements(m.x <= 10, m.y + m.z >= m.p))
+    m.curved = Complementarity(expr=complements(m.x * m.y >= 1, m.z <= 4))
+    m.cost = pyo.Objective(expr=m.x + m.y**2)
+    return m
+
+
+def side_value(side):
+    return side.sign * (side.variable.value - pyo.value(side.offset))
+
+
+@pytest.mark.parametrize(
+    ("build", "sign", "offset"),
+    [
+        (lambda m: m.x, 1, 0),
+        (lambda m: -m.x, -1, 0),
+        (lambda m: m.x - 3, 1, 3),
+        (lambda m: 3 - m.x, -1, 3),
+        (lambda m: m.x - m.p, 1, 0.5),
+        (lambda m: m.p - m.x, -1, 0.5),
+        (lambda m: m.x - 2 * m.p**2, 1, 0.5),
+    ],
+)
+@given(number=numbers)
+def test_a_signed_and_shifted_variable_is_recognised(build, sign, offset, number):
+    m = mixed()
+    m.x.set_value(number, skip_validation=True)
+    side = side_variable(build(m))
+    assert (side.variable, side.sign, pyo.value(side.offset)) == (m.x, sign, offset)
+    assert side_value(side) == pytest.approx(pyo.value(build(m)), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "build",
+    [lambda m: 2 * m.x, lambda m: m.x + m.y, lambda m: m.p * m.x, lambda m: m.x**2, lambda m: m.x * m.y - 1],
+)
+def test_anything_else_is_no_variable(build):
+    assert side_variable(build(mixed())) is None
+
+
+@given(
+    terms=st.lists(st.tuples(numbers, st.sampled_from(["x", "y", "z"])), min_size=1, max_size=5),
+    constant=numbers,
+    parameter=st.none() | numbers,
+    values=st.tuples(*[st.none() | numbers] * 3),
+)
+def test_the_parts_of_an_affine_side_are_those_of_its_value(terms, constant, parameter, values):
+    m = pyo.ConcreteModel()
+    m.x, m.y, m.z = (pyo.Var(initialize=number) for number in values)
+    m.p = pyo.Param(initialize=parameter, mutable=True)
+    plain = sum(factor * m.component(name) for factor, name in terms) + constant
+    for side in (plain, plain + m.x, plain + m.p * m.y, plain + m.p):
+        number = pyo.value(side, exception=False)
+        expected = (0, 0) if number is None else (max(number, 0), max(-number, 0))
+        assert part_values(side) == expected
+
+
+def test_only_sides_that_are_no_variables_are_lifted_and_their_products_are_bilinear():
+    m = mixed()
+    relax = relaxation()
+    token = relax.apply_to(m, lift=True)
+    assert len(token.block.lifted) == 2
+    assert all(variable.lb == 0 and variable.ub is None for variable in token.block.lifted.values())
+    assert {row.body.polynomial_degree() for row in relax.shifted_rows_of(m)} == {2}
+    # y >= p, z <= 4 and x <= 10: plain variables, of which only x has the bound itself.
+    assert len(token.block.sides) == 2
+    assert len(token.block.definitions) == 2
+    for row in token.block.definitions.values():
+        assert row.equality
+        assert relax.sources_of(row)[0] in (m.reversed, m.curved)
+        assert row in relax.rows_of(relax.sources_of(row)[0])
+
+
+def test_the_relaxation_rows_are_those_of_products_alone():
+    m = mixed()
+    relax = relaxation()
+    token = relax.apply_to(m, lift=True)
+    assert relax.relaxation_rows_of(m) == relax.shifted_rows_of(m) == list(token.block.rows.values())
+    next(iter(token.block.rows.values())).deactivate()
+    assert len(relax.relaxation_rows_of(m)) == 2
+
+
+def test_a_side_without_a_value_starts_at_zero():
+    m = mixed()
+    m.z.set_value(None)
+    token = relaxation().apply_to(m, lift=True)
+    assert sorted(variable.value for variable in token.block.lifted.values()) == [0, 5]
+
+
+def test_without_lifting_there_are_no_lifted_pairs():
+    m = mixed()
+    relax = relaxation()
+    relax.apply_to(m)
+    assert relax.lifted_pairs_of(m) == []

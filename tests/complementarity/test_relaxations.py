@@ -1,6 +1,7 @@
 """Relaxations as numbers: formulas, limits, nested sets, symmetry and equivalences, without a model or a solver."""
 
-from __future__ import annotations
+import math
+from itertools import pairwise
 
 import numpy as np
 import pyomo.environ as pyo
@@ -10,13 +11,24 @@ from hypothesis import strategies as st
 
 from pyrobocop_pyomo.complementarity import (
     ChenHarkerKanzowSmale,
+    Complementarity,
     Elastic,
     FischerBurmeister,
+    Fixed,
+    FollowBarrier,
+    Geometric,
     KanzowSchwartz,
+    PerElement,
+    PerPair,
     Scholtes,
     SteffensenUlbrich,
+    Superlinear,
+    active_pairs,
+    complements,
 )
+from pyrobocop_pyomo.complementarity.grouping import as_grouping
 from pyrobocop_pyomo.complementarity.relaxations import RELAXATIONS, as_relaxation
+from pyrobocop_pyomo.errors import ComplementarityError
 
 BOUNDING = [
     Scholtes(),
@@ -128,3 +140,119 @@ def test_words_stand_for_objects():
 def test_numbers_that_make_no_relaxation_are_refused():
     with pytest.raises(ValueError, match="must be positive"):
         Elastic(excess_bound=0)
+
+
+# --------------------------------------------------------------------
+# Relaxations, groupings and schedules on their own: laws of numbers, no model and no solver.
+
+
+positive = st.floats(1e-6, 1e6)
+tolerances = st.floats(1e-10, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("given", "convert", "message"),
+    [
+        ("schotles", as_relaxation, r"unknown relaxation 'schotles'\. Known: 'scholtes', "),
+        (3, as_relaxation, r"3 is not a relaxation"),
+        (Scholtes, as_relaxation, r"is not a relaxation.*Pass an object"),
+        ("time", as_grouping, r"unknown grouping 'time'\. Known: 'pair', 'element'"),
+        (PerPair, as_grouping, r"is not a grouping"),
+    ],
+)
+def test_an_unknown_choice_is_refused_with_the_known_ones(given, convert, message):
+    with pytest.raises(ValueError, match=message):
+        convert(given)
+
+
+@pytest.fixture
+def pairs():
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var([1, 2, 3], bounds=(0, None), initialize=1)
+    pair = (m.x[1], m.x[2])
+    m.one = Complementarity([1, 2, 3], rule=lambda m, i: complements(*pair))
+    m.two = Complementarity([1, 2], rule=lambda m, i: complements(*pair))
+    m.labelled = Complementarity([1, 2, 3], rule=lambda m, i: complements(*pair), group=lambda m, i: (i + 1) // 2)
+    m.part = pyo.Block([1, 2])
+    for i in (1, 2):
+        m.part[i].u = Complementarity(expr=complements(*pair))
+        m.part[i].v = Complementarity(expr=complements(*pair))
+    yield active_pairs(m)  # noqa: PT022  (a pair does not keep its model alive)
+
+
+def test_per_pair_gives_each_pair_a_group_that_none_joins(pairs):
+    groups = PerPair().groups(pairs)
+    assert [name for name, _ in groups] == [None] * len(pairs)
+    assert all(len(members) == 1 for _, members in groups)
+
+
+def test_per_element_gathers_label_or_index_within_a_block(pairs):
+    groups = [[pair.name for pair in members] for _, members in PerElement().groups(pairs)]
+    assert groups == [
+        ["one[1]", "two[1]"],
+        ["one[2]", "two[2]"],
+        ["one[3]"],
+        ["labelled[1]", "labelled[2]"],
+        ["labelled[3]"],
+        ["part[1].u", "part[1].v"],
+        ["part[2].u", "part[2].v"],
+    ]
+
+
+@pytest.mark.parametrize("grouping", [PerPair(), PerElement()])
+def test_a_grouping_loses_no_pair_and_repeats_none(pairs, grouping):
+    groups = grouping.groups(pairs)
+    assert sorted(pair.name for _, members in groups for pair in members) == sorted(pair.name for pair in pairs)
+    named = [name for name, _ in groups if name is not None]
+    assert len(set(named)) == len(named)
+
+
+@given(first=st.floats(1e-3, 10), factor=st.floats(0.05, 0.9), last=st.floats(1e-10, 1e-3))
+def test_a_geometric_schedule_shrinks_from_first_to_last_by_the_factor(first, factor, last):
+    steps = list(Geometric(first, factor, last).steps())
+    assert steps[-1] == last
+    assert steps[0] == (first if first > last * (1 + 1e-9) else last)
+    for before, after in pairwise(steps):
+        assert after <= before
+        assert after >= before * factor * (1 - 1e-9)
+
+
+def test_the_default_schedule_has_nine_steps_despite_rounding():
+    steps = list(Geometric(1.0, 0.1, 1e-8).steps())
+    assert len(steps) == 9
+    assert steps == pytest.approx([10.0**-k for k in range(9)])
+
+
+@given(mu=st.floats(0, 10), floor=tolerances, factor=positive)
+def test_delta_follows_the_barrier_parameter_down_to_the_floor(mu, floor, factor):
+    rule = FollowBarrier(floor, factor)
+    assert rule.delta_for(mu) == (factor * mu if factor * mu > floor else floor)
+    assert list(rule.steps()) == [floor]
+
+
+@given(first=st.floats(1e-3, 10), factor=st.floats(0.05, 0.9), exponent=st.floats(1.1, 2), last=st.floats(1e-10, 1e-3))
+def test_a_superlinear_schedule_takes_the_larger_of_both_reductions(first, factor, exponent, last):
+    steps = list(Superlinear(first, factor, exponent, last).steps())
+    assert steps[-1] == last
+    for before, after in pairwise(steps):
+        assert after <= before
+        assert after == pytest.approx(max(last, min(factor * before, before**exponent)), rel=1e-8)
+    assert len(steps) <= len(list(Geometric(first, factor, last).steps()))
+
+
+@pytest.mark.parametrize(
+    ("schedule", "options", "message"),
+    [
+        (Fixed, {"delta": 0}, r"Fixed\(delta=0\): delta must be positive and finite"),
+        (Geometric, {"first": -1}, "first must be positive"),
+        (Geometric, {"factor": 1.0}, r"factor must lie between 0 and 1"),
+        (Geometric, {"first": 1e-3, "last": 1e-2}, "last must be positive and at most first"),
+        (Superlinear, {"exponent": 1.0}, "exponent must be above 1"),
+        (Superlinear, {"factor": 0.0}, "factor must lie between 0 and 1"),
+        (FollowBarrier, {"floor": 0.0}, "floor must be positive"),
+        (FollowBarrier, {"factor": math.inf}, "factor must be positive and finite"),
+    ],
+)
+def test_numbers_that_give_no_schedule_are_refused(schedule, options, message):
+    with pytest.raises(ComplementarityError, match=message):
+        schedule(**options)

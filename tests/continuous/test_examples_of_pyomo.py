@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
 import pyomo.environ as pyo
 import pytest
 from catalogue import pyomo_examples
+from catalogue.cart_pole import cart_pole
 from harness.dae import driven_tank
+from pyomo.contrib import mpc
+from pyomo.contrib.doe.examples import reactor_experiment
+from pyomo.contrib.mpc.examples.cstr import model as mpc_cstr
+from pyomo.contrib.mpc.examples.cstr import run_mpc
+from pyomo.contrib.parmest.examples.semibatch import semibatch
+from pyomo.contrib.sensitivity_toolbox.examples import HIV_Transmission, feedbackController
 from pyomo.dae.simulator import Simulator
 
 import pyrobocop_pyomo as rcp
@@ -112,3 +123,133 @@ def test_start_from_the_simulator_of_pyomo():
     guess = m.angle[4].value
     rcp.solve(m, progress=False).raise_for_status()
     assert m.angle[4].value == pytest.approx(guess, abs=5e-3)
+
+
+# --------------------------------------------------------------------
+# Dynamic models that Pyomo ships go through with one word changed: the name of the transformation.
+
+
+pytestmark = [pytest.mark.casadi, pytest.mark.filterwarnings("ignore")]
+
+
+@pytest.fixture
+def renamed(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
+    """Whoever asks for a transformation of pyomo.dae gets ours from now on."""
+    known = pyo.TransformationFactory._cls
+
+    def rename() -> None:
+        for name in (THEIRS, "dae.finite_difference"):
+            monkeypatch.setitem(known, name, known[OURS])
+
+    return rename
+
+
+def experiment_reactor() -> Any:
+    data = {
+        "CA0": 5.0, "CA_bounds": [1.0, 5.0], "CB0": 0.0, "CC0": 0.0, "t_range": [0, 1],
+        "control_points": {"0": 500, "0.125": 300, "0.25": 300, "0.5": 300, "1": 300},
+        "T_bounds": [300, 700], "A1": 84.79, "A2": 371.72, "E1": 7.78, "E2": 15.05,
+    }  # fmt: skip
+    data["control_points"] = {float(t): value for t, value in data["control_points"].items()}
+    m = reactor_experiment.ReactorExperiment(data=data, nfe=8, ncp=3).get_labeled_model()
+    m.CA[0].fix()
+    return m
+
+
+def semibatch_reactor() -> Any:
+    level = {"Ca_meas": 0.2, "Cb_meas": 0.1, "Cc_meas": 0.05, "Tr_meas": 330.0}
+    data = {name: {str(t): value for t in range(600, 21600, 3000)} for name, value in level.items()}
+    given = {"Ca0": 0.0, "Cb0": 3.0, "Cc0": 0.0, "Tc1": 320, "Tc2": 330, "Fa1": 1e-3, "Fa2": 5e-4}
+    m = semibatch.generate_model({"experiment": 1, **data, **given})
+    for parameter in (m.k1, m.k2, m.E1, m.E2):
+        parameter.fix()
+    return m
+
+
+def control_of_hiv() -> Any:
+    m = HIV_Transmission.create_model()
+    HIV_Transmission.initialize_model(m, 5, 5, 1)
+    return m
+
+
+def feedback() -> Any:
+    m = feedbackController.create_model()
+    feedbackController.initialize_model(m, 50)
+    return m
+
+
+MODELS = {
+    "reactor of contrib.doe": (experiment_reactor, lambda m: [m.CA[1].value, m.CB[1].value, m.CC[1].value]),
+    "HIV of sensitivity_toolbox": (control_of_hiv, lambda m: [pyo.value(m.cf)]),
+    "feedback of sensitivity_toolbox": (feedback, lambda m: [pyo.value(m.J)]),
+    "tank of contrib.mpc": (mpc_cstr.create_instance, lambda m: [m.conc[t, "A"].value for t in (0, 5, 10)]),
+}
+
+
+def answers(name: str) -> list[float]:
+    build, read = MODELS[name]
+    m = build()
+    rcp.solve(m, progress=False, options={"tol": 1e-10}).raise_for_status()
+    return read(m)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MODELS)
+def test_answers_are_those_of_pyomo_dae(name: str, renamed: Any) -> None:
+    expected = answers(name)
+    renamed()
+    assert answers(name) == pytest.approx(expected, rel=1e-6, abs=1e-8)
+
+
+class OnMesh:
+    """A transformation with numbers of elements of its own."""
+
+    def __init__(self, way: str, elements: int) -> None:
+        self._way, self._elements = way, elements
+
+    def __call__(self, name: str) -> OnMesh:
+        return self
+
+    def apply_to(self, m: Any, nfe: int, ncp: int) -> None:
+        pyo.TransformationFactory(self._way).apply_to(m, nfe=self._elements, ncp=ncp)
+
+
+@pytest.mark.slow
+def test_semibatch_reactor_of_parmest_is_closer_to_a_fine_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Measurements divide the time into gaps, which `dae.collocation` halves again and again; here they are even."""
+    found = []
+    for way, elements in ((THEIRS, 200), (THEIRS, 20), (OURS, 20)):
+        monkeypatch.setattr(semibatch, "TransformationFactory", OnMesh(way, elements))
+        m = semibatch_reactor()
+        rcp.solve(m, progress=False, options={"tol": 1e-10}).raise_for_status()
+        found.append([m.Tr[t].value for t in m.measT] + [m.Cc[t].value for t in m.measT])
+    fine, theirs, ours = np.array(found)
+    assert np.abs(ours / fine - 1).max() < 0.5 * np.abs(theirs / fine - 1).max()
+
+
+@pytest.mark.slow
+def test_the_loop_of_contrib_mpc(renamed: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its interface reads, shifts and loads values, and ties the control to samples."""
+    monkeypatch.setitem(pyo.SolverFactory._cls, "ipopt", pyo.SolverFactory._cls["pyrobocop.ipopt"])
+    start = run_mpc.get_steady_state_data(mpc.ScalarData({"flow_in[*]": 0.3}))
+    target = run_mpc.get_steady_state_data(mpc.ScalarData({"flow_in[*]": 1.2}))
+    found = []
+    for change in (lambda: None, renamed):
+        change()
+        m, simulated = run_mpc.run_cstr_mpc(start, target)
+        found.append([simulated.get_data_from_key(m.conc[:, "A"]), simulated.get_data_from_key(m.flow_in[:])])
+    for theirs, ours in zip(*found, strict=True):
+        assert ours == pytest.approx(theirs, rel=1e-5)
+
+
+@pytest.mark.slow
+def test_a_cart_with_a_pole_stands_up_on_legendre_points() -> None:
+    """The task of ModelingToolkit.jl's issue 5076; the reference has other points and three times the elements."""
+    found = []
+    for options in ({"nfe": 125, "ncp": 2, "scheme": "LAGRANGE-LEGENDRE"}, {"nfe": 400, "ncp": 3}):
+        m = cart_pole()
+        pyo.TransformationFactory(OURS).apply_to(m, wrt=m.t, **options)
+        rcp.solve(m, progress=False).raise_for_status()
+        found.append([pyo.value(m.cost), max(abs(force.value) for force in m.force.values())])
+    assert found[0][0] == pytest.approx(found[1][0], rel=1e-4)
+    assert found[0][1] == pytest.approx(found[1][1], rel=2e-2)

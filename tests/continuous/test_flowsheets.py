@@ -1,7 +1,5 @@
 """Dynamic flowsheets of IDAES go through unchanged, in whatever order they are fixed and discretised."""
 
-from __future__ import annotations
-
 import importlib
 from typing import Any
 

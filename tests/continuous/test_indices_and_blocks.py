@@ -1,7 +1,5 @@
 """Mixed indices, blocks, several sets, references, disjuncts, tools of Pyomo."""
 
-from __future__ import annotations
-
 from io import StringIO
 from math import exp, pi, sin
 

@@ -1,7 +1,5 @@
 """Time and space: boundaries without equations, pyomo.dae for the other set, before or after."""
 
-from __future__ import annotations
-
 from math import pi, sin, sinh
 
 import pyomo.environ as pyo

@@ -1,7 +1,5 @@
 """What `solve` refuses or doubts before it begins: solve, diagnose and verify say the same of one model."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

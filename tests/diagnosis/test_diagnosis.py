@@ -1,7 +1,5 @@
 """The report itself: counts, words, factors, and the numerical means behind it. Who is found is in the catalogue."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """A convex team: a cart that two robots pull to the origin, each paying for its own force."""
 
-from __future__ import annotations
-
 import pyomo.environ as pyo
 
 import pyrobocop_pyomo as rcp

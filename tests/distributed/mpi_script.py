@@ -1,7 +1,5 @@
 """Run by `mpiexec`: eight rounds with a checkpoint every second one, and a death where it is asked for."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

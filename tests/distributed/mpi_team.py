@@ -1,7 +1,5 @@
 """Run by `mpiexec`: a team with a checkpoint after every round, and a death where it is asked for."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

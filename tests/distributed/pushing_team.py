@@ -1,7 +1,5 @@
 """The example with the rod, on a coarse mesh: a team whose agents solve real problems."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Agents with quadratic objectives, whose joint optimum is a linear system; builders are at the top level."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

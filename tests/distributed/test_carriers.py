@@ -1,7 +1,5 @@
 """Three robots carry a load, a convex team: it agrees with one planner to five digits, soon and for any penalty."""
 
-from __future__ import annotations
-
 import pyomo.environ as pyo
 import pytest
 

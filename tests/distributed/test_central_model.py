@@ -1,7 +1,5 @@
 """The central model of a team states what its agents state, and nothing else: the same rows, pairs and objective."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from pathlib import Path

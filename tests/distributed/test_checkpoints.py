@@ -1,7 +1,5 @@
 """A team goes on from its file as if it had never stopped, or says why it cannot."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Dask's actors: the same reports, also when a worker is killed; one cluster for all tests."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

@@ -1,7 +1,5 @@
 """Whatever workers die, and whenever: the agents' reports are those of an undisturbed run, to the last bit."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Callable, Mapping, Sequence
 

@@ -1,7 +1,5 @@
 """MPI: every rank comes to the same reports as one process alone; a death ends the job, which goes on from its file."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

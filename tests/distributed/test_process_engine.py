@@ -1,7 +1,5 @@
 """Processes that are killed, interrupted or left alone."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """What a team refuses before any solve, how its models are merged, and that failures stay with their agent."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

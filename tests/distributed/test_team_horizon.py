@@ -1,7 +1,5 @@
 """Receding horizons of teams: moved ahead exactly, and in many rounds the same as planning anew."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np

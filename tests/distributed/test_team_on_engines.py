@@ -1,7 +1,5 @@
 """A team of rod and robots gives the same iterates wherever its agents live, whatever dies, and from its file."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -5,8 +5,6 @@ digits or more agree to a part in a thousand, and a whole number before a word i
 rounded values, residuals, seconds and iterations, which depend on the machine: there has to be a number, no more.
 """
 
-from __future__ import annotations
-
 import re
 from math import isclose
 

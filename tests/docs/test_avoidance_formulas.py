@@ -1,7 +1,5 @@
 """The numbered formulas on separations and on planning in rounds, evaluated against the code."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 import re

@@ -1,7 +1,5 @@
 """The numbered formulas of the page on certificates, evaluated against the code."""
 
-from __future__ import annotations
-
 import itertools
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The numbered formulas of the page on obstacle avoidance, evaluated against the code."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

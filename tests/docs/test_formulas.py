@@ -1,16 +1,24 @@
 """The numbered formulas of the explanation pages, evaluated against the code."""
 
-from __future__ import annotations
-
 import math
+import re
 from itertools import islice, pairwise
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.numerics import remesh
+from pyrobocop_pyomo.diagnosis import Severity, Subject
+from pyrobocop_pyomo.motion.given_motions import motion_along_paths
+from pyrobocop_pyomo.motion.sampled_paths import read_path
+from pyrobocop_pyomo.numerics import maximum_matching, remesh
+from pyrobocop_pyomo.phases.structure import PointStructure, middle_point
 
 SCHEMES = [
     rcp.schemes.radau(1),
@@ -168,3 +176,146 @@ def test_smoothed_ground_friction():
     force = -mu * m * g * v / math.sqrt(v @ v + s**2)
     moment = -mu * m * g * lever**2 * omega / math.sqrt((lever * omega) ** 2 + s**2)
     assert friction.wrench(m, *v, omega) == pytest.approx((*force, moment))
+
+
+# --------------------------------------------------------------------
+# Formulas of the documentation render without a network, and by commands that MathJax takes where they stand.
+
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+def test_no_page_numbers_a_formula_by_hand():
+    # Sphinx puts a formula of several lines into an environment that takes no \tag: it would be shown as source.
+    tagged = [page for page in DOCS.rglob("*.md") if r"\tag{" in page.read_text(encoding="utf-8")]
+    assert not tagged
+
+
+def test_mathjax_is_copied_from_a_package():
+    pytest.importorskip("sphinx-mathjax-offline", reason="the extra docs is not installed")
+    settings: dict[str, object] = {}
+    exec((DOCS / "conf.py").read_text(encoding="utf-8"), settings)
+    (script,) = (Path(path) for path in settings["html_static_path"] if Path(path).name == settings["mathjax_path"])
+    assert re.search(rb"MathJax", script.read_bytes())
+    assert "http" not in settings["mathjax_path"]
+
+
+# --------------------------------------------------------------------
+# The page's formulas for shapes that stand for others are those of the code.
+
+
+@pytest.mark.parametrize("sides", [3, 8, 16, 40])
+def test_excess_of_polygons(sides: int) -> None:
+    expected = 0.7 * (1 / np.cos(np.pi / sides) - 1)
+    assert rcp.Polytope.cylinder(0.7, 2.0, sides=sides).excess == pytest.approx(expected)
+    assert rcp.Polytope.cone(0.7, 2.0, sides=sides).excess == pytest.approx(expected)
+    assert rcp.Polytope.ellipsoid((0.2, 0.7), sides=sides).excess == pytest.approx(expected)
+
+
+def test_excess_of_ellipsoids() -> None:
+    ball = rcp.Polytope.ellipsoid((1.0, 1.0, 1.0))
+    distances = ball.halfspaces[1]
+    assert distances.min() == pytest.approx(1.0)
+    assert np.linalg.norm(ball.vertices, axis=1).max() - 1.0 == pytest.approx(ball.excess)
+    assert rcp.Polytope.ellipsoid((1.0, 3.0, 2.0)).excess == pytest.approx(3.0 * ball.excess)
+
+
+def test_excess_of_grids() -> None:
+    stairs = np.eye(4, dtype=bool)
+    (part,) = rcp.scenes.cover_occupancy_grid(stairs, 0.5, tolerance=0.5)
+    assert part.excess == pytest.approx(0.5)
+    assert len(rcp.scenes.cover_occupancy_grid(stairs, 0.5, tolerance=0.49)) == 4
+
+
+def test_rotation_at_constant_rate() -> None:
+    random = np.random.default_rng(3)
+    turns = Rotation.from_rotvec(random.normal(size=(3, 3)))
+    times = np.array([0.0, 1.0, 3.0])
+    poses = np.column_stack([random.normal(size=(3, 3)), turns.as_quat()])
+    path = read_path(poses, times, 3, "body", quaternion_order="xyzw")
+    motion, rules = motion_along_paths(times, {"body": path})
+    for interval in range(2):
+        step = (turns[interval].inv() * turns[interval + 1]).as_rotvec()
+        for s in (0.0, 0.3, 1.0):
+            rotation, translation = motion.pose_at(rules["body"], interval, s).numbers()
+            expected = (turns[interval] * Rotation.from_rotvec(s * step)).as_matrix()
+            assert rotation == pytest.approx(expected, abs=1e-12)
+            assert translation == pytest.approx((1 - s) * poses[interval, :3] + s * poses[interval + 1, :3])
+
+
+# --------------------------------------------------------------------
+# The numbered formulas of the page on the structural index, evaluated against the code.
+
+
+shapes = st.tuples(st.integers(1, 4), st.integers(1, 4), st.integers(0, 10_000), st.floats(0.2, 1.0))
+
+
+def sparse(random: np.random.Generator, rows: int, columns: int, density: float) -> np.ndarray:
+    return random.standard_normal((rows, columns)) * (random.uniform(size=(rows, columns)) < density)
+
+
+@given(shapes)
+def test_eliminating_given_derivatives_keeps_the_rank(shape: tuple[int, int, int, float]) -> None:
+    """eq-substituted: rank of [[I, -f_y], [r_xdot, r_y]] is n_x + rank(r_y + r_xdot f_y)."""
+    states, algebraics, seed, density = shape
+    random = np.random.default_rng(seed)
+    f_y = sparse(random, states, algebraics, density)
+    r_rate, r_y = sparse(random, algebraics, states, density), sparse(random, algebraics, algebraics, density)
+    whole = np.block([[np.eye(states), -f_y], [r_rate, r_y]])
+    reduced = r_y + r_rate @ f_y
+    assert np.linalg.matrix_rank(whole, tol=1e-9) == states + np.linalg.matrix_rank(reduced, tol=1e-9)
+
+
+@given(shapes)
+def test_the_rank_is_at_most_the_size_of_a_maximum_matching(shape: tuple[int, int, int, float]) -> None:
+    """eq-structural-rank, with equality for almost all numbers."""
+    rows, columns, seed, density = shape
+    matrix = sparse(np.random.default_rng(seed), rows, columns, density)
+    matching = maximum_matching([np.flatnonzero(row).tolist() for row in matrix], columns)
+    size = rows - len(matching.unmatched_rows)
+    assert np.linalg.matrix_rank(matrix) == size
+    cancelled = np.ones_like(matrix) * (matrix != 0)
+    assert np.linalg.matrix_rank(cancelled) <= size
+
+
+def forces(second: Any) -> Any:
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(elements=3)
+    b.x = rcp.State(initial=1)
+    b.y, b.z = rcp.Algebraic(), rcp.Algebraic()
+    b.ode(lambda b, t: {b.x: b.y[t] + 3 * b.z[t]})
+
+    def balance(b: Any, t: float) -> Any:
+        return [b.y[t] + b.z[t] == b.x[t], second(b, t)]
+
+    b.residual(balance)
+    return m
+
+
+@pytest.mark.parametrize(("factor", "regular"), [(2.0, False), (2.5, True)])
+def test_equations_that_cancel_are_missed_by_structure_and_found_by_numbers(factor: float, regular: bool) -> None:
+    """eq-instant, eq-index-one: the example of the page, and a neighbour that is regular."""
+    m = forces(lambda b, t: 2 * b.y[t] + factor * b.z[t] == 2 * b.x[t])
+    m.p.check()
+    structure = PointStructure(m.p, m.p.record, middle_point(m.p.record))
+    assert structure.of_rows.unmatched_rows == []
+    found = rcp.diagnose(m).about(Subject.DEPENDENT)
+    assert bool(found) is not regular
+    if regular:
+        return
+    assert np.linalg.matrix_rank(np.array([[1, 1], [2, factor]])) == 1
+
+
+@pytest.mark.parametrize(("final", "severity"), [(1.0, Severity.WARNING), (2.0, Severity.ERROR)])
+def test_dependent_rows_over_the_horizon_contradict_each_other_where_residuals_do(
+    final: float, severity: Severity
+) -> None:
+    """eq-left-null: x' = y' = u from 0 to 1 and to `final`; with equal ends one row too many, else a wrong one."""
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(elements=4)
+    b.x, b.y, b.u = rcp.State(initial=0, final=1), rcp.State(initial=0, final=final), rcp.Control()
+    b.ode(lambda b, t: {b.x: b.u[t], b.y: b.u[t]})
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
+    (finding,) = rcp.diagnose(m).findings
+    assert finding.severity is severity
+    assert finding.subject is (Subject.CONTRADICTION if severity is Severity.ERROR else Subject.DEPENDENT)

@@ -1,12 +1,11 @@
 """The numbered formulas of relaxations, groupings, lifting and schedules, evaluated against the code."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from complementarity.harness import stages
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
@@ -117,16 +116,8 @@ def test_multipliers_of_relaxed_points(delta):
 # -------------------------------------------------------------------- groupings
 
 
-def stages(values, **options):
-    """Two elements of two stages, relaxed."""
-    m = pyo.ConcreteModel(name="stages")
-    m.I = pyo.Set(initialize=[0, 1])
-    m.a = pyo.Var(m.I, m.I, bounds=(0, None), initialize=dict(zip(m.I * m.I, values[:4], strict=True)))
-    m.b = pyo.Var(m.I, m.I, bounds=(0, None), initialize=dict(zip(m.I * m.I, values[4:], strict=True)))
-    m.cc = rcp.Complementarity(
-        m.I, m.I, rule=lambda m, i, k: rcp.complements(m.a[i, k], m.b[i, k]), group=lambda m, i, k: i, family="one"
-    )
-    m.cost = pyo.Objective(expr=m.a[0, 0])
+def relaxed_stages(values, **options):
+    m = stages(values, weight=1.0)
     relax().apply_to(m, **options)
     return m
 
@@ -148,7 +139,7 @@ def test_sums_and_crossed_products(values, delta):
         rcp.relaxations.Crossed(left_end="second"): [i * j for e in (0, 1) for i in a[e] for j in left_of_b[e]],
     }
     for grouping, products in expected.items():
-        rows = relax().shifted_rows_of(stages(values, grouping=grouping, delta=delta))
+        rows = relax().shifted_rows_of(relaxed_stages(values, grouping=grouping, delta=delta))
         assert [pyo.value(row.body) for row in rows] == pytest.approx(products, abs=1e-9)
         assert [row.ub for row in rows] == [delta] * len(rows)
 

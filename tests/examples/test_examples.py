@@ -1,17 +1,16 @@
 """Every example runs as a script, and its full size is as good as what is published."""
 
-from __future__ import annotations
-
 import contextlib
-import importlib.util
+import importlib
 import io
 import os
 import runpy
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType
 
+import maze
+import numpy as np
 import pytest
 
 import pyrobocop_pyomo as rcp
@@ -35,14 +34,6 @@ CASES = {
 }
 
 pytestmark = pytest.mark.casadi
-
-
-def load(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(f"example_{name}", EXAMPLES / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # where dataclasses look their annotations up
-    spec.loader.exec_module(module)
-    return module
 
 
 def run(name: str, *arguments: str, output: Path) -> subprocess.CompletedProcess:
@@ -114,7 +105,7 @@ PUBLISHED = {
 @pytest.mark.parametrize("problem", PUBLISHED)
 def test_the_full_size_is_as_good_as_published_and_feasible(problem: str) -> None:
     name, arguments, published, tolerance = PUBLISHED[problem]
-    model = load(name).build(**arguments)
+    model = importlib.import_module(name).build(**arguments)
     result = rcp.solve(model, mesh_tolerance=None)
     result.raise_for_status()
     assert result.objective <= published + tolerance
@@ -129,8 +120,44 @@ def test_the_full_size_is_as_good_as_published_and_feasible(problem: str) -> Non
     ("name", "corrected"), [("pendulum", {"inertia": "physical"}), ("acrobot", {"gravity_arm": "physical"})]
 )
 def test_a_corrected_slip_changes_the_problem(name: str, corrected: dict[str, str]) -> None:
-    example = load(name)
+    example = importlib.import_module(name)
     published, physical = (rcp.solve(example.build(elements=40, **options)) for options in ({}, corrected))
     assert published.solved
     assert physical.solved
     assert abs(published.objective - physical.objective) > 1.0
+
+
+# --------------------------------------------------------------------
+# What is learned is worth something: plans by it end where the ball then is.
+
+
+def test_a_plan_by_the_learned_model_leads_the_ball_nearer_to_its_end_than_one_by_known_terms(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pytest.importorskip("scipy")
+    model = maze.build("outer", samples=300)
+    assert rcp.solve(model).solved
+    plan = model.roll.trajectory()
+    error = abs(maze.tried(model)[-1] - plan.theta[-1])
+    assert error < 0.1
+
+    def nothing(X: np.ndarray) -> np.ndarray:
+        return np.zeros(len(X))
+
+    known = maze.learned("outer", 300)
+    nothing_learned = rcp.Function(nothing, lambda X: np.zeros_like(X), lambda X: np.zeros((*X.shape, X.shape[1])))
+    monkeypatch.setattr(maze, "learned", lambda ring, samples: maze.LearnedRing(known.weights, nothing_learned))
+    by_known_terms = maze.build("outer", samples=300)
+    assert rcp.solve(by_known_terms).solved
+    without = abs(maze.tried(by_known_terms)[-1] - by_known_terms.roll.trajectory().theta[-1])
+    assert error < 0.5 * without
+
+
+def test_the_servo_step_is_the_flow_of_its_equation() -> None:
+    state = np.array([[0.3], [0.2], [0.05], [-0.4], [-0.02], [0.3]])
+    commands = np.array([[0.03], [-0.06]])
+    exact = maze.simulate_step("outer", state, commands, parts=200)
+    for row, command in ((2, 0.03), (4, -0.06)):
+        np.testing.assert_allclose(
+            maze.servo_step(state[row], state[row + 1], command), exact[row : row + 2], rtol=1e-9
+        )

@@ -1,10 +1,7 @@
 """Examples around obstacles keep their clearances, checked afresh: densely between the nodes, by another library."""
 
-from __future__ import annotations
-
-import importlib.util
+from importlib import import_module
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,23 +10,9 @@ import pytest
 
 import pyrobocop_pyomo as rcp
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
 SAMPLES, SLACK = 400, 1e-3  # per interval; metres
 
 pytestmark = pytest.mark.casadi
-
-
-@pytest.fixture
-def load(monkeypatch: pytest.MonkeyPatch) -> Any:
-    monkeypatch.syspath_prepend(str(EXAMPLES))  # pushing_among_obstacles takes the slider of planar_pushing
-
-    def example(name: str) -> Any:
-        spec = importlib.util.spec_from_file_location(f"example_{name}", EXAMPLES / f"{name}.py")
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        return module
-
-    return example
 
 
 def solved(model: pyo.ConcreteModel, safe: bool | None = True) -> rcp.SolveResult:
@@ -63,8 +46,8 @@ def least_planar_distance(corners: Any, x: Any, y: Any, theta: Any, obstacles: A
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", ["reverse", "parallel"])
-def test_a_parking_car_keeps_its_distance_and_parks(load: Any, case: str) -> None:
-    example = load("parking")
+def test_a_parking_car_keeps_its_distance_and_parks(case: str) -> None:
+    example = import_module("parking")
     m = example.build(case)
     solved(m)
     x, y, theta, v, steering = sampled(m.drive, "x", "y", "theta", "v", "steering")
@@ -77,8 +60,8 @@ def test_a_parking_car_keeps_its_distance_and_parks(load: Any, case: str) -> Non
 
 
 @pytest.mark.slow
-def test_a_pushed_slider_keeps_its_distance_from_the_squares(load: Any) -> None:
-    example, case = load("pushing_among_obstacles"), "turned-slot"
+def test_a_pushed_slider_keeps_its_distance_from_the_squares() -> None:
+    example, case = import_module("pushing_among_obstacles"), "turned-slot"
     m = example.build(case, elements=52)
     solved(m, safe=None)  # forces at the edge of the friction cone leave the slip under the controls open
     pose = sampled(m.push, "x", "y", "theta")
@@ -89,8 +72,8 @@ def test_a_pushed_slider_keeps_its_distance_from_the_squares(load: Any) -> None:
 
 
 @pytest.mark.slow
-def test_a_quadrotor_gets_through_the_window_and_not_through_the_wall(load: Any) -> None:
-    example, case = load("quadrotor_window"), "narrow"
+def test_a_quadrotor_gets_through_the_window_and_not_through_the_wall() -> None:
+    example, case = import_module("quadrotor_window"), "narrow"
     m = example.build(case, elements=16)
     solved(m)
     *position, roll, pitch, yaw = sampled(m.flight, "x", "y", "z", "roll", "pitch", "yaw")
@@ -119,8 +102,8 @@ def test_a_quadrotor_gets_through_the_window_and_not_through_the_wall(load: Any)
 
 
 @pytest.mark.parametrize("case", ["one", "two"])
-def test_the_small_car_keeps_its_distance(load: Any, case: str) -> None:
-    example = load("car_between_obstacles")
+def test_the_small_car_keeps_its_distance(case: str) -> None:
+    example = import_module("car_between_obstacles")
     m = example.build(case)
     result = solved(m)
     assert result.safety.equations  # of which 50 elements of order one are too few: the mesh got finer
@@ -137,9 +120,9 @@ def test_the_small_car_keeps_its_distance(load: Any, case: str) -> None:
         assert 35.2 < of_plan.objective < 36
 
 
-def test_the_footprint_of_the_small_car_points_where_it_drives(load: Any) -> None:
+def test_the_footprint_of_the_small_car_points_where_it_drives() -> None:
     """Heading is clockwise from the y axis: a footprint turned by +theta would be the mirror image."""
-    b = load("car_between_obstacles").build("one").drive
+    b = import_module("car_between_obstacles").build("one").drive
     b.theta[b.final_time] = 0.3
     pose = b.avoid.motion.pose_at_node(b.avoid.record.scene.bodies["car"].pose, b.final_time)
     rotation, _ = pose.numbers()
@@ -148,9 +131,9 @@ def test_the_footprint_of_the_small_car_points_where_it_drives(load: Any) -> Non
     assert rotation @ [0, 1] == pytest.approx(rates)
 
 
-def test_the_links_of_the_arm_stay_clear_and_the_arm_folds(load: Any) -> None:
+def test_the_links_of_the_arm_stay_clear_and_the_arm_folds() -> None:
     shapely = pytest.importorskip("shapely")
-    example = load("two_link_arm")
+    example = import_module("two_link_arm")
     m = example.build(elements=20)
     solved(m)
     q1, q2 = sampled(m.reach, "q1", "q2")
@@ -166,9 +149,9 @@ def test_the_links_of_the_arm_stay_clear_and_the_arm_folds(load: Any) -> None:
     assert np.abs(q2).max() > 1.5
 
 
-def test_one_of_two_equal_cars_gives_way(load: Any) -> None:
+def test_one_of_two_equal_cars_gives_way() -> None:
     shapely = pytest.importorskip("shapely")
-    example = load("crossing")
+    example = import_module("crossing")
     m = example.build(elements=20)
     solved(m)
     cars = {}

@@ -1,10 +1,6 @@
 """Examples with linked phases, held to what is known about them in closed form."""
 
-from __future__ import annotations
-
-import runpy
-from pathlib import Path
-from typing import Any
+from importlib import import_module
 
 import numpy as np
 import pyomo.environ as pyo
@@ -12,22 +8,12 @@ import pytest
 
 import pyrobocop_pyomo as rcp
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
-
 pytestmark = pytest.mark.casadi
-
-
-def example(name: str) -> Any:
-    return type(name, (), {key: staticmethod(value) if callable(value) else value for key, value in _run(name).items()})
-
-
-def _run(name: str) -> dict[str, Any]:
-    return runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name=name)
 
 
 @pytest.mark.parametrize("elements", [1, 3])
 def test_a_dropped_ball_meets_the_floor_when_it_must(elements: int) -> None:
-    ball = example("bouncing_ball")
+    ball = import_module("bouncing_ball")
     m = ball.build("drop", bounces=4, elements=elements)
     rcp.solve(m).raise_for_status()
     joined = rcp.join_trajectories(m.flights.values())
@@ -41,7 +27,7 @@ def test_a_dropped_ball_meets_the_floor_when_it_must(elements: int) -> None:
 
 @pytest.mark.parametrize("bounces", [1, 2, 5])
 def test_the_slowest_throw_is_that_of_the_formula(bounces: int) -> None:
-    ball = example("bouncing_ball")
+    ball = import_module("bouncing_ball")
     m = ball.build("throw", bounces=bounces)
     rcp.solve(m).raise_for_status()
     assert pyo.value(m.squared_speed) == pytest.approx(ball.smallest_squared_speed(bounces), abs=1e-8)
@@ -58,7 +44,7 @@ def energy(m: pyo.ConcreteModel) -> tuple[float, float]:
 
 @pytest.mark.parametrize("case", ["leap", "gait"])
 def test_the_hopper_loses_no_energy_at_lift_off_and_verifies(case: str) -> None:
-    m = example("hopper").build(case)
+    m = import_module("hopper").build(case)
     rcp.solve(m).raise_for_status()
     assert m.lift_off.violation < 1e-8
     before, after = energy(m)
@@ -69,7 +55,7 @@ def test_the_hopper_loses_no_energy_at_lift_off_and_verifies(case: str) -> None:
 
 
 def test_the_gait_closes_in_all_but_the_distance() -> None:
-    m = example("hopper").build("gait")
+    m = import_module("hopper").build("gait")
     rcp.solve(m).raise_for_status()
     stance, flight = m.stance.trajectory(), m.flight.trajectory()
     angle, leg = stance.angle[-1], stance.leg[-1]
@@ -83,7 +69,7 @@ def test_the_gait_closes_in_all_but_the_distance() -> None:
 
 
 def test_a_leap_reaches_the_ledge_and_its_flight_is_a_parabola() -> None:
-    m = example("hopper").build("leap")
+    m = import_module("hopper").build("leap")
     rcp.solve(m).raise_for_status()
     flight = m.flight.trajectory()
     assert (flight.x[-1], flight.y[-1]) == pytest.approx((0.6, 1.5), abs=1e-9)
@@ -91,18 +77,18 @@ def test_a_leap_reaches_the_ledge_and_its_flight_is_a_parabola() -> None:
     assert flight.y[-1] - flight.y[0] == pytest.approx(flight.v_y[0] ** 2 / (2 * 9.81), abs=1e-9)
 
 
-def test_without_damping_the_run_costs_nothing() -> None:
+def test_without_damping_the_run_costs_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """A spring-loaded pendulum runs by itself: the motor of the periodic gait rests."""
-    hopper = _run("hopper")
-    hopper["ground_force"].__globals__["DAMPING"] = 0.0
-    m = hopper["build"]("gait")
+    hopper = import_module("hopper")
+    monkeypatch.setattr(hopper, "DAMPING", 0.0)
+    m = hopper.build("gait")
     rcp.solve(m).raise_for_status()
     assert pyo.value(m.effort_per_distance) == pytest.approx(0.0, abs=1e-6)
     assert np.abs(m.stance.trajectory().motor).max() < 1e-2
 
 
 def test_the_best_faces_are_those_that_solving_one_by_one_finds() -> None:
-    pushing = example("mode_enumeration")
+    pushing = import_module("mode_enumeration")
     sequences = rcp.studies.mode_sequences(
         ["left", "bottom"], range(1, 3), allowed=lambda before, after: before != after
     )
@@ -118,8 +104,57 @@ def test_the_best_faces_are_those_that_solving_one_by_one_finds() -> None:
 
 
 def test_steps_that_know_no_flights_bounce_at_the_same_times() -> None:
-    ball = example("bouncing_ball")
+    ball = import_module("bouncing_ball")
     stepped = ball.step_through(1.2, elements=150)
     rebounds = stepped.time[1:][(np.diff(stepped.v_y) > 0)]
     np.testing.assert_allclose(rebounds, ball.impact_times(4)[: len(rebounds)], atol=0.03)
     assert len(rebounds) == 2
+
+
+# --------------------------------------------------------------------
+# The examples with friction and switches, held to their closed forms.
+
+
+def test_riding_the_belt_costs_no_more_than_the_best_brake() -> None:
+    example = import_module("stick_slip")
+    m = example.build("ride")
+    result = rcp.solve(m)
+    result.raise_for_status()
+    assert result.objective == pytest.approx(example.smallest_effort(), rel=1e-3)
+    found = m.motion.trajectory()
+    sticks = (found.points > 0.6) & (found.points < 2.4)
+    assert found(found.points)["v"][sticks] == pytest.approx(example.BELT, abs=1e-5)
+    assert np.abs(found.force[sticks]).max() < 1e-2  # riding is free
+    assert found.verify().largest_violation < 1e-6
+    assert found.verify().horizon_error < 1e-6
+
+
+@pytest.mark.parametrize(("elements", "tolerance"), [(30, 4e-4), (60, 1e-4)])
+def test_the_spring_lets_go_when_it_is_as_strong_as_friction(elements: int, tolerance: float) -> None:
+    example = import_module("stick_slip")
+    m = example.build("spring", elements=elements)
+    rcp.solve(m).raise_for_status()
+    found = m.motion.trajectory()
+    x, v = example.swing(found.time)
+    assert found.x == pytest.approx(x, abs=tolerance)
+    assert found.v == pytest.approx(v, abs=2 * tolerance)
+    stuck = found.points < 1
+    assert found.friction[stuck] == pytest.approx(example.STIFFNESS * found(found.points)["x"][stuck], abs=1e-3)
+
+
+@pytest.mark.parametrize("case", ["turbo", "hysteresis"])
+def test_the_car_takes_the_minimal_time_and_switches_at_its_thresholds(case: str) -> None:
+    example = import_module("turbo_car")
+    m = example.build(case)
+    result = rcp.solve(m)
+    result.raise_for_status()
+    assert result.objective == pytest.approx(example.minimal_time(case), rel=1e-7)
+    found = m.drive.trajectory()
+    boundaries = np.array(found.grid.mesh.boundaries)
+    v = np.append(found.element_states("v")[:, 0], found.v[-1])
+    turbo = found.element_signals("turbo")[:, 0]
+    on, off = np.flatnonzero(np.abs(np.diff(turbo)) > 0.5) + 1
+    assert v[on] == pytest.approx(example.ON, abs=1e-7)
+    assert v[off] == pytest.approx(example.ON if case == "turbo" else example.OFF, abs=1e-7)
+    assert boundaries[on] == pytest.approx(example.ON / example.PLAIN, abs=1e-6)
+    assert found.verify().horizon_error is None  # its pairs stand beside the phase, at points alone

@@ -1,7 +1,5 @@
 """Every textbook example is short, runs as a script on few elements, and shows its number beside the published one."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import runpy

@@ -1,35 +1,19 @@
 """The truss robot rolls over on a tube of one length, and motors can follow its shapes."""
 
-from __future__ import annotations
-
-import importlib.util
 import subprocess
 import sys
 from itertools import pairwise
-from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
+import truss_robot as truss
 
 import pyrobocop_pyomo as rcp
 
 Figure = pytest.importorskip("matplotlib.figure").Figure
 
-PATH = Path(__file__).parents[2] / "examples" / "truss_robot.py"
 
-
-@pytest.fixture(scope="module")
-def truss() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("truss_robot", PATH)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["truss_robot"] = module
-    spec.loader.exec_module(module)
-    yield module
-    del sys.modules["truss_robot"]
-
-
-def lengths_of(truss: ModuleType, nodes: np.ndarray) -> np.ndarray:
+def lengths_of(nodes: np.ndarray) -> np.ndarray:
     return np.stack(
         [
             np.linalg.norm(nodes[:, truss.NODES.index(i)] - nodes[:, truss.NODES.index(j)], axis=1)
@@ -39,7 +23,7 @@ def lengths_of(truss: ModuleType, nodes: np.ndarray) -> np.ndarray:
     )
 
 
-def test_nodes_that_roll_have_the_lengths_that_they_were_given_and_do_not_slip(truss):
+def test_nodes_that_roll_have_the_lengths_that_they_were_given_and_do_not_slip():
     # An equilateral triangle that turns over its front foot, with edges that differ a little from the planned ones.
     foot = np.array([truss.SIDE, 0.0])
     corners = np.array([[0.0, 0.0], foot, [truss.SIDE / 2, truss.HEIGHT]]) - foot
@@ -47,24 +31,24 @@ def test_nodes_that_roll_have_the_lengths_that_they_were_given_and_do_not_slip(t
     turns = np.array([[[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]] for a in angles])
     planned = corners @ turns + foot
     presses = np.tile([0.0, 47.0, 1.0], (13, 1))
-    lengths = lengths_of(truss, planned) + np.random.default_rng(1).uniform(-0.03, 0.03, (13, 3))
+    lengths = lengths_of(planned) + np.random.default_rng(1).uniform(-0.03, 0.03, (13, 3))
     nodes = truss.rolled(lengths, planned, presses)
-    assert lengths_of(truss, nodes) == pytest.approx(lengths, abs=1e-12)
+    assert lengths_of(nodes) == pytest.approx(lengths, abs=1e-12)
     assert nodes[:, 1] == pytest.approx(np.tile(foot, (13, 1)), abs=1e-12)
-    exact = truss.rolled(lengths_of(truss, planned), planned, presses)
+    exact = truss.rolled(lengths_of(planned), planned, presses)
     assert exact == pytest.approx(planned, abs=1e-9)
 
 
 @pytest.mark.ipopt
 @pytest.mark.slow
-def test_the_truss_walks_and_motors_follow(truss, tmp_path):
+def test_the_truss_walks_and_motors_follow(tmp_path):
     m, result = truss.search(steps=30, backend=None, tee=False)
     assert result.quality is rcp.Quality.OPTIMAL
     plan = m.truss.trajectory()
     assert plan.verify().largest_violation < 1e-5
     nodes, lengths, _, presses = truss.plan_of(m)
     assert lengths.sum(axis=1) == pytest.approx(truss.TUBE, abs=1e-6)
-    assert lengths_of(truss, nodes) == pytest.approx(lengths, abs=1e-6)
+    assert lengths_of(nodes) == pytest.approx(lengths, abs=1e-6)
     assert nodes[-1, :, 0].mean() - nodes[0, :, 0].mean() == pytest.approx(1.0, abs=1e-6)
     assert nodes[..., 1].min() > -1e-6
     # It rolls over: other nodes carry it in the end.
@@ -83,7 +67,7 @@ def test_the_truss_walks_and_motors_follow(truss, tmp_path):
 
 
 @pytest.mark.casadi
-def test_nodes_walk_as_a_team(truss):
+def test_nodes_walk_as_a_team():
     """What the team agrees on holds by the equations of motion and Coulomb's law, recomputed."""
     m, result = truss.search(together=True, steps=30, backend=None, tee=False)
     score = result.score
@@ -100,7 +84,7 @@ def test_nodes_walk_as_a_team(truss):
 
 
 def test_the_script_reads_its_command_line():
-    asked = [sys.executable, "-W", "error", PATH, "--help"]
+    asked = [sys.executable, "-W", "error", truss.__file__, "--help"]
     ended = subprocess.run(asked, capture_output=True, text=True, timeout=900)
     assert ended.returncode == 0, ended.stderr
     assert "--coarse" in ended.stdout

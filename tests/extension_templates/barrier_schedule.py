@@ -1,7 +1,5 @@
 """Template of a schedule that follows the barrier parameter: delta moves inside one solve."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

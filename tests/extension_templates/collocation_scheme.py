@@ -1,7 +1,5 @@
 """Template of a collocation scheme: choose the points, everything else follows."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pyrobocop_pyomo.schemes import Scheme

@@ -1,7 +1,5 @@
 """Template of a grouping: which pairs share a row."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Template of a relaxation: what bounds a product of two nonnegative sides."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

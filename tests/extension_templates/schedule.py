@@ -1,7 +1,5 @@
 """Template of a schedule: the values of delta, one per solve."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

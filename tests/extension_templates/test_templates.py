@@ -1,7 +1,5 @@
 """Each template does its work: it is taken where a word is, and keeps the contract of its kind."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Shortest paths on grids have the length of steps across faces, edges and corners, and pass no impassable cell."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

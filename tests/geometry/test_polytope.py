@@ -1,7 +1,5 @@
 """Shapes: corners and half-spaces are two names of one set, and what is no shape is refused by name."""
 
-from __future__ import annotations
-
 import logging
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Poses turn counter-clockwise, compose, and hold numbers and expressions alike."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

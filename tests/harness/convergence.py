@@ -1,7 +1,5 @@
 """Measuring the order of convergence."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Small models of pyomo.dae, and a picture of everything that a refusal must not change."""
 
-from __future__ import annotations
-
 import pyomo.environ as pyo
 from pyomo.dae import ContinuousSet, DerivativeVar, Integral
 
@@ -30,8 +28,9 @@ def driven_tank(points=(0, 2), **options):
     return m
 
 
-def solved(m):
-    rcp.solve(m, progress=False, options={"tol": 1e-11}).raise_for_status()
+def solved(m, **options):
+    tight = {"tol": 1e-12, "constr_viol_tol": 1e-13, "bound_relax_factor": 0.0}
+    rcp.solve(m, progress=False, options=tight, **options).raise_for_status()
     return m
 
 

@@ -1,7 +1,5 @@
 """Factorisations compared with dense algebra."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pyrobocop_pyomo.errors import EvaluationError

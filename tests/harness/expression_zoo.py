@@ -1,7 +1,5 @@
 """Models with every kind of expression, each with a box in which all of its functions are smooth."""
 
-from __future__ import annotations
-
 import math
 
 import pyomo.environ as pyo

@@ -1,7 +1,5 @@
 """Moving bodies for tests: scenes on plain points and on phases, and distances by another library."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Random models whose named Expressions use each other: what an AMPL Solver Library has to differentiate rightly."""
 
-from __future__ import annotations
-
 import random
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What Ipopt and the linear programs are really asked, and what a test can do to them meanwhile."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 import time

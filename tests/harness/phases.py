@@ -1,12 +1,11 @@
 """Small phases with known answers, and what can be asked of any built phase."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
+from mistakes.entries import driven
 from pyomo.core.expr.visitor import identify_variables
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import structural_rank
@@ -24,6 +23,13 @@ def oscillators(**options: Any) -> pyo.ConcreteModel:
     m.swing.x = rcp.State(initial=1, initial_guess=1)
     m.swing.y = rcp.State(initial=1, initial_guess=1)
     m.swing.ode(oscillate)
+    return m
+
+
+def cart(**options: Any) -> pyo.ConcreteModel:
+    """A mass that goes from 0 to 1 and rests there, at the least effort: 12 / duration**3 where its force suffices."""
+    m = pyo.ConcreteModel(name="cart")
+    driven(m, **options)
     return m
 
 

@@ -1,7 +1,5 @@
 """A nonlinear program from arrays, for tests of what works on numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

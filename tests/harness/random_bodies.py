@@ -1,7 +1,5 @@
 """Random bodies and poses for the tests of geometry and obstacles."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pyrobocop_pyomo.geometry import Polytope, Pose, planar_pose, spatial_pose

@@ -1,7 +1,5 @@
 """Symmetric matrices as interior-point methods make them: entries in either triangle, in an order without meaning."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

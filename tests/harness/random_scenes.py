@@ -1,7 +1,5 @@
 """Random planning problems in the plane: one body among convex obstacles, from one side of them to the other."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

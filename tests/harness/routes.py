@@ -1,7 +1,5 @@
 """Every way to Ipopt, each where it is there."""
 
-from __future__ import annotations
-
 import pytest
 
 BACKENDS = [

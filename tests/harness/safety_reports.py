@@ -1,7 +1,5 @@
 """Reports about motions that nobody has proven."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pyrobocop_pyomo.motion.safety_report import BodyPairSafety, SafetyReport

@@ -1,7 +1,5 @@
 """Small scenes with obstacles, to be stated in several ways."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

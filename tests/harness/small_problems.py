@@ -1,7 +1,5 @@
 """Small problems with known answers, and the ways to solve them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import pyomo.environ as pyo

@@ -1,14 +1,10 @@
 """Several ways to spend time in this package, each with a time limit that it has to keep."""
 
-from __future__ import annotations
-
 import contextlib
-import importlib.util
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
-from types import ModuleType
+from importlib import import_module as example
 from typing import Any
 
 import pyomo.environ as pyo
@@ -18,19 +14,11 @@ from known_mpccs.generated import _crossed
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import EvaluationError, SolveFailed
 
-from .belt_drive import belt_drive
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
-
-
-def example(name: str) -> ModuleType:
-    """The module of an example, which is in no package."""
-    spec = importlib.util.spec_from_file_location(f"example_{name}", EXAMPLES / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def belt_drive(elements: int = 200, duration: float = 6.0) -> pyo.ConcreteModel:
+    """Two point masses, joined by a spring and damper; the upper one is pulled, the lower one meets the pulley."""
+    build = example("belt_drive").build
+    return build("first", elements=(elements, 1), durations=(duration, 1.0))
 
 
 def crossed_pairs(pairs: int, seed: int = 41) -> pyo.ConcreteModel:
@@ -48,37 +36,6 @@ def weighted_pairs(pairs: int = 60) -> pyo.ConcreteModel:
     return model
 
 
-def sequence_of_pushes(sequence: tuple[str, ...]) -> pyo.ConcreteModel:
-    """Two linked phases of a mass that is thrown against a wall, in a field of force that is soft or hard."""
-    m = pyo.ConcreteModel(name=" - ".join(sequence))
-    m.legs = rcp.PhaseBlock(list(enumerate(sequence)), rule=_push, elements=30, scheme="implicit_euler", duration=1.5)
-    m.joints = rcp.Link(m.legs)
-    first, *_, last = m.legs.values()
-    first.gap[first.initial_time].fix(1.0)
-    first.speed[first.initial_time].fix(-1.0)
-    m.cost = pyo.Objective(
-        expr=sum(leg.integral(_effort) for leg in m.legs.values()) + last.speed[last.final_time] ** 2
-    )
-    return m
-
-
-def _push(b: Any, k: int, mode: str) -> None:
-    b.gap, b.speed = rcp.State(bounds=(0, None), initial_guess=0.5), rcp.State()
-    b.contact = rcp.Algebraic(bounds=(0, None))
-    b.push = rcp.Control(bounds=(-2, 2))
-    stiffness = {"soft": 1.0, "hard": 30.0}[mode]
-    b.ode(lambda b, t: {b.gap: b.speed[t], b.speed: b.push[t] + b.contact[t] - pyo.sin(stiffness * b.gap[t])})
-    b.complementarity(_wall)
-
-
-def _wall(b: Any, t: float) -> Any:
-    return rcp.complements(b.gap[t] >= 0, b.contact[t] >= 0)
-
-
-def _effort(b: Any, t: float) -> Any:
-    return b.push[t] ** 2 + 4 * (b.gap[t] - 0.1) ** 2
-
-
 def _solve(model: Any, limit: float) -> Sequence[Any]:
     return [rcp.solve(model, time_limit=limit, progress=False)]
 
@@ -89,12 +46,6 @@ def _solve_and_differentiate(model: Any, limit: float) -> Sequence[Any]:
         with contextlib.suppress(EvaluationError):
             rcp.studies.sensitivity(model, result, model.weight)
     return [result]
-
-
-def _sequences(build: Any, limit: float) -> Sequence[Any]:
-    sequences = rcp.studies.mode_sequences(["soft", "hard"], [2])
-    found = rcp.sweep(build, sequences, start_from=None, time_limit=limit, progress=False)
-    return [outcome.result for outcome in found if outcome.result is not None]
 
 
 def _starts(model: Any, limit: float) -> Sequence[Any]:
@@ -134,7 +85,6 @@ class TimedModel:
 TIMED_MODELS = (
     TimedModel("a hundred pairs", partial(crossed_pairs, 100)),
     TimedModel("obstacles", lambda: example("crossing").build(28)),
-    TimedModel("sequences of linked phases", lambda: sequence_of_pushes, _sequences, solves=4),
     TimedModel("sensitivity after a solve", weighted_pairs, _solve_and_differentiate),
     TimedModel("belt drive", partial(belt_drive, 60)),
     TimedModel("planar pushing", lambda: example("planar_pushing").build()),

@@ -1,7 +1,5 @@
 """Derivatives of models whose Expressions use each other, by every source of derivatives."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyomo.environ as pyo
 import pytest

@@ -1,7 +1,5 @@
 """The compiled solver, once for all tests of this folder."""
 
-from __future__ import annotations
-
 import pytest
 
 from pyrobocop_pyomo.linear_solver.library import LINEAR_SOLVER_NAME

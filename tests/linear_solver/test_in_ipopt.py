@@ -1,7 +1,5 @@
 """The linear solver inside Ipopt: many runs leave no memory behind, and Ctrl-C leaves the process usable."""
 
-from __future__ import annotations
-
 import os
 import resource
 import signal

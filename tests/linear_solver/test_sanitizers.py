@@ -1,7 +1,5 @@
 """The C code under the address and undefined-behaviour sanitizers."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a law states on a phase, without a solver: values that satisfy it, names, copies, refusals."""
 
-from __future__ import annotations
-
 import math
 import pickle
 from collections.abc import Callable

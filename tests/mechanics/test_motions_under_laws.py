@@ -1,7 +1,5 @@
 """Motions under contact laws whose course is known: solved from a guess that is wrong."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

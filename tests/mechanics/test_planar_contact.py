@@ -1,7 +1,5 @@
 """Laws of smooth gaps, of friction in the plane, and of what phases state of bodies, robots and contact."""
 
-from __future__ import annotations
-
 import math
 import pickle
 from typing import Any
@@ -169,44 +167,6 @@ def pushing(friction: float = 0.5) -> pyo.ConcreteModel:
     ROBOT.state_motion(m.me, m.push, start=(-0.2, 0.0), rest_at_end=False)
     planar.Contact(PUCK.shape, ROBOT.shape, friction=friction).state(m.me, m.body, m.push)
     return m
-
-
-@pytest.mark.parametrize("case", ["push", "leave", "stick", "slide"])
-@pytest.mark.ipopt
-def test_stick_slide_and_separate(case: str) -> None:
-    """Analytic cases of a robot driven by given forces at the flat side of a block that hardly turns.
-
-    Straight on, equal masses share the force. Held back, the robot leaves and the block stays. With a tangential force
-    that half of which friction can pass on, they move as one; above that, friction passes on what it can.
-    """
-    normal, tangential = {"push": (2.0, 0.0), "leave": (-2.0, 0.0), "stick": (4.0, 0.2), "slide": (4.0, 4.0)}[case]
-    block = planar.RigidBody(SHAPES["box"], mass=1.0, inertia=1e6)
-    m, grid = pyo.ConcreteModel(), {**GRID, "duration": 0.1, "elements": 1}
-    m.push = rcp.PhaseBlock(rule=block.state_wrench, **grid)
-    m.body, m.me = rcp.PhaseBlock(**grid), rcp.PhaseBlock(**grid)
-    block.state_motion(m.body, [m.push], start=(0.0, 0.0, 0.0))
-    touching = math.sqrt(0.15**2 - 1e-6) + 0.3 - 1e-4  # the core is smoothed: a little is left for the solver to close
-    ROBOT.state_motion(m.me, m.push, start=(-touching - 2e-4, 0.0), rest_at_end=False)
-    planar.Contact(block.shape, ROBOT.shape, friction=0.3).state(m.me, m.body, m.push)
-    end = m.me.points.last()
-    m.me.tau_x[end].fix(normal)
-    m.me.tau_y[end].fix(tangential)
-    m.cost = pyo.Objective(expr=m.me.c[end] + m.me.slip[end])
-    assert rcp.solve(m, strategies=rcp.Strategy(exploration=0.0)).solved
-    c, along = pyo.value(m.me.c[end]), pyo.value(m.me.alpha_plus[end] - m.me.alpha_minus[end])
-    robot, body = ([pyo.value(v[end]) for v in pair] for pair in ((m.me.vx, m.me.vy), (m.body.ux, m.body.uy)))
-    if case == "leave":
-        assert (c, along) == pytest.approx((0.0, 0.0), abs=1e-6)
-        assert (*robot, *body) == pytest.approx((-0.2, 0.0, 0.0, 0.0), abs=1e-6)
-        return
-    assert c == pytest.approx(normal / 2, abs=0.05)
-    if case == "slide":
-        # The robot slides towards positive y; on the left side the tangent points towards negative y.
-        assert along == pytest.approx(0.3 * c, rel=1e-4)
-        assert (robot[1], body[1]) == pytest.approx((0.1 * (4.0 - along), 0.1 * along), abs=2e-4)
-    else:
-        assert (along, robot[1]) == pytest.approx((tangential / 2, 0.1 * tangential / 2), abs=1e-4)
-        assert robot[1] == pytest.approx(body[1], abs=1e-5)
 
 
 # ----------------------------------------------------------------- what is refused

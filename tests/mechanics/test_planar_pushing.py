@@ -1,7 +1,5 @@
 """Laws of quasi-static pushing."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The physical score passes a plan that was made by hand from the laws of motion, and finds every fault put into it."""
 
-from __future__ import annotations
-
 import copy
 import itertools
 import math

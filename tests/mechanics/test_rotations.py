@@ -1,7 +1,5 @@
 """Turning a rotation matrix by a vector: exact, smooth at rest, and a rotation for ever; frames across a normal."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

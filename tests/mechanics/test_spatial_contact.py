@@ -1,7 +1,5 @@
 """Laws of gaps, friction and motion in space, and of what phases state of bodies, robots and contact."""
 
-from __future__ import annotations
-
 import math
 import pickle
 from typing import Any

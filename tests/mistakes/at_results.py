@@ -1,7 +1,5 @@
 """Mistakes at what a solve gives back, and at the names of the package."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pyrobocop_pyomo as rcp

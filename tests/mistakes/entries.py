@@ -5,8 +5,6 @@ An entry is a function ``(m, followed)`` that states a model. With ``followed=Fa
 decorator are what the answer has to name: the culprit first, then the remedy.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +12,7 @@ from typing import Any
 import pyomo.environ as pyo
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.diagnosis import Subject
 
 Statement = Callable[[Any, bool], Any]
 
@@ -48,6 +47,40 @@ def refused(*words: str) -> Callable[[Statement], Statement]:
 def fails(*words: str) -> Callable[[Statement], Statement]:
     """The solve raises, or ends without a solution; with the remedy it is solved."""
     return _enter(words, solves=True)
+
+
+@dataclass(frozen=True)
+class Diagnosed:
+    """A mistake that ``rcp.diagnose(model)`` finds, and which ``state(m, True)`` does not make.
+
+    Attributes
+    ----------
+    state : callable
+    subject : Subject
+        Of the finding.
+    words : str
+        Regular expression that its message has to match.
+    component : str
+        Name that it has to list.
+    """
+
+    state: Statement
+    subject: Subject
+    words: str
+    component: str
+
+
+DIAGNOSED: dict[str, Diagnosed] = {}
+
+
+def diagnosed(subject: Subject, words: str, component: str) -> Callable[[Statement], Statement]:
+    """The statement stands, and a diagnosis of the model has a finding."""
+
+    def enter(state: Statement) -> Statement:
+        DIAGNOSED[state.__name__.replace("_", " ")] = Diagnosed(state, subject, words, component)
+        return state
+
+    return enter
 
 
 def _enter(words: tuple[str, ...], solves: bool) -> Callable[[Statement], Statement]:

@@ -1,7 +1,5 @@
 """Mistakes in rules, relations, integrals and times."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Mistakes that show in a solve: no solution, no lower end, no value, a wrong scheme, a bad guess."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pyomo.environ as pyo

@@ -1,7 +1,5 @@
 """Mistakes in declarations, and in what is assigned where."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pyomo.environ as pyo
@@ -81,20 +79,6 @@ def bounds_the_wrong_way_round(m: Any, followed: bool) -> None:
     b.z = rcp.State(bounds=(-1, 1) if followed else (1, -1))
 
 
-@refused("the name 'x'", "is taken", "Choose another")
-def a_name_that_is_taken(m: Any, followed: bool) -> None:
-    b = cart(m)
-    setattr(b, "height" if followed else "x", rcp.State())
-
-
-@refused("second equation for state 'x'", "newton")
-def a_second_equation_for_a_state(m: Any, followed: bool) -> None:
-    b = cart(m)
-    b.ode(newton)
-    if not followed:
-        b.ode(lambda b, t: {b.x: b.u[t]})
-
-
 @refused("phase 'p' has no 'velocity'", "'x', 'v', 'u'")
 def a_name_that_was_never_declared(m: Any, followed: bool) -> None:
     b = cart(m)
@@ -124,13 +108,6 @@ def no_equations(m: Any, followed: bool) -> None:
     m.effort = pyo.Objective(expr=b.integral(effort))
     if followed:
         b.ode(newton)
-
-
-@fails("control 'w'", "appears in no equation", "Use it or remove it")
-def a_control_that_nothing_holds(m: Any, followed: bool) -> None:
-    b = driven(m)
-    if not followed:
-        b.w = rcp.Control(bounds=(0, 1))
 
 
 @fails("2 active objectives ('effort', 'late')", "add them up")

@@ -1,18 +1,19 @@
 """Every mistake of the catalogue is answered by its culprit and a remedy, and the remedy works when it is followed."""
 
-from __future__ import annotations
-
 import logging
+import re
 from typing import Any
 
 import pyomo.environ as pyo
 import pytest
+from harness.phases import contents
 from pyomo.core.base.block import Block
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.diagnosis import Subject
 
-from . import at_results, in_rules, in_solves, in_statements
-from .entries import MISTAKES
+from . import at_results, in_models, in_rules, in_solves, in_statements
+from .entries import DIAGNOSED, MISTAKES, Diagnosed
 
 STATED = [name for name, mistake in MISTAKES.items() if not mistake.solves]
 SOLVED = [name for name, mistake in MISTAKES.items() if mistake.solves]
@@ -60,7 +61,39 @@ def test_a_solve_names_what_is_wrong_and_its_remedy_leads_to_a_solution(name: st
     assert result.solved, str(result)
 
 
+def everything(m: Any) -> list[Any]:
+    """All components and rows by name, with the values, bounds and fixing of all variables."""
+    variables = list(m.component_data_objects(pyo.Var))
+    return [*contents(m), *((v.name, v.value, v.lb, v.ub, v.fixed) for v in variables)]
+
+
+def findings(mistake: Diagnosed, followed: bool) -> list[Any]:
+    m = pyo.ConcreteModel(name="cart")
+    mistake.state(m, followed)
+    before = everything(m)
+    found = rcp.diagnose(m).about(mistake.subject)
+    assert everything(m) == before
+    return [finding for finding in found if mistake.component in finding.components]
+
+
+@pytest.mark.parametrize("name", DIAGNOSED)
+def test_a_diagnosis_names_the_mistake_and_is_silent_without_it(name: str) -> None:
+    (finding,) = findings(DIAGNOSED[name], False)
+    assert finding.remedy.endswith((".", "?"))
+    assert re.search(DIAGNOSED[name].words, finding.message), finding.message
+    assert findings(DIAGNOSED[name], True) == []
+
+
+def test_right_models_have_no_finding() -> None:
+    m = pyo.ConcreteModel(name="cart")
+    in_models.pushed(m)
+    assert rcp.diagnose(m).findings == rcp.diagnose(m.p).findings == ()
+
+
 def test_the_catalogue_is_large_and_its_files_are_all_read() -> None:
     assert len(MISTAKES) >= 60
     homes = {mistake.state.__module__ for mistake in MISTAKES.values()}
     assert homes == {module.__name__ for module in (at_results, in_rules, in_solves, in_statements)}
+    # What measurements see is found by `estimate`, which has data; an outcome, by a solve.
+    of_others = {Subject.IDENTIFIABILITY, Subject.OUTCOME}
+    assert {mistake.subject for mistake in DIAGNOSED.values()} >= set(Subject) - of_others

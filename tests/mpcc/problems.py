@@ -1,7 +1,5 @@
 """Small complementarity programs whose stationary points are known by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 from harness.quadratic_program import QuadraticProgram
 

@@ -1,18 +1,27 @@
 """Kinds of stationarity, against their definitions."""
 
-from __future__ import annotations
+import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.sparse
 from harness.quadratic_program import QuadraticProgram
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from problems import sides
+from problems import at_origin, ipopt, ralph1, scholtes4, sides, trap
 
-from pyrobocop_pyomo.mpcc.branch import Branch
+from pyrobocop_pyomo.errors import EvaluationError
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
+from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE
+from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, BranchPoint, Certificate
+from pyrobocop_pyomo.mpcc.branch import Branch, branch_with, nearest_branch, restricted
+from pyrobocop_pyomo.mpcc.linear_programs import LinearProgram, LinearStatus
 from pyrobocop_pyomo.mpcc.linearisation import Linearisation
+from pyrobocop_pyomo.mpcc.lpec import steepest_branch
 from pyrobocop_pyomo.mpcc.multipliers import MultiplierProblem, classify, strong_multipliers
-from pyrobocop_pyomo.mpcc.problem import ComplementarityProgram
+from pyrobocop_pyomo.mpcc.problem import ComplementarityProgram, Sides
+from pyrobocop_pyomo.mpcc.sensitivity import derivatives
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 
@@ -98,3 +107,318 @@ def test_a_solver_that_shares_the_multiplier_between_row_and_side_changes_nothin
         found = strong_multipliers(program, point, branch, solver, sizes=np.ones(2))
         assert found is not None
         assert (found.nu[0], found.xi[0]) == pytest.approx((3.0, 1.0))
+
+
+# --------------------------------------------------------------------
+# From branch to branch, with a certificate at the end.
+
+
+needs_ipopt = pytest.mark.casadi
+
+
+@needs_ipopt
+@pytest.mark.parametrize("make", [ralph1, scholtes4])
+def test_b_stationary_points_that_are_not_strongly_stationary_are_certified(make):
+    program = make()
+    search = ActiveSetSearch(program, ipopt)
+    found = search.descend(search.polish(at_origin(program)))
+    assert search.certificate is Certificate.PROVEN
+    assert found.objective == pytest.approx(0.0, abs=1e-7)
+    kind = classify(MultiplierProblem(program, Linearisation.at(program.nlp, np.zeros(3)))).kind
+    assert kind is Stationarity.M
+
+
+@needs_ipopt
+def test_an_m_stationary_point_that_is_not_b_is_left_along_the_branch_that_descends():
+    program = trap()
+    wrong = Branch(np.array([False]), np.array([True]))  # y held at zero: x^2 + 1 is least at the origin
+    search = ActiveSetSearch(program, ipopt)
+    found = search.descend(at_origin(program, wrong))
+    assert search.certificate is Certificate.PROVEN
+    np.testing.assert_allclose(found.x, [0.0, 1.0], atol=1e-6)
+
+
+def many(pairs, gain, factor):
+    """In each pair b costs 1 and a, which is held at zero, gains a little: it is free to leave."""
+    c = factor * np.concatenate([np.full(pairs, -gain), np.ones(pairs)])
+    nlp = QuadraticProgram(c, H=np.diag(np.abs(c)), x_lower=np.zeros(2 * pairs))
+    return ComplementarityProgram(nlp, sides(np.arange(pairs)), sides(np.arange(pairs, 2 * pairs)))
+
+
+@needs_ipopt
+@pytest.mark.parametrize("factor", [1e-6, 1e-4, 1.0, 1e4, 1e6])
+@pytest.mark.parametrize(("pairs", "gain", "descends"), [(1, 1e-4, True), (300, 5e-7, True), (300, 5e-9, False)])
+def test_what_is_certified_does_not_depend_on_the_unit_of_the_objective(pairs, gain, descends, factor):
+    """Neither multipliers nor linear programs call a point stationary from which small steps of many pairs descend."""
+    program = many(pairs, gain, factor)
+    held = at_origin(program, Branch(np.ones(pairs, dtype=bool), np.zeros(pairs, dtype=bool)))
+    gradient = program.nlp.gradient(held.x)
+    solved = replace(
+        held.point, lower_multipliers=np.maximum(gradient, 0.0), upper_multipliers=np.maximum(-gradient, 0.0)
+    )
+    point = Linearisation.at(program.nlp, held.x)
+    strong = strong_multipliers(program, point, held.branch, solved, np.ones(2 * pairs))
+    steepest = steepest_branch(program, point, 1e-3, stay=held.branch)
+    assert (strong is None) == descends
+    assert (steepest.gain > 1e-5 * factor) == descends
+    assert steepest.gain == pytest.approx(pairs * gain * factor if descends else 0.0, rel=1e-3, abs=1e-5 * factor)
+    kind = classify(MultiplierProblem(program, point))
+    assert kind.residual == pytest.approx(0.0 if pairs == 1 else gain, rel=0.1)
+    assert kind.nu[0] == pytest.approx(-gain * factor if pairs == 1 else 0.0, abs=1e-9 * factor)
+
+
+@needs_ipopt
+def test_a_polished_point_is_exactly_complementary():
+    program = trap()
+    near = at_origin(program)
+    near = BranchPoint(replace(near.point, x=np.array([1e-4, 0.9999])), 1.0, 0.0, 1e-4)
+    found = ActiveSetSearch(program, ipopt).polish(near)
+    assert found.natural_residual == 0.0
+    np.testing.assert_allclose(found.x, [0.0, 1.0], atol=1e-6)
+
+
+@needs_ipopt
+def test_a_polish_that_ends_badly_is_not_kept():
+    program = trap()
+    start = at_origin(program, nearest_branch(program, np.zeros(2)))
+
+    def fails(nlp, start, iterations):
+        outcome = ipopt(nlp, start)
+        return type(outcome)(**{**vars(outcome), "x": np.array([0.0, 7.0])})
+
+    assert ActiveSetSearch(program, fails).polish(start) is start
+
+
+@needs_ipopt
+@pytest.mark.parametrize("status", [IpoptStatus.TIME_LIMIT, IpoptStatus.INTERRUPTED])
+def test_a_run_that_was_cut_replaces_no_solved_point(status):
+    program = trap()
+    wrong = Branch(np.array([False]), np.array([True]))
+
+    def cut(nlp, start, iterations):
+        return replace(ipopt(nlp, start), status=status)
+
+    start = at_origin(program, wrong)
+    assert ActiveSetSearch(program, cut).descend(start) is start
+
+
+@needs_ipopt
+def test_a_branch_is_not_tried_twice_from_the_same_point():
+    program = trap()
+    wrong = Branch(np.array([False]), np.array([True]))
+    runs = []
+
+    def fails(nlp, start, iterations):
+        runs.append(nlp)
+        outcome = ipopt(nlp, start)
+        return replace(outcome, x=np.array([0.0, 7.0]))
+
+    search = ActiveSetSearch(program, fails)
+    start = at_origin(program, wrong)
+    assert search.descend(start) is start
+    assert search.descend(start) is start
+    assert len(runs) == 1
+    assert search.certificate is Certificate.DESCENT
+
+
+def test_a_side_that_is_a_number_decides_its_pair():
+    """One positive: the other is zero. Zero: the other stays free."""
+    numbers = Sides(np.array([-1, -1, 0]), np.ones(3), np.array([2.0, 0.0, 0.0]))
+    variables = sides([1, 2, 3])
+    program = ComplementarityProgram(QuadraticProgram(np.zeros(4)), numbers, variables)
+    for wanted in ([True, True, True], [False, False, True]):
+        branch = branch_with(program, np.array(wanted))
+        assert branch.a_zero.tolist() == [False, True, True]
+        assert branch.b_zero.tolist() == [True, False, False]
+    nlp = restricted(program, branch)
+    assert (nlp.x_lower == nlp.x_upper).tolist() == [True, True, False, False]
+
+
+# --------------------------------------------------------------------
+# Linear programs: how they end, what their duals say, and limits of a search with integers.
+
+
+NUMBERS = st.integers(-3, 3).map(float)
+
+
+def test_a_limit_of_nodes_ends_the_search_and_is_told():
+    """Of each pair the sides gain at random, and one row takes only some: nothing is shown at the first node."""
+    k, random = 40, np.random.default_rng(0)
+    nlp = QuadraticProgram(
+        -random.uniform(1, 2, 2 * k),
+        A=random.uniform(0, 1, (20, 2 * k)),
+        g_upper=np.full(20, 4.0),
+        x_lower=np.zeros(2 * k),
+    )
+    program = ComplementarityProgram(nlp, sides(np.arange(k)), sides(k + np.arange(k)))
+    nodes: list[int] = []
+    found = steepest_branch(program, Linearisation.at(nlp, np.zeros(2 * k)), 1.0, node_limit=3, on_nodes=nodes.append)
+    assert found is None or not found.proven
+    assert nodes[0] <= 4
+
+
+def test_bounds_that_contradict_each_other_have_no_point():
+    def ends(lower: float, upper: float) -> tuple[LinearStatus, object, int]:
+        return LinearProgram(np.ones(1), np.array([lower]), np.array([upper])).solve(NO_DEADLINE)
+
+    assert ends(0.5, 0.2) == (LinearStatus.INFEASIBLE, None, 1)
+    assert ends(0.5, 1.0) == (LinearStatus.SOLVED, pytest.approx([0.5]), 1)
+
+
+@given(c=st.lists(NUMBERS, min_size=3, max_size=3), A=st.lists(NUMBERS, min_size=9, max_size=9))
+@settings(max_examples=40)
+def test_duals_say_by_how_much_the_least_cost_grows_with_each_bound(c, A):
+    """The rows have an upper, a lower, and both bounds, which are equal; a change by 1e-4 costs at least its dual."""
+    matrix = scipy.sparse.csr_array(np.array(A).reshape(3, 3))
+    lower, upper = np.array([-np.inf, -0.7, 0.0]), np.array([0.5, np.inf, 0.0])
+
+    def program(change: np.ndarray) -> LinearProgram:
+        return LinearProgram(np.array(c), -np.ones(3), np.ones(3), [(matrix, lower + change, upper + change)])
+
+    x, duals = program(np.zeros(3)).solve_with_duals(NO_DEADLINE)
+    assert np.dot(c, x) == pytest.approx(np.dot(c, program(np.zeros(3)).solve(NO_DEADLINE).x), abs=1e-7)
+    for change in 1e-4 * np.vstack([np.eye(3), -np.eye(3)]):
+        changed = program(change).solve(NO_DEADLINE).x
+        assert changed is None or np.dot(c, changed) >= np.dot(c, x) + duals @ change - 1e-7
+
+
+def test_threads_may_take_turns():
+    programs = [LinearProgram(np.array([-1.0]), np.zeros(1), np.array([float(size)])) for size in range(1, 9)]
+    found: dict[int, list[float]] = {}
+
+    def solve_all(thread: int) -> None:
+        found[thread] = [float(program.solve(NO_DEADLINE).x[0]) for _ in range(5) for program in programs]
+
+    threads = [threading.Thread(target=solve_all, args=(number,)) for number in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert all(answers == [float(size) for size in range(1, 9)] * 5 for answers in found.values())
+
+
+@given(c=st.lists(NUMBERS, min_size=4, max_size=4), A=st.lists(NUMBERS, min_size=8, max_size=8))
+@settings(max_examples=40)
+def test_multipliers_of_the_least_sum_leave_what_they_say_and_have_the_signs(c, A):
+    """Whatever they leave, the ones with the smallest largest residual leave no more."""
+    nlp = QuadraticProgram(np.array(c), A=np.array(A).reshape(2, 4), g_upper=[0.0, 0.0], x_lower=np.zeros(4))
+    program = ComplementarityProgram(nlp, sides([0, 1]), sides([2, 3]))
+    problem = MultiplierProblem(program, Linearisation.at(nlp, np.zeros(4)))
+    nearly = problem.find_nearly_strong()
+    best = problem.find(Stationarity.S)
+    assert best.residual <= nearly.residual + 1e-6
+    assert (nearly.nu >= 0.0).all()
+    assert (nearly.xi >= 0.0).all()
+    assert (nearly.rows >= 0.0).all()
+    left = np.array(c) + nlp.A.T @ nearly.rows - np.concatenate([nearly.nu, nearly.xi])
+    scale = max(1.0, float(np.abs(c).max()))
+    assert np.abs(left).max() / scale == pytest.approx(nearly.residual, abs=1e-9)
+    assert (nearly.residual <= 1e-6) == (best.residual <= 1e-6)
+
+
+# --------------------------------------------------------------------
+# Derivatives of a solution on arrays: the law of the implicit function, and refusals where it does not hold.
+
+
+def named(number: int) -> str:
+    return f"constraint {number}"
+
+
+def tracking(p: float, **bounds) -> QuadraticProgram:
+    """Minimise (x - p)^2 / 2 over x with the parameter p as the second variable."""
+    return QuadraticProgram([0, 0], H=[[1, -1], [-1, 1]], **bounds)
+
+
+@given(p=st.floats(-5, 5), shift=st.floats(-1e-7, 1e-7))
+def test_a_free_minimiser_follows_its_parameter_and_is_refined(p, shift):
+    found = derivatives(tracking(p), np.array([p + shift, p]), np.array([1]), named)
+    assert found.x == pytest.approx([p, p], abs=1e-10)
+    assert found.variables[:, 0] == pytest.approx([1.0, 1.0])
+    assert found.objective == pytest.approx([0.0], abs=1e-10)
+    assert found.active.size == 0
+
+
+@pytest.mark.parametrize("distance", [0.0, 1e-9, 1e-6])
+def test_an_active_bound_holds_the_variable_and_the_objective_moves(distance):
+    # Interior-point methods stop a little inside: how far does not matter.
+    nlp = tracking(-2.0, x_lower=[1.0, -np.inf])
+    found = derivatives(nlp, np.array([1.0 + distance, -2.0]), np.array([1]), named)
+    assert found.x[0] == 1.0
+    assert found.variables[0, 0] == 0.0
+    assert found.objective == pytest.approx([-3.0])  # d/dp of (1 - p)^2 / 2
+    assert list(found.active) == [0 + nlp.m]
+    assert found.multipliers == pytest.approx([-3.0])
+    assert found.multiplier_derivatives[0] == pytest.approx([1.0])
+
+
+def test_an_inactive_bound_nearby_does_not_hold():
+    nlp = tracking(1.0 + 1e-5, x_lower=[1.0, -np.inf])
+    found = derivatives(nlp, np.array([1.0 + 1e-5, 1.0 + 1e-5]), np.array([1]), named)
+    assert found.variables[0, 0] == pytest.approx(1.0)
+
+
+@given(
+    seed=st.integers(0, 10**6),
+    held=st.integers(0, 2),
+)
+def test_derivatives_of_random_quadratic_programs_are_those_of_their_linear_system(seed, held):
+    """With the active rows known, solution and multipliers are linear in p: differences are exact."""
+    generator = np.random.default_rng(seed)
+    n, k = 4, 2
+    root = generator.normal(size=(n, n))
+    H = root @ root.T + np.eye(n)
+    coupling, A = generator.normal(size=(n, k)), generator.normal(size=(held, n + k))
+    H_all = np.block([[H, coupling], [coupling.T, np.eye(k)]])
+    c = generator.normal(size=n + k)
+
+    def solution(p):
+        matrix = np.block([[H, A[:, :n].T], [A[:, :n], np.zeros((held, held))]])
+        right = -np.concatenate([c[:n] + coupling @ p, A[:, n:] @ p])
+        answer = np.linalg.solve(matrix, right)
+        z = np.concatenate([answer[:n], p])
+        return answer, c @ z + z @ H_all @ z / 2
+
+    p = generator.normal(size=k)
+    nlp = QuadraticProgram(c, H=H_all, A=A if held else None, g_lower=np.zeros(held), g_upper=np.zeros(held))
+    answer, _ = solution(p)
+    found = derivatives(nlp, np.concatenate([answer[:n], p]), np.array([n, n + 1]), named)
+    assert found.multipliers == pytest.approx(answer[n:], rel=1e-6, abs=1e-7)
+    for j, step in enumerate(np.eye(k)):
+        (forth, f_forth), (back, f_back) = solution(p + step), solution(p - step)
+        assert found.variables[:n, j] == pytest.approx((forth - back)[:n] / 2, rel=1e-6, abs=1e-7)
+        assert found.multiplier_derivatives[:, j] == pytest.approx((forth - back)[n:] / 2, rel=1e-6, abs=1e-7)
+        assert found.objective[j] == pytest.approx((f_forth - f_back) / 2, rel=1e-6, abs=1e-7)
+
+
+def test_a_bound_that_repeats_an_equation_does_not_count_twice():
+    nlp = tracking(2.0, A=[[3.0, 0.0]], g_lower=[0.0], g_upper=[0.0], x_lower=[0.0, -np.inf])
+    found = derivatives(nlp, np.array([0.0, 2.0]), np.array([1]), named)
+    assert list(found.active) == [0]
+    assert found.variables[0, 0] == 0.0
+
+
+@pytest.mark.parametrize("distance", [0.0, 1e-9, 3e-5])
+def test_a_bound_without_a_multiplier_is_refused_by_name(distance):
+    """Also where an interior-point method stopped beside it."""
+    nlp = tracking(1.0, x_lower=[1.0, -np.inf])
+    with pytest.raises(EvaluationError, match=r"strict complementarity fails: 1 inequalities .* constraint 0"):
+        derivatives(nlp, np.array([1.0 + distance, 1.0]), np.array([1]), named)
+
+
+def test_dependent_equations_are_refused_by_name():
+    rows = [[1, 1, 0, 0], [0, 1, 1, 0], [1, 2, 1, 0]]
+    nlp = QuadraticProgram([0] * 4, H=np.eye(4), A=rows, g_lower=[0] * 3, g_upper=[0] * 3)
+    message = r"linearly dependent.*among them: constraint 0, constraint 1, constraint 2\."
+    with pytest.raises(EvaluationError, match=message):
+        derivatives(nlp, np.zeros(4), np.array([3]), named)
+
+
+def test_a_flat_direction_is_refused_by_name():
+    nlp = QuadraticProgram([0, 0, 0], H=np.diag([1.0, 0.0, 1.0]))
+    with pytest.raises(EvaluationError, match=r"the solution is not unique"):
+        derivatives(nlp, np.zeros(3), np.array([2]), named)
+
+
+def test_a_point_that_is_no_solution_is_refused():
+    with pytest.raises(EvaluationError, match=r"moves constraint 0 from 0 to 2"):
+        derivatives(tracking(2.0), np.array([0.0, 2.0]), np.array([1]), named)

@@ -4,8 +4,6 @@ Where a problem is convex in every branch, and in every node whose pairs are par
 exact. Otherwise every branch is solved, from several starts.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterable, Sequence

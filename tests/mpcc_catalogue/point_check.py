@@ -1,7 +1,5 @@
 """An independent reading of pairs and points: shares no code with the package, and takes no solver's word."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """The best values, found again without any relaxation: branch by branch, by scanning, or by a bound and a point."""
 
-from __future__ import annotations
-
 import math
 
 import pyomo.environ as pyo

@@ -1,7 +1,5 @@
 """A compiled library is loaded only if it is there, made of the sources as they are, and can be loaded."""
 
-from __future__ import annotations
-
 import ctypes
 import subprocess
 import sys

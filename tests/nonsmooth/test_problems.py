@@ -1,7 +1,5 @@
 """Every nonsmooth problem is solved, assessed by the true motion, and keeps the laws of its mechanics."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

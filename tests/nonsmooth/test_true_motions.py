@@ -1,7 +1,5 @@
 """What plans are compared with: simulations that locate switches, held to closed forms."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from math import exp, log
 

@@ -4,8 +4,6 @@ Numbers are compared in the cells with the tag ``answer``; elsewhere they may ch
 residuals do, and the kinds of outputs are compared.
 """
 
-from __future__ import annotations
-
 import importlib.util
 from pathlib import Path
 from types import ModuleType

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from harness.phases import contents, free_variables, rank, rows
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import InitialGuessError, ModelError
+from pyrobocop_pyomo.errors import InitialGuessError, ModelError, PyRobocopError
 from pyrobocop_pyomo.phases import Declaration
 
 NAN, INF = float("nan"), float("inf")
@@ -54,6 +55,7 @@ DECLARATIONS = {
         "lower of its bounds between",
     ),
     "guess of a control too long": (rcp.Control(initial_guess=[0.0] * 7), "has 7 values; 3 elements need 3 or 6"),
+    "guess holds nan": (rcp.Control(initial_guess=[0, NAN, 0]), "value 1 of the initial guess is nan"),
     "guess is a matrix": (rcp.Control(initial_guess=np.zeros((2, 3))), r"has shape \(2, 3\)"),
     "guess function of a parameter": (
         rcp.Parameter(initial_guess=abs),
@@ -150,10 +152,6 @@ def equation_for_some(b: Any, t: float) -> Any:
     return [] if t < 0.5 else [b.x[t] == b.u[t]]
 
 
-def bare(b: Any, t: float) -> Any:
-    return b.x[t]
-
-
 STATEMENTS = {
     "ode names what is not": ("ode", lambda b, t: {"q": 1.0}, "'q' is no state"),
     "ode at some points": ("ode", lambda b, t: {b.x: 1.0} if t < 0.5 else {}, "gives no derivative of 'x' at t = 0"),
@@ -163,7 +161,6 @@ STATEMENTS = {
     "residual is an inequality": ("residual", inequality, "states the inequality .* Write ==, or use 'constraint'"),
     "residual is a number": ("residual", number, "returned 3.0 at t = .* expected an equality in variables"),
     "residual at some points": ("residual", equation_for_some, "states 0 equations at t = .* and 1 at t = "),
-    "constraint is bare": ("constraint", bare, "expected a relation such as 'expression <= 1'"),
 }
 
 
@@ -289,6 +286,7 @@ OPTIONS = {
         InitialGuessError,
         "the initial guess is -1; it must be pos",
     ),
+    "no elements": ({"elements": 0}, ModelError, "elements = 0; expected an integer of at least 1"),
     "mesh falls": (
         {"mesh": [0, 0.6, 0.5, 1]},
         ModelError,
@@ -391,3 +389,50 @@ def test_declaring_on_many_phases_at_once_is_refused() -> None:
         m.p.x = rcp.State()
     m.p[1].x = rcp.State()
     assert m.p[2].component("x") is None
+
+
+# --------------------------------------------------------------------
+# A slip in a rule is named with its remedy, and the phase stays as it was.
+
+
+@pytest.mark.parametrize(
+    ("rule", "message"),
+    [
+        (lambda b, t: {b.x: b.gain[t] * b.u[t]}, r"ode 'rule': its rule reads 'gain' at \[t\].*Write b\.gain\."),
+        (lambda b, t: {b.x: b.u[t] / (1.0 - t)}, r"divides numbers by zero at t = 1 .*scheme='gauss'"),
+    ],
+)
+def test_a_slip_is_named_with_its_remedy(rule: Callable[..., Any], message: str) -> None:
+    m = pyo.ConcreteModel()
+    m.go = b = rcp.PhaseBlock(duration=1.0, elements=2)
+    b.x, b.u, b.gain = rcp.State(initial=0), rcp.Control(), rcp.Parameter(bounds=(0, 1))
+    before = list(b.component_map())
+    with pytest.raises(ModelError, match=message):
+        b.ode(rule, name="rule")
+    assert list(b.component_map()) == before
+
+
+SINGULAR = lambda t: 1 / (1 - t)  # noqa: E731
+
+
+@pytest.mark.parametrize(
+    ("state", "control", "rule"),
+    [
+        ({}, {}, lambda b, t: b.x[t] ** 2 / (1 - t)),  # where Pyomo's own error says nothing
+        ({}, {}, lambda b, t: b.u[t] ** 2 * (1 - t) ** -0.5),
+        ({}, {"bounds": lambda t: (0, SINGULAR(t))}, None),
+        ({"initial_guess": SINGULAR}, {}, None),
+        ({"history": lambda t: 1 / (t + 0.5)}, {}, lambda b, t: b.x.delayed(t, 1.5)),
+    ],
+)
+def test_what_divides_by_zero_is_named_with_the_time(state: Any, control: Any, rule: Any) -> None:
+    m = pyo.ConcreteModel()
+    m.go = b = rcp.PhaseBlock(duration=1.0, elements=2)
+
+    def state_all() -> None:
+        b.x, b.u = rcp.State(**state), rcp.Control(**control)
+        b.ode(lambda b, t: {b.x: b.u[t]})
+        b.integral(rule)
+
+    with pytest.raises(PyRobocopError, match=r"go': .*divides numbers by zero at t = (1|-0\.5) "):
+        state_all()

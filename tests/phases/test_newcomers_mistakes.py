@@ -92,14 +92,3 @@ def test_units_that_differ_are_refused_before_the_solve():
     m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
     with pytest.raises(ModelError, match="'p.velocity_collocation'.*not compatible.*correct the units"):
         rcp.solve(m)
-
-
-@pytest.mark.asl
-def test_a_constant_that_is_no_number_is_named():
-    m = pyo.ConcreteModel()
-    b = cart(m)
-    b.ode(lambda b, t: {b.x: b.velocity[t], b.velocity: b.u[t] + float("nan")})
-    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
-    result = rcp.solve(m, backend="asl")
-    assert not result.solved
-    assert "the number nan, in right-hand side of 'velocity' of phase 'p' at t = " in result.report()

@@ -1,11 +1,9 @@
 """Clearances over time: what is drawn is what the report says, and a plan's picture begins with its scene."""
 
-from __future__ import annotations
-
 import numpy as np
-import pyomo.environ as pyo
 import pytest
 from harness.moving import check, on_points
+from harness.scenes import avoiding, turning_move
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.motion import SafetyReport
@@ -67,34 +65,16 @@ def test_a_level_that_is_not_known_is_a_gap() -> None:
     assert levels[5.0] == 0.3
 
 
-def build(between: str | None) -> pyo.ConcreteModel:
-    m = pyo.ConcreteModel(name="cart")
-    m.drive = b = rcp.PhaseBlock(duration=4.0, elements=6)
-    b.x, b.y = rcp.State(initial=0, final=4), rcp.State(initial=0, final=0)
-    b.vx, b.vy = rcp.Control(), rcp.Control()
-    b.ode(lambda b, t: {b.x: b.vx[t], b.y: b.vy[t]})
-    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.vx[t] ** 2 + b.vy[t] ** 2))
-    b.initialize_straight_lines()
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time,
-        body=CART,
-        pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t]),
-        obstacles={"wall": rcp.Polytope.box(0.1, 2, center=(2.33, -0.3))},
-        clearance=0.05,
-        between=between,
-    )
-    return m
-
-
 @pytest.mark.casadi
 @pytest.mark.parametrize("between", ["plane", None])
 def test_a_plan_is_drawn_with_its_scene_first_and_an_unsafe_one_says_so_first(between: str | None) -> None:
-    m = build(between)
+    m = turning_move(elements=6)
+    avoiding(m, obstacles={"wall": rcp.Polytope.box(0.1, 2, center=(2.33, -0.3))}, between=between)
     result = rcp.solve(m)
     safe = between is not None
     assert result.safe is safe
     assert ("NOT SAFE" in str(result)) is (not safe)
-    m.drive.x.set_values(dict.fromkeys(m.drive.x, 0.0), skip_validation=True)  # the result keeps its own scene
+    m.move.x.set_values(dict.fromkeys(m.move.x, 0.0), skip_validation=True)  # the result keeps its own scene
     figure = result.plot()
     scene, _, clearances, objective, *_ = figure.axes
     assert scene.get_xlabel() == "x [m]"

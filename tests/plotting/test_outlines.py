@@ -1,7 +1,5 @@
 """What a convex shape looks like: outlines and faces hold the shape, no less and not much more."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

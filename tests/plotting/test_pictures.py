@@ -1,16 +1,17 @@
 """Pictures: what is drawn, and that no global state of Matplotlib is touched."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from matplotlib.figure import Figure
+from mechanism_pictures import draw_linkage, draw_planar_pushing
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.plotting import plot_signals
+from pyrobocop_pyomo.plotting import plot_history, plot_signals
+from pyrobocop_pyomo.plotting.figures import evenly_moved, time_colours
 
 pytest.importorskip("matplotlib")
 
@@ -72,3 +73,88 @@ def test_signals_can_be_drawn_without_a_trajectory() -> None:
     time = np.linspace(0, 1, 5)
     figure = plot_signals("mine", time, {"a": time}, {"a": (time, time)}, set())
     assert len(figure.axes) == 1
+
+
+# --------------------------------------------------------------------
+# Pictures of results: what is drawn where, and refusals.
+
+
+def chain(index) -> pyo.ConcreteModel:
+    m = pyo.ConcreteModel(name="chain")
+    m.i = pyo.Set(initialize=index, dimen=None)
+    m.a = pyo.Var(m.i, bounds=(0, None), initialize=1)
+    m.b = pyo.Var(m.i, bounds=(0, None), initialize=1)
+    m.one = rcp.Complementarity(m.i, rule=lambda m, *i: rcp.complements(m.a[i], m.b[i]))
+    m.cost = pyo.Objective(expr=sum((m.a[i] - 1 - n) ** 2 + (m.b[i] - 1) ** 2 for n, i in enumerate(m.i)))
+    return m
+
+
+@pytest.fixture(scope="module")
+def result() -> rcp.SolveResult:
+    return rcp.solve(chain([0.1, 0.3, 0.2]))
+
+
+@pytest.mark.casadi
+def test_the_history_has_every_run_and_marks_the_returned_one(result):
+    figure = result.plot()
+    upper, lower = figure.axes
+    (objective,) = [line for line in upper.lines if line.get_label() != "returned point"]
+    ends = np.cumsum([step.iterations for step in result.steps])
+    assert list(objective.get_xdata()) == list(ends)
+    assert list(objective.get_ydata()) == [step.objective for step in result.steps]
+    (marked,) = [line for line in upper.lines if line.get_label() == "returned point"]
+    assert marked.get_xdata()[0] == ends[result.best_step]
+    names = {line.get_label() for line in lower.lines}
+    assert {"delta", "mu", "largest product", "largest |min(first, second)|"} <= names
+    delta = next(line for line in lower.lines if line.get_label() == "delta")
+    path = [values for _, values in result.steps[0].path]
+    assert list(delta.get_ydata())[: len(path)] == path
+    assert lower.get_yscale() == "log"
+    figure.canvas.draw()
+
+
+def test_runs_of_one_kind_share_a_line_of_the_list():
+    labels = ["a", "a", "b", "a"]
+    figure = plot_history("t", np.arange(1.0, 5.0), labels, np.arange(4.0), {}, {}, 3)
+    texts = [text.get_text() for text in figure.axes[0].texts]
+    assert "1-2 a\n3 b\n4 a" in texts
+
+
+def test_many_kinds_of_runs_are_cut_short():
+    labels = [f"kind {i}" for i in range(20)]
+    figure = plot_history("t", np.arange(1.0, 21.0), labels, np.arange(20.0), {}, {}, 0)
+    assert figure.axes[0].texts[-1].get_text().endswith("... 20 runs")
+
+
+# --------------------------------------------------------------------
+# Drawing from plain arrays: which times are drawn, and where.
+
+
+def test_snapshots_follow_motion_not_time() -> None:
+    # A point that rests for nine tenths of the time and then moves steadily.
+    place = np.concatenate([np.zeros(90), np.linspace(0, 1, 11)])
+    chosen = evenly_moved(np.stack([place, 0 * place], axis=-1)[:, None, :], snapshots=6)
+    assert place[chosen] == pytest.approx([0, 0.2, 0.4, 0.6, 0.8, 1.0])
+
+
+def test_what_never_moves_is_drawn_at_its_start_and_end() -> None:
+    assert evenly_moved(np.zeros((20, 3, 2)), snapshots=8).tolist() == [0, 19]
+
+
+def test_later_is_darker() -> None:
+    colours = time_colours(np.array([0.0, 1.0, 2.0]))
+    brightness = [sum(colours.to_rgba(t)[:3]) for t in (0.0, 1.0, 2.0)]
+    assert brightness == sorted(brightness, reverse=True)
+
+
+def test_a_given_figure_is_drawn_onto() -> None:
+    time = np.linspace(0, 1, 5)
+    joints = np.stack([np.zeros((5, 2)), np.stack([np.sin(time), -np.cos(time)], axis=-1)], axis=1)
+    figure = Figure(layout="constrained")
+    left, right = figure.subfigures(1, 2)
+    assert draw_linkage(time, joints, cart=(0.3, 0.2), title="linkage", figure=left) is left
+    pose, contact = np.column_stack([time, 0 * time, time]), np.tile([-0.1, 0.0], (5, 1))
+    forces = np.tile([1.0, 0.0], (5, 1))
+    assert draw_planar_pushing(time, pose, contact, half_side=0.1, force=forces, figure=right) is right
+    figure.canvas.draw()
+    assert left.axes[0].get_title() == "linkage"

@@ -1,7 +1,5 @@
 """Scenes: which times and what of the surroundings is drawn, in the plane, in space and in motion."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import subprocess

@@ -1,7 +1,5 @@
 """The compiled evaluation gives the numbers of NumPy, and Ipopt the same run without Python as with it."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -1,13 +1,13 @@
 """A model with Python functions has the values and derivatives of the same model written in Pyomo."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.program_values import InModelOrder
+from harness.program_values import assert_same as same_values
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyomo.common.errors import InfeasibleConstraintException
@@ -69,33 +69,12 @@ def chain(f: Callable[[Any, Any], Any], n: int = 16, nested: bool = True, sense:
     return m
 
 
-def dense(structure: tuple[np.ndarray, np.ndarray], values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    full = np.zeros(shape)
-    np.add.at(full, structure, values)
-    return full
-
-
-def everything(compiled: CompiledModel, seed: int) -> list[np.ndarray]:
-    """Values and derivatives at a random point with random multipliers, in the order of names."""
-    nlp = compiled.nlp
-    columns = np.argsort([v.name for v in compiled.variables])
-    rows = np.argsort([c.name for c in compiled.constraints])
-    random = np.random.default_rng(seed)
-    x, multipliers = np.empty(nlp.n), np.empty(nlp.m)
-    x[columns], multipliers[rows] = random.uniform(0.1, 1.0, nlp.n), random.normal(size=nlp.m)
-    h = dense(nlp.hessian_structure, nlp.hessian(x, 0.7, multipliers), (nlp.n, nlp.n))
-    h = h + np.tril(h, -1).T
-    j = dense(nlp.jacobian_structure, nlp.jacobian(x), (nlp.m, nlp.n))
-    g = nlp.constraints(x) - np.where(np.isfinite(nlp.g_upper), nlp.g_upper, nlp.g_lower)
-    return [
-        np.array([nlp.objective(x)]), nlp.gradient(x)[columns], g[rows], j[rows][:, columns], h[columns][:, columns],
-        nlp.x_lower[columns], nlp.x_upper[columns], (nlp.g_upper - nlp.g_lower)[rows], nlp.x_start[columns],
-    ]  # fmt: skip
-
-
 def assert_same(first: CompiledModel, second: CompiledModel, seed: int = 0) -> None:
-    for one, other in zip(everything(first, seed), everything(second, seed), strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+    """Values and derivatives at a random point with random multipliers, in the order of names."""
+    random = np.random.default_rng(seed)
+    x, multipliers = random.uniform(0.1, 1.0, first.nlp.n), random.normal(size=first.nlp.m)
+    one, other = (InModelOrder(compiled).everything(x, 0.7, multipliers) for compiled in (first, second))
+    same_values(one, other, within=1e-12)
 
 
 @pytest.mark.asl

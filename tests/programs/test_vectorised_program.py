@@ -1,22 +1,19 @@
 """Vectorised expressions against ASL, against finite differences, and after changes of numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyomo.environ as pyo
 import pytest
 from harness.expression_zoo import ZOO, ZOO_NAMES, cart_pole, parameters_everywhere, trees
+from harness.program_values import InModelOrder, assert_same
 from harness.timed_models import example
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pyomo.common.errors import InfeasibleConstraintException
-from scipy.sparse import coo_matrix, csr_matrix, tril
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel, KeptProgram
 
 pytestmark = pytest.mark.casadi
-NEAR = {"rel": 1e-9, "abs": 1e-9}
 
 
 def planar_pushing() -> pyo.ConcreteModel:
@@ -25,62 +22,10 @@ def planar_pushing() -> pyo.ConcreteModel:
     return model
 
 
-class InModelOrder:
-    """A program's values by names of variables and constraints, so that two programs can be compared."""
-
-    def __init__(self, model: pyo.ConcreteModel, derivatives: str) -> None:
-        self.compiled = compiled = CompiledModel(model, derivatives)
-        self.nlp = compiled.nlp
-        self.columns = np.argsort([v.name for v in compiled.variables])
-        self.rows = np.argsort([c.name for c in compiled.constraints])
-        self.names = sorted(v.name for v in compiled.variables), sorted(c.name for c in compiled.constraints)
-
-    def own(self, x, multipliers):
-        """Values in model order, in the order of the program."""
-        inner, outer = np.empty(self.nlp.n), np.empty(self.nlp.m)
-        inner[self.columns], outer[self.rows] = x, multipliers
-        return inner, outer
-
-    def everything(self, x, factor, multipliers):
-        x, multipliers = self.own(x, multipliers)
-        nlp = self.nlp
-        values = nlp.constraints(x)
-        hessian = matrix(nlp.hessian(x, factor, multipliers), nlp.hessian_structure, (nlp.n, nlp.n))
-        hessian = hessian + tril(hessian, -1).T
-        return {
-            "objective": nlp.objective(x),
-            "gradient": nlp.gradient(x)[self.columns],
-            # A writer may move a row's constant into its bounds, so that only the distances are comparable.
-            "to lower": finite(values - nlp.g_lower)[self.rows],
-            "to upper": finite(nlp.g_upper - values)[self.rows],
-            "jacobian": matrix(nlp.jacobian(x), nlp.jacobian_structure, (nlp.m, nlp.n))[self.rows][:, self.columns],
-            "hessian": csr_matrix(hessian)[self.columns][:, self.columns],
-            "bounds": finite(np.array([nlp.x_lower, nlp.x_upper])[:, self.columns]),
-            "start": nlp.x_start[self.columns],
-        }
-
-
-def matrix(values, structure, shape):
-    return coo_matrix((values, structure), shape).tocsr()
-
-
-def finite(values):
-    return np.where(np.isfinite(values), values, 1e30)
-
-
-def assert_same(found: dict, expected: dict) -> None:
-    for name, value in expected.items():
-        if hasattr(value, "toarray"):
-            scale = max(1.0, abs(value).max() if value.nnz else 0.0)
-            assert abs(found[name] - value).max() <= 1e-9 * scale, name
-        else:
-            assert found[name] == pytest.approx(value, **NEAR), name
-
-
 @pytest.mark.asl
 @pytest.mark.parametrize("build", [*ZOO, planar_pushing], ids=[*ZOO_NAMES, "planar-pushing"])
 def test_every_number_is_that_of_asl(build):
-    ours, theirs = InModelOrder(build(), "vectorised"), InModelOrder(build(), "asl")
+    ours, theirs = InModelOrder(CompiledModel(build(), "vectorised")), InModelOrder(CompiledModel(build(), "asl"))
     assert ours.names == theirs.names
     random = np.random.default_rng(7)
     for _ in range(3):
@@ -113,7 +58,7 @@ def test_random_rows_have_the_derivatives_of_asl(rows, seed):
     for row in rows:
         MODEL.rows.add((-100, row + MODEL.x[0], 100))
     MODEL.cost = pyo.Objective(expr=sum(v**2 for v in MODEL.x.values()) + rows[0])
-    ours, theirs = InModelOrder(MODEL, "vectorised"), InModelOrder(MODEL, "asl")
+    ours, theirs = InModelOrder(CompiledModel(MODEL, "vectorised")), InModelOrder(CompiledModel(MODEL, "asl"))
     random = np.random.default_rng(seed)
     x, multipliers = random.uniform(-1, 1, ours.nlp.n), random.uniform(-2, 2, ours.nlp.m)
     assert_same(ours.everything(x, 0.7, multipliers), theirs.everything(x, 0.7, multipliers))
@@ -122,7 +67,7 @@ def test_random_rows_have_the_derivatives_of_asl(rows, seed):
 @pytest.mark.parametrize("build", [parameters_everywhere, lambda: cart_pole(4)], ids=["parameters", "cart-pole"])
 def test_refreshed_numbers_are_those_of_a_program_made_anew(build):
     model = build()
-    kept = InModelOrder(model, "vectorised")
+    kept = InModelOrder(CompiledModel(model, "vectorised"))
     random = np.random.default_rng(3)
     for component in model.component_data_objects(pyo.Var):
         if component.fixed:
@@ -136,7 +81,7 @@ def test_refreshed_numbers_are_those_of_a_program_made_anew(build):
     free[1].setub(free[1].ub if free[1].ub is not None else 55)
     free[2].setub(model.component("p")[1] if model.component("p") is not None else 44)
     kept.nlp.refresh()
-    anew = InModelOrder(model, "vectorised")
+    anew = InModelOrder(CompiledModel(model, "vectorised"))
     x, multipliers = random.uniform(0, 0.5, anew.nlp.n), random.uniform(-1, 1, anew.nlp.m)
     assert_same(kept.everything(x, 0.3, multipliers), anew.everything(x, 0.3, multipliers))
 
@@ -184,7 +129,7 @@ def test_changes_of_structure_are_noticed(change):
         compiled.nlp.refresh()
     compiled.update()
     assert compiled.nlp is not before
-    anew = InModelOrder(model, "vectorised")
+    anew = InModelOrder(CompiledModel(model, "vectorised"))
     assert [v.name for v in compiled.variables] == [v.name for v in anew.compiled.variables]
     assert compiled.row_of[compiled.constraints[-1]] == len(compiled.constraints) - 1
 

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import pyomo.environ as pyo
 import pytest
+from harness.phases import cart
 from pyomo.common.errors import InfeasibleConstraintException
 
 import pyrobocop_pyomo as rcp
@@ -19,21 +20,6 @@ from pyrobocop_pyomo.solving.least_violation import Least
 from pyrobocop_pyomo.solving.violations import violations_of_pairs, worst_of_each_component
 
 pytestmark = pytest.mark.ipopt
-
-
-def cart(duration: float = 3.0, force: float | None = 2.0) -> pyo.ConcreteModel:
-    m = pyo.ConcreteModel(name="cart")
-    m.p = b = rcp.PhaseBlock(duration=duration, elements=5)
-    b.x = rcp.State(initial=0, final=1)
-    b.v = rcp.State(initial=0, final=0)
-    b.u = rcp.Control(bounds=(None, None) if force is None else (-force, force))
-
-    @b.ode
-    def motion(b, t):
-        return {b.x: b.v[t], b.v: b.u[t]}
-
-    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
-    return m
 
 
 def test_what_cannot_be_met_is_named_with_its_time_and_size():
@@ -55,7 +41,7 @@ def test_what_cannot_be_met_is_named_with_its_time_and_size():
     assert any("of which at least one must give way" in finding.message for finding in result.diagnose().findings)
     with pytest.raises(SolveFailed, match=r"(?s)not met: equation of 'x' of phase 'p' at t = .*'p.u' <= 2 at "):
         result.raise_for_status()
-    assert rcp.solve(cart(duration=3.0)).solved
+    assert rcp.solve(cart()).solved
 
 
 def test_a_guess_that_a_run_came_away_from_is_not_searched_for_what_has_no_value(monkeypatch: pytest.MonkeyPatch):
@@ -75,10 +61,10 @@ def test_fixed_values_that_violate_a_constraint_are_refused_by_name():
     def wall(b, t):
         return b.x[t] ** 2 + b.v[t] ** 2 <= 0.9
 
-    with pytest.raises(ContradictionError, match=r"'wall' by 0\.1 at t = 3.*leave one of them free") as refused:
+    with pytest.raises(ContradictionError, match=r"'wall' by 0\.1 at t = 2.*leave one of them free") as refused:
         rcp.solve(m)
     assert isinstance(refused.value, InfeasibleConstraintException)
-    m.p.x[3.0].unfix()
+    m.p.x[2.0].unfix()
     assert rcp.solve(m).solved
 
 

@@ -13,8 +13,8 @@ from typing import Any
 
 import pyomo.environ as pyo
 import pytest
-from harness.belt_drive import belt_drive
 from harness.observed_runs import interrupt_run, observe_options
+from harness.timed_models import belt_drive
 from known_mpccs import mpcc_problem
 from test_finer_meshes import forced
 from test_robust_procedure import LOOSE, RANK, Broken, without_derivative

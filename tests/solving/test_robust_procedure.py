@@ -11,10 +11,9 @@ from typing import Any
 
 import pyomo.environ as pyo
 import pytest
-from harness.belt_drive import belt_drive
 from harness.expression_zoo import cart_pole
 from harness.routes import every_backend
-from harness.timed_models import crossed_pairs, example
+from harness.timed_models import belt_drive, crossed_pairs, example
 from known_mpccs import mpcc_problem
 
 import pyrobocop_pyomo as rcp

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.phases import cart
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -22,16 +23,6 @@ from pyrobocop_pyomo.solving.least_violation import Least, LeastViolation, least
 from pyrobocop_pyomo.solving.result_text import CLEAR_START, MOST_CHARACTERS, MOST_LINES
 
 pytestmark = pytest.mark.ipopt
-
-
-def cart(duration: float = 2.0, force: float = 20.0) -> Any:
-    m = pyo.ConcreteModel(name="cart")
-    m.p = b = rcp.PhaseBlock(duration=duration, elements=10)
-    b.x, b.v = rcp.State(initial=0, final=1), rcp.State(initial=0, final=0)
-    b.u = rcp.Control(bounds=(-force, force))
-    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
-    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
-    return m
 
 
 def pair(goal: float) -> Any:
@@ -47,7 +38,7 @@ def test_success_is_one_line_with_the_errors_of_equations_and_mesh() -> None:
     assert line.startswith("cart: solved. objective 1.5, ")
     assert "equations to " in line
     assert "mesh error " in line
-    assert "on 10 elements" in line
+    assert "on 4 elements" in line
 
 
 @pytest.mark.parametrize(("seconds", "said"), [(0.234, "0.23 s"), (9.96, "10 s"), (123.4, "123 s")])
@@ -137,7 +128,7 @@ def test_a_failure_says_why_and_what_to_do_in_eight_lines(model: Any, options: A
 
 def out_of_reach() -> Any:
     """A value that no control has, squared so that linear programs prove nothing."""
-    m = cart()
+    m = cart(force=20.0)
     m.reach = pyo.Constraint(expr=m.p.u[2.0] ** 2 == 900)
     return m
 

@@ -9,19 +9,25 @@ import time
 from collections.abc import Iterable
 from typing import Any
 
+import pyomo.environ as pyo
 import pytest
 from harness.observed_runs import (
     before_linear_programs,
+    interrupt_run,
     observe_options,
     slow_linear_programs,
     use_processor_time,
 )
 from harness.timed_models import TIMED_MODELS, TimedModel, crossed_pairs, small_program_without_strong_multipliers
+from known_mpccs import mpcc_problem
+from pyomo.contrib.solver.common.factory import SolverFactory
+from pyomo.contrib.solver.common.results import TerminationCondition
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.ipopt.backends import Backend
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.solving import solved_copies
+from pyrobocop_pyomo.solving import PersistentNLP, solved_copies
 from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_state import SolveState
 
@@ -108,3 +114,40 @@ def test_no_copy_is_made_where_less_time_is_left_than_the_answer_took(monkeypatc
         state.started = time.perf_counter() - passed
         assert not solved_copies.SolvedCopies(state, rcp.solve).start_at_other_optimum(100.0)
     assert len(made) == 1
+
+
+# --------------------------------------------------------------------
+# Ctrl-C in whatever solves several times: it stops there, and what was found is kept.
+
+
+@pytest.mark.parametrize("run", [3, 7])
+def test_several_starts_end_where_they_were_interrupted(run: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = interrupt_run(monkeypatch, run)
+    m = mpcc_problem("bard1").build()
+    found = rcp.studies.multistart(m, 6, progress=False)
+    assert len(runs) == run + 1
+    assert len(found) + len(found.remaining) == 6
+    assert len(found.remaining) >= 1
+    (cost,) = m.component_data_objects(pyo.Objective)
+    assert pyo.value(cost) == pytest.approx(found.best.objective)
+
+
+def test_a_persistent_program_goes_on_after_an_interruption(monkeypatch: pytest.MonkeyPatch) -> None:
+    m = pyo.ConcreteModel()
+    m.start, m.x = pyo.Param(initialize=1.0, mutable=True), pyo.Var(initialize=0.0)
+    m.cost = pyo.Objective(expr=(m.x - m.start) ** 4 + m.x**2)
+    kept = PersistentNLP(m)
+    assert kept.solve().status.solved
+    with monkeypatch.context() as pressed:
+        interrupt_run(pressed, 0)
+        m.start = 5.0
+        assert kept.solve().status is IpoptStatus.INTERRUPTED
+    assert kept.solve().status.solved
+
+
+def test_pyomos_interface_tells_an_interruption(monkeypatch: pytest.MonkeyPatch) -> None:
+    interrupt_run(monkeypatch, 0)
+    results = SolverFactory("pyrobocop.mpcc").solve(
+        mpcc_problem("bard1").build(), load_solutions=False, raise_exception_on_nonoptimal_result=False
+    )
+    assert results.termination_condition is TerminationCondition.interrupted

@@ -1,7 +1,5 @@
 """Run by `mpiexec`: the studies of `test_studies_on_engines.py` on two ranks, with a file of outcomes."""
 
-from __future__ import annotations
-
 import json
 import sys
 from functools import partial

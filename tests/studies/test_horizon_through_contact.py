@@ -1,7 +1,5 @@
 """Planning again and again through contact: every plan has exact pairs, and none is lost."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What studies give back agrees: `best`, `result`, `reached`, `remaining`, the table and the data frame."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pyomo.environ as pyo

@@ -1,7 +1,5 @@
 """Planning again and again: the same plans as from scratch, at no preparation, and no plan is ever lost."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`sensitivity` against re-solves, for every place where data can enter a model."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyomo.environ as pyo
 import pytest

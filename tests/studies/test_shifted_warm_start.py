@@ -1,7 +1,5 @@
 """Moving a plan ahead by kept weights is the same as sampling its trajectory later."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyomo.environ as pyo
 import pytest

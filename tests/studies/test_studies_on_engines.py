@@ -1,7 +1,5 @@
 """Studies give the same results wherever their solves are done, and survive the death of a worker there."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """A time limit is for the whole study, and no study goes on for long beyond it."""
 
-from __future__ import annotations
-
 import math
 import time
 from functools import partial

@@ -1,7 +1,5 @@
 """Trajectories: read by name, interpolate, leave and come back."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 from zipfile import ZipFile

@@ -1,7 +1,5 @@
 """JSON with functions of CasADi: both layouts are read, every operator means the same, and what is missing is said."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

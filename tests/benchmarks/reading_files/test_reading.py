@@ -1,7 +1,5 @@
 """What is read of `.nl` files agrees with ASL; refusals say where."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

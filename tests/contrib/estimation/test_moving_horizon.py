@@ -1,7 +1,5 @@
 """`MovingHorizon`: the Kalman filter where that is exact, bounds where it knows none, and what is refused."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A controller in C makes the plans of the one in Python."""
 
-from __future__ import annotations
-
 import ctypes
 import subprocess
 from collections.abc import Callable, Mapping

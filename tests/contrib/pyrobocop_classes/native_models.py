@@ -1,7 +1,5 @@
 """The same problems as in `problems`, stated with this package."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyomo.environ as pyo
 
@@ -48,39 +46,3 @@ def dead_zone():
         return rcp.complements(b.force[t] >= 0, b.x[t] <= gap[t])
 
     return minimise(m, lambda b, t: (b.x[t] - 1) ** 2 + b.v[t] ** 2 + 0.1 * b.u[t] ** 2)
-
-
-def car():
-    m, b = phase(5.0, 20)
-    for name, goal in (("x", 3), ("y", 3), ("a", np.pi / 2), ("v", 0)):
-        b.declare(name, rcp.State(initial=0, final=goal))
-    b.steer, b.push = rcp.Control(bounds=(-np.pi / 3, np.pi / 3)), rcp.Control(bounds=(-10, 10))
-
-    @b.ode
-    def motion(b, t):
-        return {
-            b.x: b.v[t] * pyo.sin(b.a[t]),
-            b.y: b.v[t] * pyo.cos(b.a[t]),
-            b.a: b.steer[t] * b.v[t],
-            b.v: b.push[t],
-        }
-
-    angle = np.pi / 2 / 5.0
-    b.initialize(x=lambda t: 3 - 3 * np.cos(angle * t), y=lambda t: 3 * np.sin(angle * t), v=1.0)
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time,
-        bodies={"car": rcp.Body(rcp.Polytope.box(0.5, 0.5), lambda b, t: rcp.planar_pose(b.x[t], b.y[t], -b.a[t]))},
-        obstacles=[rcp.Polytope.box(1, 1, center=(2.0, 2.0))],
-        clearance=0.02,
-    )
-    return minimise(
-        m,
-        lambda b, t: (
-            (b.x[t] - 3) ** 2
-            + (b.y[t] - 3) ** 2
-            + (b.a[t] - np.pi / 3) ** 2
-            + b.v[t] ** 2
-            + b.steer[t] ** 2
-            + b.push[t] ** 2
-        ),
-    )

@@ -6,8 +6,6 @@ complementarity systems (hal-01690400v3). `np.Infinity` is a name that NumPy 2 h
 """
 
 # ruff: noqa: NPY201
-from __future__ import annotations
-
 import numpy as np
 
 FREE = 1e20

@@ -1,7 +1,5 @@
 """Paths of arms among random configurations: clear by exact distances, within bounds, from the start to the goal."""
 
-from __future__ import annotations
-
 import logging
 import math
 from itertools import pairwise
@@ -10,6 +8,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.scenes import avoiding, placed, turning_move
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -142,20 +141,13 @@ def test_a_free_duration_is_long_enough_for_the_bounds_of_the_rates() -> None:
 
 
 def test_a_body_that_flies_freely_finds_its_way_through_a_gap() -> None:
-    m = pyo.ConcreteModel(name="through a gap")
-    m.fly = b = rcp.PhaseBlock(duration=2.0, elements=8, stages=2)
-    b.x, b.y, b.turn = (rcp.State(initial=0, final=last) for last in (4, 0, 0))
-    b.u, b.v, b.w = (rcp.Control() for _ in range(3))
-    b.ode(lambda b, t: {b.x: b.u[t], b.y: b.v[t], b.turn: b.w[t]})
-    b.initialize_straight_lines()
+    m = turning_move(height=0.0, turn=0.0)
     long = rcp.Polytope.box(1.0, 0.2)
     walls = {"low": rcp.Polytope.box(0.1, 4, center=(2, -1.6)), "high": rcp.Polytope.box(0.1, 4, center=(2, 3.0))}
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time, body=long, pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t], b.turn[t]), obstacles=walls, clearance=0.05
-    )
-    guess = rcp.scenes.sampled_path(b)
-    for t in np.linspace(0.0, 2.0, 81):
-        pose = rcp.planar_pose(*(guess[name](t) for name in ("x", "y", "turn")))
+    avoiding(m, bodies={"long": rcp.Body(long, pose=placed)}, obstacles=walls)
+    guess = rcp.scenes.sampled_path(m.move)
+    for t in np.linspace(0.0, 1.0, 81):
+        pose = rcp.planar_pose(*(guess[name](t) for name in ("x", "y", "theta")))
         assert min(rcp.scenes.signed_distance(long, wall, pose).distance for wall in walls.values()) > 0.0
 
 

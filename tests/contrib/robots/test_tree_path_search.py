@@ -1,7 +1,5 @@
 """Paths by random trees: every line of them is clear, they end where they should, and shortcuts never lengthen them."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Robots from URDF: kinematics as yourdfpy's own, collision geometry, excluded pairs, refusals."""
 
-from __future__ import annotations
-
 import io
 import logging
 import math

@@ -1,7 +1,5 @@
 """A car, two slots to park it in, and an independent check of its paths."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Reeds-Shepp paths, poses between poses, stops at cusps, and a path as the initial guess of a phase."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Paths for cars: free of collisions by an independent check, drivable, exact at their ends, the same every time."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

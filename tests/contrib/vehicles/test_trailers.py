@@ -1,7 +1,5 @@
 """Trailers follow cars without slipping, exactly and both ways, and are recognised by how they move."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

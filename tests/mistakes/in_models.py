@@ -1,0 +1,183 @@
+"""Mistakes that a diagnosis finds: in equations and unknowns, values, numbers, units, and what else a model holds."""
+
+from typing import Any
+
+import pyomo.environ as pyo
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.diagnosis import Subject
+
+from .entries import diagnosed, driven, effort
+
+NAN, INF = float("nan"), float("inf")
+
+
+def pushed(m: Any) -> Any:
+    """A cart whose end is free, with two points in each element."""
+    b = driven(m, final=None, duration=1, stages=2)
+    b.initialize(x=0.1, v=0.1, u=0.1)
+    return b
+
+
+def pendulum(m: Any, followed: bool, **options: Any) -> Any:
+    """A mass on a rod in Cartesian coordinates; with the rod as it is, of index three, without it, of index one."""
+    m.swing = b = rcp.PhaseBlock(duration=1, elements=3, stages=2, **options)
+    for name, initial in {"x": 1.0, "y": 0.0, "u": 0.0, "v": 0.0}.items():
+        setattr(b, name, rcp.State(initial=initial, initial_guess=initial))
+    b.tension = rcp.Algebraic(initial_guess=1)
+    b.ode(lambda b, t: {b.x: b.u[t], b.y: b.v[t], b.u: -b.tension[t] * b.x[t], b.v: -b.tension[t] * b.y[t] - 9.81})
+    if followed:
+        b.residual(lambda b, t: b.tension[t] == 1, name="rod")
+    else:
+        b.residual(lambda b, t: b.x[t] ** 2 + b.y[t] ** 2 == 1, name="rod")
+    return b
+
+
+# -------------------------------------------------------------------- equations and unknowns
+
+
+@diagnosed(Subject.STATEMENT, "phase 'p': too few equations. 2 states and 1 algebraic need 3", "p")
+def a_missing_equation(m: Any, followed: bool) -> None:
+    b = pushed(m)
+    if not followed:
+        b.z = rcp.Algebraic()
+
+
+@diagnosed(Subject.INDEX, "1 .* equation 'rod' holds no .* determines unknown 'tension'", "swing.rod")
+def an_index_of_three(m: Any, followed: bool) -> None:
+    pendulum(m, followed)
+
+
+@diagnosed(Subject.INDEX, "phase 'swing': the index is higher than 1 .* 'rod'", "swing.rod")
+def a_higher_index_that_was_allowed(m: Any, followed: bool) -> None:
+    pendulum(m, followed, allow_higher_index=True)
+
+
+@diagnosed(Subject.INDEX, "'feedback' can determine controls only", "p.feedback")
+def an_equation_that_determines_a_control(m: Any, followed: bool) -> None:
+    b = pushed(m)
+    b.z = rcp.Algebraic(bounds=(0, None))
+    b.residual(lambda b, t: (b.z[t] if followed else b.u[t]) == -b.x[t], name="feedback")
+    if not followed:
+        b.complementarity(lambda b, t: rcp.complements(b.x[t] + 1 >= 0, b.z[t] >= 0), name="stop")
+
+
+@diagnosed(Subject.UNDETERMINED, "no equation and no pair is left to determine 'z'", "p.z")
+def a_pair_that_does_not_hold_the_algebraic(m: Any, followed: bool) -> None:
+    b = pushed(m)
+    b.z = rcp.Algebraic(bounds=(0, 1))
+    b.constraint(lambda b, t: b.z[t] + b.x[t] <= 3, name="limit")
+    b.complementarity(
+        lambda b, t: rcp.complements(b.x[t] + 1 >= 0, (b.z[t] if followed else b.u[t] + 1) >= 0), name="stop"
+    )
+
+
+@diagnosed(Subject.DEPENDENT, "one of the equations 'p.forces' follows from the others", "p.forces")
+def a_redundant_equation(m: Any, followed: bool) -> None:
+    b = pushed(m)
+    b.y, b.z = rcp.Algebraic(), rcp.Algebraic()
+    factor = 3 if followed else 2
+    b.residual(lambda b, t: [b.y[t] + b.z[t] == b.x[t], 2 * b.y[t] + factor * b.z[t] == 2 * b.x[t]], name="forces")
+
+
+# -------------------------------------------------------------------- start and end
+
+
+@diagnosed(Subject.START, "initial values violate residual 'rod' by 3 at t = 0: x = 2", "swing.rod")
+def an_inconsistent_start(m: Any, followed: bool) -> None:
+    b = pendulum(m, False, allow_higher_index=True)
+    b.x[0].fix(1 if followed else 2)
+
+
+@diagnosed(Subject.START, "the final values violate constraint 'corridor' by 0.5 at t = 1", "p.corridor")
+def an_end_outside_a_path_constraint(m: Any, followed: bool) -> None:
+    b = pushed(m)
+    b.x[1].fix(1.5)
+    b.constraint(lambda b, t: b.x[t] <= (2 if followed else 1), name="corridor")
+
+
+@diagnosed(Subject.CONTRADICTION, "hold only .* 'p.y_collocation'. Fixed at both ends: 'p.y'", "p.y_collocation")
+def more_ends_fixed_than_possible(m: Any, followed: bool) -> None:
+    b = pushed(m)
+    b.y = rcp.State(initial=0, final=None if followed else 3)
+    b.ode(lambda b, t: {b.y: 1.0})
+
+
+# -------------------------------------------------------------------- numbers and units
+
+
+@diagnosed(Subject.DATA, "number nan, in right-hand side of 'y' of phase 'p' at t = 0.83.*, and at 1 more point", "p.y")
+def a_right_hand_side_without_a_value(m: Any, followed: bool) -> None:
+    b = pushed(m)
+    b.y = rcp.State(initial=0)
+    b.ode(lambda b, t: {b.y: b.x[t] + (NAN if t > 0.75 and not followed else 1.0)})
+
+
+@diagnosed(Subject.DATA, r"by p.y\[.* = 0, in right-hand side of 'y' .* t = .*, and at 7 more points", "p.y")
+def a_division_by_zero_at_the_guess(m: Any, followed: bool) -> None:
+    b = pushed(m)
+    b.y = rcp.State(initial=0)
+    b.ode(lambda b, t: {b.y: b.x[t] / (b.y[t] + (1 if followed else 0))})
+
+
+@diagnosed(Subject.DATA, "the number -?inf, in constraint 'p.limit' at t = 0.08", "p.limit")
+def an_infinite_coefficient(m: Any, followed: bool) -> None:
+    b = pushed(m)
+    b.constraint(lambda b, t: (1 if followed else INF) * b.x[t] <= 1, name="limit")
+
+
+@diagnosed(Subject.DATA, r"derivative of sqrt.* p.z\[0.08.*, in constraint 'p.speed' at t = 0.08", "p.speed")
+def a_root_of_zero(m: Any, followed: bool) -> None:
+    b = pushed(m)
+    b.z = rcp.Algebraic(initial_guess=1 if followed else 0, bounds=(0, None))
+    b.residual(lambda b, t: pyo.sqrt(b.z[t]) == b.x[t], name="speed")
+
+
+@diagnosed(Subject.DATA, r"parameter 'table\[2\]' is nan", "table[2]")
+def a_hole_in_a_table(m: Any, followed: bool) -> None:
+    pushed(m)
+    m.table = pyo.Param([1, 2, 3], initialize={1: 0.0, 2: 0.5 if followed else NAN, 3: 1.0}, mutable=True)
+
+
+@diagnosed(Subject.UNITS, "'p.fast': .*not consistent", "p.fast")
+def units_that_do_not_match(m: Any, followed: bool) -> None:
+    u = pyo.units
+    m.p = b = rcp.PhaseBlock(elements=3, time_units=u.s)
+    b.x, b.u = rcp.State(initial=0, units=u.m), rcp.Control(units=u.m / u.s)
+    b.ode(lambda b, t: {b.x: b.u[t]})
+    b.constraint(lambda b, t: b.u[t] <= 3 * (u.m / u.s if followed else u.N), name="fast")
+
+
+# -------------------------------------------------------------------- what a model holds besides
+
+
+@diagnosed(Subject.STATEMENT, "'gear' is a discrete variable", "gear")
+def a_discrete_variable(m: Any, followed: bool) -> None:
+    b = pushed(m)
+    m.gear = pyo.Var(domain=pyo.Reals if followed else pyo.Binary, initialize=0)
+    m.limit = pyo.Constraint(expr=b.u[1.0] <= m.gear)
+
+
+@diagnosed(Subject.STATEMENT, r"'p.contact\[.*side 'p.u\[.*' has two finite bounds", "p.contact")
+def a_complementary_side_with_two_bounds(m: Any, followed: bool) -> None:
+    b = pushed(m)
+    b.z = rcp.Algebraic(bounds=(0, None))
+    b.complementarity(lambda b, t: rcp.complements(b.u[t] >= -1 if followed else b.u[t], b.z[t]), name="contact")
+
+
+@diagnosed(Subject.STATEMENT, "phase 'p' has no state", "p")
+def a_phase_without_a_state(m: Any, followed: bool) -> None:
+    m.p = rcp.PhaseBlock(elements=2)
+    m.p.u = rcp.Control()
+    if followed:
+        m.p.x = rcp.State(initial=0)
+        m.p.ode(lambda b, t: {b.x: b.u[t]})
+    m.cost = pyo.Objective(expr=m.p.integral(effort))
+
+
+@diagnosed(Subject.UNDETERMINED, "1 variables are in no active row.* example 'slack'", "slack")
+def a_variable_of_the_users_in_no_row(m: Any, followed: bool) -> None:
+    b = pushed(m)
+    m.slack = pyo.Var(initialize=0)
+    if followed:
+        m.row = pyo.Constraint(expr=b.x[1.0] <= m.slack)
