@@ -19,11 +19,11 @@ from pyrobocop_pyomo.numerics import Array, Indices
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
 from .bodies import Body
+from .equations_motion import replayed_motion
 from .far_pairs import BoxProofs, box_distances
 from .motion import Motion
 from .moving_shapes import MovingShape, PathBounds, halves, moving_shapes
 from .pose_templates import node_times
-from .replayed_motion import replayed_motion
 from .required_clearance import (
     RequiredBounds,
     RequiredClearance,

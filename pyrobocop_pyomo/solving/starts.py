@@ -17,8 +17,7 @@ from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.obstacles.separation_rows import members_taken_off
 from pyrobocop_pyomo.phases import Algebraic, Control, State, phases_of
 from pyrobocop_pyomo.phases.remeshing import put_on_meshes, rows_taken_off, why_not_remeshed
-from pyrobocop_pyomo.phases.rough_motion import put_rough_motion
-from pyrobocop_pyomo.phases.simulation import SimulationOptions, simulate
+from pyrobocop_pyomo.phases.simulation import SimulationOptions, is_moderate, put_rough_motion, simulate
 
 from .random_starts import RandomStarts
 from .strategies import StartingPoint, Strategy
@@ -246,7 +245,7 @@ def _simulate(model: Any) -> bool:
     for phase in phases_of(model):
         try:
             trajectory = simulate(phase, phase.record, {}, {}, SIMULATED_BY)
-            if all(map(_is_moderate, trajectory.states.values())):
+            if all(map(is_moderate, trajectory.states.values())):
                 phase.initialize(trajectory)
                 simulated = True
         except PyRobocopError as error:
@@ -254,10 +253,6 @@ def _simulate(model: Any) -> bool:
     if not simulated:
         before.restore()
     return simulated
-
-
-def _is_moderate(numbers: Any) -> bool:
-    return bool(abs(numbers).max(initial=0.0) < 1e6)
 
 
 def _put_inside_bounds(model: Any) -> bool:
