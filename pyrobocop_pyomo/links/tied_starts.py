@@ -16,12 +16,12 @@ from pyomo.core.base.constraint import Constraint
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.row_violations import constraint_violation
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in, variables_in_any
-from pyrobocop_pyomo.modeling.variable_values import unfixed, values_restored
+from pyrobocop_pyomo.modeling.variable_values import values_restored
 from pyrobocop_pyomo.numerics.mixed_complementarity import solve_mixed_complementarity
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.phases.companions import other_phases, put_on_model
 from pyrobocop_pyomo.phases.declarations import Parameter
-from pyrobocop_pyomo.phases.element_system import ElementSystem
+from pyrobocop_pyomo.phases.step_equations import problem_of_rows
 from pyrobocop_pyomo.trajectories import Trajectory
 
 Led = Sequence[tuple[Any, Trajectory]]
@@ -148,10 +148,10 @@ def solved_start(label: str, phase: Any, rows: Collection[Any], unknowns: Collec
             f"{label}: {len(stated)} equations for the start of {len(variables)} states ({names}). Give the start of "
             f"'{phase.name}' yourself."
         )
-    expressions = [(row.name, row.body - row.upper) for row in stated]
-    with put_on_model(led), values_restored(variables), unfixed(variables):
+    expressions = [row.body - row.upper for row in stated]
+    with put_on_model(led):
         guess = np.array([0.0 if variable.value is None else variable.value for variable in variables])
-        solution = solve_mixed_complementarity(ElementSystem(variables, expressions, []).problem(), guess)
+        solution = solve_mixed_complementarity(problem_of_rows(expressions, variables), guess)
     if not solution.solved:
         raise ModelError(
             f"{label}: its relations have no solution for the start of '{phase.name}' (residual "

@@ -134,19 +134,6 @@ def values_restored(variables: Iterable[Any]) -> Iterator[VariableValues]:
         values.restore()
 
 
-@contextmanager
-def unfixed(variables: Iterable[Any]) -> Iterator[None]:
-    """Context in which none of these variables is fixed."""
-    fixed = [variable for variable in variables if variable.fixed]
-    try:
-        for variable in fixed:
-            variable.fixed = False
-        yield
-    finally:
-        for variable in fixed:
-            variable.fixed = True
-
-
 def within_bounds(number: float, variable: Any) -> float:
     """The number, moved into the bounds of a variable."""
     lower, upper = variable.bounds

@@ -20,9 +20,9 @@ from pyrobocop_pyomo.numerics.interval_arithmetic import Interval
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
 from .bodies import Body
+from .equations_motion import replayed_motion
 from .motion import Motion
 from .moving_shapes import SAMPLES, MovingShape, PathBounds, halves, moving_shapes
-from .replayed_motion import replayed_motion
 from .required_clearance import (
     RequiredBounds,
     RequiredClearance,

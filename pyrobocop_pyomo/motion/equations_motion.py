@@ -1,28 +1,38 @@
-"""How far bodies get from where a plan has them when a robot integrates its controls.
+"""How far bodies get from where a plan has them when a robot integrates its controls, or why that is not known.
 
 A plan is the polynomials of its states. The equations hold at the collocation points only; what the controls lead to is
 another motion, by the error of the discretisation. `PhaseBlock.reintegrate` gives its states. Here they become the
-distances of corners, which are taken off what is proven for the plan.
+distances of corners, which are taken off what is proven for the plan. Here it is decided, too, whether there is
+something to integrate, whether the integration can have seen all that the equations do, and whether the motion goes on
+where one phase follows another.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from pyomo.core.base.constraint import Constraint
 
 from pyrobocop_pyomo.errors import PyRobocopError, TrajectoryError
 from pyrobocop_pyomo.links.tied_starts import ties_of
+from pyrobocop_pyomo.modeling.blocks import BuiltBlockData
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.phases import PhaseBlockData
+from pyrobocop_pyomo.phases.bounds_between_points import unseen_on_the_way
 from pyrobocop_pyomo.phases.reintegration import SMALLEST_SCALE, Reintegration, reintegrate
 from pyrobocop_pyomo.trajectories import Trajectory
 
+from .interpolation import parent_of
 from .motion import Motion
 from .moving_shapes import MovingShape
 from .rules_along_motion import SignalFormulas
 
+PLAN_ALONE = "equations=False asks for the plan alone."
+NO_EQUATIONS = "a trajectory has no equations. Where its phase is at hand, ask its avoidance block: block.verify()."
 # Distances are compared at a number of instants in each element; in between they may be larger, by much less than this.
 BETWEEN_INSTANTS = 1.1
 # As a share of the size of a state, or of one: what the equations of another phase may take for its plan.
@@ -65,49 +75,69 @@ class EquationsMotion:
         return self.deviation.get(name, np.zeros(intervals))
 
 
-def equations_motion(
+def replayed_motion(
     motion: Motion,
-    phases: Collection[Any],
     shapes: Mapping[str, list[MovingShape]],
     lengths: Mapping[str, SignalFormulas] | None = None,
+    *,
+    equations: bool = True,
 ) -> EquationsMotion:
-    """Integrate the equations of phases, and compare the corners.
+    """How far the motion under the controls leads each moving part, and each clearance, from the plan.
 
     Parameters
     ----------
     motion : Motion
-    phases : collection of PhaseBlock
-        All that poses and clearances read.
     shapes : mapping of body to list of MovingShape
         At the current values.
     lengths : mapping of str to SignalFormulas, optional
-        Clearances that read signals: with other states, another clearance is required.
+        Clearances that read signals.
+    equations : bool
+        Whether anything but the plan is to be looked at.
+
+    Returns
+    -------
+    EquationsMotion
+        Its deviations are those of what reads variables that move: NaN where nobody looked, and a lower bound where
+        `why_unknown` says that not everything was seen. Everything else has no other motion than the plan.
     """
-    moving = [(shape, shape.template) for parts in shapes.values() for shape in parts if shape.template is not None]
-    lengths = lengths or {}
-    # Where a phase states no equations, whatever moves a body is chosen, and there is no other motion than the plan.
-    if not any(map(_states_equations, phases)):
-        return EquationsMotion()
-    found: dict[int, Any] = {}
-    for phase in phases:
-        key = id(phase)
+    alone = not motion.interpolation.has_equations
+    moving: dict[str, tuple[MovingShape | None, SignalFormulas]] = {
+        shape.name: (shape, shape.template)
+        for parts in shapes.values()
+        for shape in parts
+        if shape.template is not None and (alone or _components(shape.template))
+    }
+    moving |= {name: (None, of) for name, of in (lengths or {}).items() if alone or _components(of)}
+    components = list({id(component): component for _, of in moving.values() for component in _components(of)}.values())
+    phases = list(
+        {id(home): home for of in components if isinstance(home := of.parent_block(), PhaseBlockData)}.values()
+    )
+    found: dict[int, Reintegration] = {}
+    why, count = "", len(motion.intervals)
+    if alone:
+        why = NO_EQUATIONS
+    elif phases and not equations:
+        why = PLAN_ALONE
+    elif any(map(_states_equations, phases)):  # elsewhere whatever moves a body is chosen: there is only the plan
         try:
-            found[key] = reintegrated(phase)
+            found = {id(phase): _of_intervals(phase, count) for phase in phases}
         except PyRobocopError as error:
-            return EquationsMotion(why_unknown=str(error))
-        if len(found[key].errors) != len(motion.intervals):
-            return EquationsMotion(why_unknown=f"phase '{phase.name}' has other elements than the motion.")
-    by_template: dict[int, Array] = {}
-    deviation = {}
-    for shape, template in moving:
-        if id(template) not in by_template:
-            by_template[id(template)] = _differences(template, found, len(motion.intervals))
-        deviation[shape.name] = _of_corners(shape, by_template[id(template)])
-    for name, length in lengths.items():
-        difference = np.abs(_differences(length, found, len(motion.intervals))).max(axis=(1, 2))
-        deviation[name] = np.where(np.isfinite(difference), BETWEEN_INSTANTS * difference, np.inf)
-    hows = dict.fromkeys(reintegration.how for reintegration in found.values())
-    return EquationsMotion(deviation, how="; ".join(hows))
+            why = str(error)
+    elif not phases and _rows_move(components):
+        why = "the model has rows at its points for it, which say nothing in between."
+    if why:
+        return EquationsMotion(dict.fromkeys(moving, np.full(count, np.nan)), why_unknown=why)
+    apart = {id(of): _differences(of, found, count) for _, of in moving.values() if found}
+    deviation = {name: _distances(shape, apart[id(of)]) for name, (shape, of) in moving.items() if found}
+    how = "; ".join(dict.fromkeys(reintegration.how for reintegration in found.values()))
+    return EquationsMotion(deviation, how, _why_not_everywhere(phases, components, bool(found)))
+
+
+def _of_intervals(phase: Any, count: int) -> Reintegration:
+    found = reintegrated(phase)
+    if len(found.errors) != count:
+        raise TrajectoryError(f"phase '{phase.name}' has other elements than the motion.")
+    return found
 
 
 def reintegrated(phase: Any, after: tuple[Any, ...] = ()) -> Reintegration:
@@ -254,14 +284,64 @@ def _differences(template: SignalFormulas, found: Mapping[int, Any], intervals: 
     return difference.reshape(intervals, len(fractions), -1)
 
 
-def _of_corners(shape: MovingShape, difference: Array) -> Array:
-    """Largest displacement of any corner in each interval; infinite where it is not finite, or a ray turns."""
-    d = shape.shape.dimension
-    rotation = difference[:, :, : d * d].reshape(*difference.shape[:2], d, d)
+def _distances(shape: MovingShape | None, difference: Array) -> Array:
+    """Largest displacement in each interval of any corner, or of a length; infinite for none, or where a ray turns."""
+    moved, turned = difference[..., None], np.zeros(len(difference))
+    if shape is not None:
+        d = shape.shape.dimension
+        rotation = difference[:, :, : d * d].reshape(*difference.shape[:2], d, d)
+        with np.errstate(all="ignore"):
+            moved = np.einsum("nkrc,ic->nkir", rotation, shape.shape.vertices) + difference[:, :, None, d * d :]
+            turned = np.abs(rotation).max(axis=(1, 2, 3)) if len(shape.shape.rays) else turned
     with np.errstate(all="ignore"):
-        moved = np.einsum("nkrc,ic->nkir", rotation, shape.shape.vertices) + difference[:, :, None, d * d :]
         largest = BETWEEN_INSTANTS * np.linalg.norm(moved, axis=3).max(axis=(1, 2))
-        if len(shape.shape.rays):
-            turned = np.abs(rotation).max(axis=(1, 2, 3))
-            largest = np.where(turned > 1e-12, np.inf, largest)
-    return np.where(np.isfinite(largest), largest, np.inf)
+    return np.where(np.isfinite(largest) & ~(turned > 1e-12), largest, np.inf)
+
+
+def _components(template: SignalFormulas) -> list[Any]:
+    """Variables of the model that a pose or a clearance reads over time."""
+    return [signal.component for signal in template.signals.values() if signal.component is not None]
+
+
+def _rows_move(components: Collection[Any]) -> bool:
+    """Whether equations of the model tie what poses read to other points, or to other variables.
+
+    Equations among the positions of one point, as a start or a goal, leave the way to it free; those of a block of this
+    package, such as one that keeps bodies apart, move nothing.
+    """
+    own = {id(parent_of(data)) for component in components for data in component.values()}
+    models = {id(component.model()): component.model() for component in components}
+    for model in models.values():
+        for row in model.component_data_objects(Constraint, active=True, descend_into=True):
+            if not row.equality or isinstance(row.parent_block(), BuiltBlockData):
+                continue
+            read = list(variables_in(row.body))
+            positions = {variable.index() for variable in read if id(variable.parent_component()) in own}
+            others = any(id(variable.parent_component()) not in own for variable in read)
+            if len(positions) > 1 or (positions and others):
+                return True
+    return False
+
+
+def _why_not_everywhere(phases: Iterable[Any], components: Collection[Any], are_integrated: bool) -> str:
+    """What the integration of phases, and of those before them, may not have seen, and where bodies jump."""
+    pending = list(phases)
+    for phase in pending:
+        ties = ties_of(phase)
+        pending += [other for other in ties.before if not any(other is of for of in pending)]
+        for component in (of for of in components if of.parent_block() is phase):
+            start = component[phase.initial_time]
+            for other in ties.before if not any(start is given for given in ties.unknowns) else ():
+                if component.local_name not in other.record.names_of_states:
+                    continue
+                end = other.component(component.local_name)[other.final_time]
+                if not np.isclose(end.value, start.value):
+                    return (
+                        f"'{start.name}' does not go on from '{end.name}', and no row says that it jumps by "
+                        f"{abs(end.value - start.value):.3g}: let the link between these phases join it."
+                    )
+        statements = [*phase.record.statements_of("ode"), *phase.record.statements_of("residual")]
+        unseen = unseen_on_the_way(phase, phase.record, phase.trajectory(), statements) if are_integrated else ""
+        if unseen:
+            return unseen
+    return ""

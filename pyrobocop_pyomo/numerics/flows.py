@@ -198,11 +198,11 @@ def _march(
     """Integrate with halved steps until the states at the fractions no longer change."""
     steps = 1
     with np.errstate(all="ignore"):
-        coarse, coarse_path = _runge_kutta(rates, starts, fractions, steps)
+        coarse, coarse_path = runge_kutta(rates, starts, fractions, steps)
         most_steps = min(_MOST_STEPS, max(_STIFF_STEPS, _MOST_STEPS_IN_ALL // len(fractions)))
         while steps < most_steps:
             steps *= 2
-            fine, path = _runge_kutta(rates, starts, fractions, steps)
+            fine, path = runge_kutta(rates, starts, fractions, steps)
             changes = (np.abs(fine - coarse) / _ORDER_FACTOR).max(axis=(0, 2))
             # Where elements lead far from the plan, relative to how far: less would be rounding.
             sizes = np.maximum(scales[:, None], np.abs(fine).max(axis=(0, 2)))
@@ -224,7 +224,7 @@ def _divided(fractions: Array, parts: int) -> Array:
     return np.interp(places, np.arange(len(fractions)), fractions)
 
 
-def _runge_kutta(rates: Rates, states: Array, fractions: Array, steps: int) -> tuple[Array, Array]:
+def runge_kutta(rates: Rates, states: Array, fractions: Array, steps: int) -> tuple[Array, Array]:
     """States at the fractions, with so many steps between two of them, and of the first variant after each step."""
     paths, path = [states], [states[:, 0, :]]
     for before, after in pairwise(fractions.tolist()):

@@ -25,8 +25,8 @@ from pyrobocop_pyomo.modeling.shared_nodes import NodeReplacement, variables_in,
 from pyrobocop_pyomo.numerics import Matching, maximum_matching
 
 from .declarations import Algebraic, Control
-from .element_system import PairStatement, statements_of
 from .record import PhaseRecord, Statement
+from .step_equations import PairStatement, statements_of
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,8 +17,7 @@ from .mpc_interface import PhaseInterface
 from .phase_values import expression_values, expressions_over_time
 from .reintegration import Reintegration, element_end_errors, reintegrate
 from .remeshing import remesh_phases
-from .replay import Replay, replay
-from .simulation import SimulationOptions, simulate
+from .simulation import Replay, SimulationOptions, replay, simulate
 from .tracking import tracking_cost
 
 

@@ -10,11 +10,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import EvaluationError, TrajectoryError
+from pyrobocop_pyomo.errors import EvaluationError, PyRobocopError, TrajectoryError
 from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.numerics.flows import Flows, integrate_elements, integrate_flows
 from pyrobocop_pyomo.numerics.tables import tables_continued
@@ -23,14 +24,14 @@ from pyrobocop_pyomo.trajectories import Trajectory
 from .asked_by_point import refuse_asked_by_point
 from .bounds_between_points import SAMPLES, instants_to_look_at, stated_formulas
 from .companions import Companion, companions_of, indices_of, put_on_model
-from .element_integration import each_from_its_start, whole_by_steps
+from .delays import MotionSoFar
 from .families import guesses_by_component
-from .instant_equations import refuse_equations_beside
+from .implicit_steps import stepped_flows
+from .instant_equations import InstantEquations, refuse_equations_beside
 from .instants_inside import InstantsInside
-from .rate_arrays import PointRates, RateArrays
 from .record import PhaseRecord, Statement
+from .right_hand_sides import RightHandSides
 from .rule_formulas import RuleFormulas
-from .stepped_elements import stepped_flows
 
 # Of the integration, relative to the size of each state. Differences are of interest from there on.
 TOLERANCE = 1e-10
@@ -160,8 +161,7 @@ def reintegrate(
             "far each step is from its map; phase.simulate() applies the maps one after the other."
         )
     initial = guesses_by_component(record, initial or {}, f"phase '{block.name}'")
-    planned_first = {name: float(trajectory.states[name][0]) for name in names}
-    first = np.array([{**planned_first, **(initial or {})}[name] for name in names]) if initial else None
+    first = np.array([initial.get(name, trajectory.states[name][0]) for name in names], dtype=float)
     indices = indices_of(record, trajectory.grid)
     on_model = put_on_model([(block, trajectory)]) if companions is None else nullcontext()
     companions = companions_of(block, indices.mesh.boundaries) if companions is None else companions
@@ -214,37 +214,57 @@ def _flows(
     trajectory: Trajectory,
     indices: Grid,
     companions: Sequence[Companion],
-    first: Array | None,
+    first: Array,
     ends: bool,
 ) -> tuple[Flows, bool]:
     """The flows, and whether contact decides them."""
     starts = np.array([trajectory.element_states(name)[:, 0] for name in record.names_of_states]).T
     scales = SMALLEST_SCALE + np.abs(np.array([trajectory.states[name] for name in record.names_of_states])).max(axis=1)
     refuse_asked_by_point(block, record.statements_of("ode"))
-    rates = RateArrays(block, record, trajectory, indices, (), companions, in_steps=True)
+    equations = partial(InstantEquations, block, record)
+    rates = RightHandSides(block, record, trajectory, equations, companions=companions)
     refuse_equations_beside(block, record, rates.equations.read)
     fractions = instants_to_look_at(block, record, trajectory, indices, rates.equations.statements)
-    # With delays the whole motion reads itself, which elements side by side cannot.
-    if not record.delayed_names:
-        if ends and len(fractions) == SAMPLES + 1 and not rates.equations.needs_steps:
-            found = integrate_elements(rates, starts, scales, fractions[:: SAMPLES // 2], TOLERANCE_OF_ENDS)
-            if found is not None:
-                return found, False
-        if not rates.equations.needs_steps:
-            tolerance = TOLERANCE if len(fractions) == SAMPLES + 1 else TOLERANCE_IF_QUICK
+    is_quick = len(fractions) != SAMPLES + 1
+    if rates.are_delayed:
+        parts = fractions if is_quick else np.array([0.0, 1.0])
+        return _delayed_flows(rates, trajectory, parts, fractions, starts, first), False
+    if not rates.equations.needs_steps:
+        flows = None
+        if ends and not is_quick:
+            flows = integrate_elements(rates, starts, scales, fractions[:: SAMPLES // 2], TOLERANCE_OF_ENDS)
+        if flows is None:
+            tolerance = TOLERANCE_IF_QUICK if is_quick else TOLERANCE
             flows = integrate_flows(rates, starts, scales, fractions, tolerance, first)
-            if flows is not None:
-                return flows, False
-        return stepped_flows(rates, trajectory, fractions, scales, first), bool(rates.equations.pairs)
-    parts = fractions if len(fractions) > SAMPLES + 1 else np.array([0.0, 1.0])
-    signals = {name: trajectory.element_signals(name) for name in trajectory.signals}
-    single = PointRates(
-        block, record, indices, trajectory.grid, signals, trajectory.piecewise_linear, trajectory.parameters, companions
-    )
-    single.refresh()
-    local = each_from_its_start(trajectory, single, parts, fractions, starts)
-    state = starts[0] if first is None else first
-    return Flows(fractions, local, whole_by_steps(trajectory, single, parts, fractions, state)), False
+        if flows is not None:
+            return flows, False
+    return stepped_flows(rates, trajectory, fractions, scales, first), bool(rates.equations.pairs)
+
+
+def _delayed_flows(
+    rates: RightHandSides, trajectory: Trajectory, parts: Array, fractions: Array, starts: Array, first: Array
+) -> Flows:
+    """One element after the other: the whole motion reads itself, and what is delayed may jump anywhere in them.
+
+    From their own starts, elements read the trajectory at earlier times.
+    """
+    exactly: dict[str, Any] = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-11}
+    carried: list[Array] = []
+    with np.errstate(all="ignore"):
+        local = [rates.through(i, start, parts, fractions, **exactly)[0] for i, start in enumerate(starts)]
+        so_far = MotionSoFar(list(trajectory.states), rates.past, trajectory.grid.mesh.boundaries[0], first)
+        rates.past = so_far
+        try:
+            for i in range(len(starts)):
+                found, _ = rates.through(i, carried[-1][-1] if carried else first, parts, fractions, so_far, **exactly)
+                if not np.isfinite(found).all():
+                    return Flows(fractions, np.array(local), None)
+                carried.append(found)
+        except PyRobocopError:
+            raise  # a rule that cannot be asked says nothing about the motion
+        except (ArithmeticError, ValueError):
+            return Flows(fractions, np.array(local), None)
+    return Flows(fractions, np.array(local), np.array(carried))
 
 
 def _integrals(
@@ -265,7 +285,12 @@ def _integrals(
 def _integral(block: Any, record: PhaseRecord, trajectory: Trajectory, statement: Statement) -> tuple[Array, Array]:
     what = f"phase '{block.name}': integral '{statement.name}'"
     grid, indices = trajectory.grid, indices_of(record, trajectory.grid)
-    rates = RateArrays(block, record, trajectory, indices, [statement])
+    rates = RightHandSides(block, record, trajectory, partial(InstantEquations, block, record), [statement])
+    if rates.equations.needs_steps:
+        raise TrajectoryError(
+            f"phase '{block.name}': its motion depends on contacts, or on hidden conditions, which single instants do "
+            "not tell."
+        )
     names, width = record.names_of_states, grid.mesh.widths
     nodes = {name: trajectory.element_states(name) for name in names}
     planned = np.zeros(len(width))

@@ -6,6 +6,7 @@ numbers, arrays, or bounds.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -29,6 +30,11 @@ from .declarations import UNBOUNDED
 from .delays import SAME_TIME, Delayed, Past, ValueAt, delay_as_number, history_value
 from .families import equations_by_component
 from .record import PhaseRecord, Previous, PreviousStates, Statement
+
+
+def shown_by_name(text: str) -> str:
+    """A text about formulas, with the names of what is declared."""
+    return re.sub(r"declared\[([^]]*)\]", r"'\1'", text)
 
 
 class RuleFormulas:
@@ -59,6 +65,9 @@ class RuleFormulas:
         scratch.declared = Var(list(record.declarations))
         scratch.derivatives, scratch.previous = Var(record.names_of_states), Var(record.names_of_states)
         scratch.delayed, scratch.beside = Var(AnyIndex, dense=False), Var(AnyIndex, dense=False)
+        # What of these rules have read.
+        self._delayed: dict[tuple[str, float], Any] = {}
+        self._beside: dict[tuple[int, str], Any] = {}
         scratch.index_of_time, scratch.clock = Var(), Var()
         self.at_instant = dict(scratch.declared.items())
         self._reads_derivatives = True
@@ -97,10 +106,14 @@ class RuleFormulas:
                 return self._standing_for[id(component)]
             for place, other in enumerate(self.companions):
                 if component.parent_block() is other.phase and component.local_name in other.phase.record.declarations:
-                    return self._scratch.beside[place, component.local_name]
+                    key = place, component.local_name
+                    return self._beside.setdefault(key, self._scratch.beside[key])
         if isinstance(slot, Delayed) and component.parent_block() is self._block:
             number = delay_as_number(slot.rest[0], f"'{component.name}'")
-            return self._scratch.delayed[component.local_name, number] if number else self._standing_for[id(component)]
+            earlier = component.local_name, number
+            if number:
+                return self._delayed.setdefault(earlier, self._scratch.delayed[earlier])
+            return self._standing_for[id(component)]
         if isinstance(slot, Derivative) and component.parent_block() is self._block and self._reads_derivatives:
             return self._scratch.derivatives[component.local_name]
         if isinstance(slot, Previous):
@@ -179,13 +192,18 @@ class RuleFormulas:
 
     # ---------------------------------------------------------------- what stands in place of the variables
 
-    def values(self, expressions: Sequence[Any], leaves: Mapping[int, Any]) -> list[Any]:
-        """Formulas with arrays in place of the variables, by their identities; their steps are kept."""
+    def values(
+        self,
+        expressions: Sequence[Any],
+        leaves: Mapping[int, Any],
+        functions: Mapping[str, Callable[..., Any]] = ARRAY_FUNCTIONS,
+    ) -> list[Any]:
+        """Formulas with arrays, or numbers, in place of the variables, by their identities; their steps are kept."""
         key = tuple(map(id, expressions))
         if key not in self._steps:
             # The first keeps the ids.
             self._steps[key] = list(expressions), ExpressionSteps(expressions, refuse=self._no_formula)
-        return self._steps[key][1].evaluate_at(leaves, ARRAY_FUNCTIONS)
+        return self._steps[key][1].evaluate_at(leaves, functions)
 
     def _no_formula(self, node: Any, reason: str) -> TrajectoryError:
         return TrajectoryError(
@@ -215,28 +233,31 @@ class RuleFormulas:
         index, clock : numbers
         """
         found = {id(self.at_instant[name]): numbers for name, numbers in declared.items()}
-        for component, given in ((self._scratch.derivatives, slopes), (self._scratch.previous, previous)):
-            found |= {id(component[name]): numbers for name, numbers in (given or {}).items()}
-        return found | {id(self.index): index, id(self.clock): clock}
+        found |= {id(self.derivative(name)): numbers for name, numbers in (slopes or {}).items()}
+        return found | self.at_starts(previous or {}) | {id(self.index): index, id(self.clock): clock}
+
+    def at_starts(self, states: Mapping[str, Any]) -> dict[int, Any]:
+        """What stands in place of the states where the element starts."""
+        return {id(self._scratch.previous[name]): numbers for name, numbers in states.items()}
 
     def of_companions(self, fractions: Array) -> dict[int, Array]:
         """What other phases that rules have read are at local fractions, shape ``(q, N)``, by what stands for it."""
         found: dict[int, Array] = {}
-        for number in dict.fromkeys(number for number, _ in self._scratch.beside):
+        for number in dict.fromkeys(number for number, _ in self._beside):
             values = self.companions[number].values_at(fractions)
-            named = {name: variable for (of, name), variable in self._scratch.beside.items() if of == number}
+            named = {name: variable for (of, name), variable in self._beside.items() if of == number}
             found |= {id(variable): values[name].T for name, variable in named.items() if name in values}
         return found
 
     @property
     def further_readings(self) -> int:
         """How much rules have read so far that is neither declared nor derived: earlier, or of other phases."""
-        return len(self._scratch.delayed) + len(self._scratch.beside)
+        return len(self._delayed) + len(self._beside)
 
     @property
     def delays(self) -> list[tuple[str, float]]:
         """What rules have read at earlier times, and how much earlier."""
-        return list(self._scratch.delayed)
+        return list(self._delayed)
 
     def delayed_numbers(self, past: Past, times: Array, widths: Array, fraction: float) -> dict[int, Array]:
         """Numbers of what rules have read at earlier times than these, by the identity of what stands for it.
@@ -251,7 +272,7 @@ class RuleFormulas:
         """
         start, end = self._boundaries[0], self._boundaries[-1]
         found = {}
-        for (name, delay), variable in self._scratch.delayed.items():
+        for (name, delay), variable in self._delayed.items():
             # A hair inside of each element: history ends, and all but states may jump, where they meet.
             inside = times - delay + SAME_TIME * (0.5 - fraction) * widths
             earlier = times - delay if name in self._record.names_of_states else inside

@@ -1,47 +1,54 @@
 """Forward simulation: what a phase does from its initial values under given controls.
 
 Explicit differential equations are integrated by SciPy, element by element. With implicit and algebraic equations, step
-maps, or pairs that determine algebraics or forces, each element is one mixed complementarity problem in the rows of the
-scheme itself (`contact_steps`). Bounds and path constraints are ignored.
+maps, or pairs that determine algebraics or forces, each element is one step of the scheme, in which all of it is solved
+together (`implicit_steps`). Bounds and path constraints are ignored.
 """
 
 from __future__ import annotations
 
+import logging
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import chain, compress
 from typing import Any
 
 import numpy as np
 from pyomo.core.base.var import Var
-from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.errors import InitialGuessError, SimulationFailed, TrajectoryError
-from pyrobocop_pyomo.modeling.undefined_values import undefined_part
-from pyrobocop_pyomo.modeling.variable_values import unfixed, values_restored
+from pyrobocop_pyomo.errors import InitialGuessError, PyRobocopError, SimulationFailed, TrajectoryError
+from pyrobocop_pyomo.modeling.rule_results import variables_read
+from pyrobocop_pyomo.modeling.variable_values import put_values, values_restored
 from pyrobocop_pyomo.numerics import Array, Grid, Mesh
-from pyrobocop_pyomo.optional_imports import scipy
+from pyrobocop_pyomo.numerics.flows import runge_kutta
 from pyrobocop_pyomo.trajectories import Trajectory
-from pyrobocop_pyomo.transcription import InitialGuess, initial_number
+from pyrobocop_pyomo.transcription import InitialGuess, can_step, initial_number
 
-from .companions import companions_of
-from .contact_steps import ContactSteps
-from .declarations import Parameter
-from .delays import MotionSoFar, past_of
-from .element_integration import integrate_by_steps
+from .companions import companions_of, put_on_model
+from .declarations import Algebraic, Control, Parameter
+from .delays import MotionSoFar
 from .families import guesses_by_component, names_by_component
 from .horizon import real_grid
+from .impacts import Impacts
+from .implicit_steps import FormulaStep, RowStep, StepSystem
 from .phase_values import make_trajectory, pairs_of_phase, read_values
-from .rate_arrays import PointRates
 from .record import PhaseRecord
-from .simulated_unknowns import Unknowns, find_unknowns
+from .right_hand_sides import RightHandSides, TooManyEvaluations
 from .stated_numbers import moving_end
+from .step_equations import by_points, by_rules, pairs_on_model
 
-# What a rule raises at values where it has none: a logarithm of a negative number, a division by zero.
-_NO_VALUE = (ArithmeticError, ValueError)
+LOGGER = logging.getLogger(__name__)
+
+# Of a step: how far states are moved on to see how fast gaps change.
+_LITTLE = 1e-6
 
 _WHAT_IS_MISSING = "has no value to simulate with. Give it in the call, or an initial guess."
 
+# One step of Runge and Kutta from node to node, which is enough for a start.
+ROUGHLY = "Runge-Kutta"
 METHODS = ("RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA", "scheme")
 
 
@@ -71,10 +78,6 @@ class SimulationOptions:
     most_evaluations: int | None = None
 
 
-class _TooManyEvaluations(Exception):
-    """Ends an integration that would go on for long."""
-
-
 def simulate(
     block: Any,
     record: PhaseRecord,
@@ -83,51 +86,45 @@ def simulate(
     options: SimulationOptions,
 ) -> Trajectory:
     """See `PhaseActions.simulate`."""
-    if options.method not in METHODS:
-        raise InitialGuessError(
-            f"phase '{block.name}': method {options.method!r} is unknown; choose one of {', '.join(METHODS)}."
-        )
     what = f"phase '{block.name}'"
+    if options.method not in (*METHODS, ROUGHLY):
+        raise InitialGuessError(f"{what}: method {options.method!r} is unknown; choose one of {', '.join(METHODS)}.")
     controls, initial = (guesses_by_component(record, given, what) for given in (controls, initial))
     if options.unknown is not None:
         options = replace(options, unknown=names_by_component(record, options.unknown))
     run = _Run(block, record, controls, initial, options)
     with run.on_model():
         for i in range(record.grid.mesh.elements):
-            start = run.grid.mesh.boundaries[i]
-            try:
-                with np.errstate(all="ignore"):
-                    failure = run.element(i, options)
-            except TrajectoryError:
-                raise  # a rule that cannot be asked says nothing about the motion
-            except _NO_VALUE as error:
-                why = run.undefined(i) or _first_line(error)
-                failure = run.reached or start, f"the equations have no value ({why})"
-            if failure is not None:
-                raise _failed(block, run, i, *failure)
-            run.put_element(i)
-        pairs = pairs_of_phase(block, record.grid) if run.unknowns.contact else None
+            failure = run.through(i)
+            if failure:
+                kept = f"the {i} elements before" if i else "nothing before"
+                raise SimulationFailed(
+                    f"{what}: the simulation stopped at t = {run.reached:g}: {failure}. Kept in error.trajectory: "
+                    f"{kept}. Give other controls or initial values, or another method.",
+                    run.reached,
+                    run.trajectory(i) if i else None,
+                )
+        pairs = pairs_of_phase(block, record.grid) if run.contact else None
         return run.trajectory(record.grid.mesh.elements, pairs)
 
 
-def _first_line(error: Exception) -> str:
-    text = str(error).splitlines()[0] if str(error) else type(error).__name__
-    # As Pyomo says it of a variable without a value.
-    return f"{text}; a simulation knows no later value" if text.startswith("No value for uninitialized") else text
-
-
-def _failed(block: Any, run: _Run, element: int, time: float, reason: str) -> SimulationFailed:
-    kept = f"the {element} elements before" if element else "nothing before"
-    return SimulationFailed(
-        f"phase '{block.name}': the simulation stopped at t = {time:g}: {reason}. Kept in error.trajectory: {kept}. "
-        "Give other controls or initial values, or another method.",
-        time,
-        run.trajectory(element) if element else None,
-    )
-
-
 class _Run:
-    """The values so far, per element: states at the nodes, everything else at the stages."""
+    """The values so far, over the times and points of the grid, and on the model.
+
+    Parameters
+    ----------
+    block, record, controls, initial, options
+        As for `simulate`.
+
+    Attributes
+    ----------
+    grid : Grid
+        In real time.
+    contact : bool
+        Whether pairs determine some of it.
+    reached : float
+        The time at which equations were evaluated last.
+    """
 
     def __init__(
         self,
@@ -137,67 +134,42 @@ class _Run:
         initial: Mapping[str, float],
         options: SimulationOptions,
     ) -> None:
-        self.block, self.record = block, record
-        self.grid = real_grid(block, record)
-        self.unknowns: Unknowns = find_unknowns(block, record, controls, options.unknown)
-        self.given = given_values(block, record, controls, self.unknowns)
-        self.signals = {
-            name: record.nodes(name).at_points(values)[record.grid.stage_positions]
-            for name, values in self.given.items()
-        }
-        self.parameters = {name: float(block.component(name).value) for name in record.names(Parameter)}
-        self.compiled: PointRates | None = None
-        self.evaluations = 0
-        self.reached: float | None = None
-        shape = (record.grid.mesh.elements, record.grid.scheme.stages)
-        names = record.names_of_states
-        self.start = initial_states(block, record, initial)
-        self.states = {name: np.full((shape[0], len(record.grid.scheme.state_nodes)), np.nan) for name in names}
-        self.rates = {name: np.full(shape, np.nan) for name in names}
-        for name in self.unknowns.algebraics:
-            self.signals[name] = np.full(shape, np.nan)
-        self.ends = np.full((shape[0], len(names)), np.nan)
-        if options.restitution and not self.unknowns.contact:
+        self._block, self._record, self._options = block, record, options
+        self.grid, names = real_grid(block, record), record.names_of_states
+        self._unknown, self.contact = find_unknowns(block, record, controls, options.unknown)
+        self._given = given_values(block, record, controls, self._unknown)
+        self._parameters = {name: float(block.component(name).value) for name in record.names(Parameter)}
+        self._start = initial_states(block, record, initial)
+        if options.restitution and not can_step(record.grid.scheme):
+            raise InitialGuessError(
+                f"phase '{block.name}': restitution needs one step per element; {record.grid.scheme.name} has "
+                f"{record.grid.scheme.stages} stages. Use scheme='implicit_euler'."
+            )
+        if options.restitution and not self.contact:
             raise InitialGuessError(
                 f"phase '{block.name}': restitution is given, but no pair determines anything in this simulation. "
                 "Leave out of controls={...} what pairs are to find, or name it in unknown=[...]."
             )
-        by_rows = options.method == "scheme" or bool(
-            self.unknowns.algebraics or self.unknowns.implicit or record.discrete_states
-        )
-        widths, restitution = self.grid.mesh.widths, options.restitution
-        self.steps = ContactSteps(block, record, self.unknowns, widths, restitution) if by_rows else None
-
-    def element(self, i: int, options: SimulationOptions) -> tuple[float, str] | None:
-        """Find one element; returns time and reason of a failure."""
-        if self.compiled is not None:
-            return self.by_integration(i, self.compiled, options)
-        assert self.steps is not None
-        return self.by_rows(i, self.steps)
-
-    def by_rows(self, i: int, steps: ContactSteps) -> tuple[float, str] | None:
-        """Solve rows and pairs of one element; returns time and reason of a failure."""
-        block, record, grid = self.block, self.record, self.record.grid
-        if i == 0:
-            steps.begin(dict(zip(record.names_of_states, self.start.tolist(), strict=True)), block)
-        failure = steps.solve(i)
-        if failure is not None:
-            residual, where = failure
-            return (
-                self.grid.mesh.boundaries[i],
-                f"the rows of element {i} were not solved (residual {residual:.1e} in {where})",
-            )
-        names = record.names_of_states
-        nodes = {name: np.array([block.component(name)[time].value for time in grid.node_times[i]]) for name in names}
-        ends = np.array([block.component(name)[grid.mesh.boundaries[i + 1]].value for name in names])
-        for name in self.unknowns.algebraics:
-            component = block.component(name)
-            self.signals[name][i] = [float(value(component[time])) for time in grid.stage_times[i]]
-        for name in set(names) - record.discrete_states:
-            rates = block.derivative(name)
-            self.rates[name][i] = [float(value(rates[time])) for time in grid.stage_times[i]]
-        self._take(i, nodes, ends)
-        return None
+        implicit = set(names) - record.equation_of.keys()
+        self._is_stepped = options.method == "scheme" or bool(self._unknown or implicit or record.discrete_states)
+        self._derivatives = {name: f"{name}_derivative" for name in names}
+        kept = [self._derivatives[name] for name in names if name in record.kept_derivatives]
+        self._variables = {name: record.nodes(name).variables(block) for name in (*names, *self._unknown, *kept)}
+        for name in self._unknown:
+            if len(self._variables[name]) != len(record.grid.points):
+                raise InitialGuessError(
+                    f"phase '{block.name}': '{name}' has {len(self._variables[name])} values, and a simulation finds "
+                    f"one at each of {len(record.grid.points)} points. Give it in controls={{...}}."
+                )
+        points = (*self._unknown, *self._derivatives.values())
+        self._found = {name: np.full(len(record.grid.times), np.nan) for name in names}
+        self._found |= {name: np.full(len(record.grid.points), np.nan) for name in points}
+        self._ends = np.searchsorted(record.grid.times, record.grid.mesh.boundaries)
+        # What unknowns were last, where the search for them starts.
+        self._last = {
+            name: next((v.value for v in self._variables[name] if v.value is not None), 0.0) for name in self._unknown
+        }
+        self.reached = self.grid.mesh.boundaries[0]
 
     @contextmanager
     def on_model(self) -> Iterator[None]:
@@ -205,163 +177,223 @@ class _Run:
 
         Rules may read other times than their own. What has not been simulated yet has no value meanwhile.
         """
-        block, record = self.block, self.record
+        block, record = self._block, self._record
         with values_restored(block.component_data_objects(Var)):
-            if self.steps is None:
-                given = make_trajectory(
-                    block,
-                    self.grid,
-                    states={},
-                    signals=self._signals_at(self.grid),
-                    parameters={},
-                    pairs={},
-                    knot_values=self.given,
-                )
-                self.compiled = PointRates(
-                    block, record, record.grid, self.grid, self.signals, given.piecewise_linear, self.parameters,
-                    companions_of(block, record.grid.mesh.boundaries),
-                )  # fmt: skip
-                self.compiled.past = self.so_far = MotionSoFar(
-                    record.names_of_states, past_of(given), self.grid.mesh.boundaries[0], self.start
-                )
-            unknown = [*record.names_of_states, *self.unknowns.algebraics]
-            components = [block.component(record.nodes(name).component) for name in unknown]
-            components += [block.component(f"{name}_derivative") for name in sorted(record.kept_derivatives)]
-            for variable in (variable for component in components for variable in component.values()):
+            for variable in chain.from_iterable(self._variables.values()):
                 variable.set_value(None, skip_validation=True)
-            for name, values in self.given.items():
-                self._put(record.nodes(name).variables(block), values)
-            for name, number in zip(record.names_of_states, self.start.tolist(), strict=True):
-                block.component(name)[record.grid.times[0]].set_value(number, skip_validation=True)
-            with unfixed(self.steps.unknowns if self.steps is not None else ()):
-                yield
+            for name, values in self._given.items():
+                put_values(record.nodes(name).variables(block), values.tolist())
+            for name, number in zip(record.names_of_states, self._start.tolist(), strict=True):
+                self._variables[name][0].set_value(number, skip_validation=True)
+            self._state_equations()
+            yield
 
-    def put_element(self, i: int) -> None:
-        """Let the phase have the values of an element."""
-        if self.steps is not None:
-            return  # it has them
-        grid = self.record.grid
-        for j, name in enumerate(self.record.names_of_states):
-            variable = self.block.component(name)
-            self._put([variable[time] for time in grid.node_times[i]], self.states[name][i])
-            variable[grid.mesh.boundaries[i + 1]].set_value(float(self.ends[i, j]), skip_validation=True)
-        at_stages = {name: self.signals[name][i] for name in self.unknowns.algebraics}
-        at_stages |= {f"{name}_derivative": self.rates[name][i] for name in self.record.kept_derivatives}
-        for name, values in at_stages.items():
-            variable = self.block.component(name)
-            self._put([variable[time] for time in grid.stage_times[i]], values)
+    def _state_equations(self) -> None:
+        """Take the formulas of the rules; of steps the rows at the points, where rules say nothing for all times."""
+        block, record = self._block, self._record
+        given = replace(self.trajectory(record.grid.mesh.elements), states={}, rates={})
+        equations = partial(by_rules, block, record, self._unknown, self.contact)
+        beside = companions_of(block, record.grid.mesh.boundaries)
+        self._rates: RightHandSides | None = None
+        try:
+            self._rates = RightHandSides(block, record, given, equations, companions=beside)
+        except TrajectoryError:
+            if not self._is_stepped:
+                raise
+        if not self._is_stepped:
+            assert self._rates is not None
+            self._so_far = MotionSoFar(record.names_of_states, self._rates.past, self.reached, self._start)
+            self._rates.past, self._rates.most_evaluations = self._so_far, self._options.most_evaluations or np.inf
+            return
+        if self._rates is None or self._rates.are_delayed:  # an element may read itself
+            self._rates, self._rows = None, by_points(block, record, self._unknown, self.contact)
+            states = {id(variable) for name in record.names_of_states for variable in self._variables[name]}
+        else:
+            self._rows = [self._rates.equations] * len(record.grid.points)
+            states = set(self._rates.keys[: len(record.names_of_states)])
+        for point, of in zip(record.grid.points, self._rows, strict=True):
+            if len(of.rows) + len(of.pairs) != len(of.unknowns):
+                raise InitialGuessError(
+                    f"phase '{block.name}': at t = {point:g} there are {len(of.rows)} equations and {len(of.pairs)} "
+                    f"pairs for {len(of.unknowns)} unknowns beside the states ({', '.join(of.unknowns) or 'none'}). A "
+                    "simulation needs as many. Say what is to be found by unknown=[...], and give the rest in "
+                    "controls={...}."
+                )
+        self._impacts = Impacts(self._rows[0].pairs, self._options.restitution, states, f"phase '{block.name}'")
 
-    @staticmethod
-    def _put(variables: Sequence[Any], values: Array) -> None:
-        for variable, number in zip(variables, np.asarray(values).tolist(), strict=True):
-            variable.set_value(number, skip_validation=True)
+    def through(self, i: int) -> str:
+        """Find one element; returns what has failed, in words, or nothing."""
+        self.reached = self.grid.mesh.boundaries[i]
+        try:
+            with np.errstate(all="ignore"):
+                return self._step(i) if self._is_stepped else self._integrate(i)
+        except TrajectoryError:
+            raise  # a rule that cannot be evaluated says nothing about the motion
+        except TooManyEvaluations:
+            why = f"it took more than {self._options.most_evaluations} evaluations"
+        except (ArithmeticError, ValueError) as error:  # of a logarithm of a negative number, a division by zero
+            said = str(error).splitlines()[0] if str(error) else type(error).__name__
+            why = f"the equations have no value ({(self._rates and self._rates.undefined()) or said})"
+        if self._rates is not None and not self._is_stepped:
+            self.reached = float(self._rates.reached)
+        return why
 
-    def by_integration(self, i: int, rates: PointRates, options: SimulationOptions) -> tuple[float, str] | None:
-        """Integrate one element with SciPy; returns time and reason of a failure."""
-        scheme, names = self.record.grid.scheme, self.record.names_of_states
-        width, begin = self.grid.mesh.widths[i], self.grid.mesh.boundaries[i]
-
-        def slope(local: float, state: Array) -> Array:
-            self.reached = begin + width * local
-            self.evaluations += 1
-            if options.most_evaluations is not None and self.evaluations > options.most_evaluations:
-                raise _TooManyEvaluations
-            return width * rates(i, local, state)
-
-        rates.refresh()
-        if names:
-            asked = np.union1d(scheme.state_nodes, [0.0, 1.0])
+    def _integrate(self, i: int) -> str:
+        """Integrate one element with SciPy."""
+        scheme, options, rates = self._record.grid.scheme, self._options, self._rates
+        assert rates is not None
+        places, why = np.union1d(scheme.state_nodes, [0.0, 1.0]), ""
+        if options.method == ROUGHLY:
+            width = self.grid.mesh.widths[i]
+            paths, _ = runge_kutta(
+                lambda place, at: width * rates.at(i, place, at[:, 0, 0])[:, None, None],
+                self._start[:, None, None], places, 1,
+            )  # fmt: skip
+            states = paths[:, :, 0, 0]
+        elif len(self._start):
             settings: dict[str, Any] = {"method": options.method, "rtol": options.rtol, "atol": options.atol}
-            try:
-                if self.record.delayed_names:
-                    result = integrate_by_steps(
-                        slope, 0.0, 1.0, self.start, self.so_far, rates.smallest_delay,
-                        to_real_time=lambda local: begin + width * local, **settings,
-                    )  # fmt: skip
-                else:
-                    result = scipy.integrate.solve_ivp(slope, (0.0, 1.0), self.start, t_eval=asked, **settings)
-            except _TooManyEvaluations:
-                return self.reached or begin, f"it took more than {options.most_evaluations} evaluations"
-            if not result.success or not np.isfinite(result.y).all():
-                reached = float(result.t[-1]) if len(result.t) else 0.0
-                return begin + width * reached, f"SciPy's {options.method} gave up ({result.message})"
-            if self.record.delayed_names:
-                result.y = np.array([self.so_far.state(begin + width * local) for local in asked]).T
-            nodes = result.y[:, np.searchsorted(asked, scheme.state_nodes)]
-            nodes[:, 0] = self.start  # LSODA returns it with rounding
-            self._take(i, dict(zip(names, nodes, strict=True)), result.y[:, -1])
+            so_far = self._so_far if rates.are_delayed else None
+            states, why = rates.through(i, self._start, np.array([0.0, 1.0]), places, so_far, **settings)
+        else:
+            states = np.zeros((len(places), 0))
+        if why:
+            self.reached = float(rates.reached)
+            return f"SciPy's {options.method} gave up ({why})"
+        nodes = states[np.searchsorted(places, scheme.state_nodes)]
+        nodes[0] = self._start  # which is known without rounding
         first = 0 if scheme.starts_on_a_stage else 1
-        for k, local in enumerate(scheme.c.tolist()):
-            at = rates(i, local, np.array([self.states[name][i, first + k] for name in names]))
-            for name, rate in zip(names, at.tolist(), strict=True):
-                self.rates[name][i, k] = rate
-        return None
-
-    def undefined(self, i: int) -> str:
-        """Which part of a right-hand side has no value in an element, where it was asked last; or empty."""
-        block, record = self.block, self.record
-        times = record.grid.stage_times[i]
-        found: list[tuple[Any, float]] = []
-        for name, number in ({} if self.compiled is None else self.compiled.given).items():
-            if name not in record.declarations:
-                continue
-            nodes = record.nodes(name)
-            found += [(v, number) for t, v in zip(nodes.times, nodes.variables(block), strict=True) if t in times]
-        with values_restored(variable for variable, _ in found):
-            for variable, number in found:
-                if not variable.fixed:
-                    variable.set_value(number, skip_validation=True)
-            for state, rates in record.rates.items():
-                for time in record.grid.stage_times[i]:
-                    part = undefined_part(rates[time]) if time in rates else None
-                    if part is not None:
-                        return f"{part.what}, in the right-hand side of '{state}', element {i}"
+        at_stages = [rates.at(i, place, nodes[first + k]) for k, place in enumerate(scheme.c.tolist())]
+        self._take(i, nodes, states[-1], np.array(at_stages).T, np.zeros((0, scheme.stages)))
         return ""
 
-    def _take(self, i: int, nodes: Mapping[str, Array], ends: Array) -> None:
-        for name, numbers in nodes.items():
-            self.states[name][i] = numbers
-        self.start = self.ends[i] = np.asarray(ends)
+    def _step(self, i: int) -> str:
+        """Solve one element as a step of the scheme."""
+        grid, names = self._record.grid, self._record.names_of_states
+        system = self._system(i, 1.0)
+        guess = system.point_from(self._start, [self._last.get(name, 0.0) for name in self._rows[0].unknowns])
+        system.values(guess)  # which raises what a rule lacks
+        shortest = 1.0 if self._record.discrete_states else _LITTLE
+        solution = self._impacts.solved(system, guess, partial(self._system, i), shortest)
+        if not solution.solved:
+            of = self._rows[0]
+            places = [f"the equation of '{name}'" for name in names for _ in grid.scheme.D]
+            stated = [*(f"the row '{name}'" for name in of.names_of_rows), *(f"the pair '{p.name}'" for p in of.pairs)]
+            places += [place for place in stated for _ in range(system.stages_solved)]
+            where = places[solution.worst]
+            return f"the rows of element {i} were not solved (residual {solution.residual:.1e} in {where})"
+        nodes, unknowns = system.parts(solution.point)
+        self._last = dict(zip(self._rows[0].unknowns, unknowns[:, -1].tolist(), strict=True))
+        ends, found = grid.scheme.end_weights @ nodes, unknowns[len(unknowns) - len(self._unknown) :]
+        self._take(i, nodes, ends, system.rates(solution.point), found)
+        return ""
+
+    def _system(self, i: int, share: float) -> StepSystem:
+        """The equations of a share of an element, from its start on."""
+        grid, names = self._record.grid, self._record.names_of_states
+        stages = grid.stage_positions[i]
+        shared = stages[: int(grid.elements_share_points and i > 0)]
+        found = [self._derivatives.get(name.removeprefix("d "), name) for name in self._rows[0].unknowns]
+        known = np.array([self._found[name][shared] for name in found]).reshape(len(found), len(shared))
+        maps = np.array([share > 0.0 and name in self._record.discrete_states for name in names], dtype=bool)
+        if self._rates is not None:
+            sizes = np.ones(len(names) + len(found))
+            return FormulaStep(self._rates, i, 0.0, share, self._start, grid.scheme, sizes, known=known, maps=maps)
+        nodes = [self._variables[name][k] for k in grid.node_positions[i, 1:] for name in names]
+        length, rows = share * float(self.grid.mesh.widths[i]), [self._rows[k] for k in stages]
+        return RowStep(rows, nodes, length, self._start, grid.scheme, known=known, maps=maps)
+
+    def _take(self, i: int, nodes: Array, end: Array, rates: Array, unknowns: Array) -> None:
+        """Keep an element: states (nodes, n) and (n,), derivatives (n, s) and unknowns (m, s) at the stages."""
+        record, grid = self._record, self._record.grid
+        stages = grid.stage_positions[i]
+        for j, name in enumerate(record.names_of_states):
+            self._put(name, np.append(grid.node_positions[i], self._ends[i + 1]), np.append(nodes[:, j], end[j]))
+            self._put(self._derivatives[name], stages, rates[j])
+        for name, numbers in zip(self._unknown, unknowns, strict=True):
+            self._put(name, stages, numbers)
+        self._start = end
+
+    def _put(self, name: str, positions: Any, numbers: Array) -> None:
+        self._found[name][positions] = numbers
+        if name in self._variables:
+            put_values([self._variables[name][k] for k in positions.tolist()], numbers.tolist())
 
     def trajectory(self, elements: int, pairs: Mapping[str, Array] | None = None) -> Trajectory:
         """The first elements as a trajectory."""
+        record, found = self._record, self._found
         grid = Grid(self.grid.scheme, Mesh(self.grid.mesh.boundaries[: elements + 1]))
-        names = self.record.names_of_states
-        states = {}
-        for j, name in enumerate(names):
-            at: dict[float, float] = {}
-            for i in range(elements):
-                at |= dict(zip(grid.node_times[i], self.states[name][i].tolist(), strict=True))
-                at[grid.mesh.boundaries[i + 1]] = float(self.ends[i, j])
-            states[name] = np.array([at[t] for t in grid.times])
+        signals = {
+            name: found[name] if name in found else record.nodes(name).at_points(self._given[name])
+            for name in record.names_of_signals
+        }
+        names = [name for name in record.names_of_states if name not in record.discrete_states]
         return make_trajectory(
-            self.block,
+            self._block,
             grid,
-            states=states,
-            signals=self._signals_at(grid),
-            parameters=self.parameters,
+            states={name: found[name][: len(grid.times)] for name in record.names_of_states},
+            signals={name: values[: len(grid.points)] for name, values in signals.items()},
+            parameters=self._parameters,
             pairs=pairs or {},
-            rates={
-                name: self._at_points(grid, per_stage)
-                for name, per_stage in self.rates.items()
-                if name not in self.record.discrete_states
-            },
-            knot_values=self.given,
+            rates={name: found[self._derivatives[name]][: len(grid.points)] for name in names},
+            knot_values=self._given,
         )
 
-    def _signals_at(self, grid: Grid) -> dict[str, Array]:
-        return {name: self._at_points(grid, self.signals[name]) for name in self.unknowns.order}
 
-    @staticmethod
-    def _at_points(grid: Grid, per_stage: Array) -> Array:
-        at: dict[float, float] = {}
-        for times, values in zip(grid.stage_times, per_stage, strict=False):
-            at |= dict(zip(times, values.tolist(), strict=True))
-        return np.array([at[t] for t in grid.points])
+def find_unknowns(
+    block: Any, record: PhaseRecord, given: Mapping[str, InitialGuess], asked: Sequence[str] | None = None
+) -> tuple[tuple[str, ...], bool]:
+    """What is to be found beside the states, and whether pairs determine some of it.
+
+    Parameters
+    ----------
+    block : PhaseBlock
+    record : PhaseRecord
+    given : mapping of name to values
+        Only the names count.
+    asked : sequence of str, optional
+        Algebraics and controls that are to be found; by default what equations and pairs suffice for: the algebraics
+        that are not given and, where pairs then outnumber the unknowns, the controls that stand in pairs as well.
+
+    Raises
+    ------
+    InitialGuessError
+        When a name is unknown, or equations and unknowns do not match.
+    """
+    algebraics, controls = record.names(Algebraic), record.names(Control)
+    for name in (*given, *(asked or ())):
+        if name not in algebraics + controls:
+            raise InitialGuessError(
+                f"phase '{block.name}': '{name}' is given to a simulation, but it is neither control nor algebraic; "
+                f"these are {', '.join(controls + algebraics) or 'none'}."
+            )
+    on_model = pairs_on_model(block)
+    pairs = max(Counter(index[0] if isinstance(index, tuple) else index for index, _ in on_model).values(), default=0)
+    if asked is not None:
+        twice = [name for name in asked if name in given]
+        if twice:
+            raise InitialGuessError(f"phase '{block.name}': '{twice[0]}' is both given and to be found.")
+        return tuple(asked), pairs > 0 and bool(asked)
+    implicit = tuple(name for name in record.names_of_states if name not in record.equation_of)
+    equations = record.residuals_per_point - len(implicit)
+    free = tuple(name for name in algebraics if name not in given)
+    sides = {id(variable) for _, data in on_model for side in data.args for variable in variables_read(side)}
+    of_pairs = [name for name in controls if any(id(v) in sides for v in record.nodes(name).variables(block))]
+    for found in (free, (*free, *(name for name in of_pairs if name not in given))):
+        if pairs and equations + pairs == len(found):
+            return found, True
+    if equations in (0, len(free)):  # without any, pairs alone would have to determine them: they keep their guess
+        if pairs:
+            LOGGER.info("phase '%s': the simulation looks at no pairs; they determine nothing in it.", block.name)
+        return free if equations else (), False
+    raise InitialGuessError(
+        f"phase '{block.name}': a simulation has {record.residuals_per_point} residual equations and {pairs} pairs per "
+        f"point for {len(implicit) + len(free)} unknowns: {', '.join((*implicit, *free)) or 'none'}. Give in "
+        "controls={...} what neither determines, or say by unknown=[...] what is to be found."
+    )
 
 
 def given_values(
-    block: Any, record: PhaseRecord, given: Mapping[str, InitialGuess], unknowns: Unknowns
+    block: Any, record: PhaseRecord, given: Mapping[str, InitialGuess], unknown: Sequence[str]
 ) -> dict[str, Array]:
     """Values over its nodes of everything that is not to be found: as given, or as the phase has them.
 
@@ -370,15 +402,13 @@ def given_values(
     InitialGuessError
         When a value has the wrong length, is missing or is not finite.
     """
-    values = {}
-    for name in unknowns.order:
-        if name not in unknowns.algebraics:
-            nodes = record.nodes(name)
-            if name in given:
-                values[name] = nodes.from_guess(given[name], f"phase '{block.name}': '{name}'")
-            else:
-                values[name] = read_values(nodes.variables(block), InitialGuessError, _WHAT_IS_MISSING)
-    return values
+    nodes = {name: record.nodes(name) for name in record.names_of_signals if name not in unknown}
+    return {
+        name: of.from_guess(given[name], f"phase '{block.name}': '{name}'")
+        if name in given
+        else read_values(of.variables(block), InitialGuessError, _WHAT_IS_MISSING)
+        for name, of in nodes.items()
+    }
 
 
 def initial_states(block: Any, record: PhaseRecord, given: Mapping[str, float]) -> Array:
@@ -396,20 +426,83 @@ def initial_states(block: Any, record: PhaseRecord, given: Mapping[str, float]) 
             f"phase '{block.name}': an initial value is given for '{unknown[0]}'; its states are "
             f"{', '.join(names) or 'none'}."
         )
-    first = record.grid.times[0]
-    return np.array(
-        [
-            initial_number(given[name], f"phase '{block.name}': initial value of '{name}'")
-            if name in given
-            else _start_on_model(block, record, name, first)
-            for name in names
-        ],
-        dtype=float,
-    )
+    found = {name: initial_number(of, f"phase '{block.name}': initial value of '{name}'") for name, of in given.items()}
+    for name in (name for name in names if name not in found):
+        followed, first = moving_end(block, name, record.declarations[name], "initial"), record.grid.times[0]
+        if followed is None:
+            followed = read_values([block.component(name)[first]], InitialGuessError, _WHAT_IS_MISSING)[0]
+        found[name] = followed
+    return np.array([found[name] for name in names], dtype=float)
 
 
-def _start_on_model(block: Any, record: PhaseRecord, name: str, first: float) -> float:
-    followed = moving_end(block, name, record.declarations[name], "initial")
-    if followed is not None:
-        return followed
-    return float(read_values([block.component(name)[first]], InitialGuessError, _WHAT_IS_MISSING)[0])
+@dataclass(frozen=True)
+class Replay:
+    """A plan, and the motion that its controls lead to.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+        The simulated motion, on the grid of the phase.
+    distances : dict of state name to number
+        Largest difference of each state from the plan, over the times of the grid.
+    """
+
+    trajectory: Trajectory
+    distances: Mapping[str, float]
+
+    @property
+    def distance(self) -> float:
+        """The largest of all differences."""
+        return max(self.distances.values(), default=0.0)
+
+    def __str__(self) -> str:
+        listed = ", ".join(f"{name} {distance:.2e}" for name, distance in self.distances.items())
+        return f"largest distance from the plan: {listed or 'no states'}"
+
+
+def replay(block: Any, record: PhaseRecord, trajectory: Trajectory, options: SimulationOptions) -> Replay:
+    """See `PhaseActions.replay`."""
+    with put_on_model([(block, trajectory)]):
+        found = simulate(block, record, {}, {}, options)
+    boundaries = trajectory.grid.mesh.boundaries
+    planned = trajectory(np.minimum(np.maximum(found.time, boundaries[0]), boundaries[-1]))
+    distances = {
+        name: float(np.abs(found.states[name] - planned[name]).max(initial=0.0)) for name in record.names_of_states
+    }
+    return Replay(found, distances)
+
+
+def put_rough_motion(block: Any) -> bool:
+    """Let the states of a phase follow its controls and algebraics, as well as a start needs it.
+
+    Parameters
+    ----------
+    block : PhaseBlock
+        Every free variable has a value; algebraics keep theirs, whatever the equations say.
+
+    Returns
+    -------
+    bool
+        Whether there is such a motion: every state has an explicit equation, and stays moderate. Otherwise values are
+        as before.
+    """
+    record, names = block.record, block.record.names_of_states
+    explicit = set(record.equation_of) - record.discrete_states >= set(names)
+    if not explicit or record.delayed_names or not names:
+        return False
+    try:
+        found = simulate(block, record, {}, {}, SimulationOptions(method=ROUGHLY, unknown=()))
+    except (PyRobocopError, ArithmeticError, ValueError, TypeError, KeyError):
+        return False  # a rule may raise anything at such values
+    if not all(is_moderate(values) for values in found.states.values()):
+        return False
+    for name in names:
+        free = [not variable.fixed for variable in record.nodes(name).variables(block)]
+        variables = compress(record.nodes(name).variables(block), free)
+        put_values(list(variables), found.states[name][free].tolist())
+    return True
+
+
+def is_moderate(numbers: Array) -> bool:
+    """Whether a motion can be a start."""
+    return bool(np.abs(numbers).max(initial=0.0) < 1e6)

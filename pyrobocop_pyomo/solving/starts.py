@@ -19,8 +19,7 @@ from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.obstacles.separation_rows import members_taken_off
 from pyrobocop_pyomo.phases import Algebraic, Control, PhaseBlockData, State, phases_of
 from pyrobocop_pyomo.phases.remeshing import put_on_meshes, why_not_remeshed
-from pyrobocop_pyomo.phases.rough_motion import put_rough_motion
-from pyrobocop_pyomo.phases.simulation import SimulationOptions, simulate
+from pyrobocop_pyomo.phases.simulation import SimulationOptions, is_moderate, put_rough_motion, simulate
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 
 from .strategies import StartingPoint, Strategy
@@ -308,7 +307,7 @@ def _simulate(model: Any) -> bool:
     for phase in phases_of(model):
         try:
             trajectory = simulate(phase, phase.record, {}, {}, SIMULATED_BY)
-            if all(map(_is_moderate, trajectory.states.values())):
+            if all(map(is_moderate, trajectory.states.values())):
                 phase.initialize(trajectory)
                 simulated = True
         except PyRobocopError as error:
@@ -316,10 +315,6 @@ def _simulate(model: Any) -> bool:
     if not simulated:
         before.restore()
     return simulated
-
-
-def _is_moderate(numbers: Any) -> bool:
-    return bool(abs(numbers).max(initial=0.0) < 1e6)
 
 
 def _put_inside_bounds(model: Any) -> bool:

@@ -12,7 +12,7 @@ from pyomo.core.base.var import Var
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.execution.engine import Engine
 from pyrobocop_pyomo.modeling.variable_values import checksum_of_model
-from pyrobocop_pyomo.motion.replayed_motion import PLAN_ALONE
+from pyrobocop_pyomo.motion.equations_motion import PLAN_ALONE
 from pyrobocop_pyomo.motion.safety_report import joined_report
 from pyrobocop_pyomo.planning.safe_planning import avoidance_blocks, containments
 from pyrobocop_pyomo.solving import SolveResult

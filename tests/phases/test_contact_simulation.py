@@ -148,7 +148,7 @@ def test_what_is_to_be_found_can_be_said() -> None:
     np.testing.assert_array_equal(b.simulate(unknown=forces).v, b.simulate().v)
     given_ = b.simulate(dict.fromkeys(forces, 0.0))  # then the pairs have nothing to find
     assert given_.v[-1] == pytest.approx(G * math.sin(0.3))
-    with pytest.raises(InitialGuessError, match=r"element 0 .* has 4 equations and 4 pairs for 7 unknowns, with n"):
+    with pytest.raises(InitialGuessError, match=r"at t = 0.025 .* 0 equations and 4 pairs for 3 unknowns .*\(normal"):
         b.simulate(unknown=forces[:3])
     with pytest.raises(InitialGuessError, match="'slip' is both given and to be found"):
         b.simulate({"slip": 0.0}, unknown=forces)

@@ -9,7 +9,7 @@ import pyomo.environ as pyo
 import pytest
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.phases.rough_motion import put_rough_motion
+from pyrobocop_pyomo.phases.simulation import put_rough_motion
 from pyrobocop_pyomo.solving import starts
 
 

@@ -1,0 +1,296 @@
+"""The right-hand sides of a phase under the controls of a trajectory, by the formulas of its rules.
+
+They are evaluated with arrays for all elements at once, or with floats at an instant of one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from pyomo.core.expr.numvalue import native_numeric_types
+
+from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.modeling.expression_nodes import FLOAT_FUNCTIONS
+from pyrobocop_pyomo.modeling.failures import failures_as
+from pyrobocop_pyomo.modeling.undefined_values import undefined_part
+from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.optional_imports import scipy
+from pyrobocop_pyomo.trajectories import Trajectory
+
+from .companions import Companion, indices_of
+from .delays import MotionSoFar, Past, past_of
+from .record import PhaseRecord, Statement
+from .rule_formulas import RuleFormulas, shown_by_name
+from .step_equations import difference_steps, stacked
+
+# Relative to an element: shorter delays would take too many steps.
+_SHORTEST_PART = 1e-5
+
+
+class TooManyEvaluations(Exception):
+    """Ends an integration that would go on for long."""
+
+
+class RightHandSides:
+    """Derivatives of all states, and what else is stated at an instant.
+
+    Parameters
+    ----------
+    block : PhaseBlock
+    record : PhaseRecord
+    trajectory : Trajectory
+        Whose controls and parameters are taken. Algebraics are taken from it where nothing determines them, or the
+        motion does not depend on them; elsewhere they are found at each instant, from there.
+    equations : callable
+        From `RuleFormulas` to the equations: `InstantEquations`, or `StepEquations`.
+    integrals : sequence of Statement
+        Whose integrands follow the states: what they gain over the local fraction.
+    companions : sequence of Companion
+        Other phases that rules may read, as planned.
+
+    Attributes
+    ----------
+    equations : InstantEquations or StepEquations
+    widths : array, shape (N,)
+        Of the elements in real time.
+    past : callable
+        ``past(name, times)`` gives values at earlier times, where rules read such: those of the trajectory at first.
+    most_evaluations : float
+        Of `at`, before `TooManyEvaluations` is raised.
+    reached : float
+        The time at which `at` was evaluated last.
+
+    Raises
+    ------
+    TrajectoryError
+        When a rule gives no formula, or rules read earlier times and more is to be found than states.
+    """
+
+    def __init__(
+        self,
+        block: Any,
+        record: PhaseRecord,
+        trajectory: Trajectory,
+        equations: Callable[[RuleFormulas], Any],
+        integrals: Sequence[Statement] = (),
+        companions: Sequence[Companion] = (),
+    ) -> None:
+        self._names, self._trajectory = record.names_of_states, trajectory
+        indices = indices_of(record, trajectory.grid)
+        self.widths = trajectory.grid.mesh.widths
+        self._starts, self._indices = (np.array(grid.mesh.boundaries[:-1]) for grid in (trajectory.grid, indices))
+        self._index_widths = np.array(indices.mesh.widths)
+        of_signals = [trajectory.element_signals(name) for name in trajectory.signals]
+        self._signals = np.array(of_signals).reshape(-1, len(self.widths), trajectory.grid.scheme.stages)
+        self._known: dict[float, dict[int, Any]] = {}
+        self._formulas = formulas = RuleFormulas(block, record, indices, trajectory.grid, companions)
+        with failures_as(TrajectoryError, f"phase '{block.name}': its equations are no formulas"):
+            self.equations = equations(formulas)
+            gained = [formulas.formulas_of(statement) for statement in integrals]
+        if self.equations.unknowns and formulas.delays:
+            raise TrajectoryError(
+                f"phase '{block.name}': rules read earlier times, and equations determine "
+                f"{', '.join(self.equations.unknowns)}; such a motion cannot be followed."
+            )
+        self.past: Past = past_of(trajectory)
+        self.most_evaluations, self.reached, self._evaluations = np.inf, self._starts[0], 0
+        self.smallest_delay = min((delay for _, delay in formulas.delays if delay > 0.0), default=np.inf)
+        pairs = self.equations.pairs
+        stated = [*self.equations.rows, *(pair.body for pair in pairs), *(pair.other for pair in pairs)]
+        self._rates = partial(formulas.values, [*self.equations.rates, *gained])
+        self._stated = partial(formulas.values, stated)
+        self._everything = partial(formulas.values, [*self.equations.rates, *stated])
+        # Mean derivatives of the plan in each element: where the search for those begins that no ode states.
+        nodes = {name: trajectory.element_states(name) for name in trajectory.states}
+        self._slopes = {name: (of[:, -1] - of[:, 0]) / self.widths for name, of in nodes.items()}
+        self._unknowns = [id(variable) for variable in self.equations.unknowns.values()]
+        # What stands for states and unknowns.
+        self.keys = [*(id(formulas.at_instant[name]) for name in self._names), *self._unknowns]
+        self._inverse: Array | None = None
+        self._last: dict[int, Any] = {}
+
+    @property
+    def are_delayed(self) -> bool:
+        """Whether rules read earlier times."""
+        return bool(self._formulas.delays)
+
+    # ---------------------------------------------------------------- for all elements
+
+    def __call__(self, fraction: float, states: Array) -> Array:
+        """Derivatives at a local fraction, of states of shape ``(n, k, N)``, those of integrals among them."""
+        leaves = self._given(fraction) | dict(zip(self.keys, states[: len(self._names)], strict=False))
+        if self._unknowns:
+            leaves |= dict(zip(self._unknowns, self._determined(leaves, states.shape[1:]), strict=True))
+        return stacked(self._rates(leaves), states.shape[1:]) * self.widths
+
+    def _determined(self, leaves: dict[int, Any], shape: tuple[int, ...]) -> Array:
+        """The unknowns by Newton's method from the plan, shape ``(m, k, N)``; NaN where it finds none.
+
+        Variants of a state are close to each other: one inverse serves all of them, as long as it gets on.
+        """
+        found = stacked([leaves[key] for key in self._unknowns], shape)
+        before, inverse = np.inf, self._inverse
+        for _ in range(30):
+            left = self._rows_at(leaves, found)
+            if inverse is None:
+                inverse = self._inverse_at(leaves, found)
+            change = np.einsum("nab,bkn->akn", inverse, left)
+            found = found - change
+            sizes = (np.abs(change) / (1.0 + np.abs(found))).max(axis=0)
+            size = float(sizes.max())
+            if not size > 1e-13 or (before <= 1e-10 and size > 0.2 * before):
+                break
+            inverse = None if size > 0.2 * before or not np.isfinite(size) else inverse
+            before = size
+        self._inverse = inverse
+        return np.where(sizes <= 1e-9, found, np.nan)
+
+    def _rows_at(self, leaves: Mapping[int, Any], unknowns: Array) -> Array:
+        at = {**leaves, **dict(zip(self._unknowns, unknowns, strict=True))}
+        return stacked(self._stated(at), unknowns.shape[1:])
+
+    def _inverse_at(self, leaves: Mapping[int, Any], unknowns: Array) -> Array:
+        """Of the derivatives of all rows by all unknowns in the first variant, shape ``(N, m, m)``."""
+        first = {key: leaf[:1] if np.ndim(leaf) == 2 else leaf for key, leaf in leaves.items()}
+        slopes = self._differences(first, self._unknowns, unknowns[:, 0], 1.0, self._stated)[1]
+        try:
+            return np.asarray(np.linalg.inv(slopes.transpose(2, 0, 1)), dtype=np.float64)
+        except np.linalg.LinAlgError:
+            return np.full(slopes.transpose(2, 0, 1).shape, np.nan)
+
+    @staticmethod
+    def _differences(
+        leaves: Mapping[int, Any], keys: Sequence[int], point: Array, sizes: Any, evaluate: Callable[..., list[Any]]
+    ) -> tuple[Array, Array]:
+        """Values (v, k) at points (w, k) of some variables, and their derivatives (v, w, k)."""
+        steps = difference_steps(point, sizes)
+        varied, each = np.repeat(point[:, None], len(point) + 1, axis=1), np.arange(len(point))
+        varied[each, each + 1] += steps
+        found = stacked(evaluate({**leaves, **dict(zip(keys, varied, strict=True))}), varied.shape[1:])
+        return found[:, 0], (found[:, 1:] - found[:, :1]) / steps
+
+    def in_element(self, i: int, fractions: Array, start: Array) -> dict[int, Any]:
+        """What stands in place of each variable at some places of an element, as planned; arrays of their shape."""
+        places = [self._given(fraction) for fraction in fractions.tolist()]
+        found = {key: np.array([of[i] if np.ndim(of := at[key]) else of for at in places]) for key in places[0]}
+        return found | self._formulas.at_starts(dict(zip(self._names, start.tolist(), strict=True)))
+
+    def with_slopes(self, leaves: Mapping[int, Any], point: Array, sizes: Array) -> tuple[Array, Array]:
+        """Rates, rows and both sides of all pairs (v, k) at states and unknowns (w, k), and derivatives (v, w, k)."""
+        return self._differences(leaves, self.keys, point, sizes[:, None], self._everything)
+
+    def times_at(self, fraction: float) -> Array:
+        """Real times at a local fraction of every element."""
+        return np.asarray(self._starts + fraction * self.widths)
+
+    def _given(self, fraction: float) -> dict[int, Any]:
+        """Everything but the states as planned, at a local fraction of every element."""
+        if fraction not in self._known:
+            self._known[fraction] = self._planned(fraction, slice(None))
+        return self._known[fraction]
+
+    def _planned(self, fraction: float, elements: slice) -> dict[int, Any]:
+        trajectory, widths = self._trajectory, self.widths[elements]
+        weights = trajectory.grid.scheme.stage_polynomial_at([fraction])[0]
+        times = self._starts[elements] + fraction * widths
+        found: dict[str, Any] = dict(zip(trajectory.signals, self._signals[:, elements] @ weights, strict=True))
+        found |= {name: np.interp(times, *knots) for name, knots in trajectory.piecewise_linear.items()}
+        found |= trajectory.parameters
+        index = self._indices[elements] + fraction * self._index_widths[elements]
+        leaves = self._formulas.leaves(found, index, times, {name: of[elements] for name, of in self._slopes.items()})
+        leaves |= self._formulas.delayed_numbers(self.past, times, widths, fraction)
+        beside = self._formulas.of_companions(np.array([fraction]))
+        return leaves | {key: of[0][elements] for key, of in beside.items()}
+
+    # ---------------------------------------------------------------- in one element
+
+    def at(self, i: int, fraction: float, states: Array) -> Array:
+        """Derivatives of all states by real time at a local fraction of one element."""
+        self._evaluations += 1
+        self.reached = self._starts[i] + fraction * self.widths[i]
+        if self._evaluations > self.most_evaluations:
+            raise TooManyEvaluations
+        planned = self._planned(fraction, slice(i, i + 1))
+        leaves = {key: float(of[0] if np.ndim(of) else of) for key, of in planned.items()}
+        leaves |= dict(zip(self.keys, states.tolist(), strict=True))
+        self._last = leaves
+        rates = self._rates(leaves, FLOAT_FUNCTIONS)
+        if any(isinstance(rate, complex) for rate in rates):
+            raise ValueError("a rate is no real number")
+        return np.array(rates, dtype=float)
+
+    def through(
+        self, i: int, state: Array, parts: Array, fractions: Array, so_far: MotionSoFar | None = None, **options: Any
+    ) -> tuple[Array, str]:
+        """The motion through one element by SciPy.
+
+        Parameters
+        ----------
+        i : int
+        state : array, shape (n,)
+            Where it starts.
+        parts : array
+            From 0 to 1: no step goes across one of them.
+        fractions : array, shape (k,)
+        so_far : MotionSoFar, optional
+            Learns the motion part by part, so short that what is delayed is known by then.
+        **options
+            Of `scipy.integrate.solve_ivp`.
+
+        Returns
+        -------
+        states : array, shape (k, n)
+            At the fractions; infinite from where SciPy gave up.
+        why : str
+            What SciPy said then.
+
+        Raises
+        ------
+        TrajectoryError
+            When a delay is too short to go on.
+        """
+        begin, width = self._starts[i], float(self.widths[i])
+
+        def slope(fraction: float, at: Array) -> Array:
+            return width * self.at(i, fraction, at)
+
+        longest = np.inf if so_far is None else self.smallest_delay / width
+        if longest < _SHORTEST_PART:
+            raise TrajectoryError(
+                f"a delay is shorter than {_SHORTEST_PART:g} of the element that starts at {begin:g}: the method of "
+                "steps does not get on."
+            )
+        found = np.full((len(fractions), len(state)), np.inf)
+        for first, last in pairwise(parts.tolist()):
+            while first < last:
+                end = last if last - first < 1.001 * longest else first + longest
+                result = scipy.integrate.solve_ivp(slope, (first, end), state, dense_output=True, **options)
+                state = result.y[:, -1]
+                if not result.success or not np.isfinite(state).all():
+                    self.reached = begin + width * float(result.t[-1])
+                    return found, str(result.message)
+                inside = (fractions >= first) & (fractions <= end)
+                if inside.any():
+                    found[inside] = result.sol(fractions[inside]).T
+                if so_far is not None:
+                    so_far.append(begin + width * end, partial(_at_time, result.sol, begin, width))
+                first = end
+        return found, ""
+
+    def undefined(self) -> str:
+        """Which part of a right-hand side has no value where they were evaluated last, in words; empty for none."""
+        for variable in self._formulas.variables:
+            variable.set_value(self._last.get(id(variable)), skip_validation=True)
+        for name, rate in zip(self._names, self.equations.rates, strict=True):
+            part = None if rate.__class__ in native_numeric_types else undefined_part(rate)
+            if part is not None:
+                return f"{shown_by_name(part.what)}, in the right-hand side of '{name}'"
+        return ""
+
+
+def _at_time(solution: Callable[[float], Array], begin: float, width: float, time: float) -> Array:
+    return solution((time - begin) / width)

@@ -1,0 +1,227 @@
+"""The equations of a phase that a step solves in states and unknowns: formulas of its rules, or its rows at points.
+
+Rules that are templates give formulas, the same ones at all stages. What a rule says that has to know the time, or
+reads other points of the mesh, stands in the rows at the points alone, and so does what was left out at some of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from pyomo.core.expr.numvalue import value
+from pyomo.core.expr.relational_expr import EqualityExpression
+
+from pyrobocop_pyomo.complementarity import CanonicalForm, Complementarity, canonical_form
+from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS
+from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
+from pyrobocop_pyomo.modeling.shared_nodes import NodeReplacement
+from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.numerics.mixed_complementarity import ComplementarityValues, MixedComplementarity
+
+from .record import PhaseRecord
+from .rule_formulas import RuleFormulas
+
+
+@dataclass(frozen=True, eq=False)
+class PairStatement:
+    """One statement as ``lower <= body <= upper ⟂ other``.
+
+    Attributes
+    ----------
+    name : str
+        Without the time: ``contact`` or ``contact[left]``.
+    body, other : expression
+    lower, upper : float
+    either : bool
+        ``body >= lower`` and ``(body - lower) other = 0``, with `other` of any sign.
+    """
+
+    name: str
+    body: Any
+    other: Any
+    lower: float
+    upper: float
+    either: bool
+
+
+def statements_of(label: str, form: CanonicalForm) -> tuple[list[Any], list[PairStatement]]:
+    """Equations, as expressions that are zero, and statements of one declared pair."""
+    rows = [row.args[0] - row.args[1] for row in form.rows if isinstance(row, EqualityExpression)]
+    if not form.pairs:
+        return rows, []
+    pair = form.pairs[0]
+    if form.between is not None:
+        lower, body, upper = form.between
+        return rows, [PairStatement(label, body, pair.b, float(value(lower)), float(value(upper)), False)]
+    return rows, [PairStatement(label, pair.a, pair.b, 0.0, np.inf, len(form.pairs) == 3)]
+
+
+@dataclass(frozen=True, eq=False)
+class StepEquations:
+    """What is stated at a stage: as many rows and pairs as there are unknowns beside the states.
+
+    Attributes
+    ----------
+    rates : list of expressions
+        Derivatives of all states, in the order of declaration; of those that a step map leads the next values.
+    unknowns : dict of name to VarData
+        Algebraics and controls that are to be found, and derivatives as ``"d x"``.
+    rows : list of expressions
+        Zero where they hold.
+    names_of_rows : list of str
+    pairs : list of PairStatement
+    """
+
+    rates: list[Any]
+    unknowns: Mapping[str, Any]
+    rows: list[Any] = field(default_factory=list)
+    names_of_rows: list[str] = field(default_factory=list)
+    pairs: list[PairStatement] = field(default_factory=list)
+
+    def add_row(self, name: str, row: Any) -> None:
+        """Add an equality, or an expression that is zero."""
+        self.rows.append(row.args[0] - row.args[1] if isinstance(row, EqualityExpression) else row)
+        self.names_of_rows.append(name)
+
+    def add_pair(self, label: str, form: CanonicalForm) -> None:
+        """Add a declared pair, with the equations beside it."""
+        rows, pairs = statements_of(label, form)
+        for row in rows:
+            self.add_row(label, row)
+        self.pairs.extend(pairs)
+
+
+def by_rules(
+    block: Any, record: PhaseRecord, unknown: Sequence[str], contact: bool, formulas: RuleFormulas
+) -> StepEquations:
+    """What the rules say for all times.
+
+    Raises
+    ------
+    TrajectoryError
+        When a rule gives no formula, or does not hold at all points.
+    """
+    names = record.names_of_states
+    explicit = [name for name in record.equation_of if name not in record.discrete_states]
+    found = dict(zip(explicit, formulas.rates_of(explicit), strict=True))
+    derivatives = {name: formulas.derivative(name) for name in names}
+    explicit_rates = NodeReplacement({id(derivatives[name]): rate for name, rate in found.items()})
+    for statement in record.statements_of("step map"):
+        found |= formulas.by_state(statement)
+    unknowns = {f"d {name}": derivatives[name] for name in names if name not in found}
+    unknowns |= {name: formulas.at_instant[name] for name in unknown}
+    equations = StepEquations([found.get(name, derivatives[name]) for name in names], unknowns)
+    formulas.set_bounds(record.grid.times[0])  # a side may be a variable's own bound
+    for statement in record.statements_of("residual") if unknowns else ():
+        if not all(row.active for row in block.component(statement.name).values()):
+            raise TrajectoryError(f"'{statement.name}' does not hold at all points")
+        for row in formulas.formulas_of(statement, statement.rows).values():
+            equations.add_row(statement.name, row)
+    on_model = pairs_on_model(block) if contact else []
+    active = {data.parent_component().local_name for _, data in on_model}
+    for statement in (of for of in record.statements_of("complementarity") if of.name in active):
+        for label, form in formulas.formulas_of(statement, statement.rows).items():
+            equations.add_pair(_labelled(statement.name, label), form)
+    bounds_move = any(callable(of.bounds) for of in record.declarations.values())
+    if on_model and (bounds_move or len(on_model) != len(equations.pairs) * len(record.grid.points)):
+        raise TrajectoryError("pairs do not hold at all points by one rule")
+    equations.rows[:] = map(explicit_rates.of, equations.rows)
+    equations.pairs[:] = [
+        replace(pair, body=explicit_rates.of(pair.body), other=explicit_rates.of(pair.other))
+        for pair in equations.pairs
+    ]
+    return equations
+
+
+def _labelled(name: str, label: Hashable) -> str:
+    labels = label if isinstance(label, tuple) else () if label is None else (label,)
+    return f"{name}[{', '.join(map(str, labels))}]" if labels else name
+
+
+def by_points(block: Any, record: PhaseRecord, unknown: Sequence[str], contact: bool) -> list[StepEquations]:
+    """What stands at each point of the mesh, in the variables of the phase."""
+    kept, grid = sorted(record.kept_derivatives), record.grid
+    derivatives = {name: block.component(f"{name}_derivative") for name in kept}
+    rates = {**record.rates, **derivatives}
+    for name in record.discrete_states:
+        state, steps = block.component(name), block.component(f"{name}_step")
+        rates[name] = {t: state[grid.node_times[grid.element_of[t]][-1]] - row.body for t, row in steps.items()}
+    signals = {name: dict(zip(grid.points, record.nodes(name).variables(block), strict=True)) for name in unknown}
+    names = [f"{name}_equation" for name in kept if name in record.equation_of]
+    names += [statement.name for statement in record.statements_of("residual")]
+    found = {
+        t: StepEquations(
+            [rates[name][t] for name in record.names_of_states],
+            {f"d {name}": of[t] for name, of in derivatives.items()} | {name: of[t] for name, of in signals.items()},
+        )
+        for t in grid.points
+    }
+    for index, row in ((index, row) for name in names for index, row in block.component(name).items() if row.active):
+        found[index[0] if isinstance(index, tuple) else index].add_row(row.name, row.body - row.upper)
+    for index, data in pairs_on_model(block) if contact else ():
+        t, *labels = index if isinstance(index, tuple) else (index,)
+        if t in found:
+            found[t].add_pair(_labelled(data.parent_component().local_name, tuple(labels)), canonical_form(data))
+    return list(found.values())
+
+
+def pairs_on_model(block: Any) -> list[tuple[Any, Any]]:
+    """Index and data of all pairs of a phase that hold."""
+    components = block.component_objects(Complementarity, active=True, descend_into=False)
+    return [(index, data) for component in components for index, data in component.items() if data.active]
+
+
+def with_slopes(expressions: Sequence[Any], variables: Sequence[Any]) -> Callable[[Array], tuple[Array, Array]]:
+    """Expressions as functions of variables of the model; all others count with their values.
+
+    Parameters
+    ----------
+    expressions : sequence of k expressions
+    variables : sequence of n variables
+
+    Returns
+    -------
+    callable
+        From a point, shape ``(n,)``, to values and derivatives, shapes ``(k,)`` and ``(k, n)``.
+    """
+    steps, keys = ExpressionSteps(expressions, refuse=_not_known), list(map(id, variables))
+
+    def evaluate(point: Array) -> tuple[Array, Array]:
+        changes = difference_steps(point, 1.0)
+        varied = point[:, None] + np.hstack([np.zeros((len(point), 1)), np.diag(changes)])
+        found = stacked(steps.evaluate_at(dict(zip(keys, varied, strict=True)), ARRAY_FUNCTIONS), varied.shape[1:])
+        return found[:, 0], (found[:, 1:] - found[:, :1]) / changes
+
+    return evaluate
+
+
+def _not_known(node: Any, reason: str) -> ValueError:
+    return ValueError(f"'{node}' {reason}; a simulation knows no later value")
+
+
+def difference_steps(point: Array, sizes: float | Array) -> Array:
+    """By how much unknowns of some sizes are varied for derivatives by differences."""
+    return 1e-7 * (sizes + np.abs(point))
+
+
+def stacked(values: Sequence[Any], shape: tuple[int, ...]) -> Array:
+    """Numbers and arrays as one array, each of a shape."""
+    found = np.empty((len(values), *shape))
+    for row, of in zip(found, values, strict=True):
+        row[...] = of
+    return found
+
+
+def problem_of_rows(rows: Sequence[Any], variables: Sequence[Any]) -> MixedComplementarity:
+    """Find variables of the model at which as many expressions are zero."""
+    evaluate, none = with_slopes(rows, variables), np.zeros(0)
+
+    def at(point: Array) -> ComplementarityValues:
+        values, slopes = evaluate(point)
+        return ComplementarityValues(values, none, none, slopes, slopes[:0], slopes[:0])
+
+    return MixedComplementarity(at, none, none, none.astype(bool))
