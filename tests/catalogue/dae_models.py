@@ -4,6 +4,8 @@ Each case builds a fresh model; ``errors(model)`` compares a solved model with t
 states at element boundaries, and the error of the integral or estimate that the model is about.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import cos, cosh, exp, pi, sin, tanh

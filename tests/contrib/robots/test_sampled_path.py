@@ -43,10 +43,10 @@ def arm(
         rates = {b.q0: b.w0[t], b.q1: b.w1[t]}
         return rates if order == 1 else rates | {b.w0: b.a0[t], b.w1: b.a1[t]}
 
-    def upper(b: Any, t: Any) -> rcp.Pose:
+    def upper(b: Any, t: Any) -> rcp.scenes.Pose:
         return rcp.planar_pose(0, 0, b.q0[t])
 
-    def lower(b: Any, t: Any) -> rcp.Pose:
+    def lower(b: Any, t: Any) -> rcp.scenes.Pose:
         return upper(b, t) @ rcp.planar_pose(LENGTHS[0], 0, b.q1[t])
 
     b.initialize_straight_lines()

@@ -50,7 +50,7 @@ def pulling(hitch: float, *, slips: bool = False, rigid: bool = False) -> Any:
     def not_too_bent(b: Any, t: Any) -> Any:
         return (-0.7, b.q[t] - b.p[t], 0.7)
 
-    def behind(b: Any, t: Any) -> rcp.Pose:
+    def behind(b: Any, t: Any) -> rcp.scenes.Pose:
         x, y = b.x[t] + hitch * pyo.cos(b.q[t]), b.y[t] + hitch * pyo.sin(b.q[t])
         if rigid:
             return rcp.planar_pose(x, y, b.q[t])
