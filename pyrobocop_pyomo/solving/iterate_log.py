@@ -23,7 +23,7 @@ from pyrobocop_pyomo.complementarity import (
 )
 from pyrobocop_pyomo.complementarity.residuals import part_of_side
 from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
-from pyrobocop_pyomo.modeling.row_violations import relation_violation
+from pyrobocop_pyomo.modeling.row_violations import number_or_nan, relation_violation
 from pyrobocop_pyomo.modeling.rows_on_read import bounds_of, content_of, is_unread
 from pyrobocop_pyomo.modeling.variable_bounds import VariableBounds
 from pyrobocop_pyomo.numerics.rounding import ROUNDING
@@ -70,6 +70,7 @@ class ModelCheck:
         self._rows = [(row, bounds) for row, bounds in rows if bounds != (None, None)]
         self._lower = np.array([-np.inf if lower is None else lower for _, (lower, _) in self._rows], dtype=float)
         self._upper = np.array([np.inf if upper is None else upper for _, (_, upper) in self._rows], dtype=float)
+        self._witnesses = _first_middle_and_last([row for row, _ in self._rows])
         self._bodies: RowValues | None = None
         self._terms: tuple[NDArray[np.intp], RowTerms] | None = None
 
@@ -115,6 +116,9 @@ class ModelCheck:
         if self._bodies is None or not self._bodies.is_current:
             self._bodies = RowValues([row if is_unread(row) else row.body for row, _ in self._rows])
         bodies = self._bodies.values()
+        # Whatever a program and these arrays make of a rule that nobody has read as rows: some rows speak for themselves.
+        for k in self._witnesses:
+            bodies[k] = number_or_nan(content_of(self._rows[k][0]))
         with np.errstate(invalid="ignore"):
             violations = np.maximum(np.maximum(self._lower - bodies, bodies - self._upper), 0.0)
         return np.where(np.isnan(bodies), np.inf, violations)
@@ -194,6 +198,15 @@ class SideSizes:
         for values in (self._start, sides):
             np.maximum.at(largest, self._groups, np.abs(np.nan_to_num(values, posinf=1.0, neginf=-1.0)))
         return largest[self._groups]
+
+
+def _first_middle_and_last(rows: Sequence[Any]) -> list[int]:
+    """Positions of three rows of each component, of those that nobody has read."""
+    positions: dict[int, list[int]] = {}
+    for k, row in enumerate(rows):
+        if is_unread(row):
+            positions.setdefault(id(row.parent_component()), []).append(k)
+    return [of[i] for of in positions.values() for i in {0, len(of) // 2, len(of) - 1}]
 
 
 class IterateLog:

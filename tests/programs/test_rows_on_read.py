@@ -9,6 +9,7 @@ from pyomo.core.expr.visitor import identify_variables
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.modeling.rows_on_read import RowOnRead, SumOnRead
+from pyrobocop_pyomo.phases.rows_by_rules import CollocationRows
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 
 HORIZONS = {
@@ -158,3 +159,17 @@ def test_a_solve_makes_no_row(horizon):
     assert {row.parent_component().local_name for row in rows_of(m) if row.__class__ is not RowOnRead} <= {
         "boundary_width"
     }
+
+
+@pytest.mark.ipopt
+def test_a_solve_does_not_believe_wrong_sums(monkeypatch):
+    sums = CollocationRows.sums
+
+    def wrong(self, block, indices):
+        *of_states, of_rates = sums(self, block, indices)
+        return [*of_states, of_rates._replace(scales=[1.01 * scale for scale in of_rates.scales])]
+
+    monkeypatch.setattr(CollocationRows, "sums", wrong)
+    result = rcp.solve(pendulum(), mesh_tolerance=None, strategies="tight")
+    assert not result.solved
+    assert result.violations
