@@ -13,7 +13,7 @@ from pyomo.core.expr.numvalue import native_types
 
 from pyrobocop_pyomo.complementarity.absolute_values import has_kink, is_smooth_product
 from pyrobocop_pyomo.complementarity.switched_products import is_zero_product
-from pyrobocop_pyomo.modeling.rows_on_read import as_read, is_unread
+from pyrobocop_pyomo.modeling.rows_on_read import RepeatedSum, as_read, follows_rule
 
 from .findings import Finding, Subject, warning_about
 
@@ -87,8 +87,12 @@ def _absolute_value(expression: Any) -> Any:
             continue
         if has_kink(node):
             return node.arg(0)
-        stack.extend([node.repeated().expression(0)] if is_unread(node) else node.args)
+        stack.extend([_last_summand(node.repeated())] if follows_rule(node) else node.args)
     return None
+
+
+def _last_summand(repeated: RepeatedSum) -> Any:
+    return repeated.expression(len(repeated.rows) - 1)
 
 
 def _shortened(expression: Any, most: int = 60) -> str:

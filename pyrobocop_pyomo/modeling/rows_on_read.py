@@ -1,7 +1,8 @@
-"""Rows and sums that are made when somebody reads them: until then they are what the rule of their component says.
+"""Rows and sums that are what the rule of their component says: each is made when somebody reads it.
 
-A row that nobody has read costs less than a tenth of one that is stated, and readers of many rows, such as a program
-that is compiled, ask the rule for all of them at once: the same sum, over and over, in other variables.
+A row that nobody reads costs less than a tenth of one that is stated, and whoever needs many rows, as a program that is
+compiled, asks the rule for all of them at once: the same sum, over and over, in other variables. A row that is set to
+something else is an ordinary one from then on.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
-from pyomo.core.base.constraint import ConstraintData, TemplateDataMixin
+from pyomo.core.base.constraint import ConstraintData
 from pyomo.core.base.expression import ExpressionData
 from pyomo.core.expr.numvalue import value
 
@@ -55,15 +56,30 @@ class RowRule(ABC):
         """The bodies of the rows of some indices; they are the sums of what is returned."""
 
 
-class RowOnRead(TemplateDataMixin, ConstraintData):
-    """A row that becomes an ordinary one when its expression is read or set."""
+class RowByRule(ConstraintData):
+    """A row that its component's rule says, made when it is read; an ordinary row when it is set to another one."""
 
     __slots__ = ()
+    _expr: Any
+
+    @property
+    def expr(self) -> Any:
+        """The relation."""
+        if self._expr is None:
+            component = self.parent_component()
+            self._expr = ConstraintData(_rule_of(component)(component.parent_block(), self.index())).expr
+        return self._expr
+
+    def set_value(self, expr: Any) -> None:
+        """Make it an ordinary row."""
+        self.__class__ = ConstraintData
+        self.set_value(expr)
 
     def to_bounded_expression(self, evaluate_bounds: bool = False) -> tuple[Any, Any, Any]:
-        """As of an ordinary row, which this is from now on."""
-        self.expr  # noqa: B018 - reading makes it an ordinary one
-        return self.to_bounded_expression(evaluate_bounds)
+        """As of an ordinary row."""
+        self.expr  # noqa: B018 - it is made
+        found: tuple[Any, Any, Any] = super().to_bounded_expression(evaluate_bounds)
+        return found
 
 
 def state_on_read(component: Any, rule: RowRule, indices: Iterable[Any]) -> None:
@@ -71,18 +87,18 @@ def state_on_read(component: Any, rule: RowRule, indices: Iterable[Any]) -> None
     follow_rule(component, rule)
     reference = weakref.ref(component)
     for index in indices:
-        row = RowOnRead.__new__(RowOnRead)
+        row = RowByRule.__new__(RowByRule)
         row._component, row._active, row._expr = reference, True, None
         put_part(component, index, row)
 
 
 def follow_rule(component: Any, rule: Any) -> None:
-    """Let a component make its parts by a rule, those that are left unread."""
+    """Let a component have the rule that some of its parts follow."""
     component._rule = rule
 
 
-class UnreadRows(NamedTuple):
-    """Active rows of a component that nobody has read.
+class RowsByRule(NamedTuple):
+    """Active rows of a component that are what its rule says.
 
     Attributes
     ----------
@@ -101,18 +117,23 @@ class UnreadRows(NamedTuple):
         """What their bodies are the sums of."""
         return self.rule.sums(self.block, self.indices)
 
+    def part(self, positions: list[int]) -> RowsByRule:
+        """Some of them."""
+        indices, rows = ([each[position] for position in positions] for each in (self.indices, self.rows))
+        return self._replace(indices=indices, rows=rows)
+
     def bounds(self) -> list[tuple[Any, Any]]:
         """What their bodies may be."""
         return list(map(self.rule.bounds, self.indices))
 
 
-def unread_rows(component: Any) -> UnreadRows | None:
-    """The rows of a component that nobody has read; None where there is none."""
+def rows_by_rule(component: Any) -> RowsByRule | None:
+    """The rows of a component that are what its rule says; None where there is none."""
     rule = _rule_of(component)
     if not isinstance(rule, RowRule):
         return None
-    rows = {index: row for index, row in component.items() if row.__class__ is RowOnRead and row.active}
-    return UnreadRows(component.parent_block(), rule, list(rows), list(rows.values())) if rows else None
+    rows = {index: row for index, row in component.items() if row.__class__ is RowByRule and row.active}
+    return RowsByRule(component.parent_block(), rule, list(rows), list(rows.values())) if rows else None
 
 
 def _rule_of(component: Any) -> Any:
@@ -121,8 +142,8 @@ def _rule_of(component: Any) -> Any:
 
 
 def bounds_of(row: ConstraintData) -> tuple[float | None, float | None]:
-    """Numbers between which the body of a row has to be, without a reading of it."""
-    if row.__class__ is not RowOnRead:
+    """Numbers between which the body of a row has to be; a row that follows a rule is not made."""
+    if row.__class__ is not RowByRule:
         lower, _, upper = row.to_bounded_expression(True)
         return lower, upper
     lower, upper = _rule_of(row.parent_component()).bounds(row.index())
@@ -130,8 +151,8 @@ def bounds_of(row: ConstraintData) -> tuple[float | None, float | None]:
 
 
 def is_equality(row: ConstraintData) -> bool:
-    """Whether a row says that something is equal, without a reading of it."""
-    if row.__class__ is not RowOnRead:
+    """Whether a row says that something is equal; a row that follows a rule is not made."""
+    if row.__class__ is not RowByRule:
         return bool(row.equality)
     lower, upper = _rule_of(row.parent_component()).bounds(row.index())
     return lower is not None and lower is upper
@@ -149,24 +170,27 @@ class SumRule(ABC):
         """The same as the summands of one row, 0."""
 
 
-class SumOnRead(ExpressionData):
-    """A member of a named expression that becomes an ordinary one when its content is read or set."""
+# Where every named expression has its content.
+_CONTENT: Any = ExpressionData._args_
+
+
+class SumByRule(ExpressionData):
+    """A member of a named expression that its component's rule says, made when it is read; ordinary when it is set."""
 
     __slots__ = ()
 
     @property
     def _args_(self) -> tuple[Any]:
-        self.set_value(self.made())
-        return self._args_
+        content: tuple[Any] = _CONTENT.__get__(self)
+        if content[0] is None:
+            content = (self.made(),)
+            _CONTENT.__set__(self, content)
+        return content
 
     @_args_.setter
     def _args_(self, content: tuple[Any]) -> None:
         self.__class__ = ExpressionData
         self._args_ = content
-
-    def __reduce_ex__(self, protocol: Any) -> Any:
-        self.expr  # noqa: B018 - a pickle holds an ordinary member
-        return self.__reduce_ex__(protocol)
 
     def made(self) -> Any:
         """Its content, which it does not keep."""
@@ -178,28 +202,28 @@ class SumOnRead(ExpressionData):
         return found
 
 
-def leave_unread(member: Any) -> None:
+def let_follow_rule(member: Any) -> None:
     """Let a member of a named expression be what its component's rule says."""
     member.set_value(None)
-    member.__class__ = SumOnRead
+    member.__class__ = SumByRule
 
 
-def is_unread(part: Any) -> bool:
-    """Whether something is a row or a sum that nobody has read."""
-    return part.__class__ is RowOnRead or part.__class__ is SumOnRead
+def follows_rule(part: Any) -> bool:
+    """Whether something is a row or a sum that is what its component's rule says."""
+    return part.__class__ is RowByRule or part.__class__ is SumByRule
 
 
 def as_read(row: Any) -> Any:
-    """An ordinary row, or an objective: of a row that nobody has read a twin, so that it stays unread."""
-    if row.__class__ is not RowOnRead:
+    """A row or an objective to be read: of a row that follows a rule a twin, so that nothing is kept."""
+    if row.__class__ is not RowByRule:
         return row
     component = row.parent_component()
     return ConstraintData(_rule_of(component)(component.parent_block(), row.index()), component)
 
 
 def content_of(part: Any) -> Any:
-    """The body of a row, or the content of a sum; one that nobody has read stays so."""
-    if part.__class__ is SumOnRead:
+    """The body of a row, or the content of a sum; of one that follows a rule nothing is kept."""
+    if part.__class__ is SumByRule:
         return part.made()
     return as_read(part).body if isinstance(part, ConstraintData) else part
 
@@ -209,9 +233,9 @@ def sums_of(parts: Sequence[Any]) -> list[RepeatedSum]:
     found = []
     of_components: dict[int, list[int]] = {}
     for position, part in enumerate(parts):
-        if part.__class__ is RowOnRead:
+        if part.__class__ is RowByRule:
             of_components.setdefault(id(part.parent_component()), []).append(position)
-        elif part.__class__ is SumOnRead:
+        elif part.__class__ is SumByRule:
             repeated = part.repeated()
             found.append(repeated._replace(rows=[position] * len(repeated.rows)))
     for positions in of_components.values():

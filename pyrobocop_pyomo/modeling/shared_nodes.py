@@ -12,7 +12,7 @@ from typing import Any
 
 from pyomo.core.expr.numvalue import native_types, value
 
-from .rows_on_read import content_of, is_unread
+from .rows_on_read import content_of, follows_rule
 
 
 def variables_in(expression: Any, leaves: Collection[int] = (), include_fixed: bool = True) -> Iterator[Any]:
@@ -30,10 +30,10 @@ def variables_in(expression: Any, leaves: Collection[int] = (), include_fixed: b
         return bool(node.is_variable_type() and (include_fixed or not node.fixed))
 
     def is_wanted(node: Any) -> bool:
-        return is_unread(node) or not node.is_expression_type() or id(node) in leaves
+        return follows_rule(node) or not node.is_expression_type() or id(node) in leaves
 
     for node in topmost_nodes((expression,), is_wanted):
-        if is_unread(node):
+        if follows_rule(node):
             of_sum = {id(each): each for listed in node.repeated().variables for each in listed}
             yield from filter(is_variable, of_sum.values())
         elif node.is_expression_type() or is_variable(node):
@@ -59,7 +59,7 @@ def topmost_nodes(expressions: Iterable[Any], wanted: Callable[[Any], bool]) -> 
         if wanted(node):
             yield node
         elif node.is_expression_type():
-            pending.extend([content_of(node)] if is_unread(node) else reversed(node.args))
+            pending.extend([content_of(node)] if follows_rule(node) else reversed(node.args))
 
 
 def variables_in_any(expressions: Iterable[Any], leaves: Set[int] = frozenset()) -> dict[int, Any]:

@@ -170,7 +170,7 @@ def _add_state_equation(block: Any, record: PhaseRecord, name: str, rates: Rates
     assert isinstance(declaration, State)
     if declaration.derivative_bounds is None and name not in record.kept_derivatives:
         if is_read_later:
-            _leave_collocation_unread(block, record, name, rates)
+            _let_collocation_follow_rule(block, record, name, rates)
         else:
             _add_collocation(block, record, name, rates)
         return
@@ -203,7 +203,7 @@ def _add_collocation(block: Any, record: PhaseRecord, name: str, rates: Mapping[
         new_row(rows, time, row)
 
 
-def _leave_collocation_unread(block: Any, record: PhaseRecord, name: str, rates: Rates) -> None:
+def _let_collocation_follow_rule(block: Any, record: PhaseRecord, name: str, rates: Rates) -> None:
     grid = record.grid
     grid.scheme.check_rows()
     rows = _add_generated_rows(block, record, f"{name}_collocation")

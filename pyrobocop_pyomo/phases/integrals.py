@@ -12,7 +12,7 @@ from pyomo.core.expr.relational_expr import RelationalExpression
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_scalar
-from pyrobocop_pyomo.modeling.rows_on_read import RepeatedSum, SumRule, follow_rule, is_unread, leave_unread
+from pyrobocop_pyomo.modeling.rows_on_read import RepeatedSum, SumRule, follow_rule, follows_rule, let_follow_rule
 from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.rules.rule_template import RuleTemplate
 from pyrobocop_pyomo.transcription import quadrature
@@ -41,7 +41,7 @@ def named_integral(block: Any, record: PhaseRecord, integrand: Rule) -> Any:
     position = len(record.integrals)
     named[position] = total
     if is_read_later:
-        leave_unread(named[position])
+        let_follow_rule(named[position])
     return named[position]
 
 
@@ -95,7 +95,7 @@ def restate_integrals(block: Any, record: PhaseRecord) -> None:
     """Give every integral that was handed out its sum over the points that the phase has now."""
     for position, statement in enumerate(record.integrals, start=1):
         member = block.component(INTEGRALS)[position]
-        if not is_unread(member):
+        if not follows_rule(member):
             member.set_value(_stated(block, record, statement))
 
 

@@ -351,8 +351,8 @@ def _changed_row(model: Any, grids: Mapping[Any, Grid]) -> str | None:
             for content in changes.contents.values():
                 before = content.expressions()
                 now = {index: expressions_of(part) for index, part in content.parts_now().items()}
-                # What nobody has read is what its rule says.
-                for index in (content.parts | now).keys() - content.unread if content.parts else ():
+                # What follows its rule is what that says.
+                for index in (content.parts | now).keys() - content.by_rule if content.parts else ():
                     if not same_results(before.get(index, []), now.get(index, [])):
                         name = content.component.name
                         return (

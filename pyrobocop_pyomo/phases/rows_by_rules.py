@@ -1,4 +1,4 @@
-"""Rows of a phase that nobody has read: what they say, by the rules of variables that they come from."""
+"""What the rows of a phase say whose rules read variables alone: the same at every point, but for these."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from pyomo.core.base.set import Reals
 from pyomo.core.base.var import VarData
 
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.modeling.rows_on_read import SumOnRead
+from pyrobocop_pyomo.modeling.rows_on_read import RowByRule, SumByRule
 
 from .model_checks import number_in
 from .model_terms import ModelTerms
@@ -31,6 +31,11 @@ _STORED_VALUE = attrgetter("_value")
 _PLAIN_BOUNDS = {float, int, type(None)}
 _KNOWN_BOUNDS = {*native_numeric_types, type(None)}
 _TOLERANCE = 1e-8  # for rows without variables, as Pyomo's own writer has it
+
+
+def _expression_of(row: Any) -> Any:
+    """What tells whether a row was set to another expression: of one that follows a rule, whether it still does."""
+    return RowByRule if row.__class__ is RowByRule else _EXPRESSION(row)
 
 
 class ModelNumbers:
@@ -53,7 +58,7 @@ class ModelNumbers:
         self._terms = terms
         self._variables, self._constraints = terms.variables, terms.constraints
         self._fixed_variables = [known for known in terms.columns.parameters if known.is_variable_type()]
-        self._expressions = list(map(_EXPRESSION, self._constraints))
+        self._expressions = list(map(_expression_of, self._constraints))
         self._rows = _rows_of(terms.model)
         self._activity = list(map(_ACTIVE, self._rows))
         self._domains = list(map(_DOMAIN, self._variables))
@@ -139,7 +144,7 @@ class ModelNumbers:
         change = None
         if any(map(_FIXED, self._variables)) or not all(map(_FIXED, self._fixed_variables)):
             change = "variables were fixed or unfixed"
-        elif any(map(is_not, map(_EXPRESSION, self._constraints), self._expressions)):
+        elif any(map(is_not, map(_expression_of, self._constraints), self._expressions)):
             change = "constraints got other expressions"
         elif terms.objective is not None and terms.objective.is_minimizing() is not (terms.sign > 0.0):
             change = "the objective got another sense"
@@ -149,7 +154,7 @@ class ModelNumbers:
             named.args[0] is not expression
             for collected in (terms.rows, terms.cost)
             for named, expression in collected.named_expressions.values()
-        ) or any(node.__class__ is not SumOnRead for node in (*terms.rows.unread_sums, *terms.cost.unread_sums)):
+        ) or any(node.__class__ is not SumByRule for node in (*terms.rows.sums_by_rule, *terms.cost.sums_by_rule)):
             change = "named expressions got other contents"
         elif any(map(is_not, map(_DOMAIN, self._variables), self._domains)):
             change = "variables got other domains"

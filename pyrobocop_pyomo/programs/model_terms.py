@@ -17,7 +17,7 @@ from pyomo.core.expr.numeric_expr import ExternalFunctionExpression, MonomialTer
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_nodes import CONSTANT, DIVISION, LEAF, NAMED, NEGATION, PRODUCT, SUMMATION
 from pyrobocop_pyomo.modeling.functions import is_function_call
-from pyrobocop_pyomo.modeling.rows_on_read import RepeatedSum, RowOnRead, SumOnRead, unread_rows
+from pyrobocop_pyomo.modeling.rows_on_read import RepeatedSum, RowByRule, SumByRule, rows_by_rule
 
 from .expression_codes import FACTORS, REMEDY, SCALED_SUM, NodeKinds
 from .function_calls import FunctionCall, FunctionCalls
@@ -56,7 +56,7 @@ class Terms:
     constants : dict of row to float
     groups : TermGroups
     named_expressions : dict of id to pair of named expression and what it stood for at the time of the walk
-    unread_sums : list of SumOnRead
+    sums_by_rule : list of SumByRule
     """
 
     def __init__(self, columns: Columns, calls: FunctionCalls | None = None) -> None:
@@ -66,7 +66,7 @@ class Terms:
         self.linear_coefficients: list[float] = []
         self.constants: dict[int, float] = {}
         self.named_expressions: dict[int, tuple[Any, Any]] = {}
-        self.unread_sums: list[Any] = []
+        self.sums_by_rule: list[Any] = []
         self._kinds = NodeKinds()
         self.groups = TermGroups(columns, self._kinds, self._content)
         self._terms: list[NonlinearTerm] = []
@@ -155,7 +155,7 @@ class Terms:
         coefficients: list[float],
         sums: list[tuple[RepeatedSum, float]],
     ) -> tuple[float, list[_Summand]]:
-        """Take linear terms and sums that nobody has read out; return the constant and the nonlinear summands."""
+        """Take linear terms and sums that follow a rule out; return the constant and the nonlinear summands."""
         kinds, column_of = self._kinds, self.columns.column_of
         constant = 0.0
         parts: list[_Summand] = []
@@ -195,8 +195,8 @@ class Terms:
                     parts.append(_Summand(node, scale, factors))
             elif kind == DIVISION and kinds[node.args[1].__class__] == CONSTANT and node.args[1]:
                 pending.append((node.args[0], scale / float(node.args[1]), factors))
-            elif node.__class__ is SumOnRead and not factors:
-                self.unread_sums.append(node)
+            elif node.__class__ is SumByRule and not factors:
+                self.sums_by_rule.append(node)
                 sums.append((node.repeated(), scale))
             elif kind == NAMED:
                 pending.append((self._content(node), scale, factors))
@@ -324,9 +324,9 @@ def collect_terms(model: BlockData) -> ModelTerms:
     )
     with PauseGC():
         for component in model.component_objects(Constraint, active=True, descend_into=True):
-            _add_unread_rows(found, component)
+            _add_rows_by_rule(found, component)
             for constraint in component.values():
-                if constraint.active and constraint.__class__ is not RowOnRead:
+                if constraint.active and constraint.__class__ is not RowByRule:
                     _add_row(found, constraint)
         if objective is not None:
             found.cost.add(0, objective.expr, found.sign, keep_constant=True)
@@ -340,24 +340,26 @@ def collect_terms(model: BlockData) -> ModelTerms:
     return found
 
 
-def _add_unread_rows(found: ModelTerms, component: Any) -> None:
-    """Rows of a component that nobody has read, all at once; those without free variables are read."""
-    unread = unread_rows(component)
-    if unread is None:
+def _add_rows_by_rule(found: ModelTerms, component: Any) -> None:
+    """Rows of a component that follow its rule, all at once; those without free variables one by one."""
+    rows = rows_by_rule(component)
+    if rows is None:
         return
-    sums = [(repeated, found.columns.table(repeated)) for repeated in unread.sums()]
-    has_free = np.zeros(len(unread.rows), dtype=bool)
+    stated = rows.sums()
+    found.columns.add_by_rows(stated)
+    sums = [(repeated, found.columns.table(repeated)) for repeated in stated]
+    has_free = np.zeros(len(rows.rows), dtype=bool)
     for repeated, table in sums:
         has_free[np.array(repeated.rows)[(table >= 0).any(axis=0)]] = True
     if not has_free.all():
         for row in np.flatnonzero(~has_free).tolist():
-            unread.rows[row].expr  # noqa: B018 - reading makes it an ordinary row
-        _add_unread_rows(found, component)
-        return
+            _add_row(found, rows.rows[row])
+        rows = rows.part(np.flatnonzero(has_free).tolist())
+        sums = [(repeated, found.columns.table(repeated)) for repeated in rows.sums()]
     for repeated, table in sums:
         found.rows.add_repeated(repeated, table, len(found.constraints))
-    found.constraints += unread.rows
-    found.bounds += unread.bounds()
+    found.constraints += rows.rows
+    found.bounds += rows.bounds()
 
 
 def _add_row(found: ModelTerms, constraint: ConstraintData) -> None:

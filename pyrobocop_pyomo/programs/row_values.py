@@ -18,7 +18,7 @@ from pyomo.core.expr.numvalue import native_types
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan
-from pyrobocop_pyomo.modeling.rows_on_read import RepeatedSum, content_of, is_unread, sums_of
+from pyrobocop_pyomo.modeling.rows_on_read import RepeatedSum, content_of, follows_rule, sums_of
 from pyrobocop_pyomo.modeling.shared_nodes import NodeValues, topmost_nodes
 from pyrobocop_pyomo.numerics import Array
 
@@ -53,20 +53,20 @@ class RowValues(_Named):
     Parameters
     ----------
     expressions : sequence of expressions, variables or numbers
-        Rows and sums that nobody has read stand for themselves.
+        Rows and sums that follow a rule stand for themselves.
     """
 
     def __init__(self, expressions: Sequence[Any]) -> None:
         super().__init__()
         self._expressions = expressions
-        self._unread = [expression for expression in expressions if is_unread(expression)]
+        self._by_rule = [expression for expression in expressions if follows_rule(expression)]
         self._columns = Columns()
         self._groups = TermGroups(self._columns, NodeKinds(), self._content)
         self._single: Sequence[int] = ()
         with PauseGC():
             try:
                 for i, expression in enumerate(expressions):
-                    if not is_unread(expression):
+                    if not follows_rule(expression):
                         self._groups.put(NonlinearTerm(i, 1.0, (expression,), None, ()))
                 for repeated in sums_of(expressions):
                     self._put_repeated(repeated)
@@ -84,7 +84,7 @@ class RowValues(_Named):
     @property
     def is_current(self) -> bool:
         """Whether what was read still stands for what it stood for."""
-        return super().is_current and all(map(is_unread, self._unread))
+        return super().is_current and all(map(follows_rule, self._by_rule))
 
     def values(self) -> Array:
         """Values now; NaN where an expression has none, or is no real number."""
@@ -164,7 +164,9 @@ class SumValue(_Named):
         self._expression = expression
         terms: dict[int, Any] = {}
         for total in topmost_nodes((expression,), self._is_long_sum):
-            parts = [total] if is_unread(total) else [part for part in total.args if part.__class__ not in native_types]
+            parts = (
+                [total] if follows_rule(total) else [part for part in total.args if part.__class__ not in native_types]
+            )
             terms.update(zip(map(id, parts), parts, strict=True))
         self._terms = list(terms.values())
         self._values = RowValues(self._terms)
@@ -185,7 +187,7 @@ class SumValue(_Named):
         return super().is_current and self._values.is_current
 
     def _is_long_sum(self, node: Any) -> bool:
-        if is_unread(node):
+        if follows_rule(node):
             return True
         if node.is_expression_type() and node.is_named_expression_type():
             self._content(node)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -98,6 +99,15 @@ class Columns:
         """Column of a variable or parameter."""
         column = self.column_of.get(id(leaf))
         return self.add(leaf) if column is None else column
+
+    def add_by_rows(self, sums: list[RepeatedSum]) -> None:
+        """Meet the variables of several sums in the order of the rows, as a walk over these does."""
+        leaves = list(chain.from_iterable(chain.from_iterable(each.variables) for each in sums))
+        rows = np.concatenate([np.tile(each.rows, len(each.variables)) for each in sums])
+        known = self.column_of
+        for i in np.argsort(rows, kind="stable").tolist():
+            if id(leaves[i]) not in known:
+                self.add(leaves[i])
 
     def table(self, repeated: RepeatedSum) -> IndexArray:
         """Columns of what stands in the place of each variable of a sum, shape ``(variables, places)``."""

@@ -24,7 +24,7 @@ from pyrobocop_pyomo.complementarity import (
 from pyrobocop_pyomo.complementarity.residuals import part_of_side
 from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan, relation_violation
-from pyrobocop_pyomo.modeling.rows_on_read import bounds_of, content_of, is_unread
+from pyrobocop_pyomo.modeling.rows_on_read import bounds_of, content_of, follows_rule
 from pyrobocop_pyomo.modeling.variable_bounds import VariableBounds
 from pyrobocop_pyomo.numerics.rounding import ROUNDING
 from pyrobocop_pyomo.programs.row_values import RowTerms, RowValues, SumValue
@@ -114,9 +114,9 @@ class ModelCheck:
 
     def _row_violations(self) -> NDArray[np.float64]:
         if self._bodies is None or not self._bodies.is_current:
-            self._bodies = RowValues([row if is_unread(row) else row.body for row, _ in self._rows])
+            self._bodies = RowValues([row if follows_rule(row) else row.body for row, _ in self._rows])
         bodies = self._bodies.values()
-        # Whatever a program and these arrays make of a rule that nobody has read as rows: some rows speak for themselves.
+        # Programs and these arrays ask a rule for all rows at once: some rows speak for themselves.
         for k in self._witnesses:
             bodies[k] = number_or_nan(content_of(self._rows[k][0]))
         with np.errstate(invalid="ignore"):
@@ -201,10 +201,10 @@ class SideSizes:
 
 
 def _first_middle_and_last(rows: Sequence[Any]) -> list[int]:
-    """Positions of three rows of each component, of those that nobody has read."""
+    """Positions of three rows of each component, of those that follow a rule."""
     positions: dict[int, list[int]] = {}
     for k, row in enumerate(rows):
-        if is_unread(row):
+        if follows_rule(row):
             positions.setdefault(id(row.parent_component()), []).append(k)
     return [of[i] for of in positions.values() for i in {0, len(of) // 2, len(of) - 1}]
 

@@ -1,4 +1,4 @@
-"""Rows that nobody has read are compiled from their rules: the program is that of the rows which Pyomo shows."""
+"""Rows that follow a rule are compiled from it: the program is that of the rows which Pyomo shows."""
 
 import pickle
 
@@ -8,7 +8,7 @@ import pytest
 from pyomo.core.expr.visitor import identify_variables
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.modeling.rows_on_read import RowOnRead, SumOnRead
+from pyrobocop_pyomo.modeling.rows_on_read import RowByRule, SumByRule
 from pyrobocop_pyomo.phases.rows_by_rules import CollocationRows
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 
@@ -56,8 +56,8 @@ def rows_of(m):
     return list(m.component_data_objects(pyo.Constraint, active=True))
 
 
-def unread(m):
-    return [row for row in rows_of(m) if row.__class__ is RowOnRead]
+def by_rule(m):
+    return [row for row in rows_of(m) if row.__class__ is RowByRule]
 
 
 def numbers(m, seed=0):
@@ -94,42 +94,44 @@ def test_a_program_of_rules_is_the_program_of_the_rows(horizon, scheme):
     scheme = rcp.schemes.lobatto(3) if scheme == "lobatto" else scheme
     m = pendulum(scheme, **HORIZONS[horizon])
     m.p.angle[m.p.points.at(2)].fix(0.4)  # a fixed variable is a number of the program
-    assert unread(m)
+    assert by_rule(m)
     by_rules = numbers(m)
     for row in rows_of(m):
-        assert row.body is not None
-    m.cost.expr.to_string()
-    assert not unread(m)
-    by_rows = numbers(m)
-    assert_same_numbers(by_rules, by_rows)
+        row.set_value(row.expr)
+    for member in m.p.stated_integrals.values():
+        member.set_value(member.expr)
+    assert not by_rule(m)
+    assert_same_numbers(by_rules, numbers(m))
 
 
 def test_copies_and_pickles_have_rows_of_their_own():
     m = pendulum()
     twin, loaded = m.clone(), pickle.loads(pickle.dumps(m))
-    assert len(unread(twin)) == len(unread(loaded)) == len(unread(m)) > 0
+    assert len(by_rule(twin)) == len(by_rule(loaded)) == len(by_rule(m)) > 0
     for other in (twin, loaded):
-        row = unread(other)[-1]
+        row = by_rule(other)[-1]
         assert all(variable.model() is other for variable in identify_variables(row.expr))
-        assert row.__class__ is not RowOnRead
         assert_same_numbers(numbers(other), numbers(m))
 
 
 def test_a_row_that_is_changed_is_what_it_was_changed_to():
     m = pendulum()
-    row = unread(m)[5]
+    row = by_rule(m)[5]
     row.set_value(m.p.rate[m.p.points.at(3)] == 0.25)
-    assert row.__class__ is not RowOnRead
+    assert row.__class__ is not RowByRule
     assert numbers(m)["g", row.name] != numbers(pendulum())["g", row.name]
 
 
 def test_a_program_is_up_to_date_after_rows_and_integrals_are_read_or_changed():
     m = pendulum()
     program = CompiledModel(m)
-    unread(m)[0].body  # noqa: B018
+    nlp = program.nlp
+    assert all(row.expr is row.expr for row in by_rule(m))
+    assert pyo.value(m.cost) == pytest.approx(nlp.objective(program.current_point()), rel=1e-12)
     program.update()
+    assert program.nlp is nlp  # what was only read is what it was
     member = next(iter(m.p.stated_integrals.values()))
-    assert member.__class__ is SumOnRead
+    assert member.__class__ is SumByRule
     member.set_value(m.p.friction**2)
     program.update()
     assert program.nlp.objective(program.current_point()) == pytest.approx(pyo.value(m.cost), rel=1e-12)
@@ -145,7 +147,7 @@ def test_pyomo_s_writers_see_ordinary_rows(write, tmp_path):
         p.ode(lambda b, t: {b.x: b.u[t] - b.x[t]})
         m.cost = pyo.Objective(expr=p.integral(lambda b, t: b.x[t]))
     m.write(str(tmp_path / f"model.{write}"))
-    assert not unread(m)
+    assert all(row._expr is not None for row in by_rule(m))
 
 
 @pytest.mark.ipopt
@@ -156,9 +158,7 @@ def test_a_solve_makes_no_row(horizon):
     assert result.solved
     assert str(result)
     assert m.p.verify(m.p.trajectory()).largest_violation < 1e-6
-    assert {row.parent_component().local_name for row in rows_of(m) if row.__class__ is not RowOnRead} <= {
-        "boundary_width"
-    }
+    assert {row.parent_component().local_name for row in rows_of(m) if row._expr is not None} <= {"boundary_width"}
 
 
 @pytest.mark.ipopt
