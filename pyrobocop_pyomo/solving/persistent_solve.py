@@ -104,7 +104,7 @@ class PersistentSolve:
         # Multipliers of other numbers are not known here, and ones at every bound would push into the interior.
         none = np.zeros(nlp.n)
         point = PrimalDualPoint(self._compiled.current_point(), np.zeros(nlp.m), none, none)
-        best = polish.improve(start, point)
+        best = polish.improve(start, point, reach=np.inf)
         if best.quality(settings.tolerances) is Quality.INFEASIBLE and not polish.interrupted and self._relaxed.pairs:
             # The other numbers ask for another branch: the linearised constraints say which.
             self._values.write(near)

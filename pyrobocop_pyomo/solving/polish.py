@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import logging
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -36,6 +38,8 @@ from .settings import Settings
 
 logger = logging.getLogger(__name__)
 
+# Far from feasible the nearest branch means nothing: that is for other strategies.
+POLISHED_VIOLATION = 1e-2
 # A pair this near to a change of its branch is looked at, as if it were there.
 NEARLY_BIACTIVE = 1e-3
 # By default exploration may take as long as the rest of the solve with up to `CROSS_CHECKED_PAIRS` pairs. The
@@ -70,6 +74,8 @@ class Exploration:
         Elapsed in exploring.
     work : float
         Iterations of Ipopt and linear programs of exploring.
+    explored_iterations : int
+        Of Ipopt, in exploring.
     branches : ExploredBranches
         What need not be tried again.
     """
@@ -79,6 +85,7 @@ class Exploration:
     most_work: float | None = None
     seconds: float = 0.0
     work: float = 0.0
+    explored_iterations: int = 0
     branches: ExploredBranches = field(default_factory=ExploredBranches)
 
     def budget(self, pairs: int) -> float:
@@ -103,16 +110,31 @@ class Exploration:
             return np.inf
         if not pairs:
             return (np.inf if self.most_work is None else self.most_work) - self.work
-        return self._share(pairs) * max(EXPLORED_WORK, iterations - self.work) - self.work
+        return self._share(pairs) * max(EXPLORED_WORK, iterations - self.explored_iterations) - self.work
 
     def may_go_on(self, pairs: int, iterations: int) -> bool:
         """Whether anything is left of the budget, in seconds and in work."""
         return self.budget(pairs) > 0.0 and self.work_within(pairs, iterations) >= 1.0
 
-    def spend(self, started: float, work: float) -> None:
-        """Count what was done since a time on the clock `time.perf_counter` as exploring."""
-        self.seconds += time.perf_counter() - started
-        self.work += work
+    @contextlib.contextmanager
+    def counted(self, log: IterateLog) -> Iterator[None]:
+        """Count what is done meanwhile as exploring.
+
+        Parameters
+        ----------
+        log : IterateLog
+            Of all runs of the solve.
+        """
+        started, before, explored = time.perf_counter(), log.iterations, self.explored_iterations
+        seconds = self.seconds
+        try:
+            yield
+        finally:
+            # What explores branches in between has counted itself.
+            taken = log.iterations - before - (self.explored_iterations - explored)
+            self.seconds = seconds + time.perf_counter() - started
+            self.work += taken
+            self.explored_iterations += taken
 
     def _share(self, pairs: int) -> float:
         return min(1.0, max(0.0, 2.0 - pairs / CROSS_CHECKED_PAIRS)) if self.factor is None else self.factor
@@ -187,7 +209,7 @@ class Polish:
         """Whether Ctrl-C ended the search."""
         return self._search.interrupted
 
-    def improve(self, iterate: Iterate, point: PrimalDualPoint) -> Iterate:
+    def improve(self, iterate: Iterate, point: PrimalDualPoint, *, reach: float = POLISHED_VIOLATION) -> Iterate:
         """Solve the nearest branch, follow descending ones, and certify where that ends.
 
         Parameters
@@ -196,6 +218,8 @@ class Polish:
             Its point is on the model.
         point : PrimalDualPoint
             The same in the order of the compiled model.
+        reach : float
+            Largest violation from which the nearest branch is tried.
 
         Returns
         -------
@@ -207,7 +231,8 @@ class Polish:
             rows = point.complete(self._compiled.nlp)[0][self._kept_rows]
             point = replace(point, g_multipliers=rows).with_objective_divided(self._slope)
             start = BranchPoint.at(self._program, point)
-            return self._better(iterate, self._examined(iterate, self._search.polish(start), start))
+            found = self._search.polish(start) if start.violation <= reach else start
+            return self._better(iterate, self._examined(iterate, found, start))
         except EvaluationError as error:
             logger.info("strategy '%s': its point cannot be polished or certified: %s", iterate.strategy, error)
             return iterate
@@ -233,7 +258,9 @@ class Polish:
             found = self._search.explore(start, self._exploration.branches, deadline, work)
             self._add_linear_programs("explore", found)
         finally:
-            self._exploration.spend(started, work - self._search.work_left if np.isfinite(work) else 0.0)
+            self._exploration.seconds += time.perf_counter() - started
+            self._exploration.work += work - self._search.work_left if np.isfinite(work) else 0.0
+            self._exploration.explored_iterations += self._log.iterations - iterations
             self._search.work_left = np.inf
         return iterate if found is start else self._examined(iterate, found, start)
 

@@ -170,9 +170,8 @@ class _Procedure(Runner):
             if strategy.name in self._tried or strategy.start in missing:
                 continue
             self._classify(best)  # another relaxation takes away the rows whose multipliers this asks for
-            started, iterations = time.perf_counter(), self.log.iterations
-            iterate = self._try(strategy, certified=not pairs)
-            self.exploration.spend(started, self.log.iterations - iterations)
+            with self.exploration.counted(self.log):
+                iterate = self._try(strategy, certified=not pairs)
             ends.append(f"'{strategy.name}' " + (f"{iterate.objective:.6g}" if iterate is not None else "no point"))
             if iterate is None:
                 missing.add(strategy.start)
