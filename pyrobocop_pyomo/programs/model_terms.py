@@ -346,7 +346,7 @@ def _add_rows_by_rule(found: ModelTerms, component: Any) -> None:
     if rows is None:
         return
     stated = rows.sums()
-    found.columns.add_by_rows(stated)
+    found.columns.add_by_rows(stated[::-1])
     sums = [(repeated, found.columns.table(repeated)) for repeated in stated]
     has_free = np.zeros(len(rows.rows), dtype=bool)
     for repeated, table in sums:
