@@ -13,7 +13,7 @@ from pyomo.core.expr.numvalue import native_types
 
 from pyrobocop_pyomo.complementarity.absolute_values import has_kink, is_smooth_product
 from pyrobocop_pyomo.complementarity.switched_products import is_zero_product
-from pyrobocop_pyomo.modeling.rows_on_read import RepeatedSum, as_read, follows_rule
+from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, as_read, follows_rule
 
 from .findings import Finding, Subject, warning_about
 

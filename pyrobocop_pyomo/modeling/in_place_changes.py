@@ -18,7 +18,7 @@ from pyomo.core.base.suffix import Suffix
 
 from .activity import BLOCK_TYPES
 from .blocks import snapshot_of
-from .rows_on_read import as_read, follows_rule, let_follow_rule
+from .rows_by_rule import as_read, follows_rule, let_follow_rule
 
 # What a component keeps when it is stated anew.
 _PLACE = ("_parent", "_name", "_ctype", "doc")

@@ -12,7 +12,7 @@ from typing import Any
 
 from pyomo.core.expr.numvalue import native_types, value
 
-from .rows_on_read import content_of, follows_rule
+from .rows_by_rule import follows_rule
 
 
 def variables_in(expression: Any, leaves: Collection[int] = (), include_fixed: bool = True) -> Iterator[Any]:
@@ -59,7 +59,7 @@ def topmost_nodes(expressions: Iterable[Any], wanted: Callable[[Any], bool]) -> 
         if wanted(node):
             yield node
         elif node.is_expression_type():
-            pending.extend([content_of(node)] if follows_rule(node) else reversed(node.args))
+            pending.extend(reversed(node.args))
 
 
 def variables_in_any(expressions: Iterable[Any], leaves: Set[int] = frozenset()) -> dict[int, Any]:

@@ -21,7 +21,7 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.bulk_parts import new_row
 from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions, plain_scalar
 from pyrobocop_pyomo.modeling.foreign_variables import ONE_MODEL, foreign_read, foreign_variable
-from pyrobocop_pyomo.modeling.rows_on_read import state_on_read
+from pyrobocop_pyomo.modeling.rows_by_rule import add_rows_by_rule
 from pyrobocop_pyomo.modeling.rule_results import expressions_returned
 from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
@@ -31,7 +31,7 @@ from .declarations import State, check_bounds, within
 from .families import equations_by_component
 from .horizon import element_widths
 from .record import PhaseRecord, PreviousStates, Statement, labelled_rows, place
-from .rows_by_rules import CollocationRows, Ode, Rates, StatedRows
+from .row_rules import CollocationRows, Ode, Rates, StatedRows
 from .signal_vars import NoSuchTime
 from .variables import add_generated, rate_units
 
@@ -141,6 +141,8 @@ def _given_for_states(
                 f"{label} gives '{expression}' as the {meaning} of '{name}' at t = {time:g}; expected a "
                 "number or an expression. Is an index [t] missing?"
             )
+        if name in given:
+            raise ModelError(f"{label} gives the {meaning} of '{name}' twice at t = {time:g}; give one.")
         given[name] = expression
     if time == record.grid.points[0]:
         refuse_foreign_reads(block, label, list(given.values()))
@@ -209,7 +211,7 @@ def _let_collocation_follow_rule(block: Any, record: PhaseRecord, name: str, rat
     rows = _add_generated_rows(block, record, f"{name}_collocation")
     times = [stages[stage] for stages in grid.stage_times for stage in grid.scheme.row_stages]
     boundary = block.boundary if record.free_widths else None
-    state_on_read(rows, CollocationRows(block.component(name), rates, block.duration, boundary), times)
+    add_rows_by_rule(rows, CollocationRows(block.component(name), rates, block.duration, boundary), times)
 
 
 def _add_generated_rows(block: Any, record: PhaseRecord, name: str) -> Any:
@@ -413,7 +415,7 @@ def _add_rows(
         times = record.grid.mesh.boundaries if statement.kind == "constraint at boundaries" else record.grid.points
         indices = [_index(time, label) for time in times for label in of_first]
         rows = place(block, record, name, Constraint(indices))
-        state_on_read(rows, StatedRows(statement, of_first), indices)
+        add_rows_by_rule(rows, StatedRows(statement, of_first), indices)
         return len(of_first)
     indices = [_index(time, label) for time, labelled in results.items() for label in labelled]
     rows = place(block, record, name, Constraint(indices))

@@ -20,7 +20,7 @@ from pyomo.repn import generate_standard_repn
 
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.modeling.rows_on_read import is_equality
+from pyrobocop_pyomo.modeling.rows_by_rule import is_equality
 from pyrobocop_pyomo.modeling.shared_nodes import NodeReplacement, variables_in, variables_in_any
 from pyrobocop_pyomo.numerics import Matching, maximum_matching
 

@@ -12,7 +12,7 @@ from pyomo.core.expr.relational_expr import RelationalExpression
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_scalar
-from pyrobocop_pyomo.modeling.rows_on_read import RepeatedSum, SumRule, follow_rule, follows_rule, let_follow_rule
+from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, SumRule, follow_rule, follows_rule, let_follow_rule
 from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.rules.rule_template import RuleTemplate
 from pyrobocop_pyomo.transcription import quadrature
@@ -46,12 +46,15 @@ def named_integral(block: Any, record: PhaseRecord, integrand: Rule) -> Any:
 
 
 def _is_read_later(block: Any, record: PhaseRecord, statement: Statement) -> bool:
-    """Whether an integrand says the same everywhere but for variables; it is evaluated twice, and found to be right."""
+    """Whether an integrand says the same everywhere but for variables; then it is evaluated twice, and found right."""
+    if record.time_units is not None or record.free_widths or not statement.reads_variables_alone(block):
+        return False
     what = _label(block, statement)
     first = [_summand(block, record, statement, what, time) for time in record.grid.points[:2]]
     refuse_foreign_reads(block, what, first[:1])
+    # The second answer is compared with the rule's own, which may show that it is no template.
     is_sum = all(term.__class__ not in native_numeric_types for term in first)
-    return is_sum and record.time_units is None and not record.free_widths and statement.reads_variables_alone(block)
+    return is_sum and statement.reads_variables_alone(block)
 
 
 class _Integrals(SumRule):

@@ -297,7 +297,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         if is_asked_for_all_times():
             return OverTime(Derivative(self.component(name)))  # type: ignore[return-value]
         if name in self.record.rates:
-            return MappingProxyType(self.record.rates[name])
+            return self.record.rates[name]
         if name in self.record.discrete_states:
             raise ModelError(
                 f"{self._what}: '{name}' has no derivative; the step map '{self.record.equation_of[name]}' leads it "

@@ -20,7 +20,7 @@ from pyomo.mpec import Complementarity as PyomoComplementarity
 
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.modeling.rows_on_read import as_read, content_of, is_equality
+from pyrobocop_pyomo.modeling.rows_by_rule import as_read, content_of, is_equality
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Matching, maximum_matching
 

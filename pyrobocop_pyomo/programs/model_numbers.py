@@ -16,7 +16,7 @@ from pyomo.core.base.set import Reals
 from pyomo.core.base.var import VarData
 
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.modeling.rows_on_read import RowByRule, SumByRule
+from pyrobocop_pyomo.modeling.rows_by_rule import RowByRule, SumByRule
 
 from .model_checks import number_in
 from .model_terms import ModelTerms

@@ -17,7 +17,7 @@ from pyomo.core.expr.numeric_expr import ExternalFunctionExpression, MonomialTer
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_nodes import CONSTANT, DIVISION, LEAF, NAMED, NEGATION, PRODUCT, SUMMATION
 from pyrobocop_pyomo.modeling.functions import is_function_call
-from pyrobocop_pyomo.modeling.rows_on_read import RepeatedSum, RowByRule, SumByRule, rows_by_rule
+from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, RowByRule, SumByRule, sums_of
 
 from .expression_codes import FACTORS, REMEDY, SCALED_SUM, NodeKinds
 from .function_calls import FunctionCall, FunctionCalls
@@ -324,10 +324,11 @@ def collect_terms(model: BlockData) -> ModelTerms:
     )
     with PauseGC():
         for component in model.component_objects(Constraint, active=True, descend_into=True):
-            _add_rows_by_rule(found, component)
-            for constraint in component.values():
-                if constraint.active and constraint.__class__ is not RowByRule:
-                    _add_row(found, constraint)
+            rows = [row for row in component.values() if row.active]
+            _add_rows_by_rule(found, [row for row in rows if row.__class__ is RowByRule])
+            for row in rows:
+                if row.__class__ is not RowByRule:
+                    _add_row(found, row)
         if objective is not None:
             found.cost.add(0, objective.expr, found.sign, keep_constant=True)
             found.cost.named_expressions[id(objective)] = (objective, objective.args[0])
@@ -340,26 +341,26 @@ def collect_terms(model: BlockData) -> ModelTerms:
     return found
 
 
-def _add_rows_by_rule(found: ModelTerms, component: Any) -> None:
-    """Rows of a component that follow its rule, all at once; those without free variables one by one."""
-    rows = rows_by_rule(component)
-    if rows is None:
+def _add_rows_by_rule(found: ModelTerms, rows: list[Any]) -> None:
+    """Rows of one component that follow its rule, all at once; those without free variables one by one."""
+    if not rows:
         return
-    stated = rows.sums()
+    stated = sums_of(rows)
+    # Right-hand sides first: the order of the variables decides which optimum some problems with switches find.
     found.columns.add_by_rows(stated[::-1])
     sums = [(repeated, found.columns.table(repeated)) for repeated in stated]
-    has_free = np.zeros(len(rows.rows), dtype=bool)
+    has_free = np.zeros(len(rows), dtype=bool)
     for repeated, table in sums:
         has_free[np.array(repeated.rows)[(table >= 0).any(axis=0)]] = True
     if not has_free.all():
         for row in np.flatnonzero(~has_free).tolist():
-            _add_row(found, rows.rows[row])
-        rows = rows.part(np.flatnonzero(has_free).tolist())
-        sums = [(repeated, found.columns.table(repeated)) for repeated in rows.sums()]
+            _add_row(found, rows[row])
+        rows = [row for row, is_free in zip(rows, has_free.tolist(), strict=True) if is_free]
+        sums = [(repeated, found.columns.table(repeated)) for repeated in sums_of(rows)]
     for repeated, table in sums:
         found.rows.add_repeated(repeated, table, len(found.constraints))
-    found.constraints += rows.rows
-    found.bounds += rows.bounds()
+    found.constraints += rows
+    found.bounds += [row.bounds() for row in rows]
 
 
 def _add_row(found: ModelTerms, constraint: ConstraintData) -> None:

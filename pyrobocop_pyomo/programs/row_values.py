@@ -18,7 +18,7 @@ from pyomo.core.expr.numvalue import native_types
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan
-from pyrobocop_pyomo.modeling.rows_on_read import RepeatedSum, content_of, follows_rule, sums_of
+from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, content_of, follows_rule, sums_of
 from pyrobocop_pyomo.modeling.shared_nodes import NodeValues, topmost_nodes
 from pyrobocop_pyomo.numerics import Array
 
@@ -170,7 +170,6 @@ class SumValue(_Named):
             terms.update(zip(map(id, parts), parts, strict=True))
         self._terms = list(terms.values())
         self._values = RowValues(self._terms)
-        self._names += self._values._names
 
     def value(self) -> float:
         """Value now; NaN where there is none, or it is no real number."""

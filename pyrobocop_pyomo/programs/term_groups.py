@@ -18,7 +18,7 @@ from pyrobocop_pyomo.modeling.expression_nodes import (
     SUMMATION,
     comparison_name,
 )
-from pyrobocop_pyomo.modeling.rows_on_read import RepeatedSum
+from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum
 from pyrobocop_pyomo.numerics import Array
 
 from .expression_codes import NUMBER, SUM, Code, NodeKinds, function_name

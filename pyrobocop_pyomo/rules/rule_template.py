@@ -14,7 +14,7 @@ what surrounds it (the variable of a loop, a number of the module) may have chan
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, fields, is_dataclass
@@ -344,6 +344,20 @@ class _Formulas:
         """The result with 1.0 in place of each expression that depends on one of these slots, and 0.0 of others."""
         depends = self._steps.depends_on(slots)
         return _formed(self._form, iter([float(depends[place]) for place in self._steps.outputs]))
+
+    def slots_by(self, parts_of: Callable[[Any], Mapping[Hashable, Any]]) -> dict[Hashable, list[Slot]]:
+        """What each part of the result reads.
+
+        Parameters
+        ----------
+        parts_of : callable
+            From a result to its parts: it gets the one of `depending` for each slot.
+        """
+        found: dict[Hashable, list[Slot]] = {part: [] for part in parts_of(self.depending(lambda slot: False))}
+        for slot in self.slots:
+            for part, depends in parts_of(self.depending(slot.__eq__)).items():
+                found[part] += [slot] if depends else []
+        return found
 
     @staticmethod
     def says(result: Any, other: Any) -> bool:

@@ -24,7 +24,7 @@ from pyrobocop_pyomo.complementarity import (
 from pyrobocop_pyomo.complementarity.residuals import part_of_side
 from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan, relation_violation
-from pyrobocop_pyomo.modeling.rows_on_read import bounds_of, content_of, follows_rule
+from pyrobocop_pyomo.modeling.rows_by_rule import bounds_of, content_of, follows_rule, rows_by_component
 from pyrobocop_pyomo.modeling.variable_bounds import VariableBounds
 from pyrobocop_pyomo.numerics.rounding import ROUNDING
 from pyrobocop_pyomo.programs.row_values import RowTerms, RowValues, SumValue
@@ -117,8 +117,8 @@ class ModelCheck:
             self._bodies = RowValues([row if follows_rule(row) else row.body for row, _ in self._rows])
         bodies = self._bodies.values()
         # Programs and these arrays ask a rule for all rows at once: some rows speak for themselves.
-        for k in self._witnesses:
-            bodies[k] = number_or_nan(content_of(self._rows[k][0]))
+        for k, body in self._witnesses.items():
+            bodies[k] = number_or_nan(body)
         with np.errstate(invalid="ignore"):
             violations = np.maximum(np.maximum(self._lower - bodies, bodies - self._upper), 0.0)
         return np.where(np.isnan(bodies), np.inf, violations)
@@ -200,13 +200,10 @@ class SideSizes:
         return largest[self._groups]
 
 
-def _first_middle_and_last(rows: Sequence[Any]) -> list[int]:
-    """Positions of three rows of each component, of those that follow a rule."""
-    positions: dict[int, list[int]] = {}
-    for k, row in enumerate(rows):
-        if follows_rule(row):
-            positions.setdefault(id(row.parent_component()), []).append(k)
-    return [of[i] for of in positions.values() for i in {0, len(of) // 2, len(of) - 1}]
+def _first_middle_and_last(rows: Sequence[Any]) -> dict[int, Any]:
+    """Bodies of three rows of each component, of those that follow a rule, by their positions."""
+    positions = [of[i] for of in rows_by_component(rows) for i in {0, len(of) // 2, len(of) - 1}]
+    return {k: content_of(rows[k]) for k in positions}
 
 
 class IterateLog:

@@ -178,17 +178,23 @@ def nearest_by_quadratic_program(first: Polytope, second: Polytope) -> float:
     return float(np.linalg.norm(v @ (a / a.sum()) - w @ (b / b.sum())))
 
 
-def depth_by_enumeration(first: Polytope, second: Polytope) -> float:
-    """Largest gap over all directions that two edges (in the plane one) of all differences span: no hull, no search."""
-    edges = np.array([a - b for body in (first, second) for a, b in itertools.combinations(body.vertices, 2)])
-    if first.dimension == 2:
+def normals_across(edges: np.ndarray) -> np.ndarray:
+    """Both unit normals of all directions that two edges span, in the plane one edge."""
+    if edges.shape[1] == 2:
         normals = np.column_stack([-edges[:, 1], edges[:, 0]])
     else:
         i, j = np.triu_indices(len(edges), 1)
         normals = np.cross(edges[i], edges[j])
     lengths = np.linalg.norm(normals, axis=1)
     normals = normals[lengths > 1e-9] / lengths[lengths > 1e-9, None]
-    normals = np.vstack([normals, -normals])
+    return np.vstack([normals, -normals])
+
+
+def depth_by_enumeration(first: Polytope, second: Polytope) -> float:
+    """Largest gap over all directions that two edges (in the plane one) of all differences span: no hull, no search."""
+    normals = normals_across(
+        np.array([a - b for body in (first, second) for a, b in itertools.combinations(body.vertices, 2)])
+    )
     gaps = (first.vertices @ normals.T).min(axis=0) - (second.vertices @ normals.T).max(axis=0)
     return float(gaps.max())
 
@@ -233,15 +239,7 @@ def edges(body: Polytope) -> list[np.ndarray]:
 
 def widest_gap(first: Polytope, second: Polytope) -> float:
     """Over all directions that edges and rays of both span."""
-    along = np.array(edges(first) + edges(second))
-    if first.dimension == 2:
-        normals = np.column_stack([-along[:, 1], along[:, 0]])
-    else:
-        i, j = np.triu_indices(len(along), 1)
-        normals = np.cross(along[i], along[j])
-    lengths = np.linalg.norm(normals, axis=1)
-    normals = normals[lengths > 1e-9] / lengths[lengths > 1e-9, None]
-    both = np.vstack([normals, -normals])
+    both = normals_across(np.array(edges(first) + edges(second)))
     return max(gap(n, first.vertices, second.vertices, first.rays, second.rays) for n in both)
 
 

@@ -155,6 +155,7 @@ def equation_for_some(b: Any, t: float) -> Any:
 STATEMENTS = {
     "ode names what is not": ("ode", lambda b, t: {"q": 1.0}, "'q' is no state"),
     "ode at some points": ("ode", lambda b, t: {b.x: 1.0} if t < 0.5 else {}, "gives no derivative of 'x' at t = 0"),
+    "a state twice": ("ode", lambda b, t: {b.x: 1.0, "x": 2.0}, "gives the derivative of 'x' twice at t = "),
     "ode gives None": ("ode", lambda b, t: {b.x: None}, "gives 'None' as the derivative of 'x'"),
     "ode gives a relation": ("ode", lambda b, t: {b.x: b.u[t] == 1}, "expected a number or an expression"),
     "residual returns None": ("residual", returns_none, "residual 'returns_none' returned None at t = "),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterator, Mapping
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 from pyomo.core.base.constraint import ConstraintData
@@ -12,11 +12,11 @@ from pyomo.core.expr.numvalue import native_numeric_types
 from pyomo.core.expr.relational_expr import RelationalExpression
 
 from pyrobocop_pyomo.modeling.expression_arrays import plain_scalar
-from pyrobocop_pyomo.modeling.rows_on_read import RepeatedSum, RowRule
+from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, RowRule
 from pyrobocop_pyomo.rules.slots import Slot
 from pyrobocop_pyomo.transcription import collocation_row
 
-from .families import equations_by_component, family_in
+from .families import family_in
 from .horizon import element_width
 from .record import PhaseRecord, Statement
 
@@ -37,29 +37,29 @@ class Ode:
         self.label = f"phase '{block.name}': ode '{statement.name}'"
 
     def at(self, time: float) -> dict[str, Any]:
-        """Right-hand sides by the names that the states had when it was stated: they may have others by now."""
+        """Right-hand sides by the names of the states."""
         if time not in self._known:
             record: PhaseRecord = self.block.record
-            result = self.statement(self.block, record.index_for_rule(self.block, time, self.label))
-            given: list[Any] = []
-            for key, entry in result.items():
-                names = family_in(record, key)
-                given += [entry] if names is None else names.split(entry).ravel().tolist()
-            entries = [plain_scalar(entry, self.label) for entry in given]
-            self._known[time] = dict(zip(next(iter(self._known.values())), entries, strict=True))
+            self._known[time] = self._by_state(
+                self.statement(self.block, record.index_for_rule(self.block, time, self.label))
+            )
         return self._known[time]
 
-    def slots(self) -> dict[str, list[Slot]]:
+    @cached_property
+    def slots(self) -> dict[Hashable, list[Slot]]:
         """What each right-hand side reads, where the rule reads variables alone."""
         formulas: Any = self.statement.rule.formulas(self.block)
-        found: dict[str, list[Slot]] = {}
-        for slot in formulas.slots:
-            given = equations_by_component(self.block.record, formulas.depending(slot.__eq__), self.label)
-            for state, depends in given.items():
-                reads = found.setdefault(self.block.state_name(state), [])
-                if plain_scalar(depends, self.label):
-                    reads.append(slot)
+        found: dict[Hashable, list[Slot]] = formulas.slots_by(self._by_state)
         return found
+
+    def _by_state(self, result: Mapping[Any, Any]) -> dict[str, Any]:
+        """A result by the names that the states had when it was stated: they may have others by now."""
+        given: list[Any] = []
+        for key, entry in result.items():
+            names = family_in(self.block.record, key)
+            given += [entry] if names is None else names.split(entry).ravel().tolist()
+        entries = [plain_scalar(entry, self.label) for entry in given]
+        return dict(zip(next(iter(self._known.values())), entries, strict=True))
 
 
 class Rates(Mapping[float, Any]):
@@ -88,7 +88,7 @@ class Rates(Mapping[float, Any]):
     @property
     def slots(self) -> list[Slot]:
         """What it reads, where the rule reads variables alone."""
-        return self._ode.slots()[self._state]
+        return self._ode.slots[self._state]
 
     def __iter__(self) -> Iterator[float]:
         return iter(self._block.record.grid.points)
@@ -201,7 +201,8 @@ class StatedRows(RowRule):
         places: dict[Hashable, list[int]] = {}
         for position, index in enumerate(indices):
             places.setdefault(self._parts(index)[1], []).append(position)
-        slots = self._slots(block)
+        formulas: Any = self._statement.rule.formulas(block)
+        slots = formulas.slots_by(self._statement.rows)
         found = []
         for label, positions in places.items():
             of_label = [indices[position] for position in positions]
@@ -212,16 +213,6 @@ class StatedRows(RowRule):
 
     def _body_at(self, block: Any, indices: list[Any], place: int) -> Any:
         return ConstraintData(self(block, indices[place])).body
-
-    def _slots(self, block: Any) -> dict[Hashable, list[Slot]]:
-        """What the rows of each label read."""
-        formulas: Any = self._statement.rule.formulas(block)
-        found: dict[Hashable, list[Slot]] = {label: [] for label in self._bounds}
-        for slot in formulas.slots:
-            for label, depends in self._statement.rows(formulas.depending(slot.__eq__)).items():
-                if depends:
-                    found[label].append(slot)
-        return found
 
     def _parts(self, index: Any) -> tuple[float, Hashable]:
         return index if self._is_labelled else (index, None)

@@ -62,12 +62,21 @@ class RowByRule(ConstraintData):
     __slots__ = ()
     _expr: Any
 
+    def made(self) -> ConstraintData:
+        """An ordinary row that says the same, which is not kept."""
+        component = self.parent_component()
+        return ConstraintData(_rule_of(component)(component.parent_block(), self.index()), component)
+
+    def bounds(self) -> tuple[Any, Any]:
+        """What its body may be at least and at most, as the rule says it."""
+        found: tuple[Any, Any] = _rule_of(self.parent_component()).bounds(self.index())
+        return found
+
     @property
     def expr(self) -> Any:
         """The relation."""
         if self._expr is None:
-            component = self.parent_component()
-            self._expr = ConstraintData(_rule_of(component)(component.parent_block(), self.index())).expr
+            self._expr = self.made().expr
         return self._expr
 
     def set_value(self, expr: Any) -> None:
@@ -82,7 +91,7 @@ class RowByRule(ConstraintData):
         return found
 
 
-def state_on_read(component: Any, rule: RowRule, indices: Iterable[Any]) -> None:
+def add_rows_by_rule(component: Any, rule: RowRule, indices: Iterable[Any]) -> None:
     """Put rows into a component, which follow a rule."""
     follow_rule(component, rule)
     reference = weakref.ref(component)
@@ -93,52 +102,15 @@ def state_on_read(component: Any, rule: RowRule, indices: Iterable[Any]) -> None
 
 
 def follow_rule(component: Any, rule: Any) -> None:
-    """Let a component have the rule that some of its parts follow."""
-    component._rule = rule
+    """Let a component have the rule that some of its parts follow.
 
-
-class RowsByRule(NamedTuple):
-    """Active rows of a component that are what its rule says.
-
-    Attributes
-    ----------
-    block : Block
-    rule : RowRule
-    indices : list
-    rows : list of ConstraintData
+    It is no rule in Pyomo's sense, by which a component makes parts that it has not.
     """
-
-    block: Any
-    rule: RowRule
-    indices: list[Any]
-    rows: list[ConstraintData]
-
-    def sums(self) -> list[RepeatedSum]:
-        """What their bodies are the sums of."""
-        return self.rule.sums(self.block, self.indices)
-
-    def part(self, positions: list[int]) -> RowsByRule:
-        """Some of them."""
-        indices, rows = ([each[position] for position in positions] for each in (self.indices, self.rows))
-        return self._replace(indices=indices, rows=rows)
-
-    def bounds(self) -> list[tuple[Any, Any]]:
-        """What their bodies may be."""
-        return list(map(self.rule.bounds, self.indices))
-
-
-def rows_by_rule(component: Any) -> RowsByRule | None:
-    """The rows of a component that are what its rule says; None where there is none."""
-    rule = _rule_of(component)
-    if not isinstance(rule, RowRule):
-        return None
-    rows = {index: row for index, row in component.items() if row.__class__ is RowByRule and row.active}
-    return RowsByRule(component.parent_block(), rule, list(rows), list(rows.values())) if rows else None
+    component.rule_of_parts = rule
 
 
 def _rule_of(component: Any) -> Any:
-    """What Pyomo makes parts of a component by; it has no public question for it."""
-    return getattr(component, "_rule", None)
+    return component.rule_of_parts
 
 
 def bounds_of(row: ConstraintData) -> tuple[float | None, float | None]:
@@ -146,7 +118,7 @@ def bounds_of(row: ConstraintData) -> tuple[float | None, float | None]:
     if row.__class__ is not RowByRule:
         lower, _, upper = row.to_bounded_expression(True)
         return lower, upper
-    lower, upper = _rule_of(row.parent_component()).bounds(row.index())
+    lower, upper = row.bounds()
     return value(lower), value(upper)
 
 
@@ -154,7 +126,7 @@ def is_equality(row: ConstraintData) -> bool:
     """Whether a row says that something is equal; a row that follows a rule is not made."""
     if row.__class__ is not RowByRule:
         return bool(row.equality)
-    lower, upper = _rule_of(row.parent_component()).bounds(row.index())
+    lower, upper = row.bounds()
     return lower is not None and lower is upper
 
 
@@ -215,10 +187,7 @@ def follows_rule(part: Any) -> bool:
 
 def as_read(row: Any) -> Any:
     """A row or an objective to be read: of a row that follows a rule a twin, so that nothing is kept."""
-    if row.__class__ is not RowByRule:
-        return row
-    component = row.parent_component()
-    return ConstraintData(_rule_of(component)(component.parent_block(), row.index()), component)
+    return row.made() if row.__class__ is RowByRule else row
 
 
 def content_of(part: Any) -> Any:
@@ -228,17 +197,23 @@ def content_of(part: Any) -> Any:
     return as_read(part).body if isinstance(part, ConstraintData) else part
 
 
+def rows_by_component(parts: Sequence[Any]) -> list[list[int]]:
+    """Positions of the rows that follow a rule, of each component."""
+    found: dict[int, list[int]] = {}
+    for position, part in enumerate(parts):
+        if part.__class__ is RowByRule:
+            found.setdefault(id(part.parent_component()), []).append(position)
+    return list(found.values())
+
+
 def sums_of(parts: Sequence[Any]) -> list[RepeatedSum]:
     """What several of them are the sums of, by their positions; parts that are no such rows or sums are left out."""
     found = []
-    of_components: dict[int, list[int]] = {}
     for position, part in enumerate(parts):
-        if part.__class__ is RowByRule:
-            of_components.setdefault(id(part.parent_component()), []).append(position)
-        elif part.__class__ is SumByRule:
+        if part.__class__ is SumByRule:
             repeated = part.repeated()
             found.append(repeated._replace(rows=[position] * len(repeated.rows)))
-    for positions in of_components.values():
+    for positions in rows_by_component(parts):
         component = parts[positions[0]].parent_component()
         indices = [parts[position].index() for position in positions]
         for repeated in _rule_of(component).sums(component.parent_block(), indices):

@@ -8,8 +8,8 @@ import pytest
 from pyomo.core.expr.visitor import identify_variables
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.modeling.rows_on_read import RowByRule, SumByRule
-from pyrobocop_pyomo.phases.rows_by_rules import CollocationRows
+from pyrobocop_pyomo.modeling.rows_by_rule import RowByRule, SumByRule
+from pyrobocop_pyomo.phases.row_rules import CollocationRows
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 
 HORIZONS = {
@@ -137,6 +137,17 @@ def test_a_program_is_up_to_date_after_rows_and_integrals_are_read_or_changed():
     assert program.nlp.objective(program.current_point()) == pytest.approx(pyo.value(m.cost), rel=1e-12)
 
 
+def test_a_row_that_is_not_there_is_not_made():
+    m = pendulum(rcp.schemes.lobatto(3))
+    assert 0.0 in m.p.points
+    with pytest.raises(KeyError):
+        m.p.angle_collocation[0.0]
+    index = next(iter(m.p.slow))
+    del m.p.slow[index]
+    with pytest.raises(KeyError):
+        m.p.slow[index]
+
+
 @pytest.mark.parametrize("write", ["nl", "lp"])
 def test_pyomo_s_writers_see_ordinary_rows(write, tmp_path):
     m = pendulum() if write == "nl" else None
@@ -173,3 +184,13 @@ def test_a_solve_does_not_believe_wrong_sums(monkeypatch):
     result = rcp.solve(pendulum(), mesh_tolerance=None, strategies="tight")
     assert not result.solved
     assert result.violations
+
+
+@pytest.mark.ipopt
+@pytest.mark.parametrize("horizon", HORIZONS)
+def test_a_rule_may_read_nothing(horizon):
+    m = pendulum(**HORIZONS[horizon])
+    m.p.clock = rcp.State(initial=0.0)
+    m.p.ode(lambda b, t: {b.clock: 1.0}, name="time_passes")
+    assert rcp.solve(m, mesh_tolerance=None).solved
+    assert m.p.clock[m.p.final_time].value == pytest.approx(pyo.value(m.p.duration), rel=1e-9)
