@@ -25,7 +25,7 @@ from .companions import Companion, indices_of
 from .delays import MotionSoFar, Past, past_of
 from .record import PhaseRecord, Statement
 from .rule_formulas import RuleFormulas, shown_by_name
-from .step_equations import difference_steps, stacked
+from .step_equations import differences, stacked
 
 # Relative to an element: shorter delays would take too many steps.
 _SHORTEST_PART = 1e-5
@@ -156,22 +156,11 @@ class RightHandSides:
     def _inverse_at(self, leaves: Mapping[int, Any], unknowns: Array) -> Array:
         """Of the derivatives of all rows by all unknowns in the first variant, shape ``(N, m, m)``."""
         first = {key: leaf[:1] if np.ndim(leaf) == 2 else leaf for key, leaf in leaves.items()}
-        slopes = self._differences(first, self._unknowns, unknowns[:, 0], 1.0, self._stated)[1]
+        slopes = differences(self._stated, first, self._unknowns, unknowns[:, 0], 1.0)[1]
         try:
             return np.asarray(np.linalg.inv(slopes.transpose(2, 0, 1)), dtype=np.float64)
         except np.linalg.LinAlgError:
             return np.full(slopes.transpose(2, 0, 1).shape, np.nan)
-
-    @staticmethod
-    def _differences(
-        leaves: Mapping[int, Any], keys: Sequence[int], point: Array, sizes: Any, evaluate: Callable[..., list[Any]]
-    ) -> tuple[Array, Array]:
-        """Values (v, k) at points (w, k) of some variables, and their derivatives (v, w, k)."""
-        steps = difference_steps(point, sizes)
-        varied, each = np.repeat(point[:, None], len(point) + 1, axis=1), np.arange(len(point))
-        varied[each, each + 1] += steps
-        found = stacked(evaluate({**leaves, **dict(zip(keys, varied, strict=True))}), varied.shape[1:])
-        return found[:, 0], (found[:, 1:] - found[:, :1]) / steps
 
     def in_element(self, i: int, fractions: Array, start: Array) -> dict[int, Any]:
         """What stands in place of each variable at some places of an element, as planned; arrays of their shape."""
@@ -181,7 +170,7 @@ class RightHandSides:
 
     def with_slopes(self, leaves: Mapping[int, Any], point: Array, sizes: Array) -> tuple[Array, Array]:
         """Rates, rows and both sides of all pairs (v, k) at states and unknowns (w, k), and derivatives (v, w, k)."""
-        return self._differences(leaves, self.keys, point, sizes[:, None], self._everything)
+        return differences(self._everything, leaves, self.keys, point, sizes[:, None])
 
     def times_at(self, fraction: float) -> Array:
         """Real times at a local fraction of every element."""

@@ -191,10 +191,10 @@ def with_slopes(expressions: Sequence[Any], variables: Sequence[Any]) -> Callabl
     steps, keys = ExpressionSteps(expressions, refuse=_not_known), list(map(id, variables))
 
     def evaluate(point: Array) -> tuple[Array, Array]:
-        changes = difference_steps(point, 1.0)
-        varied = point[:, None] + np.hstack([np.zeros((len(point), 1)), np.diag(changes)])
-        found = stacked(steps.evaluate_at(dict(zip(keys, varied, strict=True)), ARRAY_FUNCTIONS), varied.shape[1:])
-        return found[:, 0], (found[:, 1:] - found[:, :1]) / changes
+        values, slopes = differences(
+            lambda leaves: steps.evaluate_at(leaves, ARRAY_FUNCTIONS), {}, keys, point[:, None], 1.0
+        )
+        return values[:, 0], slopes[:, :, 0]
 
     return evaluate
 
@@ -203,9 +203,32 @@ def _not_known(node: Any, reason: str) -> ValueError:
     return ValueError(f"'{node}' {reason}; a simulation knows no later value")
 
 
-def difference_steps(point: Array, sizes: float | Array) -> Array:
-    """By how much unknowns of some sizes are varied for derivatives by differences."""
-    return 1e-7 * (sizes + np.abs(point))
+def differences(
+    evaluate: Callable[[dict[int, Any]], list[Any]],
+    leaves: Mapping[int, Any],
+    keys: Sequence[int],
+    point: Array,
+    sizes: float | Array,
+) -> tuple[Array, Array]:
+    """Values, shape ``(v, k)``, and derivatives by differences, shape ``(v, w, k)``.
+
+    Parameters
+    ----------
+    evaluate : callable
+        From what stands in place of each variable to v numbers or arrays.
+    leaves : mapping of int to numbers
+        Of the variables that stay.
+    keys : sequence of w int
+        Of those that are varied.
+    point : array, shape (w, k)
+        Where they are.
+    sizes : number or array, shape (w, 1)
+    """
+    steps = 1e-7 * (sizes + np.abs(point))
+    varied, each = np.repeat(point[:, None], len(point) + 1, axis=1), np.arange(len(point))
+    varied[each, each + 1] += steps
+    found = stacked(evaluate({**leaves, **dict(zip(keys, varied, strict=True))}), varied.shape[1:])
+    return found[:, 0], (found[:, 1:] - found[:, :1]) / steps
 
 
 def stacked(values: Sequence[Any], shape: tuple[int, ...]) -> Array:
