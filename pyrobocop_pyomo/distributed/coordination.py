@@ -14,6 +14,7 @@ from pyrobocop_pyomo.errors import TeamError
 from pyrobocop_pyomo.execution.engine import AgentFailure, Engine
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
 from .agents import KeepApart, Shared
 from .consensus import Consensus
@@ -74,6 +75,8 @@ class AndersonAcceleration:
         image : float array, shape (n,)
             What the iteration made of it.
         """
+        if np.linalg.norm(image - point) <= NEGLIGIBLE * np.linalg.norm(image):
+            return image  # where it stands still; to extrapolate what rounding leaves would lead anywhere
         if self.steps:
             before, after = self.steps[-1]
             if np.linalg.norm(image - point) > _WORSE * np.linalg.norm(after - before):

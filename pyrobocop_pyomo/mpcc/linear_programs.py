@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -77,6 +77,12 @@ class LinearProgram:
             [*wider, *rows],
             np.arange(n + count) >= n,
         )
+
+    def without_binaries(self, values: BoolArray) -> LinearProgram:
+        """The program whose last columns, which are binaries, may take any values but these together."""
+        others = np.concatenate([np.zeros(self.cost.size - values.size), np.where(values, -1.0, 1.0)])
+        row = (scipy.sparse.csr_array(others[None]), 1.0 - values.sum(), np.inf)
+        return replace(self, rows=[*self.rows, row])
 
     def solve(self, deadline: Deadline, node_limit: int | None = None, gap: float = 1e-6) -> LinearAnswer:
         """Solve it.

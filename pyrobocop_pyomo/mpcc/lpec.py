@@ -188,21 +188,26 @@ class _SideChoices(NamedTuple):
     ) -> tuple[FloatArray | None, BoolArray, bool, int]:
         """The least cost below a ceiling: its point, whether a is zero there, whether that is proven, and the nodes.
 
-        Where a pair leaves the choice open, `nearest` says whether a is zero.
+        `nearest` is returned where there is none.
         """
         if not nearest.size:
             answer = self.linear.solve(deadline)
             return answer.x, nearest, answer.status is not LinearStatus.STOPPED, answer.nodes
-        answer = self._with_binaries(ceiling).solve(deadline, node_limit, gap)
-        if answer.x is None:
-            return None, nearest, answer.status is LinearStatus.INFEASIBLE, answer.nodes
-        a, b = (sides.values(answer.x) for sides in (self.a, self.b))
-        chosen = np.where(np.maximum(a, b) <= ZERO_SIDE, nearest, a <= b)
-        # To a mixed-integer program 1e-6 is zero. So the choice is taken from it, and the point from a linear program.
-        x, cost = self.held(chosen, ~chosen, deadline)
-        if not cost < ceiling:
-            return None, nearest, False, answer.nodes
-        return x, chosen, answer.status is LinearStatus.SOLVED, answer.nodes
+        program, nodes = self._with_binaries(ceiling), 0
+        while True:
+            answer = program.solve(deadline, node_limit, gap)
+            nodes += answer.nodes
+            if answer.x is None:
+                return None, nearest, answer.status is LinearStatus.INFEASIBLE, nodes
+            chosen = answer.x[-nearest.size :] > 0.5
+            # To a mixed-integer program 1e-6 is zero. So the choice is taken from it, and the point from a linear
+            # program; where that is not below the ceiling, the other choices are left, if they are few.
+            x, cost = self.held(chosen, ~chosen, deadline)
+            if cost < ceiling:
+                return x, chosen, answer.status is LinearStatus.SOLVED, nodes
+            if answer.status is not LinearStatus.SOLVED or 2**nearest.size > node_limit:
+                return None, nearest, False, nodes
+            program = program.without_binaries(chosen)
 
     def _with_binaries(self, ceiling: float) -> LinearProgram:
         """One binary y per pair: ``a <= a_max (1 - y)`` and ``b <= b_max y``; and points of a lower cost only."""

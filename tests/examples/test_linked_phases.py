@@ -146,7 +146,8 @@ def test_the_spring_lets_go_when_it_is_as_strong_as_friction(elements: int, tole
 def test_the_car_takes_the_minimal_time_and_switches_at_its_thresholds(case: str) -> None:
     example = import_module("turbo_car")
     m = example.build(case)
-    result = rcp.solve(m)
+    # With hysteresis there are local optima within 1e-4 of the best: rounding decides to which of them "default" leads.
+    result = rcp.solve(m, strategies="continuation" if case == "hysteresis" else "default")
     result.raise_for_status()
     assert result.objective == pytest.approx(example.minimal_time(case), rel=1e-7)
     found = m.drive.trajectory()

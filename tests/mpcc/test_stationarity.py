@@ -257,6 +257,29 @@ def test_a_limit_of_nodes_ends_the_search_and_is_told():
     assert nodes[0] <= 4
 
 
+@pytest.mark.parametrize("k", [1, 2, 3])
+def test_what_only_rounded_integers_gain_is_refuted(k):
+    """Both sides gain the same. With binaries that are 1e-6 off, both leave zero a little, which gains more."""
+    nlp = QuadraticProgram(-np.ones(2 * k), x_lower=np.zeros(2 * k))
+    program = ComplementarityProgram(nlp, sides(np.arange(k)), sides(k + np.arange(k)))
+    a_zero = np.ones(k, dtype=bool)
+    point, stay = Linearisation.at(nlp, np.zeros(2 * k)), Branch(a_zero, ~a_zero)
+    found = steepest_branch(program, point, 1e-3, stay=stay, least_gain=1e-7)
+    assert (found.proven, found.gain) == (True, 0.0)
+
+
+def test_without_one_choice_of_binaries_the_next_best_is_found():
+    program = LinearProgram(-np.array([3.0]), np.zeros(1), np.ones(1)).with_binaries(2, [])
+    program = replace(program, cost=np.array([-3.0, -2.0, -1.0]))
+    found = []
+    for _ in range(4):
+        x = program.solve(NO_DEADLINE).x
+        found.append(x[1:].round().astype(bool).tolist())
+        program = program.without_binaries(x[1:] > 0.5)
+    assert found == [[True, True], [True, False], [False, True], [False, False]]
+    assert program.solve(NO_DEADLINE).status is LinearStatus.INFEASIBLE
+
+
 def test_bounds_that_contradict_each_other_have_no_point():
     def ends(lower: float, upper: float) -> tuple[LinearStatus, object, int]:
         return LinearProgram(np.ones(1), np.array([lower]), np.array([upper])).solve(NO_DEADLINE)

@@ -16,6 +16,7 @@ from obstacle_problems.scattered import scattered
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.contrib.vehicles.recognised_car import _axle, recognised_car
 from pyrobocop_pyomo.planning.recovery import Recovery
+from pyrobocop_pyomo.solving.second_tries import SIDE_ITERATIONS
 
 from .car_scenes import CAR, REVERSE, START, WHEELBASE
 
@@ -153,7 +154,7 @@ def test_a_car_parks_from_a_straight_line(kind: str) -> None:
     assert result.safe
     assert any("along the path of a car" in made.purpose or made.purpose == "on from there" for made in result.rounds)
     assert result.rounds[0].purpose == "from the initial guess"
-    assert result.rounds[0].iterations <= 60  # a start in a collision does not take the time of the others
+    assert result.rounds[0].iterations <= SIDE_ITERATIONS  # a start in a collision does not take the time of the others
 
 
 def test_coordinates_that_leave_no_digits_are_refused() -> None:
