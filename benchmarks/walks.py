@@ -2,14 +2,14 @@
 
     python benchmarks/walks.py [--quick]
 
-Six things are followed: a relaxation's delta, a schedule, the bounds of a State, the vertices of an obstacle, a pose
-rule and an option of Ipopt. Each is given to a small model as an object of its own, and every call of a function of the
-package is watched while the model is built, solved and verified. A file "receives" the thing if one of its functions
-gets that very object: as an argument, within a list, tuple or dictionary, or as an attribute of ``self``; a decorator
-that takes any arguments and hands them on does not count. A file
-"names" the thing if an identifier in it contains its word; bounds and options are words for other things too, and are
-not counted. Numbers that are computed from the thing, and copies of it in arrays or in Pyomo's components, are not
-followed.
+Eight things are followed: a right-hand side and a pair, with the expressions that their rules give and what makes rows
+of them; a relaxation's delta, a schedule, the bounds of a State, the vertices of an obstacle, a pose rule and an option
+of Ipopt. Each is given to a small model as an object of its own, and every call of a function of the package is watched
+while the model is built, solved and verified. A file "receives" the thing if one of its functions gets that very
+object: as an argument, within a list, tuple or dictionary, or as an attribute of ``self``; a decorator that takes any
+arguments and hands them on does not count. A file "names" the thing if an identifier in it contains its word; bounds
+and options are words for other things too, and are not counted. Numbers that are computed from the thing, and copies of
+it in arrays or in Pyomo's components, are not followed.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import ast
 import inspect
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -74,12 +74,19 @@ def folders(files: set[str]) -> set[str]:
 
 
 @contextmanager
-def watched(thing: Any) -> Iterator[set[str]]:
-    """The files of the package whose functions receive an object while the context is open."""
+def watched(*things: Any) -> Iterator[set[str]]:
+    """The files of the package whose functions receive one of some objects while the context is open.
+
+    A list of objects may grow meanwhile.
+    """
     files: set[str] = set()
 
     def trace(frame: FrameType, event: str, _: Any) -> None:
-        if event == "call" and frame.f_code.co_filename.startswith(f"{ROOT}/") and receives(frame, thing):
+        if (
+            event == "call"
+            and frame.f_code.co_filename.startswith(f"{ROOT}/")
+            and any(receives(frame, thing) for thing in flat(things))
+        ):
             files.add(Path(frame.f_code.co_filename).relative_to(ROOT).as_posix())
 
     sys.setprofile(trace)
@@ -87,6 +94,11 @@ def watched(thing: Any) -> Iterator[set[str]]:
         yield files
     finally:
         sys.setprofile(None)
+
+
+def flat(things: Iterable[Any]) -> list[Any]:
+    """The objects, those in lists too."""
+    return [each for thing in things for each in (thing if type(thing) is list else [thing])]
 
 
 def receives(frame: FrameType, thing: Any) -> bool:
@@ -138,7 +150,21 @@ def identifiers(tree: ast.Module) -> Iterator[str]:
 # ---------------------------------------------------------------------------------------------------------- models
 
 
-def lift(bounds: tuple[float, float | None] = (0.0, None)) -> pyo.ConcreteModel:
+def fall(b: Any, t: Any) -> dict[Any, Any]:
+    """The right-hand side of a body under its thrust and the force of the floor."""
+    return {b.height: b.speed[t], b.speed: b.thrust[t] + b.floor_force[t] - 9.81}
+
+
+def contact(b: Any, t: Any) -> Any:
+    """The floor pushes where the body touches it."""
+    return rcp.complements(b.height[t] >= 0, b.floor_force[t] >= 0)
+
+
+def lift(
+    bounds: tuple[float, float | None] = (0.0, None),
+    ode: Callable[..., Any] = fall,
+    floor: Callable[..., Any] = contact,
+) -> pyo.ConcreteModel:
     """A body that rests on a floor until its thrust lifts it."""
     m = pyo.ConcreteModel(name="lift")
     m.lift = b = rcp.PhaseBlock(duration=2.0, elements=5, scheme="implicit_euler")
@@ -146,12 +172,8 @@ def lift(bounds: tuple[float, float | None] = (0.0, None)) -> pyo.ConcreteModel:
     b.speed = rcp.State(initial=0, final=0)
     b.floor_force = rcp.Algebraic(bounds=(0, None))
     b.thrust = rcp.Control(bounds=(0, 15))
-    b.ode(lambda b, t: {b.height: b.speed[t], b.speed: b.thrust[t] + b.floor_force[t] - 9.81})
-
-    @b.complementarity
-    def floor(b, t):
-        return rcp.complements(b.height[t] >= 0, b.floor_force[t] >= 0)
-
+    b.ode(ode)
+    b.complementarity(floor, name="floor")
     m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.thrust[t] ** 2))
     return m
 
@@ -175,6 +197,41 @@ def cart(pose: Callable[..., Any], wall: Any) -> pyo.ConcreteModel:
 
 
 # ----------------------------------------------------------------------------------------------------------- walks
+
+
+def walk_of_right_hand_side() -> set[str]:
+    """A rule, its expressions, its template, and what makes rows of it, also when the trajectory is verified."""
+    given: list[Any] = []
+
+    def ode(b: Any, t: Any) -> dict[Any, Any]:
+        rates = fall(b, t)
+        given.append(rates[b.speed])
+        return rates
+
+    with watched(ode, given) as files:
+        m = lift(ode=ode)
+        of_all, of_one = m.lift.record.odes["speed"], m.lift.record.rates["speed"]
+        template = of_all.statement.rule
+        given += [template, template.formulas(m.lift), of_all, of_one]
+        given += [each.rule_of_parts for each in m.lift.component_objects(pyo.Constraint) if "speed" in each.name]
+        rcp.solve(m, progress=False)
+        m.lift.trajectory().verify()
+    return files
+
+
+def walk_of_pair() -> set[str]:
+    """A rule and the pairs that it gives, also when the trajectory is verified."""
+    given: list[Any] = []
+
+    def floor(b: Any, t: Any) -> Any:
+        given.append(contact(b, t))
+        return given[-1]
+
+    with watched(floor, given) as files:
+        m = lift(floor=floor)
+        rcp.solve(m, progress=False)
+        m.lift.trajectory().verify()
+    return files
 
 
 def walk_of_delta() -> set[str]:
@@ -231,6 +288,8 @@ def walk_of_option() -> set[str]:
 
 
 WALKS = {
+    "right-hand side": (walk_of_right_hand_side, None),
+    "pair": (walk_of_pair, "pairs?"),
     "delta of a relaxation": (walk_of_delta, "deltas?"),
     "schedule": (walk_of_schedule, "schedules?"),
     "bounds of a State": (walk_of_bounds, None),
