@@ -28,11 +28,10 @@ def asked_by_point(phase: Any) -> str | None:
     if found is not None:
         return _in_words(phase, found)
     for name, declaration in record.declarations.items():
-        given = {word: getattr(declaration, word, None) for word in ("bounds", "history")}
-        for word, function in given.items():
+        for word in ("bounds", "history"):
+            function = getattr(declaration, word, None)
             if isinstance(function, FunctionOfTime) and function.is_asked_by_point:
-                what = f"the function for the {word} of '{name}' (declared at {declaration.declared_at})"
-                return _reason(phase, what)
+                return _of_function(phase, name, word)
     return None
 
 
@@ -47,6 +46,39 @@ def refuse_asked_by_point(phase: Any, statements: Iterable[Statement], *more: An
     for statement in statements:
         if not statement.is_template(phase, *more):
             raise TrajectoryError(_in_words(phase, statement))
+
+
+def known_history(phase: Any, name: str, times: Iterable[float], slack: float) -> list[float]:
+    """Times before the start, or those beside them for which a history by a function has said something.
+
+    Parameters
+    ----------
+    phase : PhaseBlock
+    name : str
+    times : iterable of float
+    slack : float
+        What may be between these.
+
+    Raises
+    ------
+    TrajectoryError
+        When the function has to know the time as a number, and was not asked for one of them.
+    """
+    history = getattr(phase.record.declarations[name], "history", None)
+    if not isinstance(history, FunctionOfTime) or not history.is_asked_by_point:
+        return list(times)
+    known: list[float] = []
+    for time in times:
+        said = history.known_time(time, slack)
+        if said is None:
+            raise TrajectoryError(_of_function(phase, name, "history"))
+        known.append(said)
+    return known
+
+
+def _of_function(phase: Any, name: str, word: str) -> str:
+    declared_at = phase.record.declarations[name].declared_at
+    return _reason(phase, f"the function for the {word} of '{name}' (declared at {declared_at})")
 
 
 def _in_words(phase: Any, statement: Statement) -> str:

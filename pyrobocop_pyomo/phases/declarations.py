@@ -88,6 +88,11 @@ class FunctionOfTime:
             self._said[time] = self._template(self, time)
         return self._said[time]
 
+    def known_time(self, time: float, slack: float) -> float | None:
+        """The time next to this one for which it has said something; None where there is none so near."""
+        nearest = min(self._said, key=lambda said: abs(said - time), default=math.inf)
+        return nearest if abs(nearest - time) <= slack else None
+
     def knows(self, time: float) -> bool:
         """Whether it has said something of a time, or of all times."""
         return time in self._said or not self.is_asked_by_point

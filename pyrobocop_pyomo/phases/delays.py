@@ -82,6 +82,14 @@ class ValueAt(Slot):
         return _value_at_time(block, block.record, self.component.local_name, self.rest[0])  # type: ignore[arg-type]
 
 
+class ValueAtEachTime(Slot):
+    """``component.at(t)`` at the time of the rule, as a history that another phase goes on from has it."""
+
+    def on_model(self, place: Place) -> Any:
+        """The value on the grid that the phase has now."""
+        return self.component.at(place.t)
+
+
 def delayed_value(block: Any, record: PhaseRecord, name: str, t: Any, delay: Any) -> Any:
     """The value of a declared name at a time index minus a delay in real time; see `SignalVar.delayed`."""
     if isinstance(t, TimeTemplate):
@@ -182,6 +190,8 @@ def _snapped(times: tuple[float, ...], index: float, slack: float) -> float:
 
 def value_at_time(block: Any, record: PhaseRecord, name: str, time: Any) -> Any:
     """See `SignalVar.at`: a variable, or a member of the named expression that follows the mesh."""
+    if isinstance(time, TimeTemplate):
+        return Reading(ValueAtEachTime(block.component(name)))
     what = f"phase '{block.name}': '{name}'"
     boundaries = record.grid.mesh.boundaries
     start, end = boundaries[0], boundaries[-1]

@@ -24,7 +24,7 @@ from pyrobocop_pyomo.modeling.failures import failures_as
 from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.rules.slots import Always, Clock, Derivative, Item, NamedItem, Place, Slot, Time
 
-from .asked_by_point import refuse_asked_by_point
+from .asked_by_point import known_history, refuse_asked_by_point
 from .companions import Companion
 from .declarations import UNBOUNDED
 from .delays import SAME_TIME, Delayed, Past, ValueAt, delay_as_number, history_value
@@ -281,8 +281,8 @@ class RuleFormulas:
             numbers = np.empty(len(times))
             if not before.all():
                 numbers[~before] = past(name, earlier[~before])
-            for i in np.flatnonzero(before).tolist():
-                stated = history_value(self._record, name, float(inside[i]), f"'{name}'", delay)
-                numbers[i] = float(value(stated))
+            asked = known_history(self._block, name, inside[before].tolist(), SAME_TIME * (end - start))
+            for i, time in zip(np.flatnonzero(before).tolist(), asked, strict=True):
+                numbers[i] = float(value(history_value(self._record, name, time, f"'{name}'", delay)))
             found[id(variable)] = numbers
         return found

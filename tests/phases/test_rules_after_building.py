@@ -78,6 +78,16 @@ def pairs_and_delays(asked: Asked) -> pyo.ConcreteModel:
     return m
 
 
+def history_by_numbers(asked: Asked) -> pyo.ConcreteModel:
+    """Before the start, it is known for the points of the mesh alone."""
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(duration=1.0, elements=5)
+    b.x, b.u = rcp.State(initial=1.0, history=asked("history", math.cos)), rcp.Control(bounds=(-1, 1))
+    b.ode(asked("ode", lambda b, t: {b.x: b.u[t] - b.x.delayed(t, 0.2)}))
+    m.cost = pyo.Objective(expr=b.integral(asked("cost", lambda b, t: b.x[t] ** 2 + b.u[t] ** 2)))
+    return m
+
+
 def scene(asked: Asked) -> pyo.ConcreteModel:
     """Two blocks share one body, whose rule is asked once for each."""
     m = pyo.ConcreteModel()
@@ -108,6 +118,7 @@ MODELS = {
     "functions of numbers": functions_of_numbers,
     "named expressions": named_expressions,
     "pairs and delays": pairs_and_delays,
+    "history by numbers": history_by_numbers,
     "scene": scene,
 }
 
@@ -138,6 +149,14 @@ def go_through(m: pyo.ConcreteModel, folder: Path) -> None:
         if b.component("avoid") is not None:
             b.avoid.initialize()
             b.avoid.verify()
+
+
+def test_a_motion_that_reads_an_unknown_history_is_not_known() -> None:
+    m = history_by_numbers(Asked())
+    rcp.solve(m, progress=False)
+    assert math.isnan(m.p.trajectory().verify().horizon_error or math.nan)
+    with pytest.raises(rcp.errors.PyRobocopError, match=r"history of 'x' .*has to know the time as a number"):
+        m.p.simulate()
 
 
 @pytest.mark.parametrize("name", MODELS)
