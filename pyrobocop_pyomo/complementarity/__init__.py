@@ -20,7 +20,6 @@ from .lifting import SideVariable as SideVariable
 from .pairs import active_pairs as active_pairs
 from .pairs import active_sources as active_sources
 from .pairs import canonical_form as canonical_form
-from .pairs import canonical_pair as canonical_pair
 from .relaxations import ChenHarkerKanzowSmale as ChenHarkerKanzowSmale
 from .relaxations import Elastic as Elastic
 from .relaxations import FischerBurmeister as FischerBurmeister

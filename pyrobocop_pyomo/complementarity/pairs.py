@@ -61,23 +61,6 @@ def _mpec_choice(side: Any, other: Any, source: Any) -> str | None:
     return None
 
 
-def canonical_pair(source: Any) -> CanonicalPair:
-    """Bring a statement that is one pair into canonical form; parameters and errors as for `canonical_form`.
-
-    Raises
-    ------
-    ComplementarityError
-        Also if it is a range, an equality or a side that is paired with itself, which are not one pair.
-    """
-    form = canonical_form(source)
-    if len(form.pairs) != 1 or form.rows:
-        raise ComplementarityError(
-            f"'{source.name}': is not one pair but {len(form.pairs)} pairs and {len(form.rows)} rows. "
-            "Ask for its canonical_form."
-        )
-    return form.pairs[0]
-
-
 def active_pairs(model: Any, targets: Iterable[Any] | None = None) -> list[CanonicalPair]:
     """Find every active pair of a model; a range gives two, an equality none.
 

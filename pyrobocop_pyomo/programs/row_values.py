@@ -23,32 +23,14 @@ from pyrobocop_pyomo.modeling.shared_nodes import NodeValues, topmost_nodes
 from pyrobocop_pyomo.numerics import Array
 
 from .expression_codes import NodeKinds, decoded
-from .term_bundles import Bundle
-from .term_groups import Columns, NonlinearTerm, TermGroups, repetitions
+from .term_groups import Columns, NonlinearTerm, TermGroup, TermGroups, repetitions
 
 # From so many terms on, a sum is evaluated as arrays.
 MANY_TERMS = 100
 
 
-class _Named:
-    """What reads expressions behind names, and knows whether these still stand for the same."""
-
-    def __init__(self) -> None:
-        self._names: list[tuple[Any, Any]] = []
-
-    @property
-    def is_current(self) -> bool:
-        """Whether named expressions still stand for what they stood for."""
-        return all(named.args[0] is content for named, content in self._names)
-
-    def _content(self, named: Any) -> Any:
-        content = named.args[0]
-        self._names.append((named, content))
-        return content
-
-
-class RowValues(_Named):
-    """Evaluates expressions that do not change; what variables and parameters hold is read each time.
+class RowValues:
+    """Evaluates expressions that do not change, nor what they name; what variables hold is read each time.
 
     Parameters
     ----------
@@ -57,11 +39,9 @@ class RowValues(_Named):
     """
 
     def __init__(self, expressions: Sequence[Any]) -> None:
-        super().__init__()
         self._expressions = expressions
-        self._by_rule = [expression for expression in expressions if follows_rule(expression)]
         self._columns = Columns()
-        self._groups = TermGroups(self._columns, NodeKinds(), self._content)
+        self._groups = TermGroups(self._columns, NodeKinds(), _content)
         self._single: Sequence[int] = ()
         with PauseGC():
             try:
@@ -73,18 +53,13 @@ class RowValues(_Named):
             except ModelError:  # something that arrays do not know: an external function
                 self._groups.clear()
                 self._single = range(len(expressions))
-        self._shapes = list(map(Bundle.of_group, self._groups.values()))
+        self._shapes = list(map(TermGroup.arrays, self._groups.values()))
 
     def _put_repeated(self, repeated: RepeatedSum) -> None:
         rows, scales = np.array(repeated.rows), np.array(repeated.scales)
         for places, exchanged in repetitions(self._columns.table(repeated)):
             term = NonlinearTerm(0, 1.0, (repeated.expression(int(places[0])),), None, ())
             self._groups.put_repeated(term, rows[places], scales[places], exchanged)
-
-    @property
-    def is_current(self) -> bool:
-        """Whether what was read still stands for what it stood for."""
-        return super().is_current and all(map(follows_rule, self._by_rule))
 
     def values(self) -> Array:
         """Values now; NaN where an expression has none, or is no real number."""
@@ -96,17 +71,16 @@ class RowValues(_Named):
         found, left = np.zeros(len(self._expressions)), [*self._single]
         leaves = np.array(variables, dtype=float), np.array(parameters, dtype=float)
         for shape in self._shapes:
-            (output,) = shape.outputs
-            numbers = output.numbers
+            numbers = shape.numbers
             if leaves[1].size:
-                numbers = np.where(output.parameters < 0, numbers, leaves[1][output.parameters])
+                numbers = np.where(shape.parameters < 0, numbers, leaves[1][shape.parameters])
             arguments = list(leaves[0][shape.columns.T]), list(numbers.T)
             try:
                 # An operation without a value is an error in Python, and must not disappear in a finite result.
                 with np.errstate(divide="raise", over="raise", invalid="raise"):
-                    np.add.at(found, output.rows, output.scales * decoded(output.code, *arguments, ARRAY_FUNCTIONS))
+                    np.add.at(found, shape.rows, shape.scales * decoded(shape.code, *arguments, ARRAY_FUNCTIONS))
             except FloatingPointError:
-                left += output.rows.tolist()
+                left += shape.rows.tolist()
         for i in dict.fromkeys(left):
             found[i] = self._alone(i)
         return found
@@ -114,13 +88,14 @@ class RowValues(_Named):
     def _alone(self, i: int) -> float:
         return number_or_nan(content_of(self._expressions[i]))
 
-    def _content(self, named: Any) -> Any:
-        if not named.is_named_expression_type():
-            raise ModelError(f"'{named}' is a call.")
-        return super()._content(named)
+
+def _content(named: Any) -> Any:
+    if not named.is_named_expression_type():
+        raise ModelError(f"'{named}' is a call.")
+    return named.args[0]
 
 
-class RowTerms(_Named):
+class RowTerms:
     """The terms that expressions add up, and how large they are: how well a sum can be met depends on them.
 
     Parameters
@@ -129,12 +104,10 @@ class RowTerms(_Named):
     """
 
     def __init__(self, expressions: Sequence[Any]) -> None:
-        super().__init__()
-        terms = [list(topmost_nodes((expression,), self._is_term)) for expression in expressions]
+        terms = [list(topmost_nodes((expression,), _is_term)) for expression in expressions]
         self._count = len(terms)
         self._rows = np.repeat(np.arange(self._count), list(map(len, terms)))
         self._values = RowValues([term for several in terms for term in several])
-        self._names += self._values._names
 
     def largest(self) -> Array:
         """Magnitude of the largest term of each expression now, numbers apart, and those without a value."""
@@ -142,16 +115,14 @@ class RowTerms(_Named):
         np.fmax.at(sizes, self._rows, np.abs(self._values.values()))
         return sizes
 
-    def _is_term(self, node: Any) -> bool:
-        if not node.is_expression_type():
-            return True
-        if node.is_named_expression_type():
-            self._content(node)
-            return False
-        return not isinstance(node, (SumExpression, NegationExpression))
+
+def _is_term(node: Any) -> bool:
+    if not node.is_expression_type():
+        return True
+    return not (node.is_named_expression_type() or isinstance(node, (SumExpression, NegationExpression)))
 
 
-class SumValue(_Named):
+class SumValue:
     """Evaluates an expression in which long sums stand, as integrals are; their terms are evaluated as arrays.
 
     Parameters
@@ -160,10 +131,9 @@ class SumValue(_Named):
     """
 
     def __init__(self, expression: Any) -> None:
-        super().__init__()
         self._expression = expression
         terms: dict[int, Any] = {}
-        for total in topmost_nodes((expression,), self._is_long_sum):
+        for total in topmost_nodes((expression,), _is_long_sum):
             parts = (
                 [total] if follows_rule(total) else [part for part in total.args if part.__class__ not in native_types]
             )
@@ -180,14 +150,6 @@ class SumValue(_Named):
         except (ArithmeticError, ValueError, TypeError):
             return math.nan
 
-    @property
-    def is_current(self) -> bool:
-        """Whether what was read still stands for what it stood for."""
-        return super().is_current and self._values.is_current
 
-    def _is_long_sum(self, node: Any) -> bool:
-        if follows_rule(node):
-            return True
-        if node.is_expression_type() and node.is_named_expression_type():
-            self._content(node)
-        return isinstance(node, SumExpression) and node.nargs() >= MANY_TERMS
+def _is_long_sum(node: Any) -> bool:
+    return follows_rule(node) or (isinstance(node, SumExpression) and node.nargs() >= MANY_TERMS)

@@ -39,9 +39,7 @@ class SummedTerms:
     """
 
     def __init__(self, terms: Terms, rows: int, n: int, library: ctypes.CDLL | None = None) -> None:
-        self.functions: list[TermFunction] = term_functions(
-            list(terms.groups.values()), n, compiled=library is not None
-        )
+        self.functions: list[TermFunction] = term_functions(terms.groups.values(), compiled=library is not None)
         self.rows = rows
         self.constants = np.zeros(rows)
         for row, constant in terms.constants.items():

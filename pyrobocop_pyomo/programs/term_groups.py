@@ -65,6 +65,45 @@ class TermGroup:
         self.numbers += numbers
         self.parameters += [(start + place, parameter) for place, parameter in parameters]
 
+    def arrays(self) -> TermArrays:
+        """All terms."""
+        terms = len(self.rows)
+        numbers = np.array(self.numbers, dtype=float).reshape(terms, self.numbers_per_term)
+        parameters = np.full(numbers.size, -1, dtype=np.intp)
+        places, known = np.array(self.parameters, dtype=np.intp).reshape(-1, 2).T
+        parameters[places] = known
+        return TermArrays(
+            self.code,
+            np.array(self.columns, dtype=np.intp).reshape(terms, self.size),
+            numbers,
+            parameters.reshape(numbers.shape),
+            np.array(self.rows, dtype=np.intp),
+            np.array(self.scales, dtype=float),
+        )
+
+
+class TermArrays(NamedTuple):
+    """The terms of a group as arrays.
+
+    Attributes
+    ----------
+    code : tuple
+        See `expression_codes`.
+    columns : int array, shape (terms, variables)
+    numbers : float array, shape (terms, numbers)
+    parameters : int array, shape (terms, numbers)
+        The parameters that stand in `numbers`; -1 for a number that stays.
+    rows : int array, shape (terms,)
+    scales : float array, shape (terms,)
+    """
+
+    code: Code
+    columns: np.ndarray
+    numbers: Array
+    parameters: np.ndarray
+    rows: np.ndarray
+    scales: Array
+
 
 class Columns:
     """Variables and parameters in the order in which a walk meets them.

@@ -62,10 +62,10 @@ class ModelCheck:
         objectives = list(model.component_data_objects(Objective, active=True))
         self.sign = -1.0 if len(objectives) == 1 and not objectives[0].is_minimizing() else 1.0
         self._objective = objectives[0].expr if len(objectives) == 1 else 0.0
-        self._sum: SumValue | None = None
 
     def read_bounds(self) -> None:
-        """Read the bounds of the constraints again: mutable Params in them may have changed."""
+        """Read the bounds of the constraints again: mutable Params in them may have changed, and named expressions."""
+        self._sum: SumValue | None = None
         rows = ((row, bounds_of(row)) for row in self._constraints)
         self._rows = [(row, bounds) for row, bounds in rows if bounds != (None, None)]
         self._lower = np.array([-np.inf if lower is None else lower for _, (lower, _) in self._rows], dtype=float)
@@ -76,7 +76,7 @@ class ModelCheck:
 
     def objective(self) -> float:
         """The user's objective; NaN where it has no value."""
-        if self._sum is None or not self._sum.is_current:
+        if self._sum is None:
             self._sum = SumValue(self._objective)
         return self._sum.value()
 
@@ -113,7 +113,7 @@ class ModelCheck:
         return worst, relative
 
     def _row_violations(self) -> NDArray[np.float64]:
-        if self._bodies is None or not self._bodies.is_current:
+        if self._bodies is None:
             self._bodies = RowValues([row if follows_rule(row) else row.body for row, _ in self._rows])
         bodies = self._bodies.values()
         # Programs and these arrays ask a rule for all rows at once: some rows speak for themselves.
@@ -133,7 +133,7 @@ class ModelCheck:
 
     def _relative(self, violations: NDArray[np.float64], rows: NDArray[np.intp]) -> NDArray[np.float64]:
         """Violations of some rows, divided by the sizes of these where they are above 1."""
-        if self._terms is None or not np.array_equal(self._terms[0], rows) or not self._terms[1].is_current:
+        if self._terms is None or not np.array_equal(self._terms[0], rows):
             self._terms = rows, RowTerms([content_of(self._rows[k][0]) for k in rows.tolist()])
         sizes = self._terms[1].largest()
         return np.where(np.isfinite(sizes), violations[rows] / np.maximum(1.0, sizes), violations[rows])
@@ -291,7 +291,7 @@ class IterateLog:
     def _sides(self) -> NDArray[np.float64]:
         """Values of both sides of each pair, shape (pairs, 2)."""
         pairs = self.pairs
-        if self._side_values is None or not self._side_values.is_current:
+        if self._side_values is None:
             self._side_values = RowValues([side for pair in pairs for side in (pair.a, pair.b)])
         parts = [part for pair in pairs for part in (pair.a_part, pair.b_part)]
         return np.array(list(map(part_of_side, self._side_values.values(), parts)), dtype=float).reshape(-1, 2)

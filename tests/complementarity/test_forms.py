@@ -15,7 +15,6 @@ from pyrobocop_pyomo.complementarity import (
     SidePart,
     active_pairs,
     canonical_form,
-    canonical_pair,
     complements,
     pair_residuals,
 )
@@ -235,16 +234,6 @@ def test_in_pyomo_mpec_only_written_bounds_count_where_they_suffice():
     assert [pair.name for pair in active_pairs(m)] == ["range (lower)", "range (upper)"]
     m.own = mpec.Complementarity(expr=mpec.complements(m.speed, m.f))
     assert [pair.name for pair in active_pairs(m, [m.own])] == ["own (lower)", "own (upper)"]
-
-
-def test_canonical_pair_is_for_statements_of_one_pair():
-    m = two_variables()
-    m.cc = Complementarity([1, 2])
-    m.cc[1] = complements(m.f >= 0, m.h >= 0)
-    m.cc[2] = complements(pyo.inequality(m.lo, m.f, m.up), m.h)
-    assert canonical_pair(m.cc[1]).a is m.f
-    with pytest.raises(ComplementarityError, match=r"'cc\[2\]': is not one pair but 2 pairs and 0 rows"):
-        canonical_pair(m.cc[2])
 
 
 # ---- relaxed

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyomo.gdp import Disjunct
 
-from pyrobocop_pyomo.complementarity import Complementarity, active_pairs, canonical_pair, complements
+from pyrobocop_pyomo.complementarity import Complementarity, active_pairs, canonical_form, complements
 from pyrobocop_pyomo.errors import ComplementarityError
 
 numbers = st.floats(-100, 100, allow_nan=False)
@@ -35,7 +35,7 @@ def side(m, given, **bounds):
         m.other = pyo.Var()
     m.first = Complementarity(expr=complements(given, m.other >= 0, **{f"first_{k}": v for k, v in bounds.items()}))
     m.second = Complementarity(expr=complements(m.other >= 0, given, **{f"second_{k}": v for k, v in bounds.items()}))
-    one, two = canonical_pair(m.first), canonical_pair(m.second)
+    (one,), (two,) = canonical_form(m.first).pairs, canonical_form(m.second).pairs
     m.del_component("first")
     m.del_component("second")
     assert pyo.value(one.a) == pyo.value(two.b)

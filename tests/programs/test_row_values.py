@@ -69,14 +69,6 @@ def test_rows_of_all_forms_together() -> None:
     assert RowValues([]).values().size == 0
 
 
-def test_another_content_of_a_named_expression_is_noticed() -> None:
-    m = model()
-    rows = RowValues([FORMS["named"](m, i) for i in range(12)])
-    assert rows.is_current
-    m.e[3].set_value(m.x[3])
-    assert not rows.is_current
-
-
 @given(values=st.lists(VALUES, min_size=6, max_size=6), bound=st.floats(-2, 2))
 def test_violated_bounds_of_variables(values: list[float | None], bound: float) -> None:
     m = model(6)
@@ -121,15 +113,6 @@ def test_a_long_sum_without_a_value_is_not_a_number(number: float | None) -> Non
     assert total.value() == 1.0
     m.x[7].set_value(number, skip_validation=True)
     assert math.isnan(total.value())
-
-
-def test_a_named_sum_that_is_given_another_expression_is_noticed() -> None:
-    m = model(MANY_TERMS)
-    m.integral = pyo.Expression(expr=sum(m.x[i] for i in m.x))
-    total = SumValue(2.0 * m.integral)
-    assert total.is_current
-    m.integral.set_value(m.y[0] + 0.0)
-    assert not total.is_current
 
 
 # --------------------------------------------------------------------

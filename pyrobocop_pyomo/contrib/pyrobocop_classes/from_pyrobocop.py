@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from functools import partial
 from typing import Any
 
 import numpy as np
+from pyomo.common.numeric_types import native_numeric_types
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.PyomoModel import ConcreteModel
 from pyomo.core.base.var import ScalarVar
+from pyomo.core.expr.numeric_expr import DivisionExpression, NegationExpression, ProductExpression, SumExpression
 
 from pyrobocop_pyomo.complementarity import complements
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_arrays import ArrayEntry, plain_entry, plain_scalar
-from pyrobocop_pyomo.modeling.shared_nodes import NodeReplacement
+from pyrobocop_pyomo.modeling.shared_nodes import NodeReplacement, variables_in_any
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases import Algebraic, Control, Parameter, PhaseBlock, State
 
-from .explicit_rates import explicit_rates
 from .method_arrays import ArrayToFill, ColumnArray, column_array
 from .moving_objects import add_objects
 from .problem_class import ProblemClass
@@ -214,7 +215,7 @@ class PointRules:
                 f"n_d + n_a - n_cc = {self._methods.rows} are expected. Fill every row of c, or correct the counts."
             )
         rows = [plain_entry(row) for row in rows]
-        return rows, explicit_rates(self._rates, rows)
+        return rows, _explicit_rates(self._rates, rows)
 
     def pairs(self, block: Any, t: Any) -> list[Any]:
         """The complementarity pairs."""
@@ -240,3 +241,48 @@ class PointRules:
         first.columns = np.stack([np.asarray(column) for column in columns], axis=1)
         cost = self._methods.formulas(block, "objective_mayer", first, last, self._parameters(block))
         return plain_scalar(cost, f"{self._methods.name}.objective_mayer")
+
+
+def _explicit_rates(rates: dict[str, Any], rows: list[Any]) -> dict[str, tuple[int, Any]]:
+    """By state: which of the rows gives its derivative, and as what.
+
+    Such a row is a number times the derivative, plus something without derivatives.
+
+    Parameters
+    ----------
+    rates : dict of str to variable
+        The derivative of each state in the rows.
+    rows : list of expressions
+    """
+    names = {id(rate): name for name, rate in rates.items()}
+    given: dict[str, tuple[int, Any]] = {}
+    for i, row in enumerate(rows):
+        summands = list(_summands(row))
+        of_rates = [(factor, names[id(node)]) for factor, node in summands if factor and id(node) in names]
+        others = [(factor, node) for factor, node in summands if id(node) not in names]
+        if len(of_rates) == 1 and names.keys().isdisjoint(variables_in_any(node for _, node in others)):
+            of_rate, name = of_rates[0]
+            given.setdefault(name, (i, sum(-factor / of_rate * node for factor, node in others)))
+    return given
+
+
+def _summands(row: Any) -> Iterator[tuple[float, Any]]:
+    """What a row is the sum of, and the number in front of each."""
+    pending = [(1.0, row)]
+    while pending:
+        factor, node = pending.pop()
+        if isinstance(node, SumExpression):
+            pending += [(factor, part) for part in reversed(node.args)]
+        elif isinstance(node, NegationExpression):
+            pending.append((-factor, node.args[0]))
+        elif isinstance(node, ProductExpression) and any(_is_number(part) for part in node.args):
+            number, part = sorted(node.args, key=_is_number, reverse=True)
+            pending.append((factor * number, part))
+        elif isinstance(node, DivisionExpression) and _is_number(node.args[1]):
+            pending.append((factor / node.args[1], node.args[0]))
+        else:
+            yield factor, node
+
+
+def _is_number(node: Any) -> bool:
+    return node.__class__ in native_numeric_types

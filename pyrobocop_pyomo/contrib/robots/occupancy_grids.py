@@ -6,8 +6,9 @@ import heapq
 import itertools
 import logging
 import math
+from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from pyrobocop_pyomo.optional_imports import scipy
 
 logger = logging.getLogger(__name__)
 
+Part = TypeVar("Part")
+
 # Of 0 to 100, or of 0 to 1: what the map server of ROS takes for occupied.
 _OCCUPIED = 0.65
 
@@ -28,9 +31,7 @@ def cover_occupancy_grid(
     resolution: float,
     origin: Any = None,
     *,
-    occupied_from: float | None = None,
     unknown: str = "occupied",
-    first_row: str = "bottom",
     tolerance: float | None = None,
     name: str = "map",
 ) -> list[Polytope]:
@@ -43,18 +44,15 @@ def cover_occupancy_grid(
     ----------
     grid : array_like, shape (rows, columns), or (cells along x, along y, along z)
         Booleans; whole numbers from 0 to 100 with -1 for unknown, as in ROS; whole numbers 0 and 1; or probabilities
-        with NaN for unknown. In the plane x grows with the column.
+        with NaN for unknown; 65 of 100 and 0.65 of 1 are occupied. In the plane x grows with the column and y with the
+        row, as in ROS.
     resolution : float
         Length of the side of a cell.
     origin : (x, y), (x, y, yaw) or (x, y, z), optional
         Where the outer corner of the cell with least x and y (and z) is, as in ROS; zero by default. In the plane the
         grid may be turned by a yaw.
-    occupied_from : float, optional
-        The least value of an occupied cell; 65 of 100 and 0.65 of 1 by default.
     unknown : str
         ``"occupied"`` or ``"free"``: what unknown cells count as.
-    first_row : str
-        In the plane: ``"bottom"``, y grows with the row, as in ROS; ``"top"``, y falls with the row, as in images.
     tolerance : float, optional
         In the plane, how far shapes may reach beyond occupied cells; one cell by default, which makes straight walls of
         stairs. With 0 the shapes are rectangles that fill the cells exactly, as in space always.
@@ -72,7 +70,7 @@ def cover_occupancy_grid(
     ObstacleError
         For values that are no occupancies, such as grey values of images, and for a wrong shape of the grid.
     """
-    cells = _occupied_cells(grid, occupied_from, unknown, first_row, name)
+    cells = _occupied_cells(grid, unknown, name)
     if not (isinstance(resolution, (int, float, np.number)) and math.isfinite(resolution) and resolution > 0.0):
         raise ObstacleError(f"'{name}': resolution {resolution!r}; expected the length of the side of a cell.")
     start, turn = _read_origin(origin, cells.ndim, name)
@@ -80,20 +78,20 @@ def cover_occupancy_grid(
     if not (math.isfinite(reach) and reach >= 0.0):
         raise ObstacleError(f"'{name}': tolerance {tolerance!r}; expected a length that is not negative.")
     boxes = _boxes(cells)
-    parts = [_corners(low, high) for low, high in boxes]
-    excess = [0.0] * len(parts)
+    parts = [(_corners(low, high), 0.0) for low, high in boxes]
     if cells.ndim == 2 and reach > 0.0 and len(parts) > 1:
-        parts, excess = _joined(parts, np.asarray(scipy.ndimage.distance_transform_edt(~cells)), reach)
+        distance = np.asarray(scipy.ndimage.distance_transform_edt(~cells))
+        parts = _joined_boxes([corners for corners, _ in parts], distance, reach)
     logger.info("'%s': %d occupied cells are covered by %d shapes.", name, int(cells.sum()), len(parts))
     shapes = []
-    for k, (corners, more) in enumerate(zip(parts, excess, strict=True), start=1):
+    for k, (corners, more) in enumerate(parts, start=1):
         label = name if len(parts) == 1 else f"{name}[{k}]"
         placed = start + float(resolution) * corners @ turn.T
         shapes.append(replace(Polytope.hull(placed, name=label), excess=more * float(resolution)))
     return shapes
 
 
-def _occupied_cells(grid: Any, occupied_from: float | None, unknown: str, first_row: str, name: str) -> np.ndarray:
+def _occupied_cells(grid: Any, unknown: str, name: str) -> np.ndarray:
     """Which cells are occupied, indexed by x, y (and z)."""
     given = np.asarray(grid)
     if given.ndim not in (2, 3) or 0 in given.shape:
@@ -101,15 +99,11 @@ def _occupied_cells(grid: Any, occupied_from: float | None, unknown: str, first_
         raise ObstacleError(f"'{name}': a grid of shape {given.shape}; expected two or three dimensions.{remedy}")
     if unknown not in ("occupied", "free"):
         raise ObstacleError(f"'{name}': unknown={unknown!r}; expected 'occupied' or 'free'.")
-    if first_row not in ("bottom", "top"):
-        raise ObstacleError(f"'{name}': first_row={first_row!r}; expected 'bottom' or 'top'.")
-    occupied = _occupied_values(given, occupied_from, unknown == "occupied", name)
-    if given.ndim == 3:
-        return occupied
-    return np.ascontiguousarray((occupied if first_row == "bottom" else occupied[::-1]).T)
+    occupied = _occupied_values(given, unknown == "occupied", name)
+    return occupied if given.ndim == 3 else np.ascontiguousarray(occupied.T)
 
 
-def _occupied_values(given: np.ndarray, occupied_from: float | None, unknown: bool, name: str) -> np.ndarray:
+def _occupied_values(given: np.ndarray, unknown: bool, name: str) -> np.ndarray:
     if given.dtype == bool:
         return given
     if not np.issubdtype(given.dtype, np.number) or np.iscomplexobj(given):
@@ -119,17 +113,16 @@ def _occupied_values(given: np.ndarray, occupied_from: float | None, unknown: bo
         raise ObstacleError(f"'{name}': a cell is not finite. Mark unknown cells by NaN, or by -1.")
     not_known = np.isnan(values) | (values == -1.0)
     known = values[~not_known]
-    if occupied_from is None:
-        largest = known.max(initial=0.0)
-        if known.min(initial=0.0) < 0.0 or largest > 100.0 or (largest > 1.0 and (known != known.round()).any()):
-            raise ObstacleError(
-                f"'{name}': cells from {known.min():g} to {known.max():g}; expected booleans, 0 to 100 with -1 for "
-                "unknown, or probabilities. Of a picture, where dark is occupied, give the grid `picture < 128`; of "
-                "other values, occupied_from=."
-            )
-        # Whole numbers 0 and 1 are a mask: one of a hundred would hardly be meant, and counts as occupied too.
-        occupied_from = 100.0 * _OCCUPIED if largest > 1.0 else _OCCUPIED
-    return np.where(not_known, unknown, np.nan_to_num(values) >= occupied_from)
+    largest = known.max(initial=0.0)
+    if known.min(initial=0.0) < 0.0 or largest > 100.0 or (largest > 1.0 and (known != known.round()).any()):
+        raise ObstacleError(
+            f"'{name}': cells from {known.min():g} to {known.max():g}; expected booleans, 0 to 100 with -1 for "
+            "unknown, or probabilities. Of a picture, whose first row is at the top and where dark is occupied, give "
+            "the grid `picture[::-1] < 128`; of other values, `grid >= least`."
+        )
+    # Whole numbers 0 and 1 are a mask: one of a hundred would hardly be meant, and counts as occupied too.
+    least = 100.0 * _OCCUPIED if largest > 1.0 else _OCCUPIED
+    return np.where(not_known, unknown, np.nan_to_num(values) >= least)
 
 
 def _read_origin(origin: Any, dimension: int, name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -207,44 +200,69 @@ def _corners(low: np.ndarray, high: np.ndarray) -> np.ndarray:
 # -------------------------------------------------------------------------------------------------------------- joining
 
 
-def _joined(parts: list[np.ndarray], distance: np.ndarray, reach: float) -> tuple[list[np.ndarray], list[float]]:
-    """Replace two parts by their hull while it enters no free cell that is too far from the occupied ones.
+def joined(
+    parts: Iterable[Part],
+    cost: Callable[[Part, Part], float | None],
+    join: Callable[[Part, Part], Part | None],
+    holds: Callable[[Part, Part], bool] = lambda part, other: False,
+) -> list[Part]:
+    """Put one part in the place of two while that may be, the pair of least cost first.
+
+    Parameters
+    ----------
+    parts : iterable
+    cost : callable
+        Of joining two parts; None for those that stay apart.
+    join : callable
+        Makes one part of two; None where they stay apart after all.
+    holds : callable
+        Whether a part that was made holds another one, which is left out then.
+    """
+    known = dict(enumerate(parts))
+    waiting: list[tuple[float, int, int]] = []
+
+    def propose(i: int, j: int) -> None:
+        price = cost(known[i], known[j])
+        if price is not None:
+            heapq.heappush(waiting, (price, i, j))
+
+    for i, j in itertools.combinations(known, 2):
+        propose(i, j)
+    number = len(known)
+    while waiting:
+        _, i, j = heapq.heappop(waiting)
+        made = join(known[i], known[j]) if i in known and j in known else None
+        if made is None:
+            continue
+        del known[i], known[j]
+        known = {place: part for place, part in known.items() if not holds(made, part)}
+        known[number] = made
+        for other in [*known][:-1]:
+            propose(other, number)
+        number += 1
+    return list(known.values())
+
+
+def _joined_boxes(boxes: list[np.ndarray], distance: np.ndarray, reach: float) -> list[tuple[np.ndarray, float]]:
+    """Hulls with their excess: of two, while it enters no free cell that is too far from the occupied ones.
 
     The point with a given place in its cell is as far from the point with the same place in the nearest occupied cell
     as the centres of both cells are: distances of centres bound those of all points.
     """
-    hulls: dict[int, np.ndarray] = dict(enumerate(map(_hull, parts)))
-    excess = dict.fromkeys(hulls, 0.0)
     near = reach + 1.0
-    waiting: list[tuple[float, int, int, np.ndarray, float]] = []
 
-    def propose(i: int, j: int) -> None:
-        a, b = hulls[i], hulls[j]
+    def join(one: tuple[np.ndarray, float], other: tuple[np.ndarray, float]) -> tuple[np.ndarray, float]:
+        hull = _hull(np.vstack([one[0], other[0]]))
+        return hull, _largest_distance(hull, distance)
+
+    def cost(one: tuple[np.ndarray, float], other: tuple[np.ndarray, float]) -> float | None:
+        (a, _), (b, _) = one, other
         if ((a.min(axis=0) > b.max(axis=0) + near) | (b.min(axis=0) > a.max(axis=0) + near)).any():
-            return
-        hull = _hull(np.vstack([a, b]))
-        more = _largest_distance(hull, distance)
-        if more <= reach:
-            heapq.heappush(waiting, (_area(hull) - _area(a) - _area(b), i, j, hull, more))
+            return None
+        hull, more = join(one, other)
+        return _area(hull) - _area(a) - _area(b) if more <= reach else None
 
-    for i, j in itertools.combinations(hulls, 2):
-        propose(i, j)
-    number = len(parts)
-    while waiting:
-        _, i, j, hull, more = heapq.heappop(waiting)
-        if i not in hulls or j not in hulls:
-            continue
-        for old in (i, j):
-            del hulls[old], excess[old]
-        for other in list(hulls):
-            if _is_within(hulls[other], hull):
-                del hulls[other], excess[other]
-        hulls[number], excess[number] = hull, more
-        for other in list(hulls):
-            if other != number:
-                propose(other, number)
-        number += 1
-    return list(hulls.values()), [excess[key] for key in hulls]
+    return joined([(_hull(box), 0.0) for box in boxes], cost, join, lambda part, other: _is_within(other[0], part[0]))
 
 
 def _hull(points: np.ndarray) -> np.ndarray:

@@ -15,6 +15,8 @@ from pyrobocop_pyomo.geometry.polytope import Polytope
 from pyrobocop_pyomo.geometry.polytope_input import read_points
 from pyrobocop_pyomo.optional_imports import scipy
 
+from .occupancy_grids import joined
+
 logger = logging.getLogger(__name__)
 
 _MANY = 200
@@ -71,6 +73,10 @@ def cover_point_cloud(points: Any, tolerance: float, *, radius: float = 0.0, nam
     ]
 
 
+# Points by their numbers, and the box around them.
+_Boxed = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
 class _Cover:
     """Sets of points (indices) whose hulls stay near the points."""
 
@@ -99,36 +105,22 @@ class _Cover:
 
     def joined(self, parts: list[np.ndarray]) -> list[np.ndarray]:
         """Join neighbours while the hull of both is near enough, the smallest joint extent first."""
-        sets = dict(enumerate(parts))
-        bounds = {key: (self.cloud[part].min(axis=0), self.cloud[part].max(axis=0)) for key, part in sets.items()}
-        number = len(parts)
-        proposals = sorted(
-            (self._extent(bounds, i, j), i, j) for i, j in itertools.combinations(sets, 2) if self._meet(bounds, i, j)
-        )
-        while proposals:
-            _, i, j = proposals.pop(0)
-            if i not in sets or j not in sets:
-                continue
-            both = np.concatenate([sets[i], sets[j]])
-            if not self._is_near(self.cloud[both]):
-                continue
-            del sets[i], sets[j]
-            sets[number] = self._corners(both)
-            bounds[number] = (self.cloud[both].min(axis=0), self.cloud[both].max(axis=0))
-            fresh = [(self._extent(bounds, k, number), k, number) for k in sets if k != number]
-            proposals = sorted(proposals + [entry for entry in fresh if self._meet(bounds, entry[1], number)])
-            number += 1
-        return list(sets.values())
+        return [part for part, _, _ in joined(map(self._in_a_box, parts), self._extent, self._join)]
 
-    def _meet(self, bounds: dict[int, tuple[np.ndarray, np.ndarray]], i: int, j: int) -> bool:
-        (low, high), (other_low, other_high) = bounds[i], bounds[j]
+    def _in_a_box(self, part: np.ndarray) -> _Boxed:
+        return part, self.cloud[part].min(axis=0), self.cloud[part].max(axis=0)
+
+    def _extent(self, one: _Boxed, other: _Boxed) -> float | None:
+        """Size of the box around two sets; None for sets that are no neighbours."""
+        (_, low, high), (_, other_low, other_high) = one, other
         far = 2.0 * self.tolerance
-        return bool((low <= other_high + far).all() and (other_low <= high + far).all())
-
-    @staticmethod
-    def _extent(bounds: dict[int, tuple[np.ndarray, np.ndarray]], i: int, j: int) -> float:
-        (low, high), (other_low, other_high) = bounds[i], bounds[j]
+        if not ((low <= other_high + far).all() and (other_low <= high + far).all()):
+            return None
         return float(np.linalg.norm(np.maximum(high, other_high) - np.minimum(low, other_low)))
+
+    def _join(self, one: _Boxed, other: _Boxed) -> _Boxed | None:
+        both = np.concatenate([one[0], other[0]])
+        return self._in_a_box(self._corners(both)) if self._is_near(self.cloud[both]) else None
 
     def _corners(self, part: np.ndarray) -> np.ndarray:
         """The points of a set that its hull is made of: the others are inside."""

@@ -149,13 +149,6 @@ class FreeSpace:
         window = (slice(int(first[0]), int(last[0])), slice(int(first[1]), int(last[1])))
         return window, np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
-    def distances(self, poses: Array) -> Array:
-        """Exact signed distance of the padded body at each pose to each obstacle less the clearance, ``(n, o)``."""
-        if not len(self.needed):
-            return np.zeros((len(poses), 0))
-        pose, obstacle = (found.ravel() for found in np.indices((len(poses), len(self.needed))))
-        return (self._distances(poses[pose], obstacle) - self.needed[obstacle]).reshape(len(poses), len(self.needed))
-
     def are_free(self, poses: Array) -> BoolArray:
         """Whether the body keeps its clearance at each of the poses ``(n, 3)``, up to rounding."""
         free = np.ones(len(poses), dtype=bool)

@@ -39,12 +39,8 @@ class CarSearch:
         Into how many a full turn is divided; None: 72, 36 with a trailer.
     steerings : int
         How many steering angles are tried, from one limit to the other; odd, so that straight ahead is one.
-    primitive_length : float or None
-        Length of one motion primitive; None: enough to leave a cell and to change the heading by one division.
     cusp_cost : float or None
         What a change of direction costs, as a length; None: half a turning radius.
-    steering_cost : float or None
-        What a change of steering from one limit to the other costs, as a length; None: a tenth of a turning radius.
     heuristic_weight : float
         Factor of the estimated cost to go; 1 for the shortest paths, more for a faster search.
     refinements : int
@@ -60,16 +56,14 @@ class CarSearch:
     cell: float | None = None
     headings: int | None = None
     steerings: int = 5
-    primitive_length: float | None = None
     cusp_cost: float | None = None
-    steering_cost: float | None = None
     heuristic_weight: float = 1.5
     refinements: int = 3
     max_expansions: int = 5_000
     whole_turns: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("cell", "primitive_length", "cusp_cost", "steering_cost", "heuristic_weight"):
+        for name in ("cell", "cusp_cost", "heuristic_weight"):
             number = getattr(self, name)
             if number is not None and not (math.isfinite(number) and number > 0.0):
                 raise InitialGuessError(f"CarSearch: {name} = {number}; expected a positive number.")
@@ -137,15 +131,14 @@ class MotionPrimitives:
         radius = wheelbase / math.tan(steering_limit)
         cell, headings = search.cells(radius, trailer)
         turn = 2.0 * math.pi / headings * radius
-        length = max(1.5 * cell, 1.1 * turn) if search.primitive_length is None else search.primitive_length
+        length = max(1.5 * cell, 1.1 * turn)  # leaves a cell, and changes the heading by one division
         length, cell, headings = length / 2**level, cell / 2**level, headings * 2**level
         samples = max(1, math.ceil(length / (0.04 * radius)))
         steer = np.linspace(-steering_limit, steering_limit, search.steerings)
         steering = np.concatenate([steer, steer])
         lengths = np.repeat([length, -length], search.steerings)
         cusp = 0.5 * radius if search.cusp_cost is None else search.cusp_cost
-        swing = 0.1 * radius if search.steering_cost is None else search.steering_cost
-        change = swing * np.abs(steering[:, None] - steering) / (2.0 * steering_limit)
+        change = 0.1 * radius * np.abs(steering[:, None] - steering) / (2.0 * steering_limit)
         change = change + cusp * (lengths[:, None] * lengths < 0)
         curvatures = np.tan(steering) / wheelbase
         curvatures[np.abs(curvatures) < 1e-12 / radius] = 0.0

@@ -159,8 +159,7 @@ def _with_cells(search: CarSearch, divisor: float, radius: float, trailer: Trail
     if divisor == 1.0:
         return search
     cell, headings = search.cells(radius, trailer)
-    length = None if search.primitive_length is None else search.primitive_length / divisor
     return replace(
-        search, cell=cell / divisor, primitive_length=length, headings=max(8, round(divisor * headings)),
+        search, cell=cell / divisor, headings=max(8, round(divisor * headings)),
         steerings=2 * search.steerings - 1 if divisor > 1.0 else search.steerings,
     )  # fmt: skip

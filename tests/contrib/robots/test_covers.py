@@ -67,10 +67,10 @@ def test_conventions_of_ros_and_of_images() -> None:
     assert unknown.vertices.min(axis=0).tolist() == [12.0, 22.0]
     (known,) = cover_occupancy_grid(ros, 1.0, unknown="free")
     assert known.vertices.max(axis=0).tolist() == [6.0, 1.0]
-    assert len(cover_occupancy_grid(ros, 1.0, occupied_from=50, tolerance=0.0)) == 3
+    assert len(cover_occupancy_grid((ros >= 50) | (ros < 0), 1.0, tolerance=0.0)) == 3
     picture = np.full((4, 6), 254)
     picture[0, 5] = 0
-    (dark,) = cover_occupancy_grid(picture < 128, 1.0, first_row="top")
+    (dark,) = cover_occupancy_grid(picture[::-1] < 128, 1.0)
     assert dark.vertices.max(axis=0).tolist() == [6.0, 4.0]
     assert len(cover_occupancy_grid(np.where(picture < 128, 0.9, np.nan), 1.0, unknown="free")) == 1
     assert len(cover_occupancy_grid((picture < 128).astype(int), 1.0)) == 1  # a mask of whole numbers
@@ -95,14 +95,13 @@ def test_grids_in_space_are_filled_by_boxes(seed: int) -> None:
 @pytest.mark.parametrize(
     ("grid", "options", "message"),
     [
-        (np.full((3, 3), 254), {}, "picture < 128"),
-        (np.full((3, 3), 3.5), {}, "occupied_from="),
+        (np.full((3, 3), 254), {}, r"picture\[::-1\] < 128"),
+        (np.full((3, 3), 3.5), {}, "grid >= least"),
         (np.zeros(9), {}, "Reshape"),
         (np.full((2, 2), "x"), {}, "expected booleans"),
         (np.ones((2, 2)), {"resolution": 0.0}, "resolution"),
         (np.ones((2, 2)), {"origin": (1, 2, 3, 4)}, r"\(x, y, yaw\)"),
         (np.ones((2, 2)), {"unknown": "maybe"}, "unknown"),
-        (np.ones((2, 2)), {"first_row": "left"}, "first_row"),
         (np.ones((2, 2)), {"tolerance": -1.0}, "tolerance"),
     ],
 )
