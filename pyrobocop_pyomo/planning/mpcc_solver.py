@@ -21,9 +21,10 @@ from pyomo.core.base.block import BlockData
 from pyrobocop_pyomo._version import __version__
 from pyrobocop_pyomo.errors import KeywordError
 from pyrobocop_pyomo.ipopt.backends import available_backends
+from pyrobocop_pyomo.ipopt.in_process import CONDITIONS
 from pyrobocop_pyomo.ipopt.older_interface import OlderInterface
 from pyrobocop_pyomo.modeling.keywords import check_keywords
-from pyrobocop_pyomo.solving.iterates import Quality, StopReason
+from pyrobocop_pyomo.solving.iterates import STOP_REASONS, Quality, StopReason
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 
 from .found_point import FoundPoint, multipliers_imported
@@ -42,17 +43,9 @@ CHOICES = {
 }
 
 _CONDITIONS = {
+    **{reason: CONDITIONS[status] for status, reason in STOP_REASONS.items()},
     StopReason.FINISHED: TerminationCondition.unknown,  # it ran to its end, and shows too little
-    StopReason.ITERATION_LIMIT: TerminationCondition.iterationLimit,
-    StopReason.TIME_LIMIT: TerminationCondition.maxTimeLimit,
-    StopReason.INTERRUPTED: TerminationCondition.interrupted,
-    StopReason.INFEASIBLE: TerminationCondition.locallyInfeasible,
     StopReason.FAILED: TerminationCondition.error,
-}
-_STATUSES = {
-    Quality.OPTIMAL: SolutionStatus.optimal,
-    Quality.FEASIBLE: SolutionStatus.feasible,
-    Quality.INFEASIBLE: SolutionStatus.infeasible,
 }
 
 
@@ -161,7 +154,7 @@ SolverFactory.register(
 
 
 def _report(results: Results, answer: SolveResult) -> None:
-    results.solution_status = _STATUSES[answer.quality]
+    results.solution_status = SolutionStatus[answer.quality.name.lower()]
     results.termination_condition = (
         TerminationCondition.convergenceCriteriaSatisfied if answer.solved else _CONDITIONS[answer.stop_reason]
     )

@@ -34,8 +34,7 @@ from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.second_tries import ITERATIONS_OF_ONE, SIDE_ITERATIONS
 from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult
-from pyrobocop_pyomo.solving.solved_copies import elements_of
-from pyrobocop_pyomo.solving.starts import EXPLORED_ELEMENTS, coarser_copy, take_values_of_copy
+from pyrobocop_pyomo.solving.starts import EXPLORED_ELEMENTS, coarser_copy, elements_of, take_values_of_copy
 
 from .planning_round import PlanningRound, way_back
 from .recovery import Recovery, clear_margins

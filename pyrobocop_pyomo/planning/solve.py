@@ -233,9 +233,7 @@ def solve(
         return replace(result, remarks=(*first, *result.remarks))
 
     if choices:
-        result = solve_with_integer_controls(
-            model, choices, as_it_stands, settings.deadline, keeps_mesh=mesh_tolerance is None
-        )
+        result = solve_with_integer_controls(model, choices, as_it_stands, settings.deadline)
     else:
         result = as_it_stands()
     # Controls that were rounded are free again: without their values the rows would be those of the relaxed problem.

@@ -26,6 +26,7 @@ from pyrobocop_pyomo.complementarity import BarrierSchedule
 from pyrobocop_pyomo.discretisation import RowMultipliers
 from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import NO_IPOPT
+from pyrobocop_pyomo.ipopt.in_process import CONDITIONS
 from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable, ipopt_executable_version
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.ipopt.linear_solvers import (
@@ -68,15 +69,11 @@ _SCALED = {
     "honor_original_bounds": "yes",  # as `Scales.unscaled`
 }
 
-_STATUS = {
+# The executable has no callback that could stop it.
+_STATUS: dict[TerminationCondition, IpoptStatus] = {
+    **{condition: status for status, condition in CONDITIONS.items() if status is not IpoptStatus.STOPPED},
     TerminationCondition.convergenceCriteriaSatisfied: IpoptStatus.SOLVED,
-    TerminationCondition.iterationLimit: IpoptStatus.ITERATION_LIMIT,
-    TerminationCondition.maxTimeLimit: IpoptStatus.TIME_LIMIT,
-    TerminationCondition.locallyInfeasible: IpoptStatus.INFEASIBLE,
     TerminationCondition.provenInfeasible: IpoptStatus.INFEASIBLE,
-    TerminationCondition.unbounded: IpoptStatus.DIVERGING,
-    TerminationCondition.interrupted: IpoptStatus.INTERRUPTED,
-    TerminationCondition.minStepLength: IpoptStatus.TINY_STEP,
 }
 
 # The executable tells failures apart by its last words only.

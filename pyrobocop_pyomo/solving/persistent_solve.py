@@ -105,11 +105,6 @@ class PersistentSolve:
         none = np.zeros(nlp.n)
         point = PrimalDualPoint(self._compiled.current_point(), np.zeros(nlp.m), none, none)
         best = polish.improve(start, point, reach=np.inf)
-        if best.quality(settings.tolerances) is Quality.INFEASIBLE and not polish.interrupted and self._relaxed.pairs:
-            # The other numbers ask for another branch: the linearised constraints say which.
-            self._values.write(near)
-            self._relaxed.start_lifted()
-            best = polish.project(best)
         self._values.write(best.values)
         best.load_suffixes()
         return self._result(best, log, polish, started)

@@ -237,12 +237,6 @@ class Polish:
             logger.info("strategy '%s': its point cannot be polished or certified: %s", iterate.strategy, error)
             return iterate
 
-    def project(self, iterate: Iterate) -> Iterate:
-        """Look for a feasible branch near the point of the iterate, which is on the model."""
-        start = BranchPoint.at(self._program, PrimalDualPoint(self._compiled.current_point()))
-        found = self._search.project(start)
-        return self._better(iterate, self._examined(replace(iterate, strategy="projection"), found, start))
-
     def explore(self, iterate: Iterate) -> Iterate:
         """Look for a better optimum beyond a certified one, in the time that this may take; or return the same."""
         pairs, iterations = self._program.pairs, self._log.iterations
