@@ -268,7 +268,7 @@ def _missed_between_points(phases: Iterable[Any]) -> Iterator[Finding]:
 
 
 def _backends(choice: Backend | str | None) -> tuple[Backend, tuple[Backend, ...]]:
-    """The backend to take, and those to take where it cannot take or evaluate the model: none, where one is requested.
+    """The backend to take, and those to take where it cannot take the model: none, where one is requested.
 
     CasADi's comes first: what rows share is differentiated once, and it needs nothing but a package from PyPI.
     """

@@ -326,10 +326,6 @@ class Iterate(Presented):
             certified=self.certificate is Certificate.PROVEN,
         )
 
-    def is_better_than(self, other: Iterate, tolerances: Tolerances, sign: float) -> bool:
-        """Whether its standing is the better one; parameters as for `standing`."""
-        return self.standing(tolerances, sign).is_better_than(other.standing(tolerances, sign))
-
     def record(self) -> Iterate:
         """The same without values and multipliers: what a log keeps of it, and a pickle can hold."""
         return replace(

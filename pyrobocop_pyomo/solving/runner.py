@@ -328,29 +328,25 @@ class Runner:
         self._copies = SolvedCopies(self, solve_copy)
 
     def run(self, strategy: Strategy) -> Iterate | None:
-        """Run a strategy on the first backend that can evaluate the model where it leads.
+        """Run a strategy, from elsewhere where it cannot begin at the initial guess.
 
         Returns
         -------
         Iterate or None
             None where the strategy has nothing to work on here.
         """
-        # What only explores is not worth another backend.
         explores = not self.has_pairs and self.found.is_certified(self.found.best)
         try:
             iterate = self._run_here(strategy)
-            if iterate is None or iterate.converged or explores:
-                return iterate
-            # The executable does not say why it could not begin.
-            if iterate.iterations == 0 and not iterate.stop_reason.is_final and self.guess.move():
-                self.places.restart()
-                return self.run(strategy)
         except EvaluationError as error:
-            return None if explores else self._run_elsewhere(strategy, str(error))
-        if iterate.status is not IpoptStatus.INVALID_NUMBER or not self.places.has_other_backends:
+            return self._without_derivatives(strategy, str(error))
+        if iterate is None or iterate.converged or explores:
             return iterate
-        self.keep(iterate)
-        return self._run_elsewhere(strategy, iterate.status.value)
+        # The executable does not say why it could not begin.
+        if iterate.iterations == 0 and not iterate.stop_reason.is_final and self.guess.move():
+            self.places.restart()
+            return self.run(strategy)
+        return iterate
 
     def keep(self, iterate: Iterate) -> None:
         """Remember what was found, and where a function had no value on the way."""
@@ -393,12 +389,9 @@ class Runner:
             place.relaxed.start_lifted()
         return self._run_polished(place, strategy)
 
-    def _run_elsewhere(self, strategy: Strategy, why: str) -> Iterate | None:
-        """Another backend may know the derivatives at this point; where there is none, the point itself is reported."""
-        logger.info("'%s': strategy '%s', %s: %s", self.model.name, strategy.name, self.places.backend.value, why)
-        if self.places.has_other_backends:
-            self.places.use_other_backend()
-            return self.run(strategy)
+    def _without_derivatives(self, strategy: Strategy, why: str) -> Iterate | None:
+        """The user's point itself, where there is no other one."""
+        logger.info("'%s': strategy '%s': %s", self.model.name, strategy.name, why)
         if self.found.best is not None:
             return None
         self.guess.write()
