@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import datetime
 import logging
-from collections.abc import Iterator
 from typing import Any
 
 from pyomo.common.config import ADVANCED_OPTION, ConfigValue, In
@@ -27,7 +26,8 @@ from pyrobocop_pyomo.programs.asl_program import asl_available
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.vectorised_program import casadi_available
 
-from .ipopt_library import find_ipopt_library, load_ipopt_library
+from .backends import available_backends
+from .ipopt_library import load_ipopt_library
 from .ipopt_outcome import IpoptOutcome, IpoptStatus
 from .ipopt_run import run_ipopt
 from .older_interface import OlderInterface
@@ -80,17 +80,10 @@ class InProcessIpopt(SolverBase):
 
     def available(self) -> Availability:
         """Whether there is an Ipopt library and something to take derivatives with."""
-        try:
-            found = find_ipopt_library()
-        except SolverNotFoundError:
-            return Availability.NotFound
-        if found is None:
-            return Availability.NotFound
-        usable = {"vectorised": casadi_available, "casadi": casadi_available, "asl": asl_available}
-        wanted = [self.config.derivatives] if self.config.derivatives else list(usable)
-        if not any(usable[name]() for name in wanted):
-            return Availability.NeedsCompiledExtension
-        return Availability.FullLicense
+        wanted = self.config.derivatives
+        usable = {backend.derivatives for backend in available_backends()} - {None}
+        is_there = bool(usable) if wanted is None else {"casadi": "vectorised"}.get(wanted, wanted) in usable
+        return Availability.FullLicense if is_there else Availability.NotFound
 
     def version(self) -> tuple[int, int, int] | None:
         """Version of the Ipopt library; None when there is none or it cannot tell."""
@@ -129,14 +122,16 @@ class InProcessIpopt(SolverBase):
         results.extra_info.ipopt_library = library.path
         StaleFlagManager.mark_all_as_stale()
         try:
-            with _timed(timer, "write_and_build"):
-                compiled = _compiled(model, config.derivatives)
+            timer.start("write_and_build")
+            compiled = _compiled(model, config.derivatives)
+            timer.stop("write_and_build")
         except InfeasibleConstraintException as error:
             _report_proven_infeasible(results, model, str(error))
         else:
             logger.info("'%s': %s, derivatives by %s", model.name, library, compiled.nlp.derivatives)
-            with _timed(timer, "ipopt"):
-                outcome = _run(compiled, config)
+            timer.start("ipopt")
+            outcome = _run(compiled, config)
+            timer.stop("ipopt")
             _report(results, compiled, outcome)
         _raise_or_load(results, config)
         results.timing_info.timer = timer
@@ -155,15 +150,6 @@ def _compiled(model: BlockData, derivatives: str | None) -> CompiledModel:
                 return CompiledModel(model, "asl")
             raise
     return CompiledModel(model, derivatives)
-
-
-@contextlib.contextmanager
-def _timed(timer: HierarchicalTimer, name: str) -> Iterator[None]:
-    timer.start(name)
-    try:
-        yield
-    finally:
-        timer.stop(name)
 
 
 def _run(compiled: CompiledModel, config: InProcessIpoptConfig) -> IpoptOutcome:

@@ -209,27 +209,11 @@ class ActiveSetSearch:
         found = self._go("polish", branch, start, start.x)
         if found is None and not only_nearest and not self._late():
             radius = max(1e-2, 10.0 * start.natural_residual)
-            nearby = self._nearly_feasible_branch(Linearisation.at(self.program.nlp, start.x), radius)
+            point = Linearisation.at(self.program.nlp, start.x)
+            nearby = self._steepest(point, radius, elastic=1e3 * point.slope)
             if nearby is not None and nearby.branch != branch:
                 found = self._go("polish", nearby.branch, start, start.x + nearby.step)
         return found or min(self._refused, key=lambda refused: refused.objective, default=start)
-
-    def project(self, start: BranchPoint) -> BranchPoint:
-        """Solve the branch that the linearised constraints can be met in, or nearly, from a point that is infeasible.
-
-        References
-        ----------
-        Nurkanovic & Leyffer (2025), phase I, doi:10.48550/arXiv.2501.13835
-        """
-        best = start
-        point = Linearisation.at(self.program.nlp, start.x)
-        for radius in (1.0, 10.0, 100.0, 0.1):
-            if self._late() or best.violation <= self.limits.feasibility:
-                break
-            nearby = self._nearly_feasible_branch(point, radius)
-            if nearby is not None:
-                best = self._go("projection", nearby.branch, best, start.x + nearby.step) or best
-        return best
 
     def explore(
         self, start: BranchPoint, explored: ExploredBranches, deadline: Deadline, work: float = np.inf
@@ -278,9 +262,6 @@ class ActiveSetSearch:
             if better is not None and self._improves(better, best, point):
                 return self.descend(better)
         return None
-
-    def _nearly_feasible_branch(self, point: Linearisation, radius: float) -> Descent | None:
-        return self._steepest(point, radius, elastic=1e3 * point.slope)
 
     def _steepest(self, point: Linearisation, radius: float, **choices: Any) -> Descent | None:
         """The linear program with complementarity constraints, in what is left of the time."""

@@ -26,8 +26,7 @@ from pyrobocop_pyomo.solving.result_text import KEPT_MESH
 from pyrobocop_pyomo.solving.second_tries import ITERATIONS_OF_ONE
 from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult, with_steps_of_all
-from pyrobocop_pyomo.solving.solved_copies import elements_of
-from pyrobocop_pyomo.solving.starts import EXPLORED_ELEMENTS
+from pyrobocop_pyomo.solving.starts import EXPLORED_ELEMENTS, elements_of
 from pyrobocop_pyomo.solving.strategies import ABSOLUTE_VALUES, SOLVE
 
 from .planning_point import PlanningPoint

@@ -6,7 +6,6 @@ intervals in which it is constant, and held there while everything else is solve
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.integer_approximation import (
@@ -24,20 +22,10 @@ from pyrobocop_pyomo.numerics.integer_approximation import (
     limited_approximation,
     sum_up_rounding,
 )
-from pyrobocop_pyomo.numerics.remeshing import halves_of
 from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.phases.horizon import real_grid
 from pyrobocop_pyomo.phases.nodes import IntervalNodes
-from pyrobocop_pyomo.phases.remeshing import remesh_phases
 from pyrobocop_pyomo.solving.solve_result import SolveResult, with_steps_of_all
-from pyrobocop_pyomo.solving.solved_copies import elements_of
-
-from .planning_point import PlanningPoint
-
-logger = logging.getLogger(__name__)
-
-# How often elements are halved where rounded controls on those of the user cannot meet the constraints.
-MOST_HALVINGS = 2
 
 
 @dataclass(frozen=True)
@@ -184,12 +172,9 @@ def _held(choices: list[_Choice], approximations: list[IntegralApproximation]) -
 
 
 def solve_with_integer_controls(
-    model: Any, choices: list[_Choice], solve: Callable[[], SolveResult], deadline: Deadline, *, keeps_mesh: bool
+    model: Any, choices: list[_Choice], solve: Callable[[], SolveResult], deadline: Deadline
 ) -> SolveResult:
     """Solve relaxed, round, and solve again with the controls held; they are free again afterwards.
-
-    Where the rounded controls cannot meet the constraints, they may change more often on meshes with more elements,
-    which follow in place, from the initial guess. Where that does not help, the mesh and the answer are the first ones.
 
     Parameters
     ----------
@@ -199,47 +184,7 @@ def solve_with_integer_controls(
     solve : callable
         Solves the model as it stands.
     deadline : Deadline
-    keeps_mesh : bool
-        Whether there are no other meshes.
     """
-    guess, phases = PlanningPoint(model), phases_of(model)
-    results, elements = [_solved_and_rounded(model, choices, solve, deadline)], [elements_of(model)]
-    first, answer = results[0], PlanningPoint(model)
-    meshes = {phase: phase.grid.mesh for phase in phases}
-    for _ in range(0 if keeps_mesh else MOST_HALVINGS):
-        if not _is_rounded(results[-1], feasible=False) or results[-1].stop_reason.is_final or deadline.has_passed:
-            break
-        guess.restore()
-        meshes = {phase: halves_of(mesh) for phase, mesh in meshes.items()}
-        try:
-            remesh_phases(meshes)
-            results.append(_solved_and_rounded(model, open_choices(model), solve, deadline))
-        except PyRobocopError as error:
-            logger.info("'%s': integer controls cannot get more elements: %s", model.name, error)
-            break
-        elements.append(elements_of(model))
-    if not _is_rounded(first, feasible=False):
-        return first
-    best = results[-1] if _is_rounded(results[-1], feasible=True) else first
-    if best is first:
-        answer.restore()
-        remark = f"on {' and '.join(map(str, elements[1:]))} elements they cannot be met either" if elements[1:] else ""
-    else:
-        remark = (
-            f"The mesh was refined from {elements[0]} to {elements[-1]} elements: on fewer, the rounded integer "
-            "controls could not meet the constraints."
-        )
-    return replace(with_steps_of_all(best, results), remarks=(*best.remarks, *filter(None, [remark])))
-
-
-def _is_rounded(result: SolveResult, *, feasible: bool) -> bool:
-    return result.rounding is not None and result.standing.feasible == feasible
-
-
-def _solved_and_rounded(
-    model: Any, choices: list[_Choice], solve: Callable[[], SolveResult], deadline: Deadline
-) -> SolveResult:
-    """Solve relaxed, round, and solve again with the controls held."""
     relaxed = solve()
     if not relaxed.standing.feasible or not math.isfinite(relaxed.objective):
         remark = "integer controls: not rounded, since not even the relaxed problem was solved"

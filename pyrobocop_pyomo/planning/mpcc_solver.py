@@ -5,8 +5,6 @@ from __future__ import annotations
 import datetime
 import inspect
 import re
-from collections import UserString
-from functools import cached_property
 from typing import Any
 
 from pyomo.common.config import ConfigValue
@@ -21,9 +19,10 @@ from pyomo.core.base.block import BlockData
 from pyrobocop_pyomo._version import __version__
 from pyrobocop_pyomo.errors import KeywordError
 from pyrobocop_pyomo.ipopt.backends import available_backends
+from pyrobocop_pyomo.ipopt.in_process import CONDITIONS
 from pyrobocop_pyomo.ipopt.older_interface import OlderInterface
 from pyrobocop_pyomo.modeling.keywords import check_keywords
-from pyrobocop_pyomo.solving.iterates import Quality, StopReason
+from pyrobocop_pyomo.solving.iterates import STOP_REASONS, Quality, StopReason
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 
 from .found_point import FoundPoint, multipliers_imported
@@ -42,17 +41,9 @@ CHOICES = {
 }
 
 _CONDITIONS = {
+    **{reason: CONDITIONS[status] for status, reason in STOP_REASONS.items()},
     StopReason.FINISHED: TerminationCondition.unknown,  # it ran to its end, and shows too little
-    StopReason.ITERATION_LIMIT: TerminationCondition.iterationLimit,
-    StopReason.TIME_LIMIT: TerminationCondition.maxTimeLimit,
-    StopReason.INTERRUPTED: TerminationCondition.interrupted,
-    StopReason.INFEASIBLE: TerminationCondition.locallyInfeasible,
     StopReason.FAILED: TerminationCondition.error,
-}
-_STATUSES = {
-    Quality.OPTIMAL: SolutionStatus.optimal,
-    Quality.FEASIBLE: SolutionStatus.feasible,
-    Quality.INFEASIBLE: SolutionStatus.infeasible,
 }
 
 
@@ -119,18 +110,16 @@ class Mpcc(SolverBase):
         results.solver_name, results.solver_version, results.solver_config = self.name, self.version(), config
         before = PlanningPoint(model)
         timer.start("solve")
-        try:
-            with multipliers_imported(model):
-                answer = solve(
-                    model,
-                    options=dict(config.solver_options.value()),
-                    tee=config.tee,
-                    time_limit=config.time_limit,
-                    **{name: config[name] for name in CHOICES},
-                )
-                results.solution_loader = FoundPoint(model)
-        finally:
-            timer.stop("solve")
+        with multipliers_imported(model):
+            answer = solve(
+                model,
+                options=dict(config.solver_options.value()),
+                tee=config.tee,
+                time_limit=config.time_limit,
+                **{name: config[name] for name in CHOICES},
+            )
+            results.solution_loader = FoundPoint(model)
+        timer.stop("solve")
         _report(results, answer)
         results.timing_info.timer = timer
         results.timing_info.wall_time = answer.seconds
@@ -161,7 +150,7 @@ SolverFactory.register(
 
 
 def _report(results: Results, answer: SolveResult) -> None:
-    results.solution_status = _STATUSES[answer.quality]
+    results.solution_status = SolutionStatus[answer.quality.name.lower()]
     results.termination_condition = (
         TerminationCondition.convergenceCriteriaSatisfied if answer.solved else _CONDITIONS[answer.stop_reason]
     )
@@ -169,22 +158,6 @@ def _report(results: Results, answer: SolveResult) -> None:
         results.incumbent_objective = answer.objective
     results.extra_info.add("result", ConfigValue(answer))
     results.extra_info.iteration_count = answer.iterations
-    results.extra_info.solver_message = _Message(answer)
-
-
-class _Message(UserString):
-    """What is said of an answer; made when it is read, since the error of the mesh takes as long as a short solve."""
-
-    def __init__(self, answer: SolveResult) -> None:
-        self._answer = answer
-
-    def __reduce__(self) -> Any:
-        return str, (self.data,)
-
-    @cached_property
-    def data(self) -> str:  # type: ignore[override]
-        """The text."""
-        answer = self._answer
-        motion = None if answer.safety is None else f"The motion: {answer.safety.word}"
-        said = (answer.stop_reason.value, answer.quality.value, motion, answer.errors_of_answer.in_short())
-        return " ".join(filter(None, said))
+    motion = None if answer.safety is None else f"The motion: {answer.safety.word}"
+    said = (answer.stop_reason.value, answer.quality.value, motion, answer.errors_of_answer.in_short())
+    results.extra_info.solver_message = " ".join(filter(None, said))

@@ -7,17 +7,15 @@ clearance and hard planes.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import islice
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import InitialGuessError
-from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.obstacles.rerouting import overlaps_deeply, reroute, runs_into_several
@@ -35,22 +33,6 @@ TURNS = (180.0, 90.0, -90.0)
 NEARLY_FEASIBLE = 1e-2
 
 
-class Solves(Protocol):
-    """What a recovery needs of the planning that it is part of."""
-
-    def solve(self, purpose: str, *, again: bool = False, most_iterations: int | None = None) -> SolveResult:
-        """Solve the model as it stands."""
-
-    def solve_without_obstacles(self) -> bool:
-        """Put the best motion without obstacles on the model, where it is found at once; else nothing changes."""
-
-    def may_go_on(self, result: SolveResult) -> bool:
-        """Whether there is time, and nobody interrupted."""
-
-    def seconds_left(self) -> float:
-        """Until the time limit; infinite without one."""
-
-
 class Recovery:
     """Starts to plan from, one after the other.
 
@@ -60,7 +42,7 @@ class Recovery:
         Its values are the user's initial guess.
     blocks : list of ObstacleAvoidanceBlockData
     regions : list of ContainmentData
-    planning : Solves
+    planning : SafePlanning
 
     Attributes
     ----------
@@ -72,7 +54,7 @@ class Recovery:
     """
 
     def __init__(
-        self, model: Any, blocks: list[ObstacleAvoidanceBlockData], regions: list[ContainmentData], planning: Solves
+        self, model: Any, blocks: list[ObstacleAvoidanceBlockData], regions: list[ContainmentData], planning: Any
     ) -> None:
         self._model, self._blocks, self._regions, self._planning = model, blocks, regions, planning
         self._initial = PlanningPoint(model)
@@ -95,7 +77,7 @@ class Recovery:
         others = any(block.separations for block in self._blocks)
         # What converges from a good start takes few; from a bad one thousands are spent on restoring feasibility. Where
         # a search knows a better start, a guess that overlaps deeply gets the fewest; the rest comes at the end.
-        is_bad = not may_be_led_around and self._overlaps_deeply()
+        is_bad = not may_be_led_around and any(map(overlaps_deeply, self._blocks))
         enough = SIDE_ITERATIONS if is_bad else ITERATIONS_OF_ONE
         yield partial(self._from_initial_guess, enough if others else None, is_at_start=not (in_the_way or comes_first))
         # Where no separation takes part, obstacles are not what makes the rest infeasible.
@@ -119,9 +101,7 @@ class Recovery:
     def _proposed(self, providers: Sequence[StartProvider]) -> Iterator[Callable[[], SolveResult]]:
         """What solves from the starts that providers put on the model; the values are those of before in between."""
         for provider in providers:
-            left = self._planning.seconds_left()
-            deadline = Deadline.after(None if math.isinf(left) else max(left, 1e-3))
-            proposals = provider.propose(self._model, deadline)
+            proposals = provider.propose(self._model, self._planning.deadline)
             while True:
                 last = PlanningPoint(self._model)
                 self._initial.restore()
@@ -157,10 +137,6 @@ class Recovery:
         if self._was_cut_short and most_iterations is not None and result.constraint_violation <= NEARLY_FEASIBLE:
             result = self._planning.solve("on from there", again=True, most_iterations=ITERATIONS_OF_ONE)
         return result
-
-    def _overlaps_deeply(self) -> bool:
-        """Whether shapes overlap at the initial guess, where the separations start now, by more than a little."""
-        return any(map(overlaps_deeply, self._blocks))
 
     def _has_a_way_around(self, *, freely: bool = False) -> bool:
         """Whether the initial guess can be led around all obstacles at once; it is on the model then.

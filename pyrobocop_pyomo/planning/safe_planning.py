@@ -9,7 +9,6 @@ no feasible point at all, see `recovery`.
 from __future__ import annotations
 
 import logging
-import math
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -33,9 +32,8 @@ from pyrobocop_pyomo.solving.procedure import solve_model
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.second_tries import ITERATIONS_OF_ONE, SIDE_ITERATIONS
 from pyrobocop_pyomo.solving.settings import Settings
-from pyrobocop_pyomo.solving.solve_result import SolveResult
-from pyrobocop_pyomo.solving.solved_copies import elements_of
-from pyrobocop_pyomo.solving.starts import EXPLORED_ELEMENTS, coarser_copy, take_values_of_copy
+from pyrobocop_pyomo.solving.solve_result import SolveResult, with_steps_of_all
+from pyrobocop_pyomo.solving.starts import EXPLORED_ELEMENTS, coarser_copy, elements_of, take_values_of_copy
 
 from .planning_round import PlanningRound, way_back
 from .recovery import Recovery, clear_margins
@@ -205,7 +203,7 @@ class SafePlanning:
         if most_iterations is not None:
             settings = replace(settings, options=settings.options.with_default({"max_iter": most_iterations}))
         self._began = VariableValues.of_free(self._model)
-        result = solve_model(self._model, replace(settings, deadline=self._deadline))
+        result = solve_model(self._model, replace(settings, deadline=self.deadline))
         # A plan that is not feasible is not integrated: its equations do not hold.
         equations = not self._is_start and result.quality is not Quality.INFEASIBLE
         # What is only a start, at any feasible point, is not verified.
@@ -258,17 +256,12 @@ class SafePlanning:
 
     def may_go_on(self, result: SolveResult) -> bool:
         """Whether there is time, and nobody interrupted."""
-        return not result.stop_reason.is_final and not self._deadline.has_passed
+        return not result.stop_reason.is_final and not self.deadline.has_passed
 
     @property
-    def _deadline(self) -> Deadline:
+    def deadline(self) -> Deadline:
         """Until when solving may take, so that a verification on the mesh as it is ends by the time limit."""
         return self._settings.deadline.earlier_by(self._seconds_per_element * elements_of(self._model))
-
-    def seconds_left(self) -> float:
-        """Until then; infinite without a limit."""
-        left = self._deadline.left
-        return math.inf if left is None else left
 
     # ---------------------------------------------------------------- from feasible to safe
 
@@ -361,15 +354,12 @@ class SafePlanning:
         """The best round, its point on the model, with the steps of all."""
         assert self._best is not None
         self._best.restore()
-        before = sum(len(made.result.steps) for made in self.rounds[: self.rounds.index(self._best)])
-        best = self._best.result
+        best = with_steps_of_all(self._best.result, [made.result for made in self.rounds])
         why_no_path = "" if self._best.is_settled else self._recovery.why_no_path
         return replace(
             best,
             stop_reason=self._stop_reason(),
             remarks=(*filter(None, [why_no_path]), *best.remarks, *filter(None, [self._meshes.remark])),
-            best=replace(best.best, number=best.best.number + before),
-            steps=[step for made in self.rounds for step in made.result.steps],
             checking_seconds=sum(made.result.checking_seconds for made in self.rounds),
             rounds=tuple(made.record() for made in self.rounds),
             scenes=self._scenes(),
@@ -392,4 +382,4 @@ class SafePlanning:
             return self._best.result.stop_reason
         if last.is_final:
             return last
-        return StopReason.TIME_LIMIT if self._deadline.has_passed else self._best.result.stop_reason
+        return StopReason.TIME_LIMIT if self.deadline.has_passed else self._best.result.stop_reason

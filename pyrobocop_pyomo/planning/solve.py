@@ -233,9 +233,7 @@ def solve(
         return replace(result, remarks=(*first, *result.remarks))
 
     if choices:
-        result = solve_with_integer_controls(
-            model, choices, as_it_stands, settings.deadline, keeps_mesh=mesh_tolerance is None
-        )
+        result = solve_with_integer_controls(model, choices, as_it_stands, settings.deadline)
     else:
         result = as_it_stands()
     # Controls that were rounded are free again: without their values the rows would be those of the relaxed problem.
@@ -270,7 +268,7 @@ def _missed_between_points(phases: Iterable[Any]) -> Iterator[Finding]:
 
 
 def _backends(choice: Backend | str | None) -> tuple[Backend, tuple[Backend, ...]]:
-    """The backend to take, and those to take where it cannot take or evaluate the model: none, where one is requested.
+    """The backend to take, and those to take where it cannot take the model: none, where one is requested.
 
     CasADi's comes first: what rows share is differentiated once, and it needs nothing but a package from PyPI.
     """

@@ -26,16 +26,10 @@ from pyrobocop_pyomo.complementarity import BarrierSchedule
 from pyrobocop_pyomo.discretisation import RowMultipliers
 from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import NO_IPOPT
+from pyrobocop_pyomo.ipopt.in_process import CONDITIONS
 from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable, ipopt_executable_version
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
-from pyrobocop_pyomo.ipopt.linear_solvers import (
-    FALL_BACK,
-    FELL_BACK,
-    IN_DOUBT,
-    SAID_OF_OWN_SOLVER,
-    refused_options,
-    with_linear_solver,
-)
+from pyrobocop_pyomo.ipopt.linear_solvers import SAID_OF_OWN_SOLVER, refused_options, with_linear_solver
 from pyrobocop_pyomo.ipopt.suffixes import scaling_factors
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
@@ -68,15 +62,11 @@ _SCALED = {
     "honor_original_bounds": "yes",  # as `Scales.unscaled`
 }
 
-_STATUS = {
+# The executable has no callback that could stop it.
+_STATUS: dict[TerminationCondition, IpoptStatus] = {
+    **{condition: status for status, condition in CONDITIONS.items() if status is not IpoptStatus.STOPPED},
     TerminationCondition.convergenceCriteriaSatisfied: IpoptStatus.SOLVED,
-    TerminationCondition.iterationLimit: IpoptStatus.ITERATION_LIMIT,
-    TerminationCondition.maxTimeLimit: IpoptStatus.TIME_LIMIT,
-    TerminationCondition.locallyInfeasible: IpoptStatus.INFEASIBLE,
     TerminationCondition.provenInfeasible: IpoptStatus.INFEASIBLE,
-    TerminationCondition.unbounded: IpoptStatus.DIVERGING,
-    TerminationCondition.interrupted: IpoptStatus.INTERRUPTED,
-    TerminationCondition.minStepLength: IpoptStatus.TINY_STEP,
 }
 
 # The executable tells failures apart by its last words only.
@@ -191,10 +181,6 @@ class ExecutableSession(Session):
         for stream in self._output if own else ():
             stream.write(SAID_OF_OWN_SOLVER)
         status, iterations = self._run_process(resolved, deadline)
-        if own and status in IN_DOUBT:
-            # From where that run ended, if it left a point at all; the multipliers are those of its start.
-            status, iterations = self._run_process({**options, **FALL_BACK}, deadline)
-            facts["options"] = {**options, "linear_solver": FELL_BACK}
         multipliers = {name: ComponentMap(self._own.component(name).items()) for name in _ARRIVED}
         iterate = Iterate.of_run(
             label,

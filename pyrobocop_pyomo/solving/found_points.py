@@ -85,7 +85,8 @@ class FoundPoints:
 
     def is_better(self, first: Iterate, second: Iterate) -> bool:
         """Whether the first of two points is the better one."""
-        return first.is_better_than(second, self._settings.tolerances, self._sign)
+        one, other = (iterate.standing(self._settings.tolerances, self._sign) for iterate in (first, second))
+        return one.is_better_than(other)
 
     def is_certified(self, iterate: Iterate | None) -> bool:
         """Whether there is such a point, and no further strategy is needed after it."""

@@ -16,18 +16,12 @@ from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus, IterationRecord
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt, run_scaled
 from pyrobocop_pyomo.ipopt.linear_solvers import FELL_BACK
-from pyrobocop_pyomo.ipopt.standstill import Standstill
 from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader, scaling_factors, starting_point
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.composed_program import ComposedProgram
 from pyrobocop_pyomo.programs.elastic_rows import ElasticRows
 from pyrobocop_pyomo.programs.missing_rank import missing_rank
-from pyrobocop_pyomo.programs.nonlinear_program import (
-    NonlinearProgram,
-    PrimalDualPoint,
-    ShiftedRows,
-)
+from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, PrimalDualPoint, ShiftedRows
 from pyrobocop_pyomo.programs.scales import Scales
 
 from .automatic_scaling import automatic_scaling
@@ -37,6 +31,9 @@ from .progress import Progress
 from .relaxed_model import RelaxedModel
 from .session import DeltaFollowsBarrier, OnIteration, Session
 from .settings import Settings
+
+# So many iterations in a row stand; a step below this size, and a change of the objective, are none.
+STANDING_ITERATIONS, SMALLEST_STEP, SAME_OBJECTIVE, FEASIBLE = 50, 1e-9, 1e-12, 1e-8
 
 
 class InProcessSession(Session):
@@ -61,7 +58,6 @@ class InProcessSession(Session):
         self._nlp = self._shifted(self._compiled.nlp)
         self.solver = str(load_ipopt_library())
         self.derivatives = self._compiled.nlp.derivatives
-        self.calls_python = isinstance(self._compiled.nlp, ComposedProgram)
         self._scales: Scales | None = None
 
     def _shifted(self, nlp: NonlinearProgram) -> NonlinearProgram:
@@ -208,3 +204,47 @@ def _live_line(progress: Progress, name: str) -> OnIteration:
             )
 
     return show
+
+
+class Standstill:
+    """Tells a run to stop that no longer moves from a feasible point.
+
+    Ipopt ends with tiny steps itself, but only where they vanish beside every variable. With a badly conditioned
+    system they stay a little larger, regularised more and less by turns; or a restoration phase that was called where
+    everything is feasible already has nothing to restore. Both go on until the limit of iterations.
+
+    Parameters
+    ----------
+    on_iteration : callable or None
+        The user's callback, asked first.
+
+    Attributes
+    ----------
+    reached : bool
+        Whether the run was told to stop.
+    """
+
+    def __init__(self, on_iteration: OnIteration | None) -> None:
+        self._on_iteration, self._count = on_iteration, 0
+        self._before: IterationRecord | None = None
+        self.reached = False
+
+    def __call__(self, record: IterationRecord) -> bool:
+        """Whether the run may go on."""
+        if self._on_iteration is not None and self._on_iteration(record) is False:
+            return False
+        before, self._before = self._before, record
+        stands = before is not None and record.primal_infeasibility <= FEASIBLE and _stands(before, record)
+        self._count = self._count + 1 if stands else 0
+        self.reached = self._count >= STANDING_ITERATIONS
+        return not self.reached
+
+
+def _stands(before: IterationRecord, now: IterationRecord) -> bool:
+    if now.restoration:
+        return before.restoration and before.primal_infeasibility <= FEASIBLE
+    return (
+        now.mu == before.mu
+        and now.step_norm <= SMALLEST_STEP
+        and abs(now.objective - before.objective) <= SAME_OBJECTIVE * max(1.0, abs(now.objective))
+    )

@@ -15,12 +15,7 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
 
-from pyrobocop_pyomo.complementarity import (
-    CanonicalPair,
-    PairResidual,
-    active_sources,
-    canonical_form,
-)
+from pyrobocop_pyomo.complementarity import CanonicalPair, PairResidual, active_sources, canonical_form
 from pyrobocop_pyomo.complementarity.residuals import part_of_side
 from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan, relation_violation
@@ -31,7 +26,7 @@ from pyrobocop_pyomo.programs.row_values import RowTerms, RowValues, SumValue
 
 from .iterates import Iterate, Tolerances
 from .progress import Progress
-from .violations import Violation, violations_of_pairs, worst_row_of_each_component
+from .violations import Violation, violations_of_pairs, violations_of_rows
 
 logger = logging.getLogger(__name__)
 
@@ -53,8 +48,11 @@ class ModelCheck:
 
     def __init__(self, model: Any) -> None:
         with PauseGC():  # many small objects, all of which live on
-            self._constraints = list(model.component_data_objects(Constraint, active=True))
-            self.read_bounds()
+            stated = ((row, bounds_of(row)) for row in model.component_data_objects(Constraint, active=True))
+            self._rows = [(row, bounds) for row, bounds in stated if bounds != (None, None)]
+            self._lower = np.array([-np.inf if lower is None else lower for _, (lower, _) in self._rows], dtype=float)
+            self._upper = np.array([np.inf if upper is None else upper for _, (_, upper) in self._rows], dtype=float)
+            self._witnesses = _first_middle_and_last([row for row, _ in self._rows])
             free = (variable for variable in model.component_data_objects(Var, active=True) if not variable.fixed)
             self._bounded = VariableBounds(free)
         # What statements of complementarity say beside their pairs: equations, and sides that are at their bounds.
@@ -62,15 +60,7 @@ class ModelCheck:
         objectives = list(model.component_data_objects(Objective, active=True))
         self.sign = -1.0 if len(objectives) == 1 and not objectives[0].is_minimizing() else 1.0
         self._objective = objectives[0].expr if len(objectives) == 1 else 0.0
-
-    def read_bounds(self) -> None:
-        """Read the bounds of the constraints again: mutable Params in them may have changed, and named expressions."""
         self._sum: SumValue | None = None
-        rows = ((row, bounds_of(row)) for row in self._constraints)
-        self._rows = [(row, bounds) for row, bounds in rows if bounds != (None, None)]
-        self._lower = np.array([-np.inf if lower is None else lower for _, (lower, _) in self._rows], dtype=float)
-        self._upper = np.array([np.inf if upper is None else upper for _, (_, upper) in self._rows], dtype=float)
-        self._witnesses = _first_middle_and_last([row for row, _ in self._rows])
         self._bodies: RowValues | None = None
         self._terms: tuple[NDArray[np.intp], RowTerms] | None = None
 
@@ -80,19 +70,15 @@ class ModelCheck:
             self._sum = SumValue(self._objective)
         return self._sum.value()
 
-    def violation(self) -> float:
-        """Largest violation of a constraint or a variable's bound; NaN counts as infinite."""
-        return self.violations()[0]
-
     def violated(self, tolerances: Tolerances) -> list[Violation]:
-        """Constraints and bounds that do not hold within the tolerance of feasibility, the worst of each component."""
+        """Constraints and bounds that do not hold within the tolerance of feasibility."""
         of_rows, of_variables = self._row_violations(), self._bounded.violations()
         rows = np.flatnonzero(of_rows > tolerances.feasibility)  # none is larger by its size
         rows = rows[self._relative(of_rows, rows) > tolerances.feasibility]
         bounded = np.flatnonzero(of_variables / self._bounded.sizes() > tolerances.feasibility)
         violated = [(row, content_of(row), *bounds) for row, bounds in map(self._rows.__getitem__, rows)]
         violated += [(data, data.value, *data.bounds) for data in map(self._bounded.variables.__getitem__, bounded)]
-        return list(worst_row_of_each_component(violated))
+        return list(violations_of_rows(violated))
 
     def violations(self) -> tuple[float, float]:
         """Largest violation, and the largest where each is divided by the size of what it is a violation of.

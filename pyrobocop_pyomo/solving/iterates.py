@@ -70,7 +70,7 @@ class StopReason(enum.Enum):
         return self in (StopReason.TIME_LIMIT, StopReason.INTERRUPTED)
 
 
-_STOP_REASONS = {
+STOP_REASONS = {
     IpoptStatus.INTERRUPTED: StopReason.INTERRUPTED,
     IpoptStatus.STOPPED: StopReason.INTERRUPTED,
     IpoptStatus.ITERATION_LIMIT: StopReason.ITERATION_LIMIT,
@@ -267,7 +267,7 @@ class Iterate(Presented):
     def of_run(cls, label: str, status: IpoptStatus, **facts: Any) -> Iterate:
         """The end of a run of Ipopt, not checked yet."""
         converged = status.solved or status is IpoptStatus.TINY_STEP
-        reason = StopReason.FINISHED if converged else _STOP_REASONS.get(status, StopReason.FAILED)
+        reason = StopReason.FINISHED if converged else STOP_REASONS.get(status, StopReason.FAILED)
         return cls(label=label, status=status, stop_reason=reason, **facts)
 
     @property
@@ -325,10 +325,6 @@ class Iterate(Presented):
             optimal=self.quality(tolerances) is Quality.OPTIMAL,
             certified=self.certificate is Certificate.PROVEN,
         )
-
-    def is_better_than(self, other: Iterate, tolerances: Tolerances, sign: float) -> bool:
-        """Whether its standing is the better one; parameters as for `standing`."""
-        return self.standing(tolerances, sign).is_better_than(other.standing(tolerances, sign))
 
     def record(self) -> Iterate:
         """The same without values and multipliers: what a log keeps of it, and a pickle can hold."""

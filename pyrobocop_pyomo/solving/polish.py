@@ -166,10 +166,6 @@ class Polish:
     values : VariableValues
         The user's variables.
     exploration : Exploration
-    biactive : float
-        A pair whose other side is at most this large has to be shown not to descend by changing its branch. By default
-        pairs near to a change are examined as well, by linear programs, which find better solutions nearby; with less,
-        branches are changed where multipliers ask for it before a linear program is solved.
 
     Attributes
     ----------
@@ -187,10 +183,7 @@ class Polish:
         log: IterateLog,
         values: VariableValues,
         exploration: Exploration,
-        *,
-        biactive: float = NEARLY_BIACTIVE,
     ) -> None:
-        self._biactive = biactive
         self._settings, self._compiled, self._log = settings, compiled, log
         self._values, self._exploration = values, exploration
         self._crossed = relaxed.crossed
@@ -209,7 +202,7 @@ class Polish:
         """Whether Ctrl-C ended the search."""
         return self._search.interrupted
 
-    def improve(self, iterate: Iterate, point: PrimalDualPoint, *, reach: float = POLISHED_VIOLATION) -> Iterate:
+    def improve(self, iterate: Iterate, point: PrimalDualPoint) -> Iterate:
         """Solve the nearest branch, follow descending ones, and certify where that ends.
 
         Parameters
@@ -218,8 +211,6 @@ class Polish:
             Its point is on the model.
         point : PrimalDualPoint
             The same in the order of the compiled model.
-        reach : float
-            Largest violation from which the nearest branch is tried.
 
         Returns
         -------
@@ -231,17 +222,11 @@ class Polish:
             rows = point.complete(self._compiled.nlp)[0][self._kept_rows]
             point = replace(point, g_multipliers=rows).with_objective_divided(self._slope)
             start = BranchPoint.at(self._program, point)
-            found = self._search.polish(start) if start.violation <= reach else start
+            found = self._search.polish(start) if start.violation <= POLISHED_VIOLATION else start
             return self._better(iterate, self._examined(iterate, found, start))
         except EvaluationError as error:
             logger.info("strategy '%s': its point cannot be polished or certified: %s", iterate.strategy, error)
             return iterate
-
-    def project(self, iterate: Iterate) -> Iterate:
-        """Look for a feasible branch near the point of the iterate, which is on the model."""
-        start = BranchPoint.at(self._program, PrimalDualPoint(self._compiled.current_point()))
-        found = self._search.project(start)
-        return self._better(iterate, self._examined(replace(iterate, strategy="projection"), found, start))
 
     def explore(self, iterate: Iterate) -> Iterate:
         """Look for a better optimum beyond a certified one, in the time that this may take; or return the same."""
@@ -309,10 +294,6 @@ class Polish:
             return found, Certificate.PROVEN
         if found is self._search.certified:
             return found, Certificate.PROVEN
-        if self._biactive < NEARLY_BIACTIVE:
-            found = self._search.exchange(found, self._biactive)
-            if self._strong(found, Linearisation.at(self._program.nlp, found.x)) is not None:
-                return found, Certificate.PROVEN
         descended = self._search.descend(found)
         self._add_linear_programs("certificate", descended)
         return descended, self._search.certificate
@@ -335,7 +316,7 @@ class Polish:
         if found.branch is None or found.violation > self._limits.feasibility:
             return None
         sizes = self._sizes(found)
-        return strong_multipliers(self._program, point, found.branch, found.point, sizes, self._biactive)
+        return strong_multipliers(self._program, point, found.branch, found.point, sizes, NEARLY_BIACTIVE)
 
     def _sizes(self, found: BranchPoint) -> FloatArray:
         """Sizes of the variables at a point."""

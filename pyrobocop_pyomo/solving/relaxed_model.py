@@ -221,10 +221,7 @@ def relaxed_model(model: Any, relaxation: Any, grouping: Any, delta: float) -> I
 def forget_removed(model: Any) -> None:
     """Take out of the user's suffixes what is no part of the model any more: rows that were generated and removed."""
     for suffix in model.component_objects(Suffix, active=True):
-        for component in [key for key in suffix if key is not None and not _is_part_of(model, key)]:
-            del suffix[component]
-
-
-def _is_part_of(model: Any, component: Any) -> bool:
-    # What was removed does not hold on to what it was in: that may be gone already.
-    return component.parent_component() is not None and component.model() is model.model()
+        # What was removed does not hold on to what it was in: that may be gone already.
+        keys = [key for key in suffix if key is not None]
+        for key in [key for key in keys if key.parent_component() is None or key.model() is not model.model()]:
+            del suffix[key]

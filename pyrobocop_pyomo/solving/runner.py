@@ -3,35 +3,50 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from pyomo.core.base import TransformationFactory
+from pyomo.core.base.suffix import Suffix
 
-from pyrobocop_pyomo.complementarity import BarrierSchedule, without_penalty
-from pyrobocop_pyomo.errors import EvaluationError
+from pyrobocop_pyomo.complementarity import BarrierSchedule, Schedule, active_sources, pairs_of, without_penalty
+from pyrobocop_pyomo.diagnosis.difficult_forms import holds_absolute_value
+from pyrobocop_pyomo.errors import EvaluationError, PyRobocopError
 from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
-from pyrobocop_pyomo.modeling.variable_values import Values
+from pyrobocop_pyomo.modeling.variable_values import Values, VariableValues
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.programs.scaled_program import ScaledProgram
 from pyrobocop_pyomo.programs.scales import Scales
 
-from .continuation import Continuation
 from .curvature import direction_of_descent
-from .found_points import CROSS_CHECKED_PAIRS
-from .ipopt_options import ITERATIONS_OF_ONE, NEARLY_THERE, IpoptOptions
-from .iterates import Iterate, StopReason
-from .polish import Polish
+from .found_points import CROSS_CHECKED_PAIRS, SAME_OBJECTIVE, FoundPoints
+from .initial_guess import InitialGuess
+from .ipopt_options import ITERATIONS_OF_ONE, NEARLY_THERE, IpoptOptions, inexact, warm_continuation
+from .iterate_log import IterateLog, ModelCheck
+from .iterates import Iterate, Quality, StopReason
+from .polish import Exploration, Polish
+from .progress import Progress
 from .session import Session
 from .settings import Settings
 from .solve_result import SolveResult
-from .solve_state import SolveState
-from .solved_copies import SolvedCopies
-from .starts import put_start
-from .strategies import BEYOND_SADDLE, SIMULATED, SOLVE, StartingPoint, Strategy
-from .workplaces import Workplace
+from .starts import EXPLORED_ELEMENTS, coarser_copy, elements_of, elements_of_copy, put_start, take_values_of_copy
+from .strategies import (
+    ABSOLUTE_VALUES,
+    ADAPTIVE,
+    BEYOND_SADDLE,
+    COARSE_MESH,
+    OTHER_OPTIMUM,
+    SIMULATED,
+    SOLVE,
+    StartingPoint,
+    Strategy,
+)
+from .violations import growing_variables
+from .workplaces import Workplace, Workplaces
 
 logger = logging.getLogger(__name__)
 
@@ -40,10 +55,242 @@ logger = logging.getLogger(__name__)
 PENALTY = 1e3
 # A run that goes on from a saddle starts so far from it, in sizes of the variables.
 STEP_FROM_SADDLE = 0.1
+# So often on the way down is a step halved, in powers of ten, before the next one is taken without multipliers.
+SHORTENED_STEPS = 4
 
 
-class Runner(SolveState):
-    """Runs strategies of one solve.
+class Continuation:
+    """Runs a schedule, and remembers the best point.
+
+    Parameters
+    ----------
+    state : Runner
+    place : Workplace
+    session : Session
+        That of the workplace, or another one of the same model.
+    options : IpoptOptions
+
+    Attributes
+    ----------
+    last : Iterate
+        Where the last run ended.
+    best : Iterate
+    """
+
+    best: Iterate
+    last: Iterate
+
+    def __init__(self, state: Runner, place: Workplace, session: Session, options: IpoptOptions) -> None:
+        self._log, self._settings, self._found = state.log, state.settings, state.found
+        self._session, self._values, self._options = session, place.values, options
+        # Where multipliers decide how the relaxation goes on, all runs have to be solved to the end.
+        self._exact = not place.relaxed.shifted_rows
+
+    def run(
+        self,
+        schedule: Schedule | None,
+        *,
+        label: str = "solve",
+        leads_no_further: Callable[[Iterate], bool] = lambda iterate: False,
+    ) -> Iterate:
+        """Run the schedule from the point on the model, and return the best one, which need not be there then.
+
+        Parameters
+        ----------
+        schedule : Schedule or None
+            None stands for one run of a model without pairs.
+        label : str
+            Of the one run of a model without pairs.
+        leads_no_further : callable
+            Whether to end a shrinking schedule at a point, though it is not the last one.
+        """
+        if schedule is None:
+            self._take(replace(self._session.run(None, self._options.resolve(), self._settings.deadline), label=label))
+        elif isinstance(schedule, BarrierSchedule):
+            self._follow(schedule)
+        else:
+            self._shrink(list(schedule.steps()), leads_no_further)
+        return self.best
+
+    def _follow(self, schedule: BarrierSchedule) -> None:
+        for iterate in self._session.follow(schedule, self._options, self._settings.deadline):
+            self._take(iterate)
+        # The rows may have moved in the very last iterations; products above their final bound say so.
+        final = list(schedule.steps())[-1]
+        if self.last.converged and self.last.largest_product > 10 * final:
+            self._run(final, self.last, {})
+
+    def _shrink(self, steps: Sequence[float], leads_no_further: Callable[[Iterate], bool]) -> None:
+        """Solve for one delta after the other; where a step is too long, take a shorter one from the last solution."""
+        wanted, shortened = list(steps)[::-1], 0
+        start: Iterate | None = None
+        purpose: dict[str, Any] = {}
+        while wanted:
+            delta = wanted.pop()
+            on_the_way = {} if self._exact or delta == steps[-1] else inexact(delta)
+            iterate = self._run(delta, start, {**on_the_way, **purpose})
+            if iterate.stop_reason.is_final or (iterate.converged and iterate.largest_natural_residual <= 1e-9):
+                return
+            if iterate.converged:
+                if leads_no_further(iterate):
+                    return
+                start = iterate
+            elif start is not None and start.delta is not None and start.delta > delta and shortened < SHORTENED_STEPS:
+                wanted += [delta, (delta * start.delta) ** 0.5]
+                self._values.write(start.values)
+                shortened += 1
+            elif self.best.diverged:
+                return  # there is no point to go on from
+            else:
+                # A failed run leaves multipliers that are worth nothing, and often a point that is.
+                start, purpose = None, {"max_iter": ITERATIONS_OF_ONE}
+                self._values.write(self.best.values)
+
+    def _run(self, delta: float, start: Iterate | None, purpose: Mapping[str, Any]) -> Iterate:
+        warm = {} if start is None else warm_continuation(delta)
+        options = self._options.resolve(warm, purpose)
+        return self._take(self._session.run(delta, options, self._settings.deadline, start))
+
+    def _take(self, iterate: Iterate) -> Iterate:
+        if iterate.stop_reason is StopReason.TIME_LIMIT and not self._settings.deadline.has_passed:
+            iterate = replace(iterate, stop_reason=StopReason.ITERATION_LIMIT)  # the user's of one run, not the solve's
+        if iterate.stop_reason in (StopReason.ITERATION_LIMIT, StopReason.FAILED) and growing_variables(self._values):
+            # More iterations would only take it further: Ipopt itself calls that diverging much later.
+            iterate = replace(iterate, stop_reason=StopReason.DIVERGED)
+        self.last = iterate = replace(self._log.add(iterate), values=self._values.read())
+        if not hasattr(self, "best") or self._is_better(iterate):
+            self.best = iterate
+        return iterate
+
+    def _is_better(self, iterate: Iterate) -> bool:
+        """Whether it is no worse than the best; what grows without end leads nowhere, even if it is feasible."""
+        if iterate.diverged != self.best.diverged:
+            return self.best.diverged
+        return not self._found.is_better(self.best, iterate)
+
+
+class SolvedCopies:
+    """Copies of the model that are solved on the way, in another form or on another mesh.
+
+    Parameters
+    ----------
+    state : Runner
+        Its log has the runs of copies too, under the names of their strategies.
+    solve_copy : callable
+        ``solve_copy(copy, settings)`` solves another model.
+    """
+
+    def __init__(self, state: Runner, solve_copy: Callable[[Any, Settings], SolveResult]) -> None:
+        self._model, self._values, self._settings = state.model, state.values, state.settings
+        self._log, self._found, self._started, self._solve_copy = state.log, state.found, state.started, solve_copy
+
+    def start_on_fewer_elements(self) -> bool:
+        """Solve a copy with fewer elements; its answer is put on the model, as a start. False where there is none."""
+        copy = coarser_copy(self._model)
+        result = None if copy is None else self._answer(copy, COARSE_MESH, (SOLVE, ADAPTIVE))
+        if result is None or result.quality is Quality.INFEASIBLE or self._found.cut is not None:
+            return False
+        take_values_of_copy(self._model, copy)
+        return True
+
+    def has_fewer_elements(self) -> bool:
+        """Whether other starts are tried on fewer elements: where these are enough to tell optima of the problem."""
+        return bool(elements_of_copy(self._model, EXPLORED_ELEMENTS))
+
+    def start_at_other_optimum(self, work: float) -> bool:
+        """Try other starts on a copy with fewer elements; where they lead to a better answer, put it on the model.
+
+        The copy is solved from the answer on the model first: fewer elements may flatter the objective.
+
+        Parameters
+        ----------
+        work : float
+            Iterations that it may take, of the model's size.
+
+        Returns
+        -------
+        bool
+            Whether there is a better answer. False where less time is left than has passed.
+        """
+        left = self._settings.deadline.left
+        # Making a copy is not cut off. There is an answer already: its solve tells what another one would take.
+        if left is not None and left < time.perf_counter() - self._started:
+            return False
+        copy = coarser_copy(self._model, EXPLORED_ELEMENTS)
+        if copy is None:
+            return False
+        share = elements_of(copy) / elements_of(self._model)
+        result = self._answer(copy, OTHER_OPTIMUM, None, exploration=None, explored_work=work / share)
+        if result is None or self._found.cut is not None:
+            return False
+        first = result.steps[0]
+        gain = abs(first.objective - result.objective) > SAME_OBJECTIVE * max(1.0, abs(first.objective))
+        # Of two solutions the copy has kept the better one.
+        if result.quality is not Quality.OPTIMAL or result.best_step == 0 or not (gain or not first.converged):
+            return False
+        take_values_of_copy(self._model, copy)
+        return True
+
+    def with_absolute_values_split(self) -> Iterate | None:
+        """Solve a copy with its absolute values in two parts; its answer is one of the model, and is checked there.
+
+        Returns
+        -------
+        Iterate or None
+            None where there are no absolute values, or the model is part of another one.
+        """
+        if self._model.model() is not self._model or not holds_absolute_value(self._model):
+            return None
+        split = TransformationFactory("pyrobocop.absolute_values_to_complementarity")
+        copy = split.create_using(self._model)
+        result = self._answer(copy, ABSOLUTE_VALUES, None)
+        if result is None:
+            return None
+        take_values_of_copy(self._model, copy)
+        best = replace(
+            result.best,
+            label=ABSOLUTE_VALUES.name,
+            strategy=ABSOLUTE_VALUES.name,
+            number=len(self._log.steps) - len(result.steps) + result.best_step,
+            delta=None,
+            values=self._values.read(),
+            load_suffixes=lambda: _take_suffixes(self._model, copy),
+        )
+        if not self._log.pairs and best.certificate is Certificate.PROVEN:
+            best = replace(best, certificate=Certificate.UNKNOWN)  # which is of pairs, and the model has none
+        best = self._log.checked(best)
+        self._settings.progress.line(best.line(pairs=bool(self._log.pairs)))
+        return best
+
+    def _answer(
+        self, copy: Any, strategy: Strategy, strategies: tuple[Strategy, ...] | None, **changes: Any
+    ) -> SolveResult | None:
+        """Solve a copy, and log its runs as those of a strategy; None where it cannot be solved at all."""
+        options = self._settings.options.with_default({"max_iter": ITERATIONS_OF_ONE})
+        settings = replace(self._settings, options=options, strategies=strategies, progress=Progress(False), **changes)
+        try:
+            result = self._solve_copy(copy, settings)
+        except PyRobocopError as error:
+            logger.info("'%s': no answer of the copy for '%s': %s", self._model.name, strategy.name, error)
+            return None
+        for step in result.steps:
+            self._log.steps.append(replace(step, label=strategy.name, number=len(self._log.steps)))
+        if result.stop_reason.is_final:
+            self._found.cut = result.stop_reason
+        return result
+
+
+def _take_suffixes(model: Any, copy: Any) -> None:
+    """What the solve of a copy has written to its suffixes, for the components that the model has too."""
+    for suffix in model.component_objects(Suffix, active=True):
+        for part, number in copy.find_component(suffix).items():
+            own = None if part is None else model.find_component(part)
+            if suffix.import_enabled() and own is not None:
+                suffix[own] = number
+
+
+class Runner:
+    """Runs strategies of one solve: the model, how it is solved, and what has been found so far.
 
     Parameters
     ----------
@@ -51,36 +298,55 @@ class Runner(SolveState):
     settings : Settings
     solve_copy : callable
         ``solve_copy(copy, settings)`` solves another model.
+
+    Attributes
+    ----------
+    started : float
+        On the clock `time.perf_counter`.
+    check : ModelCheck
+    has_pairs : bool
+        Whether the user has stated any.
+    log : IterateLog
+    values : VariableValues
+        The user's free variables.
+    guess : InitialGuess
+    found : FoundPoints
+    places : Workplaces
+    exploration : Exploration
     """
 
     def __init__(self, model: Any, settings: Settings, solve_copy: Callable[[Any, Settings], SolveResult]) -> None:
-        super().__init__(model, settings)
+        self.model, self.settings, self.started = model, settings, time.perf_counter()
+        self.check = ModelCheck(model)
+        self.has_pairs = bool(active_sources(model) or pairs_of(model))
+        self.log = IterateLog(self.check, settings.progress)
+        self.values = VariableValues.of_free(model)
+        self.guess = InitialGuess(model, self.values)
+        self.found = FoundPoints(settings, self.check.sign)
+        self.places = Workplaces(model, settings, self.guess)
+        self.exploration = Exploration(settings.exploration, self.started, settings.explored_work)
         self._copies = SolvedCopies(self, solve_copy)
 
     def run(self, strategy: Strategy) -> Iterate | None:
-        """Run a strategy on the first backend that can evaluate the model where it leads.
+        """Run a strategy, from elsewhere where it cannot begin at the initial guess.
 
         Returns
         -------
         Iterate or None
             None where the strategy has nothing to work on here.
         """
-        # What only explores is not worth another backend.
         explores = not self.has_pairs and self.found.is_certified(self.found.best)
         try:
             iterate = self._run_here(strategy)
-            if iterate is None or iterate.converged or explores:
-                return iterate
-            # The executable does not say why it could not begin.
-            if iterate.iterations == 0 and not iterate.stop_reason.is_final and self.guess.move():
-                self.places.restart()
-                return self.run(strategy)
         except EvaluationError as error:
-            return None if explores else self._run_elsewhere(strategy, str(error))
-        if iterate.status is not IpoptStatus.INVALID_NUMBER or not self.places.has_other_backends:
+            return self._without_derivatives(strategy, str(error))
+        if iterate is None or iterate.converged or explores:
             return iterate
-        self.keep(iterate)
-        return self._run_elsewhere(strategy, iterate.status.value)
+        # The executable does not say why it could not begin.
+        if iterate.iterations == 0 and not iterate.stop_reason.is_final and self.guess.move():
+            self.places.restart()
+            return self.run(strategy)
+        return iterate
 
     def keep(self, iterate: Iterate) -> None:
         """Remember what was found, and where a function had no value on the way."""
@@ -123,12 +389,9 @@ class Runner(SolveState):
             place.relaxed.start_lifted()
         return self._run_polished(place, strategy)
 
-    def _run_elsewhere(self, strategy: Strategy, why: str) -> Iterate | None:
-        """Another backend may know the derivatives at this point; where there is none, the point itself is reported."""
-        logger.info("'%s': strategy '%s', %s: %s", self.model.name, strategy.name, self.places.backend.value, why)
-        if self.places.has_other_backends:
-            self.places.use_other_backend()
-            return self.run(strategy)
+    def _without_derivatives(self, strategy: Strategy, why: str) -> Iterate | None:
+        """The user's point itself, where there is no other one."""
+        logger.info("'%s': strategy '%s': %s", self.model.name, strategy.name, why)
         if self.found.best is not None:
             return None
         self.guess.write()

@@ -25,7 +25,7 @@ class Settings:
     relaxation, grouping : object
     backend : Backend
     fallbacks : tuple of Backend
-        What to take, in this order, where the backend cannot take the model or evaluate it.
+        What to take, in this order, where the backend cannot take the model.
     strategies : tuple of Strategy or None
         None for the default sequence.
     options : IpoptOptions

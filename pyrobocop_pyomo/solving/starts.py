@@ -203,6 +203,11 @@ def coarser_copy(model: Any, least: int = COARSER) -> Any | None:
     return copy
 
 
+def elements_of(model: Any) -> int:
+    """Of all phases together."""
+    return sum(phase.grid.mesh.elements for phase in phases_of(model))
+
+
 def elements_of_copy(model: Any, least: int) -> dict[Any, int]:
     """Of the phases that have fewer in a coarser copy."""
     elements = {phase: phase.grid.mesh.elements for phase in phases_of(model)}

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import repeat
-from operator import itemgetter
 from typing import Any
 
 from pyrobocop_pyomo.complementarity import PairResidual
@@ -53,23 +52,18 @@ class Violation:
         return f"{self.where}: {self.what}{others}"
 
 
-def worst_row_of_each_component(rows: Iterable[tuple[Any, Any, Any, Any]]) -> Iterator[Violation]:
-    """One violation per component, at the values that are on the model.
+def violations_of_rows(rows: Iterable[tuple[Any, Any, Any, Any]]) -> Iterator[Violation]:
+    """At the values that are on the model.
 
     Parameters
     ----------
     rows : iterable of (component data, expression, lower, upper)
         Violated constraints with their bodies, or violated variables; a bound may be None.
     """
-    of_component: dict[int, list[tuple[float, float, Any, Any, Any]]] = {}
     for data, body, lower, upper in rows:
         number = number_or_nan(body)
-        violated = (bound_violation(number, lower, upper), number, data, lower, upper)
-        of_component.setdefault(id(data.parent_component()), []).append(violated)
-    for several in of_component.values():
-        amount, number, data, lower, upper = max(several, key=itemgetter(0))
         what = "has no value" if number != number else f"{number:.6g} is {_wanted(number, lower, upper)}"
-        yield Violation(data.name, place_in_words(data), what, amount, others=len(several) - 1)
+        yield Violation(data.name, place_in_words(data), what, bound_violation(number, lower, upper))
 
 
 def violations_of_pairs(

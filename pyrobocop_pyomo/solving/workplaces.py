@@ -53,7 +53,7 @@ class Workplace:
 
 
 class Workplaces:
-    """One workplace after the other, as strategies ask for other relaxations or backends fail.
+    """One workplace after the other, as strategies ask for other relaxations.
 
     Parameters
     ----------
@@ -93,24 +93,9 @@ class Workplaces:
         return None if scaling is None else scaling.record
 
     @property
-    def backend(self) -> Backend:
-        """The one that is tried first."""
-        return self._backends[0]
-
-    @property
     def pairs(self) -> int:
         """How many pairs the open workplace has."""
         return 0 if self.place is None else len(self.place.relaxed.pairs)
-
-    @property
-    def has_other_backends(self) -> bool:
-        """Whether another backend is left, for where this one fails."""
-        return len(self._backends) > 1
-
-    def use_other_backend(self) -> None:
-        """Leave for the next backend."""
-        del self._backends[0]
-        self._leave()
 
     def restart(self) -> None:
         """Take the values that are on the model for the start."""
@@ -151,21 +136,20 @@ class Workplaces:
         name, progress = self._model.name, self._settings.progress
         refused: Exception | None = None
         while True:
+            backend = self._backends[0]
             try:
                 session = (
                     ExecutableSession(relaxed, self._settings)
-                    if self.backend is Backend.EXECUTABLE
-                    else InProcessSession(relaxed, self._settings, self.backend.derivatives)
+                    if backend is Backend.EXECUTABLE
+                    else InProcessSession(relaxed, self._settings, backend.derivatives)
                 )
                 break
             except (ModelError, EvaluationError) as error:
                 refused = refused or error
-                if not self.has_other_backends or isinstance(error, FunctionError):
+                if len(self._backends) == 1 or isinstance(error, FunctionError):
                     raise refused from None  # ASL calls no functions in Python
-                logger.info("'%s': %s is not taken: %s", name, self.backend.value, error)
+                logger.info("'%s': %s is not taken: %s", name, backend.value, error)
                 del self._backends[0]
-        if isinstance(session, InProcessSession) and session.calls_python:
-            del self._backends[1:]  # no file holds what is in Python
         logger.info("'%s': %s, derivatives by %s", name, session.solver, session.derivatives)
         progress.line_once(f"{name}: {session.solver}, derivatives by {session.derivatives}")
         progress.line(step_header(pairs=bool(relaxed.pairs)))

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -17,17 +16,17 @@ from pyomo.core.expr.numvalue import native_numeric_types
 from pyrobocop_pyomo.complementarity import active_sources, pairs_of
 from pyrobocop_pyomo.errors import KeywordError, ModelError, PyRobocopError, SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import Backend
-from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import Values
+from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
-from pyrobocop_pyomo.programs.vectorised_program import casadi_available
 from pyrobocop_pyomo.solving import Quality, SolveResult
-from pyrobocop_pyomo.solving.ipopt_options import IpoptOptions
+from pyrobocop_pyomo.solving.ipopt_options import NEARLY_THERE, IpoptOptions
 from pyrobocop_pyomo.solving.iterates import checked_tolerances
-from pyrobocop_pyomo.solving.persistent_solve import PersistentSolve, is_certified
+from pyrobocop_pyomo.solving.procedure import solve_model
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.settings import Settings
+from pyrobocop_pyomo.solving.strategies import SOLVE, TIGHT
 
 from .outcomes import Outcome, seconds_left, solve_as_given
 from .sweep_cases import SweepCase, put_mapping
@@ -37,6 +36,8 @@ Read = Callable[[Any, SolveResult], Mapping[str, Any]]
 
 # Options of `solve` that a warm solve understands as well; with any other every case is solved cold.
 WARM_OPTIONS = frozenset({"options", "tolerances"})
+# From a point that solves the same model for other numbers.
+NEIGHBOUR = replace(TIGHT, name="neighbour", options=NEARLY_THERE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,15 +104,6 @@ class ModelState:
         """The values now."""
         return [variable.value for variable in self.variables]
 
-    def structure(self) -> list[Any]:
-        """What decides which program the model is: fixings and bounds."""
-        plain = (*native_numeric_types, type(None))
-        bounds = ((v._lb, v._ub) for v in self.variables)
-        return [
-            (v.fixed, *(bound if bound.__class__ in plain else id(bound) for bound in pair))
-            for v, pair in zip(self.variables, bounds, strict=True)
-        ]
-
 
 class CaseSolver:
     """Solves cases one by one.
@@ -137,9 +129,6 @@ class CaseSolver:
         is_model = isinstance(source, BlockData)
         self._put, self._read = put_mapping if put is None and is_model else put, read
         self._build, self._options = source, {"progress": False, **options}
-        self._persistent: PersistentSolve | None = None
-        self._structure: list[Any] = []
-        self._open = contextlib.ExitStack()
         self.state: ModelState | None = None
         if self._put is not None:
             self._target = source if is_model else source()
@@ -156,19 +145,15 @@ class CaseSolver:
 
     def close(self) -> None:
         """Leave the model as it was."""
-        self._leave()
         if self.state is not None:
             self.state.restore()
 
     def put(self, data: Any) -> ModelState:
         """Make the model that of a case; returns the state before its data."""
         if self._put is None or self.state is None:
-            self._leave()
             self._target = self._build(data)
             self.model = model_of(self._target)
             return ModelState(self.model)
-        if self._persistent is not None and self._persistent.decided_pairs:
-            self._leave()  # it has changed bounds
         self.state.restore()
         self._put(self._target, data)
         return self.state
@@ -207,7 +192,6 @@ class CaseSolver:
         except (KeywordError, SolverNotFoundError):
             raise
         except Exception as error:  # whatever goes wrong with one case must not lose the others
-            self._leave()
             seconds = time.perf_counter() - started
             return SweepOutcome(case=case, error=_in_a_line(error), seconds=seconds)
         return SweepOutcome(
@@ -235,10 +219,9 @@ class CaseSolver:
         warm = None
         if near is not None and len(near[1]) == len(state.variables):
             warm = self._warm(state, near[1], deadline)
-            if warm is not None and (is_certified(warm) or warm.stop_reason.is_final):
+            if warm is not None and (_is_certified(warm) or warm.stop_reason.is_final):
                 return warm, True
         found = state.read() if warm is not None else []
-        self._leave()
         state.write(initial)
         cold = solve_as_given(self.model, **{**self._options, "time_limit": seconds_left(deadline)})
         if warm is None or warm.quality is Quality.INFEASIBLE or not warm.standing.is_better_than(cold.standing):
@@ -248,37 +231,25 @@ class CaseSolver:
 
     def _warm(self, state: ModelState, near: Values, deadline: Deadline) -> SolveResult | None:
         """Solve from a neighbour's solution; None where that cannot be done."""
-        model = self.model
-        if not WARM_OPTIONS | {"progress"} >= self._options.keys() or find_ipopt_library() is None:
+        if not WARM_OPTIONS | {"progress"} >= self._options.keys() or not _warm_possible(self.model):
             return None
-        structure = state.structure()
-        if self._persistent is not None and structure != self._structure:
-            self._leave()
-        try:
-            if self._persistent is None:
-                if not casadi_available() or not _warm_possible(model):
-                    return None
-                self._persistent = self._open.enter_context(PersistentSolve(model, self._settings()))
-                self._structure = structure
-            values = [number for variable, number in zip(state.variables, near, strict=True) if not variable.fixed]
-            return self._persistent.solve(values, deadline)
-        except PyRobocopError:  # a cold solve says better what is wrong
-            self._leave()
-            return None
-
-    def _settings(self) -> Settings:
-        return Settings(
+        settings = Settings(
             relaxation="scholtes",
             grouping="pair",
             backend=Backend.IN_PROCESS_VECTORISED,
             options=IpoptOptions(user=dict(self._options.get("options") or {})),
             tolerances=checked_tolerances(self._options.get("tolerances")),
             progress=Progress(False),
+            strategies=(NEIGHBOUR, SOLVE),
+            second_tries=False,
+            exploration=0.0,
+            deadline=deadline,
         )
-
-    def _leave(self) -> None:
-        self._persistent = None
-        self._open.close()
+        state.write(near)
+        try:
+            return solve_model(self.model, settings)
+        except PyRobocopError:  # a cold solve says better what is wrong
+            return None
 
 
 def model_of(target: Any) -> Any:
@@ -325,3 +296,10 @@ def _warm_possible(model: Any) -> bool:
 
 def _in_a_line(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}"
+
+
+def _is_certified(result: SolveResult) -> bool:
+    """Whether a result needs no second opinion: optimal, and where there are pairs no branch through it descends."""
+    return result.quality is Quality.OPTIMAL and (
+        not result.residuals or (result.certificate is Certificate.PROVEN and result.largest_natural_residual <= 1e-6)
+    )

@@ -14,9 +14,9 @@ from harness.small_problems import every_derivative, hock_schittkowski_71
 from pyrobocop_pyomo.errors import EvaluationError, ModelError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus, IterationRecord
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
-from pyrobocop_pyomo.ipopt.standstill import ITERATIONS, Standstill
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint, ShiftedRows
+from pyrobocop_pyomo.solving.in_process_session import STANDING_ITERATIONS, Standstill
 
 OPTIMUM = 17.0140172891520542
 FIRST_POINT = [1.0, 5.0, 5.0, 1.0]
@@ -272,15 +272,15 @@ def _records(
     *, restoration: bool = False, objective: float = 0.0, primal: float = 1e-11, step: float = 1e-12, mu: float = 0.0
 ) -> Iterator[IterationRecord]:
     """Of a run; `objective` and `mu` are what an iteration changes."""
-    for i in range(10 * ITERATIONS):
+    for i in range(10 * STANDING_ITERATIONS):
         yield IterationRecord(i, restoration, 1 + i * objective, primal, 1e3, 1e-6 - i * mu, step, 1e12, 1.0, 1.0, 1)
 
 
 @pytest.mark.parametrize("how", [{}, {"restoration": True, "step": 1e-7, "objective": 1e-8}])
 def test_a_run_that_stands_is_stopped(how: dict[str, float]) -> None:
-    standstill = Standstill()
+    standstill = Standstill(None)
     went_on = [standstill(record) for record in _records(**how)]  # type: ignore[arg-type]
-    assert went_on.index(False) == ITERATIONS
+    assert went_on.index(False) == STANDING_ITERATIONS
     assert not all(went_on)
 
 
@@ -295,7 +295,7 @@ def test_a_run_that_stands_is_stopped(how: dict[str, float]) -> None:
     ],
 )
 def test_a_run_that_moves_or_is_not_feasible_goes_on(how: dict[str, float]) -> None:
-    standstill = Standstill()
+    standstill = Standstill(None)
     assert all(standstill(record) for record in _records(**how))  # type: ignore[arg-type]
     assert not standstill.reached
 
@@ -305,4 +305,4 @@ def test_the_user_is_asked_first_and_told_of_every_iteration() -> None:
     standstill = Standstill(lambda record: bool(seen.append(record.iteration)) or record.iteration < 7)
     assert [standstill(record) for record in _records()].index(False) == 7
     assert seen[:8] == list(range(8))
-    assert not standstill.reached or len(seen) > ITERATIONS
+    assert not standstill.reached or len(seen) > STANDING_ITERATIONS

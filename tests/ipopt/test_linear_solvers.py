@@ -18,7 +18,6 @@ from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.ipopt.linear_solvers import predicted_factor, suits, with_linear_solver
 from pyrobocop_pyomo.linear_solver import SymmetricFactorisation, find_linear_solver
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.solving.executable_session import ExecutableSession
 
 needs_the_solver = pytest.mark.skipif(find_linear_solver() is None, reason="there is no C compiler")
 
@@ -99,26 +98,6 @@ def test_mumps_has_a_try_where_a_run_fails(monkeypatch, status):
     outcome = ipopt_run.run_ipopt(nlp, {"linear_solver": "ldl"})
     assert used == ["ma27", "mumps"]
     assert (outcome.status, outcome.fell_back, outcome.linear_solver) == (IpoptStatus.SOLVED, True, "")
-
-
-@needs_the_solver
-@pytest.mark.executable
-def test_mumps_has_a_try_where_a_process_fails(monkeypatch):
-    used = []
-    once = ExecutableSession._run_process
-
-    def failing(session, options, deadline):
-        used.append(options["linear_solver"])
-        status, iterations = once(session, options, deadline)
-        return (status if used[-1] == "mumps" else IpoptStatus.STEP_FAILED), iterations
-
-    monkeypatch.setattr(ExecutableSession, "_run_process", failing)
-    model = hock_schittkowski_71()[0]
-    result = rcp.solve(model, backend="executable", options={"linear_solver": "ldl"})
-    assert used == ["ma27", "mumps"]
-    assert result.solved
-    assert any("MUMPS solved them again" in remark for remark in result.remarks)
-    assert pyo.value(model.cost) == pytest.approx(17.0140172, rel=1e-6)
 
 
 @needs_the_solver

@@ -45,11 +45,10 @@ def test_the_belt_drive_is_optimal_after_the_whole_procedure() -> None:
     assert result.objective <= 58.785
 
 
-@pytest.mark.asl
 @pytest.mark.casadi
 @pytest.mark.parametrize("paired", [True, False], ids=["paired", "plain"])
 @pytest.mark.parametrize("name", ["steep tanh", "tanh out of range"])
-def test_another_backend_is_tried_where_there_is_one(name: str, paired: bool) -> None:
+def test_the_first_backend_has_derivatives_that_others_lack(name: str, paired: bool) -> None:
     """ASL has no derivative of tanh where its square overflows; CasADi has."""
     result = solve(without_derivative(name, paired))
     assert result.solved, str(result)

@@ -195,6 +195,14 @@ def test_a_pair_that_bounds_rule_out_makes_the_problem_infeasible():
     assert m.pair.active
 
 
+def test_an_objective_without_end_is_told_as_unbounded():
+    m = pyo.ConcreteModel()
+    m.x, m.y = pyo.Var(initialize=1.0), pyo.Var(initialize=1.0)
+    m.cost = pyo.Objective(expr=m.x + m.y**2)
+    results = solver().solve(m, raise_exception_on_nonoptimal_result=False)
+    assert results.termination_condition is TerminationCondition.unbounded
+
+
 def test_a_time_limit_is_kept_and_reported():
     results = solver().solve(two_corners(), time_limit=1e-9, raise_exception_on_nonoptimal_result=False)
     assert results.termination_condition is TerminationCondition.maxTimeLimit

@@ -27,9 +27,10 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.ipopt.backends import Backend
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.solving import PersistentNLP, solved_copies
+from pyrobocop_pyomo.solving import PersistentNLP, runner
+from pyrobocop_pyomo.solving.procedure import solve_model
+from pyrobocop_pyomo.solving.runner import Runner, SolvedCopies
 from pyrobocop_pyomo.solving.settings import Settings
-from pyrobocop_pyomo.solving.solve_state import SolveState
 
 pytestmark = pytest.mark.casadi
 
@@ -107,12 +108,12 @@ def test_the_time_of_linear_programs_is_in_the_steps(monkeypatch: pytest.MonkeyP
 def test_no_copy_is_made_where_less_time_is_left_than_the_answer_took(monkeypatch: pytest.MonkeyPatch) -> None:
     """A copy is made as a whole: what is left may not be enough for it, and there is an answer already."""
     made = []
-    monkeypatch.setattr(solved_copies, "coarser_copy", lambda *arguments: made.append(arguments))
+    monkeypatch.setattr(runner, "coarser_copy", lambda *arguments: made.append(arguments))
     settings = Settings("scholtes", "pair", Backend.IN_PROCESS_VECTORISED, deadline=Deadline.after(5.0))
-    state = SolveState(crossed_pairs(1), settings)
+    state = Runner(crossed_pairs(1), settings, solve_model)
     for passed in (1.0, 10.0):
         state.started = time.perf_counter() - passed
-        assert not solved_copies.SolvedCopies(state, rcp.solve).start_at_other_optimum(100.0)
+        assert not SolvedCopies(state, solve_model).start_at_other_optimum(100.0)
     assert len(made) == 1
 
 
