@@ -82,7 +82,9 @@ def _of_function(phase: Any, name: str, word: str) -> str:
 
 
 def _in_words(phase: Any, statement: Statement) -> str:
-    return _reason(phase, f"the rule of its {statement.kind} '{statement.name}'{_line_of(statement)}")
+    code = getattr(statement.rule.rule, "__code__", None)
+    line = "" if code is None else f" ({Path(code.co_filename).name}:{code.co_firstlineno})"
+    return _reason(phase, f"the rule of its {statement.kind} '{statement.name}'{line}")
 
 
 def _reason(phase: Any, what: str) -> str:
@@ -109,8 +111,3 @@ def read_inside_elements(phase: Any) -> str | None:
         f"Statements read values of phase '{phase.name}' at t = {inside[0]:g}{more}, inside of elements, where the "
         "polynomial is less exact than at their ends. Make these times element boundaries: PhaseBlock(mesh=...)."
     )
-
-
-def _line_of(statement: Statement) -> str:
-    code = getattr(statement.rule.rule, "__code__", None)
-    return "" if code is None else f" ({Path(code.co_filename).name}:{code.co_firstlineno})"

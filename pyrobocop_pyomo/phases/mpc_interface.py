@@ -28,8 +28,9 @@ class PhaseInterface(DynamicModelInterface):
     duration.
     """
 
-    def __init__(self, block: Any, record: PhaseRecord) -> None:
+    def __init__(self, block: Any) -> None:
         # Not Pyomo's __init__, which flattens the whole model by one index set; these are the attributes that it makes.
+        record: PhaseRecord = block.record
         linear = [name for name in record.names(Control) if block.component(name).ctype is Expression]
         names = [
             *record.names_of_states,
@@ -88,6 +89,6 @@ class PhaseInterface(DynamicModelInterface):
                     f"{asked[0]:g} to {asked[-1]:g}. Shift the series, or load it through a Trajectory."
                 )
             asked = np.array(self._record.nodes(name).sample_times)
-            loaded += guess_values(block, self._record, name, np.interp(asked, times, np.array(samples, dtype=float)))
+            loaded += guess_values(block, name, np.interp(asked, times, np.array(samples, dtype=float)))
         for variable, number in loaded:
             variable.set_value(number)
