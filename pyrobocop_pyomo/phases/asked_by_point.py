@@ -24,7 +24,7 @@ def asked_by_point(phase: Any) -> str | None:
     phase : PhaseBlock
     """
     record = phase.record
-    found = next((each for each in record.rules if not each.is_template(phase)), None)
+    found = next((each for each in record.rules if not each.rule.is_template(phase)), None)
     if found is not None:
         return _in_words(phase, found)
     for name, declaration in record.declarations.items():
@@ -44,7 +44,7 @@ def refuse_asked_by_point(phase: Any, statements: Iterable[Statement], *more: An
         Naming the first of them.
     """
     for statement in statements:
-        if not statement.is_template(phase, *more):
+        if not statement.rule.is_template(phase, *more):
             raise TrajectoryError(_in_words(phase, statement))
 
 

@@ -302,7 +302,7 @@ def unseen_on_the_way(block: Any, trajectory: Trajectory, statements: Iterable[S
     part = float(trajectory.grid.mesh.widths.max()) / SAMPLES
     for statement in statements:
         what = f"{statement.kind} '{statement.name}' of phase '{block.name}'"
-        if not statement.is_template(block):
+        if not statement.rule.is_template(block):
             return f"{what} has to know the time as a number, and may do anything between two instants."
         formulas = RuleFormulas(block, trajectory.grid)
         stated = stated_formulas(formulas, statement)

@@ -330,7 +330,7 @@ def _collect(block: Any, statement: Statement) -> tuple[dict[float, dict[Hashabl
             return results, True
     states_something = any(row is not Constraint.Skip for rows in results.values() for row in rows.values())
     # What skips all times without a look at them is switched off, and meant so.
-    if not states_something and record.restating is None and not statement.is_template(block):
+    if not states_something and record.restating is None and not statement.rule.is_template(block):
         raise ModelError(
             f"{label} states nothing: it skips all {len(times)} points, t = {times[0]:g} to {times[-1]:g}. A time that "
             "it compares with is no point of the mesh: for one instant write a constraint of the model with "

@@ -13,7 +13,7 @@ from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import InitialGuessError
 
-from .declarations import Algebraic, Control, Parameter, State
+from .declarations import Control, Parameter, State
 from .initial_guesses import guess_values
 from .phase_values import expressions_over_time
 from .record import PhaseRecord
@@ -32,11 +32,7 @@ class PhaseInterface(DynamicModelInterface):
         # Not Pyomo's __init__, which flattens the whole model by one index set; these are the attributes that it makes.
         record: PhaseRecord = block.record
         linear = [name for name in record.names(Control) if block.component(name).ctype is Expression]
-        names = [
-            *record.names_of_states,
-            *record.names(Algebraic),
-            *(name for name in record.names(Control) if name not in linear),
-        ]
+        names = [name for name in (*record.names_of_states, *record.names_of_signals) if name not in linear]
         scalars = [block.component(name) for name in record.names(Parameter)]
         if block.has_free_duration:
             scalars.append(block.duration)

@@ -18,7 +18,7 @@ from pyrobocop_pyomo.modeling.variable_values import checksum, put_values
 from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .declarations import Algebraic, Control, Parameter, State
+from .declarations import Control, Parameter
 from .horizon import real_grid
 from .nodes import IntervalNodes, KnotNodes, Nodes
 from .record import PhaseRecord
@@ -55,9 +55,9 @@ class PhaseValues:
                 "pyo.TransformationFactory('core.scale_model').propagate_solution(scaled, model)."
             )
         self._phase, self._record, self._grid = phase, record, record.grid
-        names = [name for kind in (State, Algebraic, Control) for name in record.names(kind)]
         derivatives = [f"{name}_derivative" for name in sorted(record.kept_derivatives)]
-        self.nodes: dict[str, Nodes] = {name: record.nodes(name) for name in [*names, *derivatives]}
+        names = [*record.names_of_states, *record.names_of_signals, *derivatives]
+        self.nodes: dict[str, Nodes] = {name: record.nodes(name) for name in names}
         self.variables = {name: nodes.variables(phase) for name, nodes in self.nodes.items()}
 
     def read(self) -> dict[str, Array]:

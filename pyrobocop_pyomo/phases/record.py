@@ -41,18 +41,10 @@ class Statement:
         """What the rule says at a time; where it is a template it is called once."""
         return self.rule(block, t, *more)
 
-    def is_template(self, block: Any, *more: Any) -> bool:
-        """Whether the rule gives formulas for all times, given what it would get at one."""
-        return self.rule.is_template(block, *more)
-
     def reads_variables_alone(self, block: Any) -> bool:
         """Whether the rule gives formulas for all times in variables over time, and calls no function in Python."""
         formulas = self.rule.formulas(block)
         return formulas is not None and formulas.reads_variables_alone
-
-    def readings(self, block: Any, *more: Any) -> list[Any]:
-        """Variables and parameters at given points that a template reads at all times."""
-        return self.rule.readings(block, *more)
 
     def label(self, block: Any) -> str:
         """The phase and the rule, for messages."""

@@ -228,7 +228,7 @@ def _user_reading(model: Any, grids: Mapping[Any, Grid]) -> str | None:
     others = {id(part): "" for phase, grid in grids.items() for part in _only_on_this_mesh(phase, grid)}
     for phase in grids:
         for statement in phase.record.rules:
-            for leaf in statement.readings(phase):
+            for leaf in statement.rule.readings(phase):
                 if id(leaf) in others:
                     return (
                         f"phase '{phase.name}': its {statement.kind} '{statement.name}' reads '{leaf.name}' at all "
