@@ -179,7 +179,7 @@ def structural_findings(phase: Any) -> Iterator[Finding]:
     if refused is not None and "index is higher" not in refused:
         yield error_about(Subject.STATEMENT, refused, (phase.name,), "rcp.solve refuses this phase until then.")
         return
-    structures = [PointStructure(phase, phase.record, time) for time in phase.record.grid.points]
+    structures = [PointStructure(phase, time) for time in phase.record.grid.points]
     higher = next((point for point in structures if point.has_higher_index), None)
     if higher is not None:
         allowed = phase.record.allow_higher_index

@@ -16,8 +16,9 @@ from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.continuous.discretisation import discretisations_on
 from pyrobocop_pyomo.modeling.row_violations import bound_violation, number_or_nan
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
-from pyrobocop_pyomo.phases.given_ends import KINDS, EndViolation, end_violations, relations_of, values_given
+from pyrobocop_pyomo.phases.boundary_conditions import KINDS, EndViolation, end_violations, values_given, violations_of
 from pyrobocop_pyomo.phases.horizon import real_grid
+from pyrobocop_pyomo.phases.rule_formulas import RuleFormulas
 
 from .findings import Finding, Subject, error_about
 from .linearised_rows import residual_of
@@ -66,17 +67,17 @@ def boundary_findings(phase: Any, remarks: list[str]) -> Iterator[Finding]:
     """Fixed start or end values that violate what is stated, the worst row of each rule."""
     record = phase.record
     for time, where in ((record.grid.times[0], "initial"), (record.grid.times[-1], "final")):
-        values = values_given(phase, record, time)
+        values = values_given(phase, time)
         statements = [each for each in record.statements if each.kind in KINDS]
         statements = [each for each in statements if values and _is_stated(phase.component(each.name), time)]
         if not statements:
             continue
         try:
-            grids = (record.grid, real_grid(phase, record))
+            formulas = RuleFormulas(phase, real_grid(phase))
         except (ValueError, TypeError):
             return  # the horizon has no values yet
         worst: dict[str, EndViolation] = {}
-        for found in end_violations(phase, record, time, values, statements, grids, remarks):
+        for found in end_violations(formulas, time, values, statements, remarks):
             if found.amount > max(TOLERANCE, worst[found.statement].amount if found.statement in worst else 0.0):
                 worst[found.statement] = found
         for found in worst.values():
@@ -120,8 +121,7 @@ def discretised_start_findings(block: Any) -> Iterator[Finding]:
     for discretisation in discretisations_on(block):
         for data in discretisation.deactivated:
             pair = data.parent_component().ctype in PAIR_TYPES
-            for relation, violation in relations_of(canonical_form(data) if pair else data.expr):
-                gap = violation(relation)
+            for relation, gap in violations_of(canonical_form(data) if pair else data.expr):
                 if gap > TOLERANCE and next(variables_in(relation, include_fixed=False), None) is None:
                     yield error_about(
                         Subject.START,

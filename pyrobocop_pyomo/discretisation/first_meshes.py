@@ -77,8 +77,8 @@ def mesh_from_statement(phases: Sequence[Any]) -> list[str]:
 def _times_stated(phase: Any) -> tuple[list[float], list[float]]:
     """Time indices beside which statements jump, on the side that the scheme's points need, and all their delays."""
     record, indices = phase.record, phase.record.grid.mesh.boundaries
-    grid, scheme = real_grid(phase, record), phase.grid.scheme
-    formulas = RuleFormulas(phase, record, record.grid, grid)
+    grid, scheme = real_grid(phase), phase.grid.scheme
+    formulas = RuleFormulas(phase, grid)
     index, clock = formulas.index, formulas.clock
     times = np.linspace(indices[0], indices[-1], _INSTANTS)
     jumps: set[float] = set()

@@ -24,8 +24,7 @@ from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.phases import Control
 from pyrobocop_pyomo.phases.bounds_between_points import SAMPLES, instants_to_look_at, sides_stated
-from pyrobocop_pyomo.phases.companions import indices_of
-from pyrobocop_pyomo.phases.instants_inside import InstantsInside
+from pyrobocop_pyomo.phases.element_instants import ElementInstants
 from pyrobocop_pyomo.phases.rule_formulas import RuleFormulas
 from pyrobocop_pyomo.trajectories import Trajectory
 
@@ -67,8 +66,7 @@ class PhaseLagrangian:
     ) -> None:
         record = phase.record
         self._record, self._trajectory, self._multipliers, self._sign = record, trajectory, multipliers, sign
-        self._indices = indices_of(record, trajectory.grid)
-        self._formulas = RuleFormulas(phase, record, self._indices, trajectory.grid)
+        self._formulas = RuleFormulas(phase, trajectory.grid)
         names = [name for name in record.names_of_states if name in multipliers.costates]
         rates = self._formulas.rates_of(names, derivatives=True) if names else []
         self._rates = dict(zip(names, rates, strict=True))
@@ -82,7 +80,7 @@ class PhaseLagrangian:
         ]
         self._refuse_delayed_signals()
         stated = [*record.statements_of("ode"), *record.integrals, *(statement for statement, _, _ in multipliers.rows)]
-        self._fractions = instants_to_look_at(phase, record, trajectory, self._indices, stated)
+        self._fractions = instants_to_look_at(self._formulas, trajectory, stated)
         self._states = {name: trajectory.element_states(name) for name in trajectory.states}
         self._signals = {name: trajectory.element_signals(name) for name in trajectory.signals}
         self._stages = trajectory.grid.scheme.stages
@@ -180,7 +178,7 @@ class PhaseLagrangian:
         return _Instants(self, scheme.c, rates) if rates else stages, between, weights / 2.0
 
 
-class _Instants(InstantsInside):
+class _Instants(ElementInstants):
     """Costates and densities beside the trajectory.
 
     Parameters
@@ -192,7 +190,7 @@ class _Instants(InstantsInside):
     """
 
     def __init__(self, phase: PhaseLagrangian, fractions: Array, rates: Mapping[str, Array] | None = None) -> None:
-        super().__init__(phase._record, phase._trajectory, phase._indices, fractions, phase._formulas, rates)
+        super().__init__(phase._formulas, phase._trajectory, fractions, rates)
         self.rates_at_stages = rates
         self._of, multipliers = phase, phase._multipliers
         scheme, at_stages = phase._trajectory.grid.scheme, self.at_stages

@@ -161,11 +161,11 @@ class _Captured:
 
     @cached_property
     def _bounds(self) -> dict[str, BoundPassed]:
-        return bounds_passed(self.phase.record, self._trajectory)
+        return bounds_passed(self.phase, self._trajectory)
 
     @cached_property
     def _rows(self) -> dict[str, BoundPassed]:
-        known = self.phase, self.phase.record, self._trajectory
+        known = self.phase, self._trajectory
         each = (rows_passed(*known, statement) for statement in self.phase.record.statements_of("constraint"))
         return {name: of for found in each for name, of in found.items()}
 
@@ -190,7 +190,7 @@ class _Captured:
         trajectory = self._trajectory
         if not trajectory.states:
             return np.zeros(trajectory.grid.mesh.elements), "", 0.0
-        found = reintegrate(self.phase, self.phase.record, trajectory, states_only=True, ends_only=True)
+        found = reintegrate(self.phase, trajectory, states_only=True, ends_only=True)
         sizes = {name: _SMALLEST_SCALE + float(np.abs(of).max()) for name, of in trajectory.states.items()}
         relative = found.end_errors(found.local, trajectory, sizes)
         if not np.isfinite(relative).all():

@@ -11,7 +11,6 @@ from pyomo.core.expr.numeric_expr import NegationExpression, SumExpression
 
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.phases.bounds_between_points import lowest_value, sides_stated
-from pyrobocop_pyomo.phases.companions import indices_of
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
 from pyrobocop_pyomo.phases.record import Statement
 from pyrobocop_pyomo.phases.rule_formulas import RuleFormulas
@@ -33,8 +32,7 @@ def stepped_over(phase: Any) -> Iterator[tuple[str, float, float]]:
     if record.discrete_states or not record.statements_of("constraint"):
         return
     trajectory = PhaseValues(phase).trajectory(evaluate=False)
-    indices = indices_of(record, trajectory.grid)
-    formulas = RuleFormulas(phase, record, indices, trajectory.grid)
+    formulas = RuleFormulas(phase, trajectory.grid)
     for statement in record.statements_of("constraint"):
         try:
             slacks = list(_slacks(formulas, statement))
@@ -42,7 +40,7 @@ def stepped_over(phase: Any) -> Iterator[tuple[str, float, float]]:
             continue
         for slack in slacks:
             allowed = -SMALL_MOTION_ERROR * _limit(slack)
-            lowest, time = lowest_value(slack, allowed, formulas, trajectory, indices)
+            lowest, time = lowest_value(slack, allowed, formulas, trajectory)
             if lowest < allowed:
                 yield statement.name, -lowest, time
 

@@ -19,7 +19,7 @@ from pyrobocop_pyomo.modeling.shared_nodes import variables_in, variables_in_any
 from pyrobocop_pyomo.modeling.variable_values import values_restored
 from pyrobocop_pyomo.numerics.mixed_complementarity import solve_mixed_complementarity
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
-from pyrobocop_pyomo.phases.companions import other_phases, put_on_model
+from pyrobocop_pyomo.phases.coupled_phases import other_phases, put_on_model
 from pyrobocop_pyomo.phases.declarations import Parameter
 from pyrobocop_pyomo.phases.step_equations import problem_of_rows
 from pyrobocop_pyomo.trajectories import Trajectory

@@ -126,7 +126,7 @@ class SignalLaw(Law):
             )
         formula = law.expression_of(name)
         if formula is not None:
-            add_expression(phase, phase.record, Statement("expression", name, RuleTemplate(formula)))
+            add_expression(phase, Statement("expression", name, RuleTemplate(formula)))
         if law.equations(first) is not None:
             phase.residual(LawRule(law, name, "equations"))
         phase.complementarity(LawRule(law, name, "pairs"))

@@ -60,28 +60,23 @@ class FamilyNames:
         """Name of the component behind a label."""
         return "_".join([self.name, *map(str, label if isinstance(label, tuple) else (label,))])
 
-    def split(self, given: Any) -> Any:
-        """A value for each member, as an array of objects of the family's shape; None where the lengths do not fit.
+    def split(self, given: Any) -> list[Any] | None:
+        """A value for each member, row by row; None where the lengths do not fit.
 
         Parameters
         ----------
         given : mapping of label to value, or array-like
             Of the shape of the family, or with as many entries.
         """
-        found = np.empty(self.shape, dtype=object)
         if isinstance(given, Mapping):
             if set(given) != set(self.labels):
                 return None
-            entries = [given[label] for label in self.labels]
-        else:
-            entries = list(given.ravel()) if isinstance(given, np.ndarray) else _flat(given, len(self.shape))
-        if len(entries) != found.size or (
-            isinstance(given, np.ndarray) and given.ndim > 1 and given.shape != self.shape
-        ):
+            return [given[label] for label in self.labels]
+        is_array = isinstance(given, np.ndarray)
+        entries = list(given.ravel()) if is_array else _flat(given, len(self.shape))
+        if len(entries) != len(self.labels) or (is_array and given.ndim > 1 and given.shape != self.shape):
             return None
-        for position, entry in zip(np.ndindex(self.shape), entries, strict=True):
-            found[position] = entry
-        return found
+        return entries
 
 
 def _flat(given: Any, dimensions: int) -> list[Any]:

@@ -219,7 +219,7 @@ def _apart(
 
 
 def _states(phase: Any, initial: Mapping[str, float] | None = None) -> Reintegration:
-    return reintegrate(phase, phase.record, phase.trajectory(), initial=initial, states_only=True)
+    return reintegrate(phase, phase.trajectory(), initial=initial, states_only=True)
 
 
 def _refuse_far_companion(phase: Any, other: Any) -> None:
@@ -341,7 +341,7 @@ def _why_not_everywhere(phases: Iterable[Any], components: Collection[Any], are_
                         f"{abs(end.value - start.value):.3g}: let the link between these phases join it."
                     )
         statements = [*phase.record.statements_of("ode"), *phase.record.statements_of("residual")]
-        unseen = unseen_on_the_way(phase, phase.record, phase.trajectory(), statements) if are_integrated else ""
+        unseen = unseen_on_the_way(phase, phase.trajectory(), statements) if are_integrated else ""
         if unseen:
             return unseen
     return ""

@@ -248,7 +248,7 @@ class PhaseInterpolation(CollocationInterpolation):
 
     @cached_property
     def _widths(self) -> list[Any]:
-        return element_widths(self.phase, self.phase.record)
+        return element_widths(self.phase)
 
     def time_at(self, index: float) -> Any:
         """Time of the phase."""

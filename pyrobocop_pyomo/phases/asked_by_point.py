@@ -24,7 +24,7 @@ def asked_by_point(phase: Any) -> str | None:
     phase : PhaseBlock
     """
     record = phase.record
-    found = next((each for each in record.rules if not each.is_template(phase)), None)
+    found = next((each for each in record.rules if not each.rule.is_template(phase)), None)
     if found is not None:
         return _in_words(phase, found)
     for name, declaration in record.declarations.items():
@@ -44,7 +44,7 @@ def refuse_asked_by_point(phase: Any, statements: Iterable[Statement], *more: An
         Naming the first of them.
     """
     for statement in statements:
-        if not statement.is_template(phase, *more):
+        if not statement.rule.is_template(phase, *more):
             raise TrajectoryError(_in_words(phase, statement))
 
 
@@ -82,7 +82,9 @@ def _of_function(phase: Any, name: str, word: str) -> str:
 
 
 def _in_words(phase: Any, statement: Statement) -> str:
-    return _reason(phase, f"the rule of its {statement.kind} '{statement.name}'{_line_of(statement)}")
+    code = getattr(statement.rule.rule, "__code__", None)
+    line = "" if code is None else f" ({Path(code.co_filename).name}:{code.co_firstlineno})"
+    return _reason(phase, f"the rule of its {statement.kind} '{statement.name}'{line}")
 
 
 def _reason(phase: Any, what: str) -> str:
@@ -109,8 +111,3 @@ def read_inside_elements(phase: Any) -> str | None:
         f"Statements read values of phase '{phase.name}' at t = {inside[0]:g}{more}, inside of elements, where the "
         "polynomial is less exact than at their ends. Make these times element boundaries: PhaseBlock(mesh=...)."
     )
-
-
-def _line_of(statement: Statement) -> str:
-    code = getattr(statement.rule.rule, "__code__", None)
-    return "" if code is None else f" ({Path(code.co_filename).name}:{code.co_firstlineno})"

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +23,7 @@ from pyrobocop_pyomo.modeling.expression_nodes import CALL, CHOICE, DIVISION, FU
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps, Leaf
 from pyrobocop_pyomo.modeling.functions import function_called
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
-from pyrobocop_pyomo.numerics import Array, BoolArray, Grid, Indices
+from pyrobocop_pyomo.numerics import Array, BoolArray, Indices
 from pyrobocop_pyomo.numerics.bernstein import (
     bernstein_from_samples,
     bernstein_matrix,
@@ -36,11 +36,11 @@ from pyrobocop_pyomo.numerics.taylor_forms import TaylorForm, taylor_form_of_pol
 from pyrobocop_pyomo.numerics.taylor_functions import TAYLOR_FUNCTIONS
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .companions import indices_of
+from .coupled_phases import values_in_elements
 from .declarations import UNBOUNDED, Control, State
-from .instants_inside import InstantsInside
+from .element_instants import ElementInstants
 from .nodes import StageNodes, StateNodes
-from .record import PhaseRecord, Statement, labelled_rows
+from .record import PhaseRecord, Statement
 from .rule_formulas import RuleFormulas
 
 # Instants per element at which polynomials are evaluated, and the excess worth a sentence, in sizes of the signal.
@@ -74,7 +74,7 @@ class BoundPassed(NamedTuple):
     of_elements: Array
 
 
-def bounds_passed(record: PhaseRecord, trajectory: Trajectory) -> dict[str, BoundPassed]:
+def bounds_passed(block: Any, trajectory: Trajectory) -> dict[str, BoundPassed]:
     """States and controls whose polynomials pass their declared bounds between the points of the mesh; and rates.
 
     What moves by step maps is left out. At the points themselves bounds are rows of the model: what is violated there
@@ -82,7 +82,7 @@ def bounds_passed(record: PhaseRecord, trajectory: Trajectory) -> dict[str, Boun
 
     Parameters
     ----------
-    record : PhaseRecord
+    block : PhaseBlock
     trajectory : Trajectory
 
     Returns
@@ -90,7 +90,8 @@ def bounds_passed(record: PhaseRecord, trajectory: Trajectory) -> dict[str, Boun
     dict of name to BoundPassed
         Sampled at 24 instants per element, so that an excess is found to about one percent of itself.
     """
-    instants = _between_and_at_points(record, trajectory)
+    record: PhaseRecord = block.record
+    instants = _between_and_at_points(RuleFormulas(block, trajectory.grid), trajectory)
     scheme, widths = trajectory.grid.scheme, np.array(trajectory.grid.mesh.widths)
     found: dict[str, BoundPassed] = {}
     for name in [*record.names(State), *record.names(Control)]:
@@ -112,15 +113,12 @@ def bounds_passed(record: PhaseRecord, trajectory: Trajectory) -> dict[str, Boun
     return found
 
 
-def rows_passed(
-    block: Any, record: PhaseRecord, trajectory: Trajectory, statement: Statement
-) -> dict[str, BoundPassed]:
+def rows_passed(block: Any, trajectory: Trajectory, statement: Statement) -> dict[str, BoundPassed]:
     """The inequalities of a path constraint that are passed between the points, as `bounds_passed`.
 
     Parameters
     ----------
     block : PhaseBlock
-    record : PhaseRecord
     trajectory : Trajectory
     statement : Statement
 
@@ -129,12 +127,12 @@ def rows_passed(
     TrajectoryError
         When the rule gives no formula that holds at all times, or one without a value at some instant.
     """
-    formulas = RuleFormulas(block, record, indices_of(record, trajectory.grid), trajectory.grid)
+    formulas = RuleFormulas(block, trajectory.grid)
     labels = dict.fromkeys(index[1] if isinstance(index, tuple) else None for index in block.component(statement.name))
     said = sides_stated(formulas, statement)
     rows = {label: said[label] for label in labels if label in said}
     signals = {id(formulas.at_instant[name]) for name in trajectory.signals}
-    instants = _between_and_at_points(record, trajectory, formulas)
+    instants = _between_and_at_points(formulas, trajectory)
     found: dict[str, BoundPassed] = {}
     with np.errstate(all="ignore"):
         for label, row in rows.items():
@@ -148,14 +146,10 @@ def rows_passed(
     return found
 
 
-def _between_and_at_points(
-    record: PhaseRecord, trajectory: Trajectory, formulas: RuleFormulas | None = None
-) -> list[InstantsInside]:
-    scheme, indices = trajectory.grid.scheme, indices_of(record, trajectory.grid)
-    rates = {name: trajectory.element_rates(name).T for name in trajectory.rates if scheme.starts_on_a_stage}
+def _between_and_at_points(formulas: RuleFormulas, trajectory: Trajectory) -> list[ElementInstants]:
     # Dense at the ends, where a polynomial through stages alone goes farthest.
     inside = (1.0 - np.cos(np.pi * (np.arange(_INSTANTS) + 0.5) / _INSTANTS)) / 2.0
-    return [InstantsInside(record, trajectory, indices, at, formulas, rates) for at in (inside, scheme.c)]
+    return [ElementInstants(formulas, trajectory, at) for at in (inside, trajectory.grid.scheme.c)]
 
 
 def _passed(name: str, times: Array, sides: Any, is_control: bool) -> dict[str, BoundPassed]:
@@ -250,19 +244,14 @@ class PiecewisePolynomial:
         return taylor_form_of_polynomial((value, first, second))
 
 
-def instants_to_look_at(
-    block: Any, record: PhaseRecord, trajectory: Trajectory, indices: Grid, statements: Iterable[Statement]
-) -> Array:
+def instants_to_look_at(formulas: RuleFormulas, trajectory: Trajectory, statements: Iterable[Statement]) -> Array:
     """Local fractions of elements between which the rules hardly change with the time, the same for all elements.
 
     Parameters
     ----------
-    block : PhaseBlock
-    record : PhaseRecord
+    formulas : RuleFormulas
     trajectory : Trajectory
         What rules read beside the time is that of its polynomials.
-    indices : Grid
-        Its grid in the time indices of the phase.
     statements : iterable of Statement
         What rules give no formula of the time for is left out.
 
@@ -277,14 +266,13 @@ def instants_to_look_at(
         Where the rules change more often than can be followed.
     """
     usual = np.linspace(0.0, 1.0, SAMPLES + 1)
-    formulas = RuleFormulas(block, record, indices, trajectory.grid)
     times = {id(formulas.index), id(formulas.clock)}
     stated = [expression for statement in statements for expression in stated_formulas(formulas, statement)]
     steps = ExpressionSteps(stated)
     places = changing_places(steps, times)
     if not places:
         return usual
-    parts = _Parts(formulas, steps, places, trajectory, indices)
+    parts = _Parts(formulas, steps, places, trajectory)
     jumps = parts.halved(usual)
     if len(jumps):  # parts that were halved on the way to a jump are not needed beside it
         parts.halved(np.union1d(usual, jumps))
@@ -294,7 +282,7 @@ def instants_to_look_at(
     return found
 
 
-def unseen_on_the_way(block: Any, record: PhaseRecord, trajectory: Trajectory, statements: Iterable[Statement]) -> str:
+def unseen_on_the_way(block: Any, trajectory: Trajectory, statements: Iterable[Statement]) -> str:
     """Which rule may do something along the way of a trajectory that ``SAMPLES`` instants of an element do not show.
 
     Quick changes with the time are found by `instants_to_look_at`. This is about places: a jet that is passed between
@@ -303,7 +291,6 @@ def unseen_on_the_way(block: Any, record: PhaseRecord, trajectory: Trajectory, s
     Parameters
     ----------
     block : PhaseBlock
-    record : PhaseRecord
     trajectory : Trajectory
     statements : iterable of Statement
 
@@ -312,13 +299,12 @@ def unseen_on_the_way(block: Any, record: PhaseRecord, trajectory: Trajectory, s
     str
         The first one, in words; empty where there is none.
     """
-    indices = indices_of(record, trajectory.grid)
     part = float(trajectory.grid.mesh.widths.max()) / SAMPLES
     for statement in statements:
         what = f"{statement.kind} '{statement.name}' of phase '{block.name}'"
-        if not statement.is_template(block):
+        if not statement.rule.is_template(block):
             return f"{what} has to know the time as a number, and may do anything between two instants."
-        formulas = RuleFormulas(block, record, indices, trajectory.grid)
+        formulas = RuleFormulas(block, trajectory.grid)
         stated = stated_formulas(formulas, statement)
         steps = ExpressionSteps(stated)
         moving = {id(variable) for variable in formulas.at_instant.values()}
@@ -329,18 +315,18 @@ def unseen_on_the_way(block: Any, record: PhaseRecord, trajectory: Trajectory, s
             cells = getattr(function_called(steps.nodes[call]), "cells", None)
             if cells is None:
                 return f"{what} has '{_readable(steps.nodes[call])}', a function of which no bounds are known."
-            if _Parts(formulas, steps, steps.steps[call].arguments, trajectory, indices).change_by_more_than(cells):
+            if _Parts(formulas, steps, steps.steps[call].arguments, trajectory).change_by_more_than(cells):
                 table = _readable(steps.nodes[call])
                 return f"{what} passes several knots of the table '{table}' between two instants."
         least = [0.0] * len(places)
-        states = [state for state, name in record.equation_of.items() if name == statement.name]
+        states = [state for state, name in block.record.equation_of.items() if name == statement.name]
         for rate, state in zip(steps.outputs, states, strict=False):
             # What changes slowly may add up to something narrow. It counts where it moves a state, at rest as well.
             # Sums and products of signals are polynomials of a low degree, which instants show.
             if changing_places(steps.part([rate]), moving):
                 places.append(rate)
                 least.append(_CHANGE**2 / part * (1e-3 + float(np.abs(trajectory.states[state]).max())))
-        parts = _Parts(formulas, steps, places, trajectory, indices, at_one_time=True)
+        parts = _Parts(formulas, steps, places, trajectory, at_one_time=True)
         hidden = parts.hidden(np.array(least)) if places else None
         if hidden is not None:
             return f"{what} has '{_readable(steps.nodes[hidden])}', which the motion may pass between two instants."
@@ -362,22 +348,15 @@ def _too_quick(why: str) -> str:
 def stated_formulas(formulas: RuleFormulas, statement: Statement) -> list[Any]:
     """What a rule gives at any time, side by side of its rows; nothing where it gives no formulas."""
     try:
-        return formulas.formulas_of(statement, partial(_sides, statement))
+        return formulas.formulas_of(statement, lambda result: list(_formulas_in(plain_expressions(result))))
     except TrajectoryError:
         return []
 
 
-def _sides(statement: Statement, result: Any) -> list[Any]:
-    rows = (
-        [result] if statement.kind == "integral" else labelled_rows(statement.kind, plain_expressions(result)).values()
-    )
-    return [side for row in rows for side in _formulas_in(row)]
-
-
 def _formulas_in(row: Any) -> Iterator[Any]:
     """The sides of relations, and the components of vectors."""
-    if isinstance(row, (list, tuple, np.ndarray)):
-        for part in row:
+    if isinstance(row, (Mapping, list, tuple, np.ndarray)):
+        for part in row.values() if isinstance(row, Mapping) else row:
             yield from _formulas_in(part)
     elif row is None or isinstance(row, str):
         return  # of a pair: which bound of a side is meant
@@ -396,12 +375,7 @@ def changing_places(steps: ExpressionSteps, variables: set[int]) -> list[int]:
 def _polynomials(trajectory: Trajectory) -> dict[str, Any]:
     """What moves, and the numbers of what does not, by name."""
     points, to_coefficients = bernstein_from_samples(trajectory.grid.scheme.stages + 1)
-    weights = trajectory.grid.scheme.stage_polynomial_at(points)
-    mesh = trajectory.grid.mesh
-    values = dict(trajectory.element_polynomials(points))
-    values |= {name: trajectory.element_signals(name) @ weights.T for name in trajectory.signals}
-    times = np.array(mesh.boundaries[:-1])[:, None] + np.array(mesh.widths)[:, None] * points
-    values |= {name: np.interp(times, *knots) for name, knots in trajectory.piecewise_linear.items()}
+    values = values_in_elements(trajectory, points)
     moving = {name: PiecewisePolynomial(of @ to_coefficients.T) for name, of in values.items()}
     return moving | dict(trajectory.parameters)
 
@@ -416,8 +390,6 @@ class _Parts:
     places : sequence of int
         Of the steps that are judged.
     trajectory : Trajectory
-    indices : Grid
-        Its grid in the time indices of the phase.
     at_one_time : bool
         Whether the time is that of the start of each element.
     """
@@ -428,12 +400,11 @@ class _Parts:
         steps: ExpressionSteps,
         places: Sequence[int],
         trajectory: Trajectory,
-        indices: Grid,
         *,
         at_one_time: bool = False,
     ) -> None:
         self._places, self._steps, self._elements = places, steps.part(places), trajectory.grid.mesh.elements
-        boundaries = [np.array(grid.mesh.boundaries) for grid in (indices, trajectory.grid)]
+        boundaries = [np.array(grid.mesh.boundaries) for grid in (formulas.indices, trajectory.grid)]
         ends = [np.stack([of[:-1], of[:-1] if at_one_time else of[1:]], axis=1) for of in boundaries]
         index, clock = map(PiecewisePolynomial, ends)
         self._leaves = formulas.leaves(_polynomials(trajectory), index, clock)
@@ -537,9 +508,7 @@ class _Parts:
             return ~(changes <= least + np.finfo(float).tiny).all(axis=0)
 
 
-def lowest_value(
-    formula: Any, allowed: float, formulas: RuleFormulas, trajectory: Trajectory, indices: Grid
-) -> tuple[float, float]:
+def lowest_value(formula: Any, allowed: float, formulas: RuleFormulas, trajectory: Trajectory) -> tuple[float, float]:
     """A value of a formula along polynomials that is nearly the lowest, where that is below one that is allowed.
 
     Parameters
@@ -550,8 +519,6 @@ def lowest_value(
         Parts of elements are halved while the formula may be below it, and lower than what was found.
     formulas : RuleFormulas
     trajectory : Trajectory
-    indices : Grid
-        Its grid in the time indices of the phase.
 
     Returns
     -------
@@ -561,7 +528,7 @@ def lowest_value(
     lowest, time = allowed, 0.0
     boundaries = np.array(trajectory.grid.mesh.boundaries)
     steps = ExpressionSteps([formula])
-    parts = _Parts(formulas, steps, steps.outputs, trajectory, indices)
+    parts = _Parts(formulas, steps, steps.outputs, trajectory)
     element, start = np.divmod(np.arange(trajectory.grid.mesh.elements * SAMPLES), SAMPLES)
     start, width = start / SAMPLES, 1.0 / SAMPLES
     while len(start) and len(start) <= _MOST_PARTS and width > _SMALLEST and np.isfinite(lowest):

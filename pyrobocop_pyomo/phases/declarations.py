@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import math
 import sys
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
+from inspect import signature
 from pathlib import Path
 from typing import Any, Union
 
@@ -431,3 +433,37 @@ def within(value: float, bounds: Bounds | None) -> float:
     if lower is not None and value < lower:
         return lower
     return upper if upper is not None and value > upper else float(value)
+
+
+_LAW_WORDS = {"mu": "coefficient", "friction": "coefficient", "velocity": "slip", "speed": "slip", "distance": "gap"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Law(ABC):
+    """What a phase takes as a whole: ``phase.wall = law`` calls ``law.state(phase, "wall")``.
+
+    On any error in it, everything that it has added is taken off the phase again.
+
+    Attributes
+    ----------
+    declared_at : str
+        File and line where the law was made, quoted in messages.
+    """
+
+    declared_at: str = field(default_factory=call_site, repr=False, compare=False)
+
+    def __new__(cls, *_: Any, **given: Any) -> Any:
+        """Refuse a keyword that the law has not, with the one that may be meant."""
+        known = [name for name in signature(cls.__init__).parameters if name not in ("self", "declared_at")]
+        check_keywords(cls.__name__, given.keys() - {"declared_at"}, known, ModelError, _LAW_WORDS)
+        return super().__new__(cls)
+
+    @abstractmethod
+    def state(self, phase: Any, name: str) -> None:
+        """Declare and state everything, all of it named after the name.
+
+        Parameters
+        ----------
+        phase : PhaseBlock
+        name : str
+        """

@@ -23,6 +23,7 @@ from pyrobocop_pyomo.modeling.expression_arrays import plain_entry
 from pyrobocop_pyomo.modeling.rule_slips import number_at
 from pyrobocop_pyomo.modeling.time_index import point_of
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.numerics.rounding import ROUNDING
 from pyrobocop_pyomo.rules.rule_template import Reading, TimeTemplate, is_asked_for_all_times
 from pyrobocop_pyomo.rules.slots import Place, Slot
 from pyrobocop_pyomo.trajectories import Trajectory
@@ -38,8 +39,6 @@ VALUES_AT_TIMES = "values_at_times"
 SAME_TIME = 1e-10
 # Values of a name at earlier times.
 Past = Callable[[str, Array], Array]
-# Of the weights of a polynomial, at times that are those of its nodes but for rounding.
-_ROUNDING = 1e-13
 
 
 def delay_as_number(delay: Any, label: str) -> float:
@@ -79,7 +78,7 @@ class ValueAt(Slot):
     def on_model(self, place: Place) -> Any:
         """The value on the grid that the phase has now."""
         block = self.component.parent_block()
-        return _value_at_time(block, block.record, self.component.local_name, self.rest[0])  # type: ignore[arg-type]
+        return _value_at_time(block, self.component.local_name, self.rest[0])  # type: ignore[arg-type]
 
 
 class ValueAtEachTime(Slot):
@@ -90,8 +89,9 @@ class ValueAtEachTime(Slot):
         return self.component.at(place.t)
 
 
-def delayed_value(block: Any, record: PhaseRecord, name: str, t: Any, delay: Any) -> Any:
+def delayed_value(block: Any, name: str, t: Any, delay: Any) -> Any:
     """The value of a declared name at a time index minus a delay in real time; see `SignalVar.delayed`."""
+    record: PhaseRecord = block.record
     if isinstance(t, TimeTemplate):
         return Reading(Delayed(block.component(name), (plain_entry(delay),)))
     what = f"phase '{block.name}': '{name}'"
@@ -104,11 +104,11 @@ def delayed_value(block: Any, record: PhaseRecord, name: str, t: Any, delay: Any
     start, end = grid.mesh.boundaries[0], grid.mesh.boundaries[-1]
     index = _snapped(grid.times, t - number / _time_per_index(record, what), SAME_TIME * (end - start))
     nodes = record.nodes(name)
-    after = _asks_the_element_that_starts(nodes)
+    after = nodes.starts_elements
     # At the very start a stage at the end of its element means what was before; it may be something else.
     before = index == start and not after and getattr(record.declarations[name], "history", None) is not None
     if index < start or before:
-        time = real_time(block, record, index) if record.normalised else index
+        time = real_time(block, index) if record.normalised else index
         return history_value(record, name, time, what, number, t)
     return value_at(block, nodes, index, after=after)
 
@@ -167,16 +167,11 @@ def value_at(block: Any, nodes: Nodes, index: float, *, after: bool) -> Any:
         if (position := bisect_left(times, index)) < len(times) and times[position] == index:
             return nodes.variable(block, position)  # at an element end it is no node of the polynomial
     weights = nodes.weights_at(index, after=after)
-    weights = [(position, weight) for position, weight in weights if abs(weight) > _ROUNDING] or weights[:1]
+    weights = [(position, weight) for position, weight in weights if abs(weight) > ROUNDING] or weights[:1]
     variables = [nodes.variable(block, position) for position, _ in weights]
-    if len(weights) == 1 and abs(weights[0][1] - 1.0) < _ROUNDING:
+    if len(weights) == 1 and abs(weights[0][1] - 1.0) < ROUNDING:
         return variables[0]
     return LinearExpression(linear_vars=variables, linear_coefs=[weight for _, weight in weights])
-
-
-def _asks_the_element_that_starts(nodes: Nodes) -> bool:
-    """At an element boundary: the stages of a scheme such as explicit Euler belong to the element that starts."""
-    return nodes.grid.scheme.starts_on_a_stage and not nodes.grid.elements_share_points
 
 
 def _snapped(times: tuple[float, ...], index: float, slack: float) -> float:
@@ -188,10 +183,11 @@ def _snapped(times: tuple[float, ...], index: float, slack: float) -> float:
 # -------------------------------------------------------------------- values at fixed times
 
 
-def value_at_time(block: Any, record: PhaseRecord, name: str, time: Any) -> Any:
+def value_at_time(block: Any, name: str, time: Any) -> Any:
     """See `SignalVar.at`: a variable, or a member of the named expression that follows the mesh."""
     if isinstance(time, TimeTemplate):
         return Reading(ValueAtEachTime(block.component(name)))
+    record: PhaseRecord = block.record
     what = f"phase '{block.name}': '{name}'"
     boundaries = record.grid.mesh.boundaries
     start, end = boundaries[0], boundaries[-1]
@@ -202,7 +198,7 @@ def value_at_time(block: Any, record: PhaseRecord, name: str, time: Any) -> Any:
     record.named_times.add(_snapped(known, number, SAME_TIME * (end - start)))
     if is_asked_for_all_times():
         return Reading(ValueAt(block.component(name), (number,)))
-    found = _value_at_time(block, record, name, number)
+    found = _value_at_time(block, name, number)
     nodes = record.nodes(name)
     # The first interval of a control is another one on another mesh, and so is the first point inside an element.
     is_of_end = number == end if isinstance(nodes, IntervalNodes) else number in nodes.times
@@ -221,16 +217,16 @@ def value_at_time(block: Any, record: PhaseRecord, name: str, time: Any) -> Any:
     return named[position]
 
 
-def restate_values_at_times(block: Any, record: PhaseRecord) -> None:
+def restate_values_at_times(block: Any) -> None:
     """Give every value that was handed out its expression on the grid that the phase has now."""
-    for position, (name, time) in enumerate(record.values_at_times, start=1):
-        block.component(VALUES_AT_TIMES)[position].set_value(_value_at_time(block, record, name, time))
+    for position, (name, time) in enumerate(block.record.values_at_times, start=1):
+        block.component(VALUES_AT_TIMES)[position].set_value(_value_at_time(block, name, time))
 
 
-def _value_at_time(block: Any, record: PhaseRecord, name: str, number: float) -> Any:
-    boundaries = record.grid.mesh.boundaries
-    index = _snapped(record.grid.times, number, SAME_TIME * (boundaries[-1] - boundaries[0]))
-    return value_at(block, record.nodes(name), index, after=index == boundaries[0])
+def _value_at_time(block: Any, name: str, number: float) -> Any:
+    boundaries = block.record.grid.mesh.boundaries
+    index = _snapped(block.record.grid.times, number, SAME_TIME * (boundaries[-1] - boundaries[0]))
+    return value_at(block, block.record.nodes(name), index, after=index == boundaries[0])
 
 
 # -------------------------------------------------------------------- the past, as numbers

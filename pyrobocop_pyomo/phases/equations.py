@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Hashable, Iterator, Mapping
-from contextlib import contextmanager, nullcontext
-from functools import partial
+from contextlib import contextmanager
 from itertools import count
 from typing import Any
 
@@ -30,7 +29,7 @@ from pyrobocop_pyomo.transcription import can_step, collocation_rows, step_rows
 from .declarations import State, check_bounds, within
 from .families import equations_by_component
 from .horizon import element_widths
-from .record import PhaseRecord, PreviousStates, Statement, labelled_rows, place
+from .record import AT_BOUNDARIES, PhaseRecord, PreviousStates, Statement, labelled_rows, place
 from .row_rules import CollocationRows, Ode, Rates, StatedRows
 from .signal_vars import NoSuchTime
 from .variables import add_generated, rate_units
@@ -44,56 +43,38 @@ Rule = Callable[..., Any]
 _MISSING_INDEX = re.compile(r"Index '([-+0-9.e]+)' is not valid for indexed component '([^']+)'")
 
 
-def add_ode(block: Any, record: PhaseRecord, statement: Statement) -> None:
+def add_ode(block: Any, statement: Statement) -> None:
     """Rows for the states whose derivatives a rule gives."""
-    what = f"phase '{block.name}': ode '{statement.name}'"
-
-    def ask(time: float) -> dict[str, Any]:
-        rule = partial(statement, block)
-        return _given_for_states(
-            block, record, what, "derivative", "right-hand side", statement, rule, ("b", "t"), time
-        )
-
+    record: PhaseRecord = block.record
     points = record.grid.points
-    given = {time: ask(time) for time in points[:2]}
+    given = {time: _given_for_states(block, statement, time) for time in points[:2]}
     # What reads variables alone says the same everywhere, but for these: it is evaluated where somebody reads it.
     is_read_later = record.time_units is None and statement.reads_variables_alone(block)
     if not is_read_later:
-        given |= {time: ask(time) for time in points[2:]}
+        given |= {time: _given_for_states(block, statement, time) for time in points[2:]}
     ode = Ode(block, statement, given)
-    for name in _names_given(given, what, "derivative"):
-        _refuse_second_equation(record, name, what)
+    for name in _states_given(block, statement, given):
         record.odes[name], record.rates[name] = ode, Rates(block, name)
-        _add_state_equation(block, record, name, record.rates[name], is_read_later)
+        _add_state_equation(block, name, record.rates[name], is_read_later)
         record.equation_of[name] = statement.name
 
 
-def add_step(block: Any, record: PhaseRecord, statement: Statement) -> None:
+def add_step(block: Any, statement: Statement) -> None:
     """Rows for the states whose values an element later a rule gives."""
-    name = statement.name
-    what = f"phase '{block.name}': step map '{name}'"
-    grid = record.grid
+    record: PhaseRecord = block.record
+    what, grid = statement.label(block), record.grid
     if not can_step(grid.scheme):
         raise ModelError(
             f"{what} leads from one element boundary to the next, but {grid.scheme.name} has {grid.scheme.stages} "
             "stages, or one inside the element. State it on a phase with scheme='implicit_euler' (or explicit Euler)."
         )
     states = {name: block.component(name) for name in record.names_of_states}
-    starts = {stage: nodes[0] for nodes, (stage,) in zip(grid.node_times, grid.stage_times, strict=True)}
-
-    def ask(t: Any) -> Any:
-        starting = {name: state[starts[t]] for name, state in states.items()}
-        return statement(block, t, PreviousStates(what, starting, record.families))
-
-    given = {
-        time: _given_for_states(
-            block, record, what, "next value", "value", statement, ask, ("b", "t", "previous"), time
-        )
-        for time in grid.points
-    }
-    for state in _names_given(given, what, "next value"):
+    given = {}
+    for nodes, (stage,) in zip(grid.node_times, grid.stage_times, strict=True):
+        starting = {name: state[nodes[0]] for name, state in states.items()}
+        given[stage] = _given_for_states(block, statement, stage, PreviousStates(what, starting, record.families))
+    for state in _states_given(block, statement, given):
         following = {time: values[state] for time, values in given.items()}
-        _refuse_second_equation(record, state, what)
         declaration = record.declarations[state]
         assert isinstance(declaration, State)
         if declaration.derivative_bounds is not None or state in record.kept_derivatives:
@@ -102,30 +83,22 @@ def add_step(block: Any, record: PhaseRecord, statement: Statement) -> None:
                 "is in use. What a step leads has none: remove derivative_bounds and phase.derivative(), or state an "
                 "ode."
             )
-        rows = _add_generated_rows(block, record, f"{state}_step")
+        rows = _add_generated_rows(block, f"{state}_step")
         for time, row in step_rows(states[state], following, grid):
             rows.add(time, row)
-        record.equation_of[state] = name
+        record.equation_of[state] = statement.name
         record.discrete_states.add(state)
 
 
-def _given_for_states(
-    block: Any,
-    record: PhaseRecord,
-    label: str,
-    meaning: str,
-    expected: str,
-    statement: Statement,
-    ask: Callable[[Any], Any],
-    arguments: tuple[str, ...],
-    time: float,
-) -> dict[str, Any]:
+# What a rule gives for a state, and what that is made of.
+_GIVEN = {"ode": ("derivative", "right-hand side"), "step map": ("next value", "value")}
+
+
+def _given_for_states(block: Any, statement: Statement, time: float, *more: PreviousStates) -> dict[str, Any]:
     """What a rule gives for states at a collocation point as {name: expression}."""
-    with (
-        other_times_explained(record, label, time),
-        slips_explained(statement.rule, label, block, arguments, ModelError, time),
-    ):
-        result = ask(record.index_for_rule(block, time, label))
+    label, (meaning, expected) = statement.label(block), _GIVEN[statement.kind]
+    with mistakes_explained(block, statement, time, ("b", "t", "previous")[: 2 + len(more)]):
+        result = statement(block, block.record.index_for_rule(block, time, label), *more)
     if not isinstance(result, Mapping):
         returned = "nothing" if result is None else f"a {type(result).__name__}"
         raise ModelError(
@@ -133,7 +106,7 @@ def _given_for_states(
             f"{{state: {expected}}}. Is the return statement missing?"
         )
     given: dict[str, Any] = {}
-    for state, expression in equations_by_component(record, result, f"{label} at t = {time:g}").items():
+    for state, expression in equations_by_component(block.record, result, f"{label} at t = {time:g}").items():
         name = block.state_name(state)
         expression = plain_scalar(expression, f"{label}: the {meaning} of '{name}' at t = {time:g}")
         if expression.__class__ not in native_numeric_types and not _is_numeric(expression):
@@ -144,19 +117,22 @@ def _given_for_states(
         if name in given:
             raise ModelError(f"{label} gives the {meaning} of '{name}' twice at t = {time:g}; give one.")
         given[name] = expression
-    if time == record.grid.points[0]:
+    if time == block.record.grid.points[0]:
         refuse_foreign_reads(block, label, list(given.values()))
     return given
 
 
-def _names_given(given: Mapping[float, dict[str, Any]], label: str, meaning: str) -> list[str]:
-    """The states that a rule gives something for, at every point."""
+def _states_given(block: Any, statement: Statement, given: Mapping[float, dict[str, Any]]) -> Iterator[str]:
+    """The states that a rule gives something for: at every point, and no other rule does."""
+    label, (meaning, _) = statement.label(block), _GIVEN[statement.kind]
     names = list(dict.fromkeys(name for of_point in given.values() for name in of_point))
     for time, of_point in given.items():
         for name in names:
             if name not in of_point:
                 raise ModelError(f"{label} gives no {meaning} of '{name}' at t = {time:g}; it must at every point.")
-    return names
+    for name in names:
+        _refuse_second_equation(block.record, name, label)
+        yield name
 
 
 def _refuse_second_equation(record: PhaseRecord, name: str, label: str) -> None:
@@ -167,63 +143,63 @@ def _refuse_second_equation(record: PhaseRecord, name: str, label: str) -> None:
         )
 
 
-def _add_state_equation(block: Any, record: PhaseRecord, name: str, rates: Rates, is_read_later: bool) -> None:
-    declaration = record.declarations[name]
+def _add_state_equation(block: Any, name: str, rates: Rates, is_read_later: bool) -> None:
+    declaration = block.record.declarations[name]
     assert isinstance(declaration, State)
-    if declaration.derivative_bounds is None and name not in record.kept_derivatives:
+    if declaration.derivative_bounds is None and name not in block.record.kept_derivatives:
         if is_read_later:
-            _let_collocation_follow_rule(block, record, name, rates)
+            _let_collocation_follow_rule(block, name, rates)
         else:
-            _add_collocation(block, record, name, rates)
+            _add_collocation(block, name, rates)
         return
-    del record.rates[name]  # its derivative is a variable
+    del block.record.rates[name]  # its derivative is a variable
     kept = block.derivative(name)
-    rows = _add_generated_rows(block, record, f"{name}_equation")
+    rows = _add_generated_rows(block, f"{name}_equation")
     for time, rate in rates.items():
         rows.add(time, (kept[time] - rate, 0))
 
 
-def add_derivative(block: Any, record: PhaseRecord, name: str) -> Var:
+def add_derivative(block: Any, name: str) -> Var:
     """The derivative of a state as a variable of its own, tied to the state by linear collocation rows."""
+    record: PhaseRecord = block.record
     declaration = record.declarations[name]
     assert isinstance(declaration, State)
     what = f"phase '{block.name}': state '{name}' (declared at {declaration.declared_at})"
     bounds = check_bounds(declaration.derivative_bounds or (None, None), what, "derivative bounds")
     units = rate_units(declaration.units, record.time_units)
     derivative = Var(block.points, bounds=bounds, initialize=within(0.0, bounds), units=units)
-    derivative = add_generated(block, record, f"{name}_derivative", derivative)
+    derivative = add_generated(block, f"{name}_derivative", derivative)
     record.kept_derivatives.add(name)
     if record.restating is not None:
         record.restating.keep(f"{name}_derivative")
-    _add_collocation(block, record, name, derivative)
+    _add_collocation(block, name, derivative)
     return derivative
 
 
-def _add_collocation(block: Any, record: PhaseRecord, name: str, rates: Mapping[float, Any]) -> None:
-    rows = _add_generated_rows(block, record, f"{name}_collocation")
-    for time, row in collocation_rows(block.component(name), rates, record.grid, element_widths(block, record)):
+def _add_collocation(block: Any, name: str, rates: Mapping[float, Any]) -> None:
+    rows = _add_generated_rows(block, f"{name}_collocation")
+    for time, row in collocation_rows(block.component(name), rates, block.record.grid, element_widths(block)):
         new_row(rows, time, row)
 
 
-def _let_collocation_follow_rule(block: Any, record: PhaseRecord, name: str, rates: Rates) -> None:
-    grid = record.grid
+def _let_collocation_follow_rule(block: Any, name: str, rates: Rates) -> None:
+    grid = block.record.grid
     grid.scheme.check_rows()
-    rows = _add_generated_rows(block, record, f"{name}_collocation")
+    rows = _add_generated_rows(block, f"{name}_collocation")
     times = [stages[stage] for stages in grid.stage_times for stage in grid.scheme.row_stages]
-    boundary = block.boundary if record.free_widths else None
+    boundary = block.boundary if block.record.free_widths else None
     add_rows_by_rule(rows, CollocationRows(block.component(name), rates, block.duration, boundary), times)
 
 
-def _add_generated_rows(block: Any, record: PhaseRecord, name: str) -> Any:
-    record.generated_rows.add(name)
-    return add_generated(block, record, name, Constraint(block.points))
+def _add_generated_rows(block: Any, name: str) -> Any:
+    block.record.generated_rows.add(name)
+    return add_generated(block, name, Constraint(block.points))
 
 
-def add_residual(block: Any, record: PhaseRecord, statement: Statement) -> None:
+def add_residual(block: Any, statement: Statement) -> None:
     """Rows for implicit and algebraic equations."""
-    name = statement.name
-    what = f"phase '{block.name}': residual '{name}'"
-    results, is_read_later = _collect(block, record, statement, what, "residual", record.grid.points)
+    what = statement.label(block)
+    results, is_read_later = _collect(block, statement)
     for time, rows in results.items():
         for label, row in rows.items():
             if isinstance(row, RelationalExpression) and not isinstance(row, EqualityExpression):
@@ -240,53 +216,22 @@ def add_residual(block: Any, record: PhaseRecord, statement: Statement) -> None:
                 f"{what} states {count} equations at t = {first:g} and {len(rows)} at t = {time:g}; it must state as "
                 "many at every point. What holds at some points only is a 'constraint'."
             )
-    record.residuals_per_point += _add_rows(block, record, statement, results, is_read_later)
+    block.record.residuals_per_point += _add_rows(block, statement, results, is_read_later)
 
 
-def add_expression(block: Any, record: PhaseRecord, statement: Statement) -> None:
+def add_expression(block: Any, statement: Statement) -> None:
     """A named expression of this package over the points, which rules read by its name."""
-    place(block, record, statement.name, Expression(block.points, rule=statement))
-    if record.restating is None:
-        record.expressions.append(statement)
+    place(block, statement.name, Expression(block.points, rule=statement))
+    if block.record.restating is None:
+        block.record.expressions.append(statement)
     else:
-        record.restating.keep_expressions(statement.name)
+        block.record.restating.keep_expressions(statement.name)
 
 
-def add_constraint(block: Any, record: PhaseRecord, statement: Statement) -> None:
-    """Rows for path constraints."""
-    name = statement.name
-    what = f"phase '{block.name}': constraint '{name}'"
-    results, is_read_later = _collect(block, record, statement, what, "constraint", record.grid.points)
-    _add_relations(block, record, statement, results, is_read_later, what)
-
-
-def add_constraint_at_boundaries(block: Any, record: PhaseRecord, statement: Statement) -> None:
-    """Rows for path constraints on the states at element boundaries."""
-    name = statement.name
-    what = f"phase '{block.name}': constraint at boundaries '{name}'"
-    try:
-        results, is_read_later = _collect(block, record, statement, what, "constraint", record.grid.mesh.boundaries)
-    except KeyError as error:
-        raise ModelError(
-            f"{what} reads what has no value at an element boundary ({error.args[0]}). Only states have one at each; "
-            "what needs controls or algebraics is a 'constraint'."
-        ) from None
-    _add_relations(block, record, statement, results, is_read_later, what)
-
-
-def _shown(returned: Any) -> str:
-    """What a rule returned, in a message: a formula as it is written."""
-    return f"the formula {returned}" if hasattr(returned, "is_expression_type") else repr(returned)
-
-
-def _add_relations(
-    block: Any,
-    record: PhaseRecord,
-    statement: Statement,
-    results: dict[float, dict[Hashable, Any]],
-    is_read_later: bool,
-    label: str,
-) -> None:
+def add_constraint(block: Any, statement: Statement) -> None:
+    """Rows for path constraints, at the points or at element boundaries."""
+    label = statement.label(block)
+    results, is_read_later = _collect(block, statement)
     for time, rows in results.items():
         for row in rows.values():
             if isinstance(row, InequalityExpression) and row.strict:
@@ -298,38 +243,49 @@ def _add_relations(
                 raise ModelError(
                     f"{label} returned {_shown(row)} at t = {time:g}; expected a relation such as 'expression <= 1'."
                 )
-    _add_rows(block, record, statement, results, is_read_later)
+    _add_rows(block, statement, results, is_read_later)
 
 
-def add_complementarity(block: Any, record: PhaseRecord, statement: Statement) -> None:
+def _shown(returned: Any) -> str:
+    """What a rule returned, in a message: a formula as it is written."""
+    return f"the formula {returned}" if hasattr(returned, "is_expression_type") else repr(returned)
+
+
+def add_complementarity(block: Any, statement: Statement) -> None:
     """A Complementarity component whose pairs know their element and their quadrature weight."""
     name = statement.name
-    what = f"phase '{block.name}': complementarity '{name}'"
-    results, _ = _collect(block, record, statement, what, "complementarity", record.grid.points)
+    results, _ = _collect(block, statement)
     pairs = {_index(time, label): pair for time, rows in results.items() for label, pair in rows.items()}
     times = {_index(time, label): time for time, rows in results.items() for label in rows}
-    _check_name(block, record, name, what)
+    _check_name(block, statement)
     component = Complementarity(
         list(pairs),
         rule=pairs,
-        group={index: record.grid.element_of[time] for index, time in times.items()},
-        weight={index: record.grid.quadrature_weights[time] for index, time in times.items()},
+        group={index: block.record.grid.element_of[time] for index, time in times.items()},
+        weight={index: block.record.grid.quadrature_weights[time] for index, time in times.items()},
     )
-    place(block, record, name, component)
+    place(block, name, component)
 
 
 @contextmanager
-def other_times_explained(record: PhaseRecord, label: str, time: float) -> Iterator[None]:
-    """Context for asking a rule, in which a reading at a time that the grid has not is explained.
+def mistakes_explained(block: Any, statement: Statement, time: float, arguments: tuple[str, ...]) -> Iterator[None]:
+    """Context for asking a rule at a time, in which what is raised is explained, as a reading where the grid has none.
 
     Raises
     ------
     ModelError
         Naming the rule and the time.
     """
+    record, label = block.record, statement.label(block)
     try:
-        yield
+        with slips_explained(statement.rule, label, block, arguments, ModelError, time):
+            yield
     except KeyError as error:
+        if statement.kind == AT_BOUNDARIES:
+            raise ModelError(
+                f"{label} reads what has no value at an element boundary ({error.args[0]}). Only states have one at "
+                "each; what needs controls or algebraics is a 'constraint'."
+            ) from None
         name, index = _missing_index(error)
         if record.restating is not None or not _may_be_a_time(index, record):
             raise
@@ -354,19 +310,17 @@ def _may_be_a_time(index: Any, record: PhaseRecord) -> bool:
     return is_number and index not in times and abs(index) <= 10 * (abs(times[0]) + abs(times[-1]))
 
 
-def _collect(
-    block: Any, record: PhaseRecord, statement: Statement, label: str, kind: str, times: tuple[float, ...]
-) -> tuple[dict[float, dict[Hashable, Any]], bool]:
+def _collect(block: Any, statement: Statement) -> tuple[dict[float, dict[Hashable, Any]], bool]:
     """Answers of a rule as {time: {label: row}}; whether the others are read later, which say the same."""
+    record, label, times = block.record, statement.label(block), statement.times(block)
     results: dict[float, dict[Hashable, Any]] = {}
-    is_read_later = kind != "complementarity" and record.time_units is None
+    is_read_later = statement.kind != "complementarity" and record.time_units is None
     for time in times:
-        explained = other_times_explained(record, label, time) if times == record.grid.points else nullcontext()
-        with explained, slips_explained(statement.rule, label, block, ("b", "t"), ModelError, time):
+        with mistakes_explained(block, statement, time, ("b", "t")):
             result = statement(block, record.index_for_rule(block, time, label))
         if result is None:
             raise ModelError(f"{label} returned None at t = {time:g}. Is the return statement missing?")
-        results[time] = labelled_rows(kind, plain_expressions(result))
+        results[time] = labelled_rows(statement.kind, plain_expressions(result))
         if time == times[0]:
             refuse_foreign_reads(block, label, results[time])
         is_read_later = (
@@ -376,7 +330,7 @@ def _collect(
             return results, True
     states_something = any(row is not Constraint.Skip for rows in results.values() for row in rows.values())
     # What skips all times without a look at them is switched off, and meant so.
-    if not states_something and record.restating is None and not statement.is_template(block):
+    if not states_something and record.restating is None and not statement.rule.is_template(block):
         raise ModelError(
             f"{label} states nothing: it skips all {len(times)} points, t = {times[0]:g} to {times[-1]:g}. A time that "
             "it compares with is no point of the mesh: for one instant write a constraint of the model with "
@@ -400,25 +354,18 @@ def refuse_foreign_reads(block: Any, label: str, result: Any) -> None:
         raise ModelError(f"{label} {foreign_read(foreign, block)} {ONE_MODEL}")
 
 
-def _add_rows(
-    block: Any,
-    record: PhaseRecord,
-    statement: Statement,
-    results: dict[float, dict[Hashable, Any]],
-    is_read_later: bool,
-) -> int:
+def _add_rows(block: Any, statement: Statement, results: dict[float, dict[Hashable, Any]], is_read_later: bool) -> int:
     """One indexed constraint named after the rule; returns the number of rows at a point."""
     name = statement.name
-    _check_name(block, record, name, f"phase '{block.name}': rule '{name}'")
+    _check_name(block, statement)
     if is_read_later:
         of_first = next(iter(results.values()))
-        times = record.grid.mesh.boundaries if statement.kind == "constraint at boundaries" else record.grid.points
-        indices = [_index(time, label) for time in times for label in of_first]
-        rows = place(block, record, name, Constraint(indices))
+        indices = [_index(time, label) for time in statement.times(block) for label in of_first]
+        rows = place(block, name, Constraint(indices))
         add_rows_by_rule(rows, StatedRows(statement, of_first), indices)
         return len(of_first)
     indices = [_index(time, label) for time, labelled in results.items() for label in labelled]
-    rows = place(block, record, name, Constraint(indices))
+    rows = place(block, name, Constraint(indices))
     for time, labelled in results.items():
         for label, row in labelled.items():
             rows.add(_index(time, label), row)
@@ -429,13 +376,14 @@ def _index(time: float, label: Hashable) -> Hashable:
     return time if label is None else (time, label)
 
 
-def _check_name(block: Any, record: PhaseRecord, name: str, label: str) -> None:
-    if record.restating is not None:
+def _check_name(block: Any, statement: Statement) -> None:
+    name = statement.name
+    if block.record.restating is not None:
         return  # it was checked when it was stated first
     if block.component(name) is not None or hasattr(type(block), name) or not name.isidentifier():
         raise ModelError(
-            f"{label}: its rows are named after the function, but the name '{name}' is taken or no identifier. "
-            "Rename the function, or say name='...' beside it."
+            f"{statement.label(block)}: its rows are named after the function, but the name '{name}' is taken or no "
+            "identifier. Rename the function, or say name='...' beside it."
         )
 
 

@@ -26,7 +26,7 @@ from .record import PhaseRecord
 class _Component:
     """One component of a function of time that returns an array. A class, because it must survive pickling."""
 
-    def __init__(self, function: Callable[[float], Any], names: FamilyNames, position: tuple[int, ...], label: str):
+    def __init__(self, function: Callable[[float], Any], names: FamilyNames, position: int, label: str):
         self._function, self._names, self._position, self._what = function, names, position, label
 
     def __call__(self, time: float) -> Any:
@@ -126,83 +126,56 @@ def component_declarations(names: FamilyNames, declaration: Declaration, what: s
     if isinstance(declaration, Control):
         each["rate_bounds"] = _split_bounds(names, declaration.rate_bounds, f"{where}: its rate_bounds")
     return [
-        (
-            names.member(label),
-            replace(declaration, index=None, **{name: entries[position] for name, entries in each.items()}),
-        )
-        for label, position in zip(names.labels, np.ndindex(names.shape), strict=True)
+        (member, replace(declaration, index=None, **{name: entries[i] for name, entries in each.items()}))
+        for i, member in enumerate(names.members)
     ]
 
 
-def _every(names: FamilyNames, entry: Any) -> Any:
-    found = np.empty(names.shape, dtype=object)
-    for position in np.ndindex(names.shape):
-        found[position] = entry
-    return found
-
-
-def _split(names: FamilyNames, given: Any, label: str, error: type[PyRobocopError] = ModelError) -> Any:
+def _split(names: FamilyNames, given: Any, label: str, error: type[PyRobocopError] = ModelError) -> list[Any]:
     """One for each: as given in an array, a list or a mapping; the same for all otherwise."""
     if isinstance(given, IndexedComponent) and given.is_indexed():
         given = dict(given.items())
-    if not _is_listed(given):
-        found = _every(names, given)
-        if callable(given) and not hasattr(given, "is_expression_type"):  # units can be called as well
-            for position in np.ndindex(names.shape):
-                found[position] = _Component(given, names, position, label)
-        return found
-    entries = names.split(given)
-    if entries is None:
-        raise _wrong_length(error, label, given, names)
-    for position in np.ndindex(names.shape):
-        entries[position] = _plain(entries[position])
-    return entries
+    if _is_listed(given):
+        entries = names.split(given)
+        if entries is None:
+            raise _wrong_length(error, label, given, names)
+        return list(map(_plain, entries))
+    if callable(given) and not hasattr(given, "is_expression_type"):  # units can be called as well
+        return [_Component(given, names, position, label) for position in range(len(names.labels))]
+    return [given] * len(names.labels)
 
 
 def _is_listed(given: Any) -> bool:
     return isinstance(given, (list, tuple, Mapping)) or (isinstance(given, np.ndarray) and given.ndim > 0)
 
 
-def _split_ends(names: FamilyNames, given: Any, label: str) -> Any:
+def _split_ends(names: FamilyNames, given: Any, label: str) -> list[Any]:
     if isinstance(given, tuple) and len(given) == 2 and not any(isinstance(end, (tuple, list)) for end in given):
         if len(names.labels) == 2:
             raise ModelError(
                 f"{label} is {given}: an interval for both components, or one number for each? Write a list for one "
                 "number each, or a list of two tuples for intervals."
             )
-        return _every(names, given)
-    found = _split(names, given, label)
-    for position in np.ndindex(names.shape):
-        if isinstance(found[position], list):
-            found[position] = tuple(found[position])
-    return found
+        return [given] * len(names.labels)
+    return [tuple(end) if isinstance(end, list) else end for end in _split(names, given, label)]
 
 
-def _split_bounds(names: FamilyNames, given: Any, label: str) -> Any:
+def _split_bounds(names: FamilyNames, given: Any, label: str) -> list[Any]:
     """A pair for all, a pair of arrays, or an array or a mapping of pairs."""
     if given is None:
-        return _every(names, None)
+        return [None] * len(names.labels)
     if callable(given):
-        found = _every(names, None)
-        for position in np.ndindex(names.shape):
-            found[position] = _BoundsComponent(given, names, position, label)
-        return found
+        return [_BoundsComponent(given, names, position, label) for position in range(len(names.labels))]
     if (
         isinstance(given, tuple)
         and len(given) == 2
         and not all(_is_pair(entry) and isinstance(entry, tuple) for entry in given)
     ):
-        lower, upper = (_split(names, side, label) for side in given)
-        found = _every(names, None)
-        for position in np.ndindex(names.shape):
-            found[position] = (lower[position], upper[position])
-        return found
-    found = names.split(_pairs(given, names)) if isinstance(given, (Mapping, list, tuple, np.ndarray)) else None
-    if found is None or not all(entry is None or _is_pair(entry) for entry in found.ravel()):
+        return list(zip(*(_split(names, side, label) for side in given), strict=True))
+    found = names.split(_pairs(given, names)) if _is_listed(given) else None
+    if found is None or not all(entry is None or _is_pair(entry) for entry in found):
         raise _wrong_length(ModelError, label, given, names, "pairs (lower, upper)")
-    for position in np.ndindex(names.shape):
-        found[position] = None if found[position] is None else tuple(found[position])
-    return found
+    return [None if entry is None else tuple(entry) for entry in found]
 
 
 def _pairs(given: Any, names: FamilyNames) -> Any:
@@ -225,28 +198,21 @@ def _is_pair(entry: Any) -> bool:
     )
 
 
-def _split_guess(names: FamilyNames, given: Any, label: str) -> Any:
+def _split_guess(names: FamilyNames, given: Any, label: str) -> list[Any]:
     """One number each, an array over time each (components first or last), or a function of time."""
-    if isinstance(given, Mapping):
+    if not isinstance(given, (list, tuple, np.ndarray)):
         return _split(names, given, label, InitialGuessError)
-    if isinstance(given, (list, tuple, np.ndarray)):
-        try:
-            numbers = np.array(given, dtype=float)
-        except (TypeError, ValueError):
-            return _split(names, list(given), label, InitialGuessError)  # functions, or arrays of different lengths
-        dimensions = len(names.shape)
-        if numbers.shape[:dimensions] == names.shape:
-            pass
-        elif numbers.ndim == dimensions + 1 and numbers.shape[1:] == names.shape:
-            numbers = np.moveaxis(numbers, 0, -1)
-        else:
+    try:
+        numbers = np.array(given, dtype=float)
+    except (TypeError, ValueError):
+        return _split(names, list(given), label, InitialGuessError)  # functions, or arrays of different lengths
+    dimensions = len(names.shape)
+    if numbers.shape[:dimensions] != names.shape:
+        if numbers.ndim != dimensions + 1 or numbers.shape[1:] != names.shape:
             raise _wrong_length(InitialGuessError, label, given, names)
-        found = _every(names, None)
-        for position in np.ndindex(names.shape):
-            held = numbers[position]
-            found[position] = float(held) if held.ndim == 0 else held
-        return found
-    return _split(names, given, label, InitialGuessError)
+        numbers = np.moveaxis(numbers, 0, -1)
+    each = numbers.reshape(len(names.labels), *numbers.shape[dimensions:])
+    return each.tolist() if each.ndim == 1 else list(each)
 
 
 def _wrong_length(
@@ -293,7 +259,7 @@ def equations_by_component(record: PhaseRecord, result: Mapping[Any, Any], what:
         if entries is None:
             listed = given if _is_listed(given) else 0.0
             raise _wrong_length(ModelError, f"{what} gives for '{names.name}' what", listed, names)
-        found.update((names.member(label), entry) for label, entry in zip(names.labels, entries.ravel(), strict=True))
+        found.update(zip(names.members, entries, strict=True))
     return found
 
 
@@ -312,9 +278,7 @@ def guesses_by_component(record: PhaseRecord, guesses: Mapping[Any, Any], what: 
             found[key] = given
         else:
             entries = _split_guess(names, given, f"{what}: what is given for '{names.name}'")
-            found.update(
-                (names.member(label), entry) for label, entry in zip(names.labels, entries.ravel(), strict=True)
-            )
+            found.update(zip(names.members, entries, strict=True))
     return found
 
 
@@ -330,10 +294,10 @@ def references_by_component(names: FamilyNames, reference: Any, label: str) -> l
     if isinstance(reference, VariableFamily):
         reference = dict(zip(reference.names.labels, reference.members, strict=True))
     if isinstance(reference, tuple) and len(reference) == 2 and np.ndim(reference[0]) == 1 < np.ndim(reference[1]):
-        return [(reference[0], values) for values in _split_guess(names, reference[1], label).ravel()]
+        return [(reference[0], values) for values in _split_guess(names, reference[1], label)]
     if callable(reference) and hasattr(reference, "families"):
         return [reference] * len(names.members)  # a trajectory, which knows the components
-    return list(_split(names, reference, label).ravel())
+    return _split(names, reference, label)
 
 
 def names_by_component(record: PhaseRecord, given: Iterable[Any]) -> list[Any]:

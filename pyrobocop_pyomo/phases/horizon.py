@@ -27,7 +27,7 @@ from .declarations import Bounds, Duration, Start, check_bounds, within
 from .record import PhaseRecord, place
 
 
-def add_horizon(block: Any, record: PhaseRecord, start: Any, free_element_widths: Bounds | None) -> None:
+def add_horizon(block: Any, start: Any, free_element_widths: Bounds | None) -> None:
     """Add start, duration and, where elements may move, their boundaries to a phase block.
 
     Raises
@@ -36,24 +36,24 @@ def add_horizon(block: Any, record: PhaseRecord, start: Any, free_element_widths
         When bounds or guesses do not fit.
     """
     what = f"phase '{block.name}'"
-    _add_duration(block, record, f"{what}: duration")
+    _add_duration(block, f"{what}: duration")
     if isinstance(start, Start):
         bounds = check_bounds(start.bounds, f"{what}: start", "bounds")
         guess = initial_number(start.initial_guess, f"{what}: start")
-        block.start = Var(bounds=bounds, initialize=guess, units=record.time_units)
+        block.start = Var(bounds=bounds, initialize=guess, units=block.record.time_units)
     elif isinstance(start, float):
-        block.start = with_units(record, start)
+        block.start = with_units(block.record, start)
     else:
         block.start = Expression(expr=start)
     if free_element_widths is not None:
-        record.width_factors = free_element_widths
-        add_boundaries(block, record, free_element_widths, what)
+        block.record.width_factors = free_element_widths
+        add_boundaries(block, free_element_widths, what)
 
 
-def _add_duration(block: Any, record: PhaseRecord, label: str) -> None:
-    duration = record.duration
+def _add_duration(block: Any, label: str) -> None:
+    duration = block.record.duration
     if not isinstance(duration, Duration):
-        block.duration = with_units(record, float(duration))
+        block.duration = with_units(block.record, float(duration))
         return
     lower, upper = check_bounds(duration.bounds, label, "bounds")
     if duration.initial_guess is None:
@@ -63,10 +63,10 @@ def _add_duration(block: Any, record: PhaseRecord, label: str) -> None:
         guess = initial_number(duration.initial_guess, label)
         if guess <= 0:
             raise InitialGuessError(f"{label}: the initial guess is {guess:g}; it must be positive.")
-    block.duration = Var(bounds=(lower, upper), initialize=within(guess, (lower, upper)), units=record.time_units)
+    block.duration = Var(bounds=(lower, upper), initialize=within(guess, (lower, upper)), units=block.record.time_units)
 
 
-def add_boundaries(block: Any, record: PhaseRecord, factors: Bounds, label: str) -> None:
+def add_boundaries(block: Any, factors: Bounds, label: str) -> None:
     """Add the element boundaries as variables, and rows for the widths between them.
 
     Raises
@@ -74,7 +74,7 @@ def add_boundaries(block: Any, record: PhaseRecord, factors: Bounds, label: str)
     ModelError
         When the factors are no range around 1.
     """
-    mesh = record.grid.mesh
+    mesh = block.record.grid.mesh
     lower, upper = check_bounds(factors, label, "free_element_widths")
     if lower is None or upper is None or not 0 < lower <= 1 <= upper:
         raise ModelError(
@@ -87,16 +87,14 @@ def add_boundaries(block: Any, record: PhaseRecord, factors: Bounds, label: str)
         initialize={i: (time - first) / length for i, time in enumerate(mesh.boundaries)},
         doc="element boundaries in normalised time",
     )  # fmt: skip
-    place(block, record, "boundary", boundaries)
-    if record.restating is not None:
-        record.restating.keep_boundaries()
+    place(block, "boundary", boundaries)
+    if block.record.restating is not None:
+        block.record.restating.keep_boundaries()
     block.boundary[0].fix(0.0)
     block.boundary[mesh.elements].fix(1.0)
-    if mesh.elements == 1 and record.restating is None:
+    if mesh.elements == 1 and block.record.restating is None:
         return
-    rows = place(
-        block, record, "boundary_width", Constraint(RangeSet(0, mesh.elements - 1) if mesh.elements > 1 else [])
-    )
+    rows = place(block, "boundary_width", Constraint(RangeSet(0, mesh.elements - 1) if mesh.elements > 1 else []))
     for i, width in enumerate((mesh.widths / length).tolist()):
         rows.add(i, (lower * width, block.boundary[i + 1] - block.boundary[i], upper * width))
 
@@ -106,10 +104,10 @@ def with_units(record: PhaseRecord, time: float) -> Any:
     return time if record.time_units is None else time * record.time_units
 
 
-def element_widths(block: Any, record: PhaseRecord) -> list[Any]:
+def element_widths(block: Any) -> list[Any]:
     """Width of each element in real time: numbers, or expressions where something is to be found."""
-    boundary = block.boundary if record.free_widths else None
-    return [element_width(record, i, block.duration, boundary) for i in range(record.grid.mesh.elements)]
+    boundary = block.boundary if block.record.free_widths else None
+    return [element_width(block.record, i, block.duration, boundary) for i in range(block.record.grid.mesh.elements)]
 
 
 def element_width(record: PhaseRecord, element: int, duration: Any, boundary: Any) -> Any:
@@ -134,8 +132,9 @@ def quadrature_weights(record: PhaseRecord, duration: Any, boundary: Any) -> tup
     return scale, weights
 
 
-def real_time(block: Any, record: PhaseRecord, index: float | TimeIndex) -> Any:
+def real_time(block: Any, index: float | TimeIndex) -> Any:
     """The time that an index stands for."""
+    record: PhaseRecord = block.record
     t = point_of(index)
     if not record.normalised:
         return with_units(record, t)
@@ -153,7 +152,7 @@ def real_time(block: Any, record: PhaseRecord, index: float | TimeIndex) -> Any:
     return block.start + block.duration * (left + local * (right - left))
 
 
-def real_grid(block: Any, record: PhaseRecord) -> Grid:
+def real_grid(block: Any) -> Grid:
     """The grid in real time, at the current values.
 
     Raises
@@ -161,11 +160,11 @@ def real_grid(block: Any, record: PhaseRecord) -> Grid:
     ModelError
         When the duration has no positive value.
     """
-    if not record.normalised:
-        return record.grid
+    if not block.record.normalised:
+        return block.record.grid
     refuse_no_duration(block)
-    boundaries = (value(real_time(block, record, tau)) for tau in record.grid.mesh.boundaries)
-    return Grid(record.grid.scheme, Mesh(tuple(float(boundary) for boundary in boundaries)))
+    boundaries = (value(real_time(block, tau)) for tau in block.record.grid.mesh.boundaries)
+    return Grid(block.record.grid.scheme, Mesh(tuple(float(boundary) for boundary in boundaries)))
 
 
 def refuse_no_duration(block: Any) -> None:

@@ -268,21 +268,13 @@ class ElementSteps:
         Of the states at the end of a step, relative to the scales.
     most_steps : int
         To be solved in all, before the motion counts as one that cannot be followed: contact chatters.
-    halvings : int
-        How often the width of a part is halved at most.
     """
 
-    def __init__(
-        self,
-        rates: RightHandSides,
-        scales: Array,
-        tolerance: float,
-        most_steps: int,
-        halvings: int = 8,
-    ) -> None:
+    def __init__(self, rates: RightHandSides, scales: Array, tolerance: float, most_steps: int) -> None:
         self._rates, self._scales, self._tolerance = rates, scales, tolerance
         self._equations = rates.equations
-        self._halvings, self._left = halvings, most_steps
+        # How often the width of a part is halved at most.
+        self._halvings, self._left = 8, most_steps
         self._before: _Step | None = None
         self._path: list[_Step] = []
 

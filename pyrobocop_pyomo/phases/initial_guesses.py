@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.numerics import Array, differentiation_matrix
@@ -26,7 +25,7 @@ from .record import PhaseRecord
 Values = list[tuple[Any, float]]
 
 
-def set_guesses(block: Any, record: PhaseRecord, guesses: Mapping[Any, InitialGuess]) -> None:
+def set_guesses(block: Any, guesses: Mapping[Any, InitialGuess]) -> None:
     """Set values by name; derivatives that are variables follow their states.
 
     Raises
@@ -34,21 +33,21 @@ def set_guesses(block: Any, record: PhaseRecord, guesses: Mapping[Any, InitialGu
     InitialGuessError
         Naming what is unknown, of the wrong length or not finite; nothing is set then.
     """
-    guesses = guesses_by_component(record, guesses, f"phase '{block.name}'")
-    named = {_name_of(block, record, key): guess for key, guess in guesses.items()}
+    guesses = guesses_by_component(block.record, guesses, f"phase '{block.name}'")
+    named = {_name_of(block, key): guess for key, guess in guesses.items()}
     if len(named) != len(guesses):
         raise InitialGuessError(
             f"phase '{block.name}': an initial guess is given twice, by name and by variable. Give it once."
         )
-    values = {name: guess_values(block, record, name, guess) for name, guess in named.items()}
+    values = {name: guess_values(block, name, guess) for name, guess in named.items()}
     for assigned in values.values():
         _assign(assigned)
-    for name in record.names_of_states:
-        if name in named and name in record.kept_derivatives and f"{name}_derivative" not in named:
-            _assign(_slopes(block, record, name))
+    for name in block.record.names_of_states:
+        if name in named and name in block.record.kept_derivatives and f"{name}_derivative" not in named:
+            _assign(_slopes(block, name))
 
 
-def set_trajectory(block: Any, record: PhaseRecord, trajectory: Trajectory) -> None:
+def set_trajectory(block: Any, trajectory: Trajectory) -> None:
     """Set everything that a trajectory and the phase have in common; other names keep their values.
 
     The trajectory's own polynomials are evaluated at the phase's times, the whole horizon of the one stretched onto the
@@ -59,6 +58,7 @@ def set_trajectory(block: Any, record: PhaseRecord, trajectory: Trajectory) -> N
     InitialGuessError
         When they have no name in common.
     """
+    record: PhaseRecord = block.record
     values, fraction = PhaseValues(block), horizon_fraction(block)
     begin = trajectory.grid.mesh.boundaries[0]
     found = values.sampled(trajectory, lambda t: begin + fraction(t) * trajectory.duration)
@@ -69,30 +69,30 @@ def set_trajectory(block: Any, record: PhaseRecord, trajectory: Trajectory) -> N
             f"phase '{block.name}': trajectory '{trajectory.name}' has {', '.join(trajectory.names) or 'no values'}; "
             f"the phase has {', '.join(record.declarations) or 'nothing'}. An initial guess needs a name in common."
         )
-    if _is_free(block, "duration"):
+    if block.has_free_duration:
         guesses["duration"] = trajectory.duration
-    set_guesses(block, record, guesses)
-    real = real_grid(block, record).mesh.boundaries
+    set_guesses(block, guesses)
+    real = real_grid(block).mesh.boundaries
     stretch = trajectory.duration / (real[-1] - real[0])
     for name, numbers in found.items():
         is_rate = name not in record.declarations
         _assign(_paired(record.nodes(name).variables(block), stretch * numbers if is_rate else numbers))
         if name in record.kept_derivatives and f"{name}_derivative" not in found:
-            _assign(_slopes(block, record, name))
+            _assign(_slopes(block, name))
 
 
-def set_straight_lines(block: Any, record: PhaseRecord) -> None:
+def set_straight_lines(block: Any) -> None:
     """Lead each state from its initial to its final value on a straight line.
 
     A range counts with the value nearest to the other end. Where only one end is stated the state stays there, and
     where none is it keeps its initial guess.
     """
-    times = record.grid.times
+    times = block.record.grid.times
     span = times[-1] - times[0]
     lines: dict[str, InitialGuess] = {}
-    for name in record.names_of_states:
+    for name in block.record.names_of_states:
         variable = block.component(name)
-        declaration = record.declarations[name]
+        declaration = block.record.declarations[name]
         assert isinstance(declaration, State)
         first, last = variable[times[0]], variable[times[-1]]
         from_start = first.fixed or declaration.initial is not None
@@ -107,10 +107,10 @@ def set_straight_lines(block: Any, record: PhaseRecord) -> None:
         start = start if first.fixed else within(within(end, last.bounds) if from_end else start, first.bounds)
         end = end if last.fixed else within(start, last.bounds)
         lines[name] = [start + (end - start) * ((t - times[0]) / span) for t in times]
-    set_guesses(block, record, lines)
+    set_guesses(block, lines)
 
 
-def guess_values(block: Any, record: PhaseRecord, name: str, guess: InitialGuess) -> Values:
+def guess_values(block: Any, name: str, guess: InitialGuess) -> Values:
     """The variables behind a name, each once, with the values that an initial guess means for them."""
     what = f"phase '{block.name}': '{name}'"
     component = block.component(name)
@@ -119,12 +119,12 @@ def guess_values(block: Any, record: PhaseRecord, name: str, guess: InitialGuess
         if name == "duration" and number <= 0:
             raise InitialGuessError(f"{what}: the initial guess is {number:g}; it must be positive.")
         return [(component, number)]
-    nodes = record.nodes(name)
+    nodes = block.record.nodes(name)
     return _paired(nodes.variables(block), nodes.from_guess(guess, what))
 
 
-def _name_of(block: Any, record: PhaseRecord, key: Any) -> str:
-    known = [*record.declarations, *(f"{name}_derivative" for name in record.names_of_states), "duration"]
+def _name_of(block: Any, key: Any) -> str:
+    known = [*block.record.declarations, *(f"{name}_derivative" for name in block.record.names_of_states), "duration"]
     name = key if isinstance(key, str) else getattr(key, "local_name", None) or repr(key)
     component = block.component(name)
     if name not in known or component is None or not (isinstance(key, str) or component is key):
@@ -139,20 +139,15 @@ def _name_of(block: Any, record: PhaseRecord, key: Any) -> str:
     return name
 
 
-def _is_free(block: Any, name: str) -> bool:
-    component = block.component(name)
-    return component is not None and component.ctype is Var
-
-
 def _paired(data: Sequence[Any], values: Array) -> Values:
     return list(zip(data, values.tolist(), strict=True))
 
 
-def _slopes(block: Any, record: PhaseRecord, name: str) -> Values:
+def _slopes(block: Any, name: str) -> Values:
     """Derivative variables at the slopes of the polynomial through the state's values: their rows then hold."""
-    grid, variable = record.grid, block.component(name)
+    grid, variable = block.record.grid, block.component(name)
     differentiate = differentiation_matrix(grid.scheme.state_nodes, grid.scheme.c)
-    widths = real_grid(block, record).mesh.widths
+    widths = real_grid(block).mesh.widths
     slopes: dict[float, float] = {}
     for times, stages, width in zip(grid.node_times, grid.stage_times, widths, strict=True):
         nodes = np.array([variable[t].value for t in times], dtype=float)

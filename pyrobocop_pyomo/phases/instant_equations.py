@@ -8,14 +8,13 @@ alone as a rule, asks something of the motion and is no equation for it, unless 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Hashable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from itertools import chain
 from typing import Any
 
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
-from pyomo.core.expr.relational_expr import RelationalExpression
 from pyomo.repn import generate_standard_repn
 
 from pyrobocop_pyomo.complementarity import Complementarity
@@ -26,7 +25,8 @@ from pyrobocop_pyomo.numerics import Matching, maximum_matching
 
 from .declarations import Algebraic, Control
 from .record import PhaseRecord, Statement
-from .step_equations import PairStatement, statements_of
+from .rule_formulas import RuleFormulas
+from .step_equations import PairStatement, as_tuple, equations_said
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +44,6 @@ class InstantEquations:
 
     Parameters
     ----------
-    block : PhaseBlock
-    record : PhaseRecord
     formulas : RuleFormulas
 
     Attributes
@@ -72,7 +70,8 @@ class InstantEquations:
         When a rule gives no formula, or something that the motion depends on is not determined.
     """
 
-    def __init__(self, block: Any, record: PhaseRecord, formulas: Any) -> None:
+    def __init__(self, formulas: RuleFormulas) -> None:
+        block, record = formulas.block, formulas.record
         self._phase, self._formulas = f"phase '{block.name}'", formulas
         names = record.names_of_states
         explicit = [name for name in names if name in record.equation_of]
@@ -91,7 +90,7 @@ class InstantEquations:
         self.statements = record.statements_of("ode")
         found: list[_Equation] = []
         formulas.set_bounds(record.grid.times[0])  # a side may be a variable's own bound
-        for statement, labels in _equations_stated(block, record):
+        for statement, labels in _equations_stated(block):
             self.statements.append(statement)
             found += self._equations_of(statement, labels)
         found.sort(key=lambda equation: equation.pair is not None)
@@ -115,22 +114,11 @@ class InstantEquations:
         return frozenset(self._names[key] for key in held if key in self._names)
 
     def _equations_of(self, statement: Statement, labels: set[tuple[Any, ...]]) -> Iterator[_Equation]:
-        rows: list[Any] = []
-        pairs: list[PairStatement] = []
-        for label, row in self._formulas.formulas_of(statement, statement.rows).items():
-            if _as_tuple(label) not in labels:
-                continue
-            if statement.kind == "complementarity":
-                beside, stated = statements_of(statement.name, row)
-                rows.extend(beside)
-                pairs.extend(stated)
-            else:
-                rows.append(_zero(row))
-        for row in map(self._replaced.of, rows):
+        rows, pairs = equations_said(self._formulas, statement, self._replaced, labels)
+        for row in rows:
             yield _Equation(statement.name, row, None, self._reads([row]))
         for pair in pairs:
-            body, other = self._replaced.of(pair.body), self._replaced.of(pair.other)
-            yield _Equation(statement.name, None, replace(pair, body=body, other=other), self._reads([body, other]))
+            yield _Equation(statement.name, None, pair, self._reads([pair.body, pair.other]))
 
     def _select(
         self, stated: list[_Equation], slopes: frozenset[str], algebraics: list[str], read: frozenset[str]
@@ -196,13 +184,12 @@ class InstantEquations:
         return equation.reads & self._controls if equation.pair is None else frozenset()
 
 
-def refuse_equations_beside(block: Any, record: PhaseRecord, read: Iterable[str]) -> None:
+def refuse_equations_beside(block: Any, read: Iterable[str]) -> None:
     """Refuse rows over the points that were not stated through the phase: nobody knows what they say in between.
 
     Parameters
     ----------
     block : PhaseBlock
-    record : PhaseRecord
     read : iterable of str
         What the motion depends on.
 
@@ -211,6 +198,7 @@ def refuse_equations_beside(block: Any, record: PhaseRecord, read: Iterable[str]
     TrajectoryError
         Naming the rows, and what they may determine.
     """
+    record: PhaseRecord = block.record
     wanted = {*record.names(Algebraic), *read} - set(record.names_of_states)
     own = {statement.name for statement in record.statements} | record.generated_rows
     for component in block.model().component_objects((Constraint, Complementarity), active=True, descend_into=Block):
@@ -232,29 +220,17 @@ def _listed(names: Iterable[str]) -> str:
     return ", ".join(f"'{name}'" for name in sorted(names))
 
 
-def _equations_stated(block: Any, record: PhaseRecord) -> Iterator[tuple[Statement, set[tuple[Any, ...]]]]:
+def _equations_stated(block: Any) -> Iterator[tuple[Statement, set[tuple[Any, ...]]]]:
     """Statements of equalities and pairs, with the labels of those that hold at more instants than the ends."""
-    for statement in record.statements:
+    for statement in block.record.statements:
         component = block.component(statement.name)
         if component is None or statement.kind not in ("residual", "constraint", "complementarity"):
             continue
         counts = Counter(
-            _as_tuple(index)[1:]
+            as_tuple(index)[1:]
             for index, data in component.items()
             if data.active and (data.ctype is not Constraint or is_equality(data))
         )
-        labels = {label for label, count in counts.items() if count > 2 or count == len(record.grid.points)}
+        labels = {label for label, count in counts.items() if count > 2 or count == len(block.record.grid.points)}
         if labels:
             yield statement, labels
-
-
-def _as_tuple(label: Hashable) -> tuple[Any, ...]:
-    return label if isinstance(label, tuple) else () if label is None else (label,)
-
-
-def _zero(row: Any) -> Any:
-    """What is zero where an equality holds, in all the ways that rules may write it."""
-    if not isinstance(row, (tuple, RelationalExpression)):
-        return row
-    parts = row if isinstance(row, tuple) else row.args
-    return parts[1] - parts[0]  # of (lower, body, upper) too

@@ -13,7 +13,7 @@ from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import InitialGuessError
 
-from .declarations import Algebraic, Control, Parameter, State
+from .declarations import Control, Parameter, State
 from .initial_guesses import guess_values
 from .phase_values import expressions_over_time
 from .record import PhaseRecord
@@ -28,14 +28,11 @@ class PhaseInterface(DynamicModelInterface):
     duration.
     """
 
-    def __init__(self, block: Any, record: PhaseRecord) -> None:
+    def __init__(self, block: Any) -> None:
         # Not Pyomo's __init__, which flattens the whole model by one index set; these are the attributes that it makes.
+        record: PhaseRecord = block.record
         linear = [name for name in record.names(Control) if block.component(name).ctype is Expression]
-        names = [
-            *record.names_of_states,
-            *record.names(Algebraic),
-            *(name for name in record.names(Control) if name not in linear),
-        ]
+        names = [name for name in (*record.names_of_states, *record.names_of_signals) if name not in linear]
         scalars = [block.component(name) for name in record.names(Parameter)]
         if block.has_free_duration:
             scalars.append(block.duration)
@@ -88,6 +85,6 @@ class PhaseInterface(DynamicModelInterface):
                     f"{asked[0]:g} to {asked[-1]:g}. Shift the series, or load it through a Trajectory."
                 )
             asked = np.array(self._record.nodes(name).sample_times)
-            loaded += guess_values(block, self._record, name, np.interp(asked, times, np.array(samples, dtype=float)))
+            loaded += guess_values(block, name, np.interp(asked, times, np.array(samples, dtype=float)))
         for variable, number in loaded:
             variable.set_value(number)

@@ -8,6 +8,7 @@ A piecewise control has fewer values: one per interval between its knots, or one
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -54,18 +55,28 @@ class Nodes:
         return None
 
     @property
+    def starts_elements(self) -> bool:
+        """Whether a stage at an element boundary belongs to the element that begins there, as of explicit Euler."""
+        return self.grid.scheme.starts_on_a_stage and not self.grid.elements_share_points
+
+    @property
     def steps_at_points(self) -> NDArray[np.int64]:
         """Which difference of neighbouring values is the rate of change seen at each collocation point."""
         raise NotImplementedError
 
+    @property
+    def indices(self) -> Sequence[Any]:
+        """Of the component: one for each of `times`."""
+        return self.times
+
     def variables(self, block: Any) -> list[Any]:
         """The variables, in the order of `times`."""
         component = block.component(self.component)
-        return [component[time] for time in self.times]
+        return [component[index] for index in self.indices]
 
     def variable(self, block: Any, position: int) -> Any:
         """One of the variables."""
-        return block.component(self.component)[self.times[position]]
+        return block.component(self.component)[self.indices[position]]
 
     def from_samples(self, samples: Array) -> Array:
         """Values from samples at `sample_times`."""
@@ -134,7 +145,7 @@ class StageNodes(Nodes):
     @property
     def begins(self) -> NDArray[np.bool_] | None:
         """A stage at an element start that no other element shares belongs to the element that begins."""
-        if not self._starts_elements:
+        if not self.starts_elements:
             return None
         return np.isin(self.grid.points, [times[0] for times in self.grid.stage_times])
 
@@ -152,11 +163,6 @@ class StageNodes(Nodes):
         element, local = self._element(time, after)
         return _nonzero(self.grid.stage_positions[element], self.grid.scheme.stage_polynomial_at([local])[0])
 
-    @property
-    def _starts_elements(self) -> bool:
-        """Whether a stage at an element boundary belongs to the element that begins there."""
-        return self.grid.scheme.starts_on_a_stage and not self.grid.elements_share_points
-
 
 @dataclass(frozen=True)
 class _PiecewiseNodes(Nodes):
@@ -170,13 +176,10 @@ class _PiecewiseNodes(Nodes):
 
     knots: tuple[float, ...]
 
-    def variables(self, block: Any) -> list[Any]:
-        """The variables, in the order of `times`."""
-        return list(block.component(self.component).values())
-
-    def variable(self, block: Any, position: int) -> Any:
-        """One of the variables."""
-        return block.component(self.component)[position]
+    @property
+    def indices(self) -> Sequence[Any]:
+        """Of the component: the intervals or the knots are numbered."""
+        return range(len(self.times))
 
     @cached_property
     def of_elements(self) -> NDArray[np.int64]:

@@ -12,8 +12,7 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.blocks import BuiltBlock, Rule
 from pyrobocop_pyomo.numerics import Scheme
 
-from .declarations import Bounds, Declaration, Duration
-from .laws import Law
+from .declarations import Bounds, Declaration, Duration, Law
 from .phase_data import PhaseBlockData
 
 if TYPE_CHECKING:

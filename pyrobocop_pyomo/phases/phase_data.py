@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from difflib import get_close_matches
 from inspect import isroutine
 from numbers import Real
@@ -16,20 +18,22 @@ from pyomo.core.base.indexed_component import IndexedComponent
 from pyomo.core.base.set import Set
 from pyomo.core.expr.numvalue import NumericValue
 
-from pyrobocop_pyomo.errors import ModelError, TrajectoryError
+from pyrobocop_pyomo.errors import InitialGuessError, ModelError, TrajectoryError
 from pyrobocop_pyomo.modeling.blocks import BuiltBlockData, Rule, blocks_of_kind
 from pyrobocop_pyomo.modeling.variable_families import VariableFamily
-from pyrobocop_pyomo.numerics import Grid, Scheme, find_scheme
+from pyrobocop_pyomo.numerics import Array, Grid, Scheme, find_scheme
+from pyrobocop_pyomo.presentation import facts_table, table
 from pyrobocop_pyomo.rules.rule_template import OverTime, Reading, RuleTemplate, TimeTemplate, is_asked_for_all_times
 from pyrobocop_pyomo.rules.slots import Clock, Derivative, RateOf
 from pyrobocop_pyomo.trajectories import Trajectory
+from pyrobocop_pyomo.transcription import InitialGuess
 
-from .declarations import Bounds, Control, Declaration, Duration
+from .coupled_phases import put_on_model
+from .declarations import Bounds, Control, Declaration, Duration, Law
 from .equations import (
     RUN_AGAIN,
     add_complementarity,
     add_constraint,
-    add_constraint_at_boundaries,
     add_derivative,
     add_ode,
     add_residual,
@@ -38,14 +42,17 @@ from .equations import (
 )
 from .families import OneOf, component_declarations, family_names
 from .horizon import add_horizon, as_duration, check_horizon, make_mesh, real_time
+from .initial_guesses import set_guesses, set_straight_lines, set_trajectory
 from .integrals import named_integral
-from .laws import Law
-from .phase_actions import PhaseActions
-from .phase_tables import phase_in_words, phase_tables
-from .phase_values import PhaseValues
-from .record import PhaseRecord, Statement
+from .mpc_interface import PhaseInterface
+from .phase_values import PhaseValues, expression_values, expressions_over_time
+from .record import AT_BOUNDARIES, PhaseRecord, Statement
+from .reintegration import Reintegration, reintegrate
+from .remeshing import remesh_phases
+from .simulation import Replay, SimulationOptions, replay, simulate
 from .stated_numbers import in_numbers, with_functions_of_time
 from .structure import check_phase
+from .tracking import tracking_cost
 from .variables import add_variables, control_rate
 from .verification import Verification, verify
 
@@ -65,7 +72,7 @@ _OTHER_WORDS = {
 _OFFERED = ("duration", "integral", "points", "time", "initialize", "trajectory", "constraint", "complementarity")
 
 
-class PhaseBlockData(PhaseActions, BuiltBlockData):
+class PhaseBlockData(BuiltBlockData):
     """One phase; see `PhaseBlock` for how to make one.
 
     Attributes
@@ -138,7 +145,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
                 )
             what = f"{self._what}: {type(declaration).__name__.lower()} '{name}'"
             declaration = with_functions_of_time(self, in_numbers(declaration, what), what)
-            add_variables(self, self.record, name, declaration)
+            add_variables(self, name, declaration)
             self.record.declarations[name] = declaration
 
     def _declare_family(self, name: str, declaration: Declaration) -> None:
@@ -176,10 +183,10 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         return sorted({*super().__dir__(), *(() if record is None else record.families)})
 
     def _summary(self) -> str:
-        return super()._summary() + (phase_in_words(self.record) if self.is_built else "")
+        return super()._summary() + (_phase_in_words(self.record) if self.is_built else "")
 
     def _html_parts(self) -> list[str]:
-        return phase_tables(self.record) if self.is_built else []
+        return _phase_tables(self.record) if self.is_built else []
 
     # ---------------------------------------------------------------- statements
 
@@ -262,7 +269,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         ModelError
             When a result is no relation, or the rule reads what has no value at a boundary, such as a control.
         """
-        return self._state("constraint at boundaries", rule, name, add_constraint_at_boundaries)
+        return self._state(AT_BOUNDARIES, rule, name, add_constraint)
 
     def complementarity(self, rule: Rule, name: str | None = None) -> Rule:
         """State complementarity: ``rule(phase, t)`` returns ``complements(a >= 0, b >= 0)``, or a list of such.
@@ -308,7 +315,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         if self.record.restating is not None:
             raise ModelError(f"{self._what}: the derivative of '{name}' is used before its equation.")
         with self._all_or_nothing():
-            return add_derivative(self, self.record, name)
+            return add_derivative(self, name)
 
     def integral(self, integrand: Rule) -> Any:
         """Integral of ``integrand(phase, t)`` over the phase, by the quadrature of the scheme.
@@ -333,13 +340,13 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
                 f"integral(lambda b, t: b.{name}[t])."
             )
         with PauseGC():
-            return named_integral(self, self.record, integrand)
+            return named_integral(self, integrand)
 
     def time_at(self, t: float) -> Any:
         """The time that the index ``t`` stands for: ``t`` itself, or an expression in what is to be found."""
         if isinstance(t, TimeTemplate):
             return Reading(Clock(self))
-        return real_time(self, self.record, t)
+        return real_time(self, t)
 
     def rate_of(self, control: Any) -> Mapping[float, Any]:
         """Rate of change of a control in real time, as seen at each collocation point.
@@ -365,7 +372,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
             raise ModelError(f"{self._what}: '{name}' is no control; its controls are {known}.")
         if is_asked_for_all_times():
             return OverTime(RateOf(self, (name,)))  # type: ignore[return-value]
-        return MappingProxyType(control_rate(self, self.record, name))
+        return MappingProxyType(control_rate(self, name))
 
     # ---------------------------------------------------------------- facts and results
 
@@ -430,7 +437,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
             the equations that determine no derivative and no algebraic.
             When the duration is fixed at no positive value.
         """
-        check_phase(self, self.record)
+        check_phase(self)
 
     def trajectory(self) -> Trajectory:
         """The current values, as a trajectory that can be read, plotted, verified and saved."""
@@ -445,7 +452,239 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         beside : sequence of Trajectory
             Of other phases that the rules read; needed where the trajectory is not what stands on the model.
         """
-        return verify(self, self.record, trajectory, beside)
+        return verify(self, trajectory, beside)
+
+    # ---------------------------------------------------------------- beyond stating and solving
+
+    def initialize(
+        self, guess: Trajectory | Mapping[Any, InitialGuess] | None = None, /, **by_name: InitialGuess
+    ) -> None:
+        """Set where the solver starts, any time after the declarations.
+
+        Variables that are fixed keep their values, bounds are left alone, and a value outside of its bounds is moved
+        onto the nearest. Derivatives that are variables follow their states.
+
+        Parameters
+        ----------
+        guess : Trajectory or dict
+            A trajectory of any mesh, scheme and duration is evaluated by its own polynomials, its horizon stretched
+            onto that of the phase, and a free duration gets its; names in common are set. A dict has names or variables
+            as keys; each initial guess is a number, a function of the time index, or an array as in a declaration.
+            ``"duration"``, parameters and ``"<state>_derivative"`` are names as well.
+        **by_name : number, array or function
+            The same, as in ``initialize(theta=0.5)``; these win.
+
+        Raises
+        ------
+        InitialGuessError
+            Naming what is unknown, of the wrong length or not finite; nothing is set then.
+        """
+        if isinstance(guess, Trajectory):
+            set_trajectory(self, guess)
+        elif isinstance(guess, Mapping):
+            by_name = {**guess, **by_name}
+        elif guess is not None:
+            raise InitialGuessError(
+                f"phase '{self.name}': an initial guess is a trajectory or a mapping of names to initial guesses, "
+                f"not a {type(guess).__name__}."
+            )
+        set_guesses(self, by_name)
+
+    def initialize_straight_lines(self) -> None:
+        """Lead every state from its initial to its final value on a straight line.
+
+        A range counts with the value nearest to the other end. A state with one stated end stays there; one with
+        none keeps its initial guess. Controls and algebraics keep theirs.
+        """
+        set_straight_lines(self)
+
+    def simulate(
+        self,
+        controls: Mapping[str, InitialGuess] | None = None,
+        *,
+        initial: Mapping[str, float] | None = None,
+        method: str = "DOP853",
+        rtol: float = 1e-9,
+        atol: float = 1e-10,
+        unknown: Sequence[str] | None = None,
+        restitution: Mapping[str, float] | None = None,
+    ) -> Trajectory:
+        """What the equations do from the initial values on, as a trajectory on the phase's own grid.
+
+        Explicit differential equations are integrated by `scipy.integrate.solve_ivp`, element by element with the
+        polynomials of controls. With residual equations, step maps, or ``method="scheme"``, the rows of the scheme
+        are solved element by element. Where pairs determine what is left, such as the forces of contacts, the rows
+        and pairs of an element are solved together, as a mixed complementarity problem. Nothing on the model changes:
+        use ``phase.initialize(trajectory)`` to start from the result.
+
+        Parameters
+        ----------
+        controls : dict of str to number, array or function
+            Controls, and algebraics that are to be taken as given; the others are as the phase holds them. A function
+            is called with the time index.
+        initial : dict of str to number
+            Where states start; as the phase holds them by default.
+        method : str
+            A method of `solve_ivp` (``"Radau"`` for stiff equations), or ``"scheme"``.
+        rtol, atol : float
+            Tolerances of `solve_ivp`.
+        unknown : sequence of str, optional
+            Algebraics and controls that are to be found, in the place of the default: the algebraics that are not given
+            and, where there are more pairs than these, the controls that stand in pairs.
+        restitution : dict of str to number, optional
+            Newton's coefficients of impact, from 0 to 1, by the name of a pair, or of a rule or a contact law for all
+            of its pairs of a gap and a force. Without one an impact is inelastic. It takes implicit Euler steps.
+
+        Raises
+        ------
+        InitialGuessError
+            When names, lengths or the number of equations do not fit.
+        SimulationFailed
+            With the time at which it stopped; the elements before are its attribute ``trajectory``.
+
+        Notes
+        -----
+        Parameters and the duration are as the phase holds them. Bounds and path constraints are ignored. Algebraics
+        are found where residual equations, or these and the pairs, determine all of them, and keep the phase's values
+        where there are no such equations. Where several motions meet the pairs, the one that is found first from the
+        values of the step before is taken. Time stepping: Stewart and Trinkle, An implicit time-stepping scheme for
+        rigid body dynamics with inelastic collisions and Coulomb friction (1996),
+        doi:10.1002/(SICI)1097-0207(19960815)39:15<2673::AID-NME972>3.0.CO;2-I
+        """
+        if isinstance(controls, Trajectory):
+            raise InitialGuessError(
+                f"phase '{self.name}': simulate was given a trajectory; expected a dict of controls, or nothing for "
+                "those that the phase holds. Write phase.initialize(trajectory), then phase.simulate()."
+            )
+        options = SimulationOptions(
+            method=method, rtol=rtol, atol=atol, unknown=unknown, restitution=dict(restitution or {})
+        )
+        found = simulate(self, controls or {}, initial or {}, options)
+        if not expressions_over_time(self):
+            return found
+        with put_on_model([(self, found)]):
+            return replace(found, expressions=expression_values(self))
+
+    def remesh(self, mesh: Any) -> None:
+        """Give the phase another mesh, in place; see `remesh_phases`, which takes several at once.
+
+        Components, and variables at times that stay, are the objects that they were. New variables have the values of
+        the trajectory that stands on the model.
+
+        Parameters
+        ----------
+        mesh : int, sequence of float or Mesh
+            A number of elements, or element boundaries in the phase's time indices.
+
+        Raises
+        ------
+        ModelError
+            Naming what on the model cannot follow; nothing has changed then.
+        ModelError
+            When the mesh is none, or does not fit the phase.
+        """
+        remesh_phases({self: mesh})
+
+    def replay(
+        self,
+        trajectory: Trajectory | None = None,
+        *,
+        method: str = "scheme",
+        unknown: Sequence[str] | None = None,
+        restitution: Mapping[str, float] | None = None,
+    ) -> Replay:
+        """Simulate a plan under its own controls, and say how far the motion is from it.
+
+        Where pairs determine forces and slip these are found again, step by step, by the equations and the pairs alone:
+        a plan whose contacts are physics, and not just values that meet the rows to a tolerance, is found again.
+
+        Parameters
+        ----------
+        trajectory : Trajectory, optional
+            The phase's current values by default. Its parameters and its duration are taken as well.
+        method, unknown, restitution
+            As for `simulate`; the rows of the scheme by default, which a plan fulfils.
+
+        Raises
+        ------
+        InitialGuessError, SimulationFailed
+            As `simulate`.
+        """
+        options = SimulationOptions(method=method, unknown=unknown, restitution=dict(restitution or {}))
+        return replay(self, self.trajectory() if trajectory is None else trajectory, options)
+
+    def reintegrate(
+        self, trajectory: Trajectory | None = None, *, initial: Mapping[str, float] | None = None
+    ) -> Reintegration:
+        """The motion that the equations make of a plan under its controls, inside the elements too.
+
+        All elements are integrated at once, by halved steps until nothing changes; implicit derivatives, algebraics and
+        controls that equations determine are found at each instant. Where pairs decide something that the motion
+        depends on, contact is simulated, in steps of a Radau scheme that are halved where it opens or closes. All other
+        controls are taken as the trajectory's polynomials.
+
+        Parameters
+        ----------
+        trajectory : Trajectory, optional
+            The phase's current values by default.
+        initial : dict of state name to number, optional
+            Where the open loop starts, such as where the phase before has ended; as the plan does by default.
+
+        Raises
+        ------
+        TrajectoryError
+            When there are no states, or a step map leads them, or equations and pairs do not determine all that the
+            motion depends on.
+        """
+        checked = self.trajectory() if trajectory is None else trajectory
+        return reintegrate(self, checked, initial=initial)
+
+    def element_errors(self, trajectory: Trajectory | None = None) -> Array:
+        """How far each element ends from where the equations lead from its own start, shape ``(N,)``.
+
+        As `verify` does, and `reintegrate`.
+
+        Parameters
+        ----------
+        trajectory : Trajectory, optional
+            The phase's current values by default.
+
+        Raises
+        ------
+        TrajectoryError
+            When there are no states, or a step map leads them, or the equations do not determine the algebraics.
+        """
+        checked = self.trajectory() if trajectory is None else trajectory
+        found = reintegrate(self, checked)
+        return found.end_errors(found.local, checked)
+
+    def tracking(self, variable: Any, reference: Any, weight: Any = 1.0) -> Any:
+        """Integral of the squared deviation from a reference, for an objective or a constraint.
+
+        Parameters
+        ----------
+        variable : Var, vector or str
+            A state, algebraic or control of this phase; the squares of all components of a vector are summed.
+        reference : number, expression, indexed component, rule, function, Trajectory or pair of lists
+            A Param, Var or expression is followed as it is; a component over the times of the phase, such as another
+            state or an Expression, at each time; for a vector also another vector. A rule ``(phase, t)`` is as in
+            `integral`. A function of time, or times and values, which are joined by lines; for a vector an array, a
+            function that returns one, or times and an array of shape ``(components, times)``. A trajectory is
+            evaluated by its polynomials. With a free duration a function gets an expression for the time, so that it
+            has to be made of Pyomo's functions.
+        weight : number, expression, indexed component, rule, function or pair of lists
+            The same, for the components of a vector alike.
+
+        Raises
+        ------
+        ModelError
+            When the variable is not of this phase, or the reference or the weight does not cover it.
+        """
+        return tracking_cost(self, variable, reference, weight)
+
+    def interface(self) -> PhaseInterface:
+        """This phase for `pyomo.contrib.mpc`; see `PhaseInterface`."""
+        return PhaseInterface(self)
 
     # ---------------------------------------------------------------- construction
 
@@ -455,7 +694,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
             self.record.asking = True
             statement = Statement(kind, name, RuleTemplate(rule))
             try:
-                add(self, self.record, statement)
+                add(self, statement)
             finally:
                 self.record.asking = False
             self.record.statements.append(statement)
@@ -498,7 +737,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         )
         self.time = Set(initialize=list(grid.times), ordered=True, doc="element boundaries and collocation points")
         self.points = Set(initialize=list(grid.points), ordered=True, doc="collocation points")
-        add_horizon(self, self._record, float(start) if isinstance(start, Real) else start, free_element_widths)
+        add_horizon(self, float(start) if isinstance(start, Real) else start, free_element_widths)
         if duration is not stated:
             self.duration_as_stated = Constraint(expr=self.duration == stated)
 
@@ -526,3 +765,54 @@ def phases_of(model: Any) -> list[PhaseBlockData]:
         A model, a block of it, or a phase itself.
     """
     return blocks_of_kind(model, PhaseBlockData)
+
+
+# ------------------------------------------------------------------------------------------------- a phase at a glance
+
+
+def _phase_in_words(record: PhaseRecord) -> str:
+    """Counts of the declarations by kind, and the grid."""
+    kinds = Counter(type(declaration).__name__.lower() for declaration in record.declarations.values())
+    counts = [f"{count} {kind}{'s' if count != 1 else ''}" for kind, count in kinds.items()]
+    return f": {', '.join([*counts, f'{record.grid.mesh.elements} elements'])} of {record.grid.scheme.name}"
+
+
+def _phase_tables(record: PhaseRecord) -> list[str]:
+    """Two tables: the declarations with bounds, ends and units; the rules by kind, the duration and the grid."""
+    members = {member for family in record.families.values() for member in family.members}
+    rows = [_row(name, of) for name, of in record.declarations.items() if name not in members]
+    for name, family in record.families.items():
+        first = record.declarations[family.members[0]]
+        rows.append((f"{name}, shape {family.shape}", type(first).__name__.lower(), "", "", "", _units(first)))
+    kinds = dict.fromkeys(statement.kind for statement in record.statements)
+    facts: dict[str, object] = {
+        "duration": _shown(record.duration),
+        "grid": f"{record.grid.mesh.elements} elements of {record.grid.scheme.name}",
+    }
+    facts |= {kind: ", ".join(statement.name for statement in record.statements_of(kind)) for kind in kinds}
+    return [table(("name", "kind", "bounds", "initial", "final", "units"), rows), facts_table(facts)]
+
+
+def _row(name: str, of: Declaration) -> tuple[str, ...]:
+    bounds = of.bounds
+    within = "a function of time" if callable(bounds) else "" if bounds == (None, None) else _interval(bounds)
+    ends = (_shown(getattr(of, end, None)) for end in ("initial", "final"))
+    return (name, type(of).__name__.lower(), within, *ends, _units(of))
+
+
+def _interval(bounds: Any) -> str:
+    low, high = bounds
+    return f"{'-inf' if low is None else f'{low:g}'} .. {'inf' if high is None else f'{high:g}'}"
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return ""
+    bounds = getattr(value, "bounds", None)
+    if isinstance(value, Declaration) and bounds is not None:
+        return f"free in {_interval(bounds)}"
+    return f"{value:g}" if isinstance(value, (int, float)) else str(value)
+
+
+def _units(of: Declaration) -> str:
+    return "" if of.units is None else str(of.units)

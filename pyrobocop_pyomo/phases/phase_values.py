@@ -18,7 +18,7 @@ from pyrobocop_pyomo.modeling.variable_values import checksum, put_values
 from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .declarations import Algebraic, Control, Parameter, State
+from .declarations import Control, Parameter
 from .horizon import real_grid
 from .nodes import IntervalNodes, KnotNodes, Nodes
 from .record import PhaseRecord
@@ -55,9 +55,9 @@ class PhaseValues:
                 "pyo.TransformationFactory('core.scale_model').propagate_solution(scaled, model)."
             )
         self._phase, self._record, self._grid = phase, record, record.grid
-        names = [name for kind in (State, Algebraic, Control) for name in record.names(kind)]
         derivatives = [f"{name}_derivative" for name in sorted(record.kept_derivatives)]
-        self.nodes: dict[str, Nodes] = {name: record.nodes(name) for name in [*names, *derivatives]}
+        names = [*record.names_of_states, *record.names_of_signals, *derivatives]
+        self.nodes: dict[str, Nodes] = {name: record.nodes(name) for name in names}
         self.variables = {name: nodes.variables(phase) for name, nodes in self.nodes.items()}
 
     def read(self) -> dict[str, Array]:
@@ -126,16 +126,27 @@ class PhaseValues:
             outcome = self._outcome_of(values)
         return make_trajectory(
             phase,
-            real_grid(phase, record),
+            real_grid(phase),
             states={name: values[name] for name in record.names_of_states},
             signals={name: self.nodes[name].at_points(values[name]) for name in record.names_of_signals},
             parameters={name: float(value(phase.component(name))) for name in record.names(Parameter)},
             pairs=pairs_of_phase(phase, self._grid) if evaluate else {},
-            rates={name: _rates(phase, name) for name in record.names_of_states if evaluate and _has_rate(phase, name)},
+            rates=self._rates() if evaluate else {},
             expressions=expression_values(phase) if evaluate else {},
             knot_values=values,
             outcome=outcome,
         )
+
+    def _rates(self) -> dict[str, Array]:
+        """Derivatives of the states at the points, where they have any."""
+        phase, record = self._phase, self._record
+        known = (
+            name
+            for name in record.names_of_states
+            if name in record.rates or phase.component(f"{name}_derivative") is not None
+        )
+        rates = {name: phase.derivative(name) for name in known}
+        return {name: np.array([number_or_nan(of[t]) for t in self._grid.points]) for name, of in rates.items()}
 
     def _outcome_of(self, values: Mapping[str, Array]) -> str:
         """How the solve ended that has left these values; otherwise that none has."""
@@ -147,9 +158,7 @@ class PhaseValues:
     def _fingerprint(self, values: Mapping[str, Array]) -> int:
         phase, record = self._phase, self._record
         parameters = [float(value(phase.component(name))) for name in record.names(Parameter)]
-        return checksum(
-            np.concatenate([*values.values(), parameters, real_grid(phase, record).mesh.boundaries]).tolist()
-        )
+        return checksum(np.concatenate([*values.values(), parameters, real_grid(phase).mesh.boundaries]).tolist())
 
     def note_outcome(self, words: str) -> None:
         """Keep how the solve ended that has left the values."""
@@ -239,15 +248,6 @@ def sample_times(grid: Grid, nodes: Nodes, place: Callable[[float], float]) -> A
     nearest = boundaries[np.abs(times[:, None] - boundaries[None, :]).argmin(axis=1)]
     times = np.where(np.abs(times - nearest) < 1e-12 * (1 + np.abs(boundaries).max()), nearest, times)
     return times if nodes.begins is None else np.where(nodes.begins, np.nextafter(times, boundaries[-1]), times)
-
-
-def _has_rate(phase: Any, name: str) -> bool:
-    return name in phase.record.rates or phase.component(f"{name}_derivative") is not None
-
-
-def _rates(phase: Any, name: str) -> Array:
-    rates = phase.derivative(name)
-    return np.array([number_or_nan(rates[time]) for time in phase.grid.points])
 
 
 def pairs_of_phase(phase: Any, grid: Grid) -> dict[str, Array]:

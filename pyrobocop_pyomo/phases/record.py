@@ -21,6 +21,9 @@ from pyrobocop_pyomo.rules.slots import Place, Slot
 from .declarations import Algebraic, Bounds, Control, Declaration, Duration, State
 from .nodes import Nodes, StageNodes
 
+# The kind of path constraints on the states at element boundaries.
+AT_BOUNDARIES = "constraint at boundaries"
+
 
 @dataclass(frozen=True)
 class Statement:
@@ -38,22 +41,23 @@ class Statement:
         """What the rule says at a time; where it is a template it is called once."""
         return self.rule(block, t, *more)
 
-    def is_template(self, block: Any, *more: Any) -> bool:
-        """Whether the rule gives formulas for all times, given what it would get at one."""
-        return self.rule.is_template(block, *more)
-
     def reads_variables_alone(self, block: Any) -> bool:
         """Whether the rule gives formulas for all times in variables over time, and calls no function in Python."""
         formulas = self.rule.formulas(block)
         return formulas is not None and formulas.reads_variables_alone
 
-    def readings(self, block: Any, *more: Any) -> list[Any]:
-        """Variables and parameters at given points that a template reads at all times."""
-        return self.rule.readings(block, *more)
+    def label(self, block: Any) -> str:
+        """The phase and the rule, for messages."""
+        return f"phase '{block.name}': {self.kind} '{self.name}'"
+
+    def times(self, block: Any) -> tuple[float, ...]:
+        """Where it holds: at the points of the mesh or at its boundaries."""
+        grid: Grid = block.record.grid
+        return grid.mesh.boundaries if self.kind == AT_BOUNDARIES else grid.points
 
     def rows(self, result: Any) -> dict[Hashable, Any]:
         """The rows of what the rule returned by label; of pairs their canonical forms, but for those left out."""
-        found = labelled_rows(self.kind.removesuffix(" at boundaries"), plain_expressions(result))
+        found = labelled_rows(self.kind, plain_expressions(result))
         if self.kind != "complementarity":
             return found
         stated = {label: pair for label, pair in found.items() if pair is not Complementarity.Skip}
@@ -185,7 +189,7 @@ class PhaseRecord:
         return snapshot_of(self)
 
 
-def place(block: Any, record: PhaseRecord, name: str, component: Any) -> Any:
+def place(block: Any, name: str, component: Any) -> Any:
     """Add a component to a phase block; where the phase gets another mesh, make the one that stands there like it.
 
     Returns
@@ -193,8 +197,8 @@ def place(block: Any, record: PhaseRecord, name: str, component: Any) -> Any:
     component
         The one on the block.
     """
-    if record.restating is not None:
-        return record.restating.place(name, component)
+    if block.record.restating is not None:
+        return block.record.restating.place(name, component)
     block.add_component(name, component)
     return component
 
@@ -247,7 +251,7 @@ def labelled_rows(kind: str, result: Any) -> dict[Hashable, Any]:
 
     Parameters
     ----------
-    kind : {"residual", "constraint", "complementarity"}
+    kind : {"residual", "constraint", "constraint at boundaries", "complementarity"}
         What the rule states. It decides what a tuple is: one pair in a complementarity, Pyomo's
         ``(lower, body, upper)`` in a constraint unless relations stand in it, and otherwise several rows.
     result : object
@@ -261,6 +265,6 @@ def labelled_rows(kind: str, result: Any) -> dict[Hashable, Any]:
 
 
 def _is_one_row(kind: str, result: tuple[Any, ...]) -> bool:
-    if kind == "constraint":
+    if kind in ("constraint", AT_BOUNDARIES):
         return not any(isinstance(entry, (RelationalExpression, tuple)) for entry in result)
     return kind == "complementarity"

@@ -10,25 +10,24 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from pyrobocop_pyomo.errors import EvaluationError, PyRobocopError, TrajectoryError
-from pyrobocop_pyomo.numerics import Array, Grid
+from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.flows import Flows, integrate_elements, integrate_flows
 from pyrobocop_pyomo.numerics.tables import tables_continued
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .asked_by_point import refuse_asked_by_point
 from .bounds_between_points import SAMPLES, instants_to_look_at, stated_formulas
-from .companions import Companion, companions_of, indices_of, put_on_model
+from .coupled_phases import CoupledPhase, coupled_phases_of, put_on_model
 from .delays import MotionSoFar
+from .element_instants import ElementInstants
 from .families import guesses_by_component
 from .implicit_steps import stepped_flows
 from .instant_equations import InstantEquations, refuse_equations_beside
-from .instants_inside import InstantsInside
 from .record import PhaseRecord, Statement
 from .right_hand_sides import RightHandSides
 from .rule_formulas import RuleFormulas
@@ -127,22 +126,20 @@ class Reintegration:
 
 def reintegrate(
     block: Any,
-    record: PhaseRecord,
     trajectory: Trajectory,
-    companions: Sequence[Companion] | None = None,
+    coupled: Sequence[CoupledPhase] | None = None,
     initial: Mapping[str, float] | None = None,
     *,
     states_only: bool = False,
     ends_only: bool = False,
 ) -> Reintegration:
-    """See `PhaseActions.reintegrate`.
+    """See `PhaseBlockData.reintegrate`.
 
     Parameters
     ----------
     block : PhaseBlock
-    record : PhaseRecord
     trajectory : Trajectory
-    companions : sequence of Companion, optional
+    coupled : sequence of CoupledPhase, optional
         Other phases, beside values of the trajectory that stand on the model already.
     initial : dict of state name to number, optional
         Where the open loop starts; as the plan does by default.
@@ -151,6 +148,7 @@ def reintegrate(
     ends_only : bool
         Leave out the open loop, and what is inside the elements, where these take their time.
     """
+    record: PhaseRecord = block.record
     names = record.names_of_states
     if not names:
         raise TrajectoryError(f"phase '{block.name}' has no states: there is no error to estimate.")
@@ -162,19 +160,17 @@ def reintegrate(
         )
     initial = guesses_by_component(record, initial or {}, f"phase '{block.name}'")
     first = np.array([initial.get(name, trajectory.states[name][0]) for name in names], dtype=float)
-    indices = indices_of(record, trajectory.grid)
-    on_model = put_on_model([(block, trajectory)]) if companions is None else nullcontext()
-    companions = companions_of(block, indices.mesh.boundaries) if companions is None else companions
+    on_model = put_on_model([(block, trajectory)]) if coupled is None else nullcontext()
+    coupled = coupled_phases_of(block, trajectory.grid) if coupled is None else coupled
     with on_model, tables_continued():
+        formulas = RuleFormulas(block, trajectory.grid, coupled)
         try:
-            flows, contact = _flows(block, record, trajectory, indices, companions, first, ends_only)
+            flows, contact = _flows(formulas, trajectory, first, ends_only)
         except EvaluationError as error:
             raise TrajectoryError(f"phase '{block.name}': {error}") from error
-        integrals, remarks = ({}, ()) if states_only else _integrals(block, record, trajectory)
+        integrals, remarks = ({}, ()) if states_only else _integrals(block, trajectory)
         if not np.isfinite(flows.local).all():
-            _refuse_undefined(
-                block, record, trajectory, RuleFormulas(block, record, indices, trajectory.grid, companions)
-            )
+            _refuse_undefined(formulas, trajectory)
     planned = trajectory.element_polynomials(flows.fractions)
     return Reintegration(
         fractions=flows.fractions,
@@ -188,43 +184,23 @@ def reintegrate(
     )
 
 
-def _refuse_undefined(block: Any, record: PhaseRecord, trajectory: Trajectory, formulas: RuleFormulas) -> None:
+def _refuse_undefined(formulas: RuleFormulas, trajectory: Trajectory) -> None:
     """Where the equations have no value on the plan itself, no motion can be known."""
-    at = InstantsInside(record, trajectory, indices_of(record, trajectory.grid), trajectory.grid.scheme.c, formulas)
+    at, record = ElementInstants(formulas, trajectory, trajectory.grid.scheme.c), formulas.record
     for statement in record.statements_of("ode") + record.statements_of("residual"):
         for side in stated_formulas(formulas, statement):
-            at.value_of(side, statement, f"phase '{block.name}'")
+            at.value_of(side, statement)
 
 
-def element_end_errors(block: Any, record: PhaseRecord, trajectory: Trajectory) -> Array:
-    """How far each element ends from where the equations lead from its own start, shape ``(N,)``.
-
-    Raises
-    ------
-    TrajectoryError
-        As `reintegrate`.
-    """
-    found = reintegrate(block, record, trajectory)
-    return found.end_errors(found.local, trajectory)
-
-
-def _flows(
-    block: Any,
-    record: PhaseRecord,
-    trajectory: Trajectory,
-    indices: Grid,
-    companions: Sequence[Companion],
-    first: Array,
-    ends: bool,
-) -> tuple[Flows, bool]:
+def _flows(formulas: RuleFormulas, trajectory: Trajectory, first: Array, ends: bool) -> tuple[Flows, bool]:
     """The flows, and whether contact decides them."""
+    block, record = formulas.block, formulas.record
     starts = np.array([trajectory.element_states(name)[:, 0] for name in record.names_of_states]).T
     scales = SMALLEST_SCALE + np.abs(np.array([trajectory.states[name] for name in record.names_of_states])).max(axis=1)
     refuse_asked_by_point(block, record.statements_of("ode"))
-    equations = partial(InstantEquations, block, record)
-    rates = RightHandSides(block, record, trajectory, equations, companions=companions)
-    refuse_equations_beside(block, record, rates.equations.read)
-    fractions = instants_to_look_at(block, record, trajectory, indices, rates.equations.statements)
+    rates = RightHandSides(formulas, trajectory, InstantEquations)
+    refuse_equations_beside(block, rates.equations.read)
+    fractions = instants_to_look_at(formulas, trajectory, rates.equations.statements)
     is_quick = len(fractions) != SAMPLES + 1
     if rates.are_delayed:
         parts = fractions if is_quick else np.array([0.0, 1.0])
@@ -267,31 +243,30 @@ def _delayed_flows(
     return Flows(fractions, np.array(local), np.array(carried))
 
 
-def _integrals(
-    block: Any, record: PhaseRecord, trajectory: Trajectory
-) -> tuple[dict[str, tuple[Array, Array]], tuple[str, ...]]:
+def _integrals(block: Any, trajectory: Trajectory) -> tuple[dict[str, tuple[Array, Array]], tuple[str, ...]]:
     """Each integral per element: by quadrature and along the local motion; and remarks on those that are not known."""
     known: dict[str, tuple[Array, Array]] = {}
     remarks: list[str] = []
-    for position, statement in enumerate(record.integrals, start=1):
+    for position, statement in enumerate(block.record.integrals, start=1):
         name = f"{statement.name} ({position})"
         try:
-            known[name] = _integral(block, record, trajectory, statement)
+            known[name] = _integral(block, trajectory, statement)
         except (TrajectoryError, EvaluationError) as error:
             remarks.append(f"integral {name}: not re-integrated. {error}")
     return known, tuple(remarks)
 
 
-def _integral(block: Any, record: PhaseRecord, trajectory: Trajectory, statement: Statement) -> tuple[Array, Array]:
+def _integral(block: Any, trajectory: Trajectory, statement: Statement) -> tuple[Array, Array]:
     what = f"phase '{block.name}': integral '{statement.name}'"
-    grid, indices = trajectory.grid, indices_of(record, trajectory.grid)
-    rates = RightHandSides(block, record, trajectory, partial(InstantEquations, block, record), [statement])
+    grid = trajectory.grid
+    formulas = RuleFormulas(block, trajectory.grid)
+    rates = RightHandSides(formulas, trajectory, InstantEquations, [statement])
     if rates.equations.needs_steps:
         raise TrajectoryError(
             f"phase '{block.name}': its motion depends on contacts, or on hidden conditions, which single instants do "
             "not tell."
         )
-    names, width = record.names_of_states, grid.mesh.widths
+    names, width = block.record.names_of_states, grid.mesh.widths
     nodes = {name: trajectory.element_states(name) for name in names}
     planned = np.zeros(len(width))
     with np.errstate(all="ignore"):
@@ -300,7 +275,7 @@ def _integral(block: Any, record: PhaseRecord, trajectory: Trajectory, statement
             planned += weight * rates(fraction, np.vstack([here, planned])[:, None, :])[-1, 0]
     if not np.isfinite(planned).all():
         raise TrajectoryError(f"{what} has no finite value on the plan.")
-    fractions = instants_to_look_at(block, record, trajectory, indices, [*record.statements_of("ode"), statement])
+    fractions = instants_to_look_at(formulas, trajectory, [*block.record.statements_of("ode"), statement])
     starts = np.column_stack([*(nodes[name][:, 0] for name in names), np.zeros(len(width))])
     sizes = [np.abs(nodes[name]).max() for name in names] + [np.abs(planned).sum()]
     found = integrate_elements(rates, starts, SMALLEST_SCALE + np.array(sizes), fractions, TOLERANCE)

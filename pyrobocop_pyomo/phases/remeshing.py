@@ -37,7 +37,6 @@ from .delays import VALUES_AT_TIMES, restate_values_at_times
 from .equations import (
     add_complementarity,
     add_constraint,
-    add_constraint_at_boundaries,
     add_derivative,
     add_expression,
     add_ode,
@@ -48,7 +47,7 @@ from .horizon import add_boundaries, make_mesh
 from .integrals import INTEGRALS, restate_integrals
 from .nodes import IntervalNodes, KnotNodes, Nodes, StateNodes
 from .phase_values import PhaseValues
-from .record import PhaseRecord
+from .record import AT_BOUNDARIES, PhaseRecord
 from .variables import add_variables
 
 _ADD: dict[str, Callable[..., None]] = {
@@ -56,7 +55,7 @@ _ADD: dict[str, Callable[..., None]] = {
     "step map": add_step,
     "residual": add_residual,
     "constraint": add_constraint,
-    "constraint at boundaries": add_constraint_at_boundaries,
+    AT_BOUNDARIES: add_constraint,
     "complementarity": add_complementarity,
     "expression": add_expression,
 }
@@ -229,7 +228,7 @@ def _user_reading(model: Any, grids: Mapping[Any, Grid]) -> str | None:
     others = {id(part): "" for phase, grid in grids.items() for part in _only_on_this_mesh(phase, grid)}
     for phase in grids:
         for statement in phase.record.rules:
-            for leaf in statement.readings(phase):
+            for leaf in statement.rule.readings(phase):
                 if id(leaf) in others:
                     return (
                         f"phase '{phase.name}': its {statement.kind} '{statement.name}' reads '{leaf.name}' at all "
@@ -429,13 +428,13 @@ class PhaseOnGrid:
             members_of.update(members)
         if record.free_widths:
             assert record.width_factors is not None
-            add_boundaries(block, record, record.width_factors, f"phase '{block.name}'")
+            add_boundaries(block, record.width_factors, f"phase '{block.name}'")
         for name, declaration in record.declarations.items():
             # An initial guess may be an array over the mesh that the phase had.
-            add_variables(block, record, name, replace(declaration, initial_guess=None))
+            add_variables(block, name, replace(declaration, initial_guess=None))
         for name in record.names_of_states:
             if name in record.kept_derivatives:
-                add_derivative(block, record, name)
+                add_derivative(block, name)
 
     def state(self) -> None:
         """State the rules in their order, by their templates.
@@ -448,7 +447,7 @@ class PhaseOnGrid:
         for statement in (*self._record.expressions, *self._record.statements):
             self._record.asking = True
             try:
-                _ADD[statement.kind](self._block, self._record, statement)
+                _ADD[statement.kind](self._block, statement)
             except (LookupError, ValueError, TypeError, ArithmeticError, AttributeError) as error:
                 raise ModelError(
                     f"phase '{self._block.name}': its {statement.kind} '{statement.name}' cannot be stated on the new "
@@ -461,8 +460,8 @@ class PhaseOnGrid:
     def finish(self) -> None:
         """Give integrals their sums, and deactivated rows no part again."""
         block, record = self._block, self._record
-        restate_integrals(block, record)
-        restate_values_at_times(block, record)
+        restate_integrals(block)
+        restate_values_at_times(block)
         self._interpolate()
         for component in self._placed:
             _carry_activity(component, self._changes.parts_before(component))

@@ -11,20 +11,17 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from pyomo.core.expr.numvalue import native_numeric_types
 
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.expression_nodes import FLOAT_FUNCTIONS
 from pyrobocop_pyomo.modeling.failures import failures_as
-from pyrobocop_pyomo.modeling.undefined_values import undefined_part
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .companions import Companion, indices_of
 from .delays import MotionSoFar, Past, past_of
-from .record import PhaseRecord, Statement
-from .rule_formulas import RuleFormulas, shown_by_name
+from .record import Statement
+from .rule_formulas import RuleFormulas
 from .step_equations import differences, stacked
 
 # Relative to an element: shorter delays would take too many steps.
@@ -40,8 +37,8 @@ class RightHandSides:
 
     Parameters
     ----------
-    block : PhaseBlock
-    record : PhaseRecord
+    formulas : RuleFormulas
+        Which have read nothing yet.
     trajectory : Trajectory
         Whose controls and parameters are taken. Algebraics are taken from it where nothing determines them, or the
         motion does not depend on them; elsewhere they are found at each instant, from there.
@@ -49,8 +46,6 @@ class RightHandSides:
         From `RuleFormulas` to the equations: `InstantEquations`, or `StepEquations`.
     integrals : sequence of Statement
         Whose integrands follow the states: what they gain over the local fraction.
-    companions : sequence of Companion
-        Other phases that rules may read, as planned.
 
     Attributes
     ----------
@@ -72,28 +67,25 @@ class RightHandSides:
 
     def __init__(
         self,
-        block: Any,
-        record: PhaseRecord,
+        formulas: RuleFormulas,
         trajectory: Trajectory,
         equations: Callable[[RuleFormulas], Any],
         integrals: Sequence[Statement] = (),
-        companions: Sequence[Companion] = (),
     ) -> None:
-        self._names, self._trajectory = record.names_of_states, trajectory
-        indices = indices_of(record, trajectory.grid)
+        self._formulas, self._names, self._trajectory = formulas, formulas.record.names_of_states, trajectory
         self.widths = trajectory.grid.mesh.widths
-        self._starts, self._indices = (np.array(grid.mesh.boundaries[:-1]) for grid in (trajectory.grid, indices))
-        self._index_widths = np.array(indices.mesh.widths)
         of_signals = [trajectory.element_signals(name) for name in trajectory.signals]
         self._signals = np.array(of_signals).reshape(-1, len(self.widths), trajectory.grid.scheme.stages)
         self._known: dict[float, dict[int, Any]] = {}
-        self._formulas = formulas = RuleFormulas(block, record, indices, trajectory.grid, companions)
-        with failures_as(TrajectoryError, f"phase '{block.name}': its equations are no formulas"):
+        meshes = trajectory.grid.mesh, formulas.indices.mesh
+        self._starts, self._indices = (np.array(mesh.boundaries[:-1]) for mesh in meshes)
+        self._index_widths = np.array(formulas.indices.mesh.widths)
+        with failures_as(TrajectoryError, f"phase '{formulas.block.name}': its equations are no formulas"):
             self.equations = equations(formulas)
             gained = [formulas.formulas_of(statement) for statement in integrals]
         if self.equations.unknowns and formulas.delays:
             raise TrajectoryError(
-                f"phase '{block.name}': rules read earlier times, and equations determine "
+                f"phase '{formulas.block.name}': rules read earlier times, and equations determine "
                 f"{', '.join(self.equations.unknowns)}; such a motion cannot be followed."
             )
         self.past: Past = past_of(trajectory)
@@ -192,7 +184,7 @@ class RightHandSides:
         index = self._indices[elements] + fraction * self._index_widths[elements]
         leaves = self._formulas.leaves(found, index, times, {name: of[elements] for name, of in self._slopes.items()})
         leaves |= self._formulas.delayed_numbers(self.past, times, widths, fraction)
-        beside = self._formulas.of_companions(np.array([fraction]))
+        beside = self._formulas.of_coupled_phases(np.array([fraction]))
         return leaves | {key: of[0][elements] for key, of in beside.items()}
 
     # ---------------------------------------------------------------- in one element
@@ -272,12 +264,10 @@ class RightHandSides:
 
     def undefined(self) -> str:
         """Which part of a right-hand side has no value where they were evaluated last, in words; empty for none."""
-        for variable in self._formulas.variables:
-            variable.set_value(self._last.get(id(variable)), skip_validation=True)
         for name, rate in zip(self._names, self.equations.rates, strict=True):
-            part = None if rate.__class__ in native_numeric_types else undefined_part(rate)
-            if part is not None:
-                return f"{shown_by_name(part.what)}, in the right-hand side of '{name}'"
+            part = self._formulas.undefined_part(rate, self._last)
+            if part:
+                return f"{part}, in the right-hand side of '{name}'"
         return ""
 
 

@@ -34,7 +34,7 @@ class Ode:
 
     def __init__(self, block: Any, statement: Statement, known: dict[float, dict[str, Any]]) -> None:
         self.block, self.statement, self._known = block, statement, known
-        self.label = f"phase '{block.name}': ode '{statement.name}'"
+        self.label = statement.label(block)
 
     def at(self, time: float) -> dict[str, Any]:
         """Right-hand sides by the names of the states."""
@@ -57,7 +57,7 @@ class Ode:
         given: list[Any] = []
         for key, entry in result.items():
             names = family_in(self.block.record, key)
-            given += [entry] if names is None else names.split(entry).ravel().tolist()
+            given += [entry] if names is None else names.split(entry) or []
         entries = [plain_scalar(entry, self.label) for entry in given]
         return dict(zip(next(iter(self._known.values())), entries, strict=True))
 
@@ -113,26 +113,25 @@ class CollocationRows(RowRule):
 
     def __call__(self, block: Any, index: float) -> Any:
         """The row at a collocation point."""
-        record: PhaseRecord = block.record
-        element, row = self._place(record, index)
-        width = element_width(record, element, self._duration, self._boundary)
-        return collocation_row(self._state, self._rates, record.grid, element, row, width)
+        element, row = self._place(block.record, index)
+        width = element_width(block.record, element, self._duration, self._boundary)
+        return collocation_row(self._state, self._rates, block.record.grid, element, row, width)
 
     def sums(self, block: Any, indices: list[float]) -> list[RepeatedSum]:
         """The state's values, by rows of the scheme, and the right-hand sides."""
-        record: PhaseRecord = block.record
-        grid, state = record.grid, dict(self._state.items())
-        places = [self._place(record, time) for time in indices]
+        grid, state = block.record.grid, dict(self._state.items())
+        places = [self._place(block.record, time) for time in indices]
         found = []
         for row, coefficients in enumerate(grid.scheme.D.tolist()):
             rows = [i for i, (_, of_row) in enumerate(places) if of_row == row]
             nodes = [grid.node_times[places[i][0]] for i in rows]
             variables = [[state[times[k]] for times in nodes] for k in range(len(coefficients))]
             found.append(RepeatedSum(rows, [1.0] * len(rows), variables, partial(_weighted, coefficients, variables)))
-        found.append(self._right_hand_sides(block, record, places))
+        found.append(self._right_hand_sides(block, places))
         return [repeated for repeated in found if repeated.rows]
 
-    def _right_hand_sides(self, block: Any, record: PhaseRecord, places: list[tuple[int, int]]) -> RepeatedSum:
+    def _right_hand_sides(self, block: Any, places: list[tuple[int, int]]) -> RepeatedSum:
+        record: PhaseRecord = block.record
         grid, duration, boundary = record.grid, self._duration, self._boundary
         mixture = [[(k, weight) for k, weight in enumerate(row) if weight] for row in grid.scheme.F.tolist()]
         parts = [(i, element, k, weight) for i, (element, row) in enumerate(places) for k, weight in mixture[row]]

@@ -21,11 +21,12 @@ from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions
 from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 from pyrobocop_pyomo.modeling.failures import failures_as
+from pyrobocop_pyomo.modeling.undefined_values import undefined_part
 from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.rules.slots import Always, Clock, Derivative, Item, NamedItem, Place, Slot, Time
 
 from .asked_by_point import known_history, refuse_asked_by_point
-from .companions import Companion
+from .coupled_phases import CoupledPhase, indices_of
 from .declarations import UNBOUNDED
 from .delays import SAME_TIME, Delayed, Past, ValueAt, delay_as_number, history_value
 from .families import equations_by_component
@@ -43,10 +44,9 @@ class RuleFormulas:
     Parameters
     ----------
     block : PhaseBlock
-    record : PhaseRecord
-    indices, grid : Grid
-        The same grid in the phase's time indices and in real time.
-    companions : sequence of Companion
+    grid : Grid
+        Of a trajectory, in real time.
+    coupled : sequence of CoupledPhase
         Other phases, which rules may read at the same instant.
 
     Attributes
@@ -55,28 +55,30 @@ class RuleFormulas:
         What stands for everything that is declared.
     index, clock : VarData
         What stands for the time index, and for the time.
+    grid : Grid
+    indices : Grid
+        The grid in the phase's time indices.
+    block : PhaseBlock
+    record : PhaseRecord
     """
 
-    def __init__(
-        self, block: Any, record: PhaseRecord, indices: Grid, grid: Grid, companions: Sequence[Companion] = ()
-    ) -> None:
-        self._block, self._record, self.companions = block, record, tuple(companions)
+    def __init__(self, block: Any, grid: Grid, coupled: Sequence[CoupledPhase] = ()) -> None:
+        record: PhaseRecord = block.record
+        self.block, self.record, self.coupled = block, record, tuple(coupled)
         self._scratch = scratch = ConcreteModel()  # Pyomo holds parents by weak references: keep the owner alive
         scratch.declared = Var(list(record.declarations))
         scratch.derivatives, scratch.previous = Var(record.names_of_states), Var(record.names_of_states)
-        scratch.delayed, scratch.beside = Var(AnyIndex, dense=False), Var(AnyIndex, dense=False)
         # What of these rules have read.
-        self._delayed: dict[tuple[str, float], Any] = {}
-        self._beside: dict[tuple[int, str], Any] = {}
+        scratch.delayed, scratch.beside = Var(AnyIndex, dense=False), Var(AnyIndex, dense=False)
         scratch.index_of_time, scratch.clock = Var(), Var()
         self.at_instant = dict(scratch.declared.items())
         self._reads_derivatives = True
         self._standing_for = {id(block.component(name)): variable for name, variable in self.at_instant.items()}
-        self._indices, self._boundaries = indices.mesh.boundaries, grid.mesh.boundaries
+        self.indices, self.grid, boundaries = indices_of(record, grid), grid, grid.mesh.boundaries
         # Of the trajectory, whatever the phase has now.
         self._horizon = {
-            id(block.start): self._boundaries[0],
-            id(block.duration): self._boundaries[-1] - self._boundaries[0],
+            id(block.start): boundaries[0],
+            id(block.duration): boundaries[-1] - boundaries[0],
         }
         self.index, self.clock = scratch.index_of_time, scratch.clock
         self._steps: dict[tuple[int, ...], tuple[Any, ExpressionSteps]] = {}
@@ -95,8 +97,8 @@ class RuleFormulas:
         component = slot.component
         if isinstance(slot, Always):
             return self._horizon.get(id(component), self._standing_for.get(id(component), component))
-        if isinstance(slot, Time) or (isinstance(slot, Clock) and component is self._block):
-            return self.clock if self._record.normalised else self.index
+        if isinstance(slot, Time) or (isinstance(slot, Clock) and component is self.block):
+            return self.clock if self.record.normalised else self.index
         if isinstance(slot, NamedItem):
             if slot not in self._named:
                 self._named[slot] = slot.formulas(TrajectoryError)
@@ -104,22 +106,19 @@ class RuleFormulas:
         if isinstance(slot, Item) and slot.rest == (None,):
             if id(component) in self._standing_for:
                 return self._standing_for[id(component)]
-            for place, other in enumerate(self.companions):
+            for place, other in enumerate(self.coupled):
                 if component.parent_block() is other.phase and component.local_name in other.phase.record.declarations:
-                    key = place, component.local_name
-                    return self._beside.setdefault(key, self._scratch.beside[key])
-        if isinstance(slot, Delayed) and component.parent_block() is self._block:
+                    return self._scratch.beside[place, component.local_name]
+        if isinstance(slot, Delayed) and component.parent_block() is self.block:
             number = delay_as_number(slot.rest[0], f"'{component.name}'")
-            earlier = component.local_name, number
-            if number:
-                return self._delayed.setdefault(earlier, self._scratch.delayed[earlier])
-            return self._standing_for[id(component)]
-        if isinstance(slot, Derivative) and component.parent_block() is self._block and self._reads_derivatives:
+            own = self._standing_for[id(component)]
+            return self._scratch.delayed[component.local_name, number] if number else own
+        if isinstance(slot, Derivative) and component.parent_block() is self.block and self._reads_derivatives:
             return self._scratch.derivatives[component.local_name]
         if isinstance(slot, Previous):
             return self._scratch.previous[slot.rest[1]]
         if isinstance(slot, ValueAt):
-            return slot.on_model(Place(self._block, None))
+            return slot.on_model(Place(self.block, None))
         if isinstance(slot, Clock):
             raise TrajectoryError(f"'{component.name}' has a time of its own.")
         what = slot.name if isinstance(slot, Item) else f"{type(slot).__name__} of {component.name}"
@@ -145,11 +144,13 @@ class RuleFormulas:
         TrajectoryError
             When it gives no formula.
         """
-        what = f"phase '{self._block.name}': {statement.kind} '{statement.name}'"
-        more = self._more(statement)
-        refuse_asked_by_point(self._block, [statement], *more)
-        formulas: Any = statement.rule.formulas(self._block, *more)
-        with failures_as(TrajectoryError, f"{what} is no formula that holds at all times"):
+        more: tuple[Any, ...] = ()
+        if statement.kind == "step map":
+            previous = dict(self._scratch.previous.items())
+            more = (PreviousStates(statement.label(self.block), previous, self.record.families),)
+        refuse_asked_by_point(self.block, [statement], *more)
+        formulas: Any = statement.rule.formulas(self.block, *more)
+        with failures_as(TrajectoryError, f"{statement.label(self.block)} is no formula that holds at all times"):
             return entries(formulas.at(self.read))
 
     def gives_formulas(self, statement: Statement) -> bool:
@@ -160,24 +161,18 @@ class RuleFormulas:
             return False
         return True
 
-    def _more(self, statement: Statement) -> tuple[Any, ...]:
-        if statement.kind != "step map":
-            return ()
-        what = f"phase '{self._block.name}': step map '{statement.name}'"
-        return (PreviousStates(what, dict(self._scratch.previous.items()), self._record.families),)
-
     def by_state(self, statement: Statement) -> dict[str, Any]:
         """What an ode or a step map gives, by the names of the states."""
         what = f"{statement.kind} '{statement.name}'"
-        given = self.formulas_of(statement, lambda result: equations_by_component(self._record, result, what))
-        return {self._block.state_name(state): plain_expressions(of) for state, of in given.items()}
+        given = self.formulas_of(statement, lambda result: equations_by_component(self.record, result, what))
+        return {self.block.state_name(state): plain_expressions(of) for state, of in given.items()}
 
     def rates_of(self, names: list[str], *, derivatives: bool = False) -> list[Any]:
         """Formulas of the derivatives, in the order of the names; those that rules read only where they are known."""
         rates: dict[str, Any] = {}
         try:
             self._reads_derivatives = derivatives
-            for statement in self._record.statements_of("ode"):
+            for statement in self.record.statements_of("ode"):
                 rates |= self.by_state(statement)
         finally:
             self._reads_derivatives = True
@@ -185,7 +180,7 @@ class RuleFormulas:
 
     def set_bounds(self, time: float) -> None:
         """Give the variables the bounds of a time: pairs may mean a variable's own bound."""
-        for name, declaration in self._record.declarations.items():
+        for name, declaration in self.record.declarations.items():
             lower, upper = declaration.bounds_at(time, name) if declaration.knows_bounds_at(time) else UNBOUNDED
             self.at_instant[name].setlb(lower)
             self.at_instant[name].setub(upper)
@@ -207,14 +202,16 @@ class RuleFormulas:
 
     def _no_formula(self, node: Any, reason: str) -> TrajectoryError:
         return TrajectoryError(
-            f"phase '{self._block.name}': a rule has '{node}', which {reason} and has no value between the points of "
+            f"phase '{self.block.name}': a rule has '{node}', which {reason} and has no value between the points of "
             "the mesh. Read states and controls through the phase that the rule is given as its first argument."
         )
 
-    @property
-    def variables(self) -> list[Any]:
-        """Everything that stands for something in the formulas, of other phases as well."""
-        return [variable for of in self._scratch.component_objects(Var) for variable in of.values()]
+    def undefined_part(self, expression: Any, leaves: Mapping[int, float]) -> str:
+        """Which part of a formula has no value with numbers in place of the variables, in words; empty for none."""
+        for variable in (variable for of in self._scratch.component_objects(Var) for variable in of.values()):
+            variable.set_value(leaves.get(id(variable)), skip_validation=True)
+        part = undefined_part(expression)
+        return "" if part is None else shown_by_name(part.what)
 
     def leaves(
         self,
@@ -240,24 +237,24 @@ class RuleFormulas:
         """What stands in place of the states where the element starts."""
         return {id(self._scratch.previous[name]): numbers for name, numbers in states.items()}
 
-    def of_companions(self, fractions: Array) -> dict[int, Array]:
+    def of_coupled_phases(self, fractions: Array) -> dict[int, Array]:
         """What other phases that rules have read are at local fractions, shape ``(q, N)``, by what stands for it."""
         found: dict[int, Array] = {}
-        for number in dict.fromkeys(number for number, _ in self._beside):
-            values = self.companions[number].values_at(fractions)
-            named = {name: variable for (of, name), variable in self._beside.items() if of == number}
+        for number in dict.fromkeys(number for number, _ in self._scratch.beside):
+            values = self.coupled[number].values_at(fractions)
+            named = {name: variable for (of, name), variable in self._scratch.beside.items() if of == number}
             found |= {id(variable): values[name].T for name, variable in named.items() if name in values}
         return found
 
     @property
     def further_readings(self) -> int:
         """How much rules have read so far that is neither declared nor derived: earlier, or of other phases."""
-        return len(self._delayed) + len(self._beside)
+        return len(self._scratch.delayed) + len(self._scratch.beside)
 
     @property
     def delays(self) -> list[tuple[str, float]]:
         """What rules have read at earlier times, and how much earlier."""
-        return list(self._delayed)
+        return list(self._scratch.delayed)
 
     def delayed_numbers(self, past: Past, times: Array, widths: Array, fraction: float) -> dict[int, Array]:
         """Numbers of what rules have read at earlier times than these, by the identity of what stands for it.
@@ -270,19 +267,19 @@ class RuleFormulas:
             At the fraction of elements with these widths.
         fraction : float
         """
-        start, end = self._boundaries[0], self._boundaries[-1]
+        start, end = self.grid.mesh.boundaries[0], self.grid.mesh.boundaries[-1]
         found = {}
-        for (name, delay), variable in self._delayed.items():
+        for (name, delay), variable in self._scratch.delayed.items():
             # A hair inside of each element: history ends, and all but states may jump, where they meet.
             inside = times - delay + SAME_TIME * (0.5 - fraction) * widths
-            earlier = times - delay if name in self._record.names_of_states else inside
-            has_history = getattr(self._record.declarations[name], "history", None) is not None
+            earlier = times - delay if name in self.record.names_of_states else inside
+            has_history = getattr(self.record.declarations[name], "history", None) is not None
             before = inside < (start if has_history else start - 1e-9 * (end - start))
             numbers = np.empty(len(times))
             if not before.all():
                 numbers[~before] = past(name, earlier[~before])
-            asked = known_history(self._block, name, inside[before].tolist(), SAME_TIME * (end - start))
+            asked = known_history(self.block, name, inside[before].tolist(), SAME_TIME * (end - start))
             for i, time in zip(np.flatnonzero(before).tolist(), asked, strict=True):
-                numbers[i] = float(value(history_value(self._record, name, time, f"'{name}'", delay)))
+                numbers[i] = float(value(history_value(self.record, name, time, f"'{name}'", delay)))
             found[id(variable)] = numbers
         return found

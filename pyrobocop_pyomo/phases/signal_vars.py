@@ -118,7 +118,7 @@ class _OverTime:
         doi:10.1093/acprof:oso/9780198506546.001.0001
         """
         block = self.parent_block()
-        return delayed_value(block, block.record, self.local_name, t, delay)
+        return delayed_value(block, self.local_name, t, delay)
 
     def at(self: Any, time: float) -> Any:
         """Its value at a fixed time index: that of the collocation polynomial, for constraints and objectives.
@@ -136,7 +136,7 @@ class _OverTime:
             When the phase does not reach so far.
         """
         block = self.parent_block()
-        return value_at_time(block, block.record, self.local_name, time)
+        return value_at_time(block, self.local_name, time)
 
     @property
     def at_start(self: Any) -> Any:

@@ -27,7 +27,7 @@ from pyrobocop_pyomo.numerics.flows import runge_kutta
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import InitialGuess, can_step, initial_number
 
-from .companions import companions_of, put_on_model
+from .coupled_phases import coupled_phases_of, put_on_model
 from .declarations import Algebraic, Control, Parameter
 from .delays import MotionSoFar
 from .families import guesses_by_component, names_by_component
@@ -37,6 +37,7 @@ from .implicit_steps import FormulaStep, RowStep, StepSystem
 from .phase_values import make_trajectory, pairs_of_phase, read_values
 from .record import PhaseRecord
 from .right_hand_sides import RightHandSides, TooManyEvaluations
+from .rule_formulas import RuleFormulas
 from .stated_numbers import moving_end
 from .step_equations import by_points, by_rules, pairs_on_model
 
@@ -79,20 +80,17 @@ class SimulationOptions:
 
 
 def simulate(
-    block: Any,
-    record: PhaseRecord,
-    controls: Mapping[str, InitialGuess],
-    initial: Mapping[str, float],
-    options: SimulationOptions,
+    block: Any, controls: Mapping[str, InitialGuess], initial: Mapping[str, float], options: SimulationOptions
 ) -> Trajectory:
-    """See `PhaseActions.simulate`."""
+    """See `PhaseBlockData.simulate`."""
+    record: PhaseRecord = block.record
     what = f"phase '{block.name}'"
     if options.method not in (*METHODS, ROUGHLY):
         raise InitialGuessError(f"{what}: method {options.method!r} is unknown; choose one of {', '.join(METHODS)}.")
     controls, initial = (guesses_by_component(record, given, what) for given in (controls, initial))
     if options.unknown is not None:
         options = replace(options, unknown=names_by_component(record, options.unknown))
-    run = _Run(block, record, controls, initial, options)
+    run = _Run(block, controls, initial, options)
     with run.on_model():
         for i in range(record.grid.mesh.elements):
             failure = run.through(i)
@@ -113,7 +111,7 @@ class _Run:
 
     Parameters
     ----------
-    block, record, controls, initial, options
+    block, controls, initial, options
         As for `simulate`.
 
     Attributes
@@ -127,19 +125,15 @@ class _Run:
     """
 
     def __init__(
-        self,
-        block: Any,
-        record: PhaseRecord,
-        controls: Mapping[str, InitialGuess],
-        initial: Mapping[str, float],
-        options: SimulationOptions,
+        self, block: Any, controls: Mapping[str, InitialGuess], initial: Mapping[str, float], options: SimulationOptions
     ) -> None:
+        record: PhaseRecord = block.record
         self._block, self._record, self._options = block, record, options
-        self.grid, names = real_grid(block, record), record.names_of_states
-        self._unknown, self.contact = find_unknowns(block, record, controls, options.unknown)
-        self._given = given_values(block, record, controls, self._unknown)
+        self.grid, names = real_grid(block), record.names_of_states
+        self._unknown, self.contact = find_unknowns(block, controls, options.unknown)
+        self._given = given_values(block, controls, self._unknown)
         self._parameters = {name: float(block.component(name).value) for name in record.names(Parameter)}
-        self._start = initial_states(block, record, initial)
+        self._start = initial_states(block, initial)
         if options.restitution and not can_step(record.grid.scheme):
             raise InitialGuessError(
                 f"phase '{block.name}': restitution needs one step per element; {record.grid.scheme.name} has "
@@ -192,11 +186,11 @@ class _Run:
         """Take the formulas of the rules; of steps the rows at the points, where rules say nothing for all times."""
         block, record = self._block, self._record
         given = replace(self.trajectory(record.grid.mesh.elements), states={}, rates={})
-        equations = partial(by_rules, block, record, self._unknown, self.contact)
-        beside = companions_of(block, record.grid.mesh.boundaries)
+        formulas = RuleFormulas(block, self.grid, coupled_phases_of(block, self.grid))
+        equations = partial(by_rules, unknown=self._unknown, contact=self.contact)
         self._rates: RightHandSides | None = None
         try:
-            self._rates = RightHandSides(block, record, given, equations, companions=beside)
+            self._rates = RightHandSides(formulas, given, equations)
         except TrajectoryError:
             if not self._is_stepped:
                 raise
@@ -206,7 +200,7 @@ class _Run:
             self._rates.past, self._rates.most_evaluations = self._so_far, self._options.most_evaluations or np.inf
             return
         if self._rates is None or self._rates.are_delayed:  # an element may read itself
-            self._rates, self._rows = None, by_points(block, record, self._unknown, self.contact)
+            self._rates, self._rows = None, by_points(block, self._unknown, self.contact)
             states = {id(variable) for name in record.names_of_states for variable in self._variables[name]}
         else:
             self._rows = [self._rates.equations] * len(record.grid.points)
@@ -340,14 +334,13 @@ class _Run:
 
 
 def find_unknowns(
-    block: Any, record: PhaseRecord, given: Mapping[str, InitialGuess], asked: Sequence[str] | None = None
+    block: Any, given: Mapping[str, InitialGuess], asked: Sequence[str] | None = None
 ) -> tuple[tuple[str, ...], bool]:
     """What is to be found beside the states, and whether pairs determine some of it.
 
     Parameters
     ----------
     block : PhaseBlock
-    record : PhaseRecord
     given : mapping of name to values
         Only the names count.
     asked : sequence of str, optional
@@ -359,6 +352,7 @@ def find_unknowns(
     InitialGuessError
         When a name is unknown, or equations and unknowns do not match.
     """
+    record: PhaseRecord = block.record
     algebraics, controls = record.names(Algebraic), record.names(Control)
     for name in (*given, *(asked or ())):
         if name not in algebraics + controls:
@@ -392,9 +386,7 @@ def find_unknowns(
     )
 
 
-def given_values(
-    block: Any, record: PhaseRecord, given: Mapping[str, InitialGuess], unknown: Sequence[str]
-) -> dict[str, Array]:
+def given_values(block: Any, given: Mapping[str, InitialGuess], unknown: Sequence[str]) -> dict[str, Array]:
     """Values over its nodes of everything that is not to be found: as given, or as the phase has them.
 
     Raises
@@ -402,7 +394,7 @@ def given_values(
     InitialGuessError
         When a value has the wrong length, is missing or is not finite.
     """
-    nodes = {name: record.nodes(name) for name in record.names_of_signals if name not in unknown}
+    nodes = {name: block.record.nodes(name) for name in block.record.names_of_signals if name not in unknown}
     return {
         name: of.from_guess(given[name], f"phase '{block.name}': '{name}'")
         if name in given
@@ -411,7 +403,7 @@ def given_values(
     }
 
 
-def initial_states(block: Any, record: PhaseRecord, given: Mapping[str, float]) -> Array:
+def initial_states(block: Any, given: Mapping[str, float]) -> Array:
     """Where the states start: as given, or as the phase holds them.
 
     Raises
@@ -419,6 +411,7 @@ def initial_states(block: Any, record: PhaseRecord, given: Mapping[str, float]) 
     InitialGuessError
         When a name is no state or a value no finite number.
     """
+    record: PhaseRecord = block.record
     names = record.names_of_states
     unknown = [name for name in given if name not in names]
     if unknown:
@@ -460,14 +453,15 @@ class Replay:
         return f"largest distance from the plan: {listed or 'no states'}"
 
 
-def replay(block: Any, record: PhaseRecord, trajectory: Trajectory, options: SimulationOptions) -> Replay:
-    """See `PhaseActions.replay`."""
+def replay(block: Any, trajectory: Trajectory, options: SimulationOptions) -> Replay:
+    """See `PhaseBlockData.replay`."""
     with put_on_model([(block, trajectory)]):
-        found = simulate(block, record, {}, {}, options)
+        found = simulate(block, {}, {}, options)
     boundaries = trajectory.grid.mesh.boundaries
     planned = trajectory(np.minimum(np.maximum(found.time, boundaries[0]), boundaries[-1]))
     distances = {
-        name: float(np.abs(found.states[name] - planned[name]).max(initial=0.0)) for name in record.names_of_states
+        name: float(np.abs(found.states[name] - planned[name]).max(initial=0.0))
+        for name in block.record.names_of_states
     }
     return Replay(found, distances)
 
@@ -491,7 +485,7 @@ def put_rough_motion(block: Any) -> bool:
     if not explicit or record.delayed_names or not names:
         return False
     try:
-        found = simulate(block, record, {}, {}, SimulationOptions(method=ROUGHLY, unknown=()))
+        found = simulate(block, {}, {}, SimulationOptions(method=ROUGHLY, unknown=()))
     except (PyRobocopError, ArithmeticError, ValueError, TypeError, KeyError):
         return False  # a rule may raise anything at such values
     if not all(is_moderate(values) for values in found.states.values()):

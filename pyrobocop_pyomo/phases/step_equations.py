@@ -6,13 +6,13 @@ reads other points of the mesh, stands in the rows at the points alone, and so d
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Container, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from pyomo.core.expr.numvalue import value
-from pyomo.core.expr.relational_expr import EqualityExpression
+from pyomo.core.expr.relational_expr import EqualityExpression, RelationalExpression
 
 from pyrobocop_pyomo.complementarity import CanonicalForm, Complementarity, canonical_form
 from pyrobocop_pyomo.errors import TrajectoryError
@@ -22,7 +22,7 @@ from pyrobocop_pyomo.modeling.shared_nodes import NodeReplacement
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.mixed_complementarity import ComplementarityValues, MixedComplementarity
 
-from .record import PhaseRecord
+from .record import PhaseRecord, Statement
 from .rule_formulas import RuleFormulas
 
 
@@ -50,7 +50,7 @@ class PairStatement:
 
 def statements_of(label: str, form: CanonicalForm) -> tuple[list[Any], list[PairStatement]]:
     """Equations, as expressions that are zero, and statements of one declared pair."""
-    rows = [row.args[0] - row.args[1] for row in form.rows if isinstance(row, EqualityExpression)]
+    rows = [zero_of(row) for row in form.rows if isinstance(row, EqualityExpression)]
     if not form.pairs:
         return rows, []
     pair = form.pairs[0]
@@ -58,6 +58,50 @@ def statements_of(label: str, form: CanonicalForm) -> tuple[list[Any], list[Pair
         lower, body, upper = form.between
         return rows, [PairStatement(label, body, pair.b, float(value(lower)), float(value(upper)), False)]
     return rows, [PairStatement(label, pair.a, pair.b, 0.0, np.inf, len(form.pairs) == 3)]
+
+
+def zero_of(row: Any) -> Any:
+    """What is zero where an equality holds, in all the ways that rules may write it."""
+    if not isinstance(row, (tuple, RelationalExpression)):
+        return row
+    parts = row if isinstance(row, tuple) else row.args
+    return parts[1] - parts[0]  # of (lower, body, upper) too
+
+
+def equations_said(
+    formulas: RuleFormulas, statement: Statement, rates: NodeReplacement, labels: Container[Any] | None = None
+) -> tuple[list[Any], list[PairStatement]]:
+    """Rows, as expressions that are zero, and pairs that a statement says at any time.
+
+    Parameters
+    ----------
+    formulas : RuleFormulas
+    statement : Statement
+    rates : NodeReplacement
+        Of derivatives by what odes say of them.
+    labels : container of tuple, optional
+        Of the rows and pairs that are meant; all by default.
+    """
+    rows: list[Any] = []
+    pairs: list[PairStatement] = []
+    for label, said in formulas.formulas_of(statement, statement.rows).items():
+        if labels is None or as_tuple(label) in labels:
+            is_pair = isinstance(said, CanonicalForm)
+            beside, stated = statements_of(labelled(statement.name, label), said) if is_pair else ([zero_of(said)], [])
+            rows += map(rates.of, beside)
+            pairs += [replace(pair, body=rates.of(pair.body), other=rates.of(pair.other)) for pair in stated]
+    return rows, pairs
+
+
+def as_tuple(label: Hashable) -> tuple[Any, ...]:
+    """The label of a row as a tuple, which is empty where there is one row."""
+    return label if isinstance(label, tuple) else () if label is None else (label,)
+
+
+def labelled(name: str, label: Hashable) -> str:
+    """The name of a row or a pair with its label: ``contact[left]``."""
+    labels = as_tuple(label)
+    return f"{name}[{', '.join(map(str, labels))}]" if labels else name
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,22 +126,15 @@ class StepEquations:
     names_of_rows: list[str] = field(default_factory=list)
     pairs: list[PairStatement] = field(default_factory=list)
 
-    def add_row(self, name: str, row: Any) -> None:
-        """Add an equality, or an expression that is zero."""
-        self.rows.append(row.args[0] - row.args[1] if isinstance(row, EqualityExpression) else row)
-        self.names_of_rows.append(name)
-
-    def add_pair(self, label: str, form: CanonicalForm) -> None:
-        """Add a declared pair, with the equations beside it."""
-        rows, pairs = statements_of(label, form)
-        for row in rows:
-            self.add_row(label, row)
+    def add(self, name: str, rows: Iterable[Any], pairs: Iterable[PairStatement] = ()) -> None:
+        """Add expressions that are zero, and pairs."""
+        rows = list(rows)
+        self.rows.extend(rows)
+        self.names_of_rows.extend([name] * len(rows))
         self.pairs.extend(pairs)
 
 
-def by_rules(
-    block: Any, record: PhaseRecord, unknown: Sequence[str], contact: bool, formulas: RuleFormulas
-) -> StepEquations:
+def by_rules(formulas: RuleFormulas, unknown: Sequence[str], contact: bool) -> StepEquations:
     """What the rules say for all times.
 
     Raises
@@ -105,6 +142,7 @@ def by_rules(
     TrajectoryError
         When a rule gives no formula, or does not hold at all points.
     """
+    block, record = formulas.block, formulas.record
     names = record.names_of_states
     explicit = [name for name in record.equation_of if name not in record.discrete_states]
     found = dict(zip(explicit, formulas.rates_of(explicit), strict=True))
@@ -119,31 +157,20 @@ def by_rules(
     for statement in record.statements_of("residual") if unknowns else ():
         if not all(row.active for row in block.component(statement.name).values()):
             raise TrajectoryError(f"'{statement.name}' does not hold at all points")
-        for row in formulas.formulas_of(statement, statement.rows).values():
-            equations.add_row(statement.name, row)
+        equations.add(statement.name, *equations_said(formulas, statement, explicit_rates))
     on_model = pairs_on_model(block) if contact else []
     active = {data.parent_component().local_name for _, data in on_model}
     for statement in (of for of in record.statements_of("complementarity") if of.name in active):
-        for label, form in formulas.formulas_of(statement, statement.rows).items():
-            equations.add_pair(_labelled(statement.name, label), form)
+        equations.add(statement.name, *equations_said(formulas, statement, explicit_rates))
     bounds_move = any(callable(of.bounds) for of in record.declarations.values())
     if on_model and (bounds_move or len(on_model) != len(equations.pairs) * len(record.grid.points)):
         raise TrajectoryError("pairs do not hold at all points by one rule")
-    equations.rows[:] = map(explicit_rates.of, equations.rows)
-    equations.pairs[:] = [
-        replace(pair, body=explicit_rates.of(pair.body), other=explicit_rates.of(pair.other))
-        for pair in equations.pairs
-    ]
     return equations
 
 
-def _labelled(name: str, label: Hashable) -> str:
-    labels = label if isinstance(label, tuple) else () if label is None else (label,)
-    return f"{name}[{', '.join(map(str, labels))}]" if labels else name
-
-
-def by_points(block: Any, record: PhaseRecord, unknown: Sequence[str], contact: bool) -> list[StepEquations]:
+def by_points(block: Any, unknown: Sequence[str], contact: bool) -> list[StepEquations]:
     """What stands at each point of the mesh, in the variables of the phase."""
+    record: PhaseRecord = block.record
     kept, grid = sorted(record.kept_derivatives), record.grid
     derivatives = {name: block.component(f"{name}_derivative") for name in kept}
     rates = {**record.rates, **derivatives}
@@ -161,11 +188,12 @@ def by_points(block: Any, record: PhaseRecord, unknown: Sequence[str], contact: 
         for t in grid.points
     }
     for index, row in ((index, row) for name in names for index, row in block.component(name).items() if row.active):
-        found[index[0] if isinstance(index, tuple) else index].add_row(row.name, row.body - row.upper)
+        found[index[0] if isinstance(index, tuple) else index].add(row.name, [row.body - row.upper])
     for index, data in pairs_on_model(block) if contact else ():
-        t, *labels = index if isinstance(index, tuple) else (index,)
+        t, *labels = as_tuple(index)
         if t in found:
-            found[t].add_pair(_labelled(data.parent_component().local_name, tuple(labels)), canonical_form(data))
+            name = labelled(data.parent_component().local_name, tuple(labels))
+            found[t].add(name, *statements_of(name, canonical_form(data)))
     return list(found.values())
 
 

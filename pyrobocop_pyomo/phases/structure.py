@@ -30,24 +30,24 @@ from .record import PhaseRecord
 from .variables import refuse_weightless_controls
 
 
-def check_phase(block: Any, record: PhaseRecord) -> None:
+def check_phase(block: Any) -> None:
     """Raise an error that names the culprit when equations and variables do not fit, or no time is left for them."""
-    if any(block.component(name) is None for name in record.declarations):
+    if any(block.component(name) is None for name in block.record.declarations):
         return  # a transformation has renamed the variables, as scaling does: the record is about another model
     if getattr(block.duration, "fixed", False):
         refuse_no_duration(block)
-    _check_each_state_has_an_equation(block, record)
-    _check_counts(block, record)
-    refuse_weightless_controls(block, record)
-    _check_each_variable_appears(block, record)
-    check_structure(block, record)
+    _check_each_state_has_an_equation(block)
+    _check_counts(block)
+    refuse_weightless_controls(block)
+    _check_each_variable_appears(block)
+    check_structure(block)
 
 
-def _check_each_state_has_an_equation(block: Any, record: PhaseRecord) -> None:
+def _check_each_state_has_an_equation(block: Any) -> None:
     lost = [
-        f"'{name}' (declared at {record.declarations[name].declared_at})"
-        for name in record.names_of_states
-        if name not in record.equation_of and name not in record.kept_derivatives
+        f"'{name}' (declared at {block.record.declarations[name].declared_at})"
+        for name in block.record.names_of_states
+        if name not in block.record.equation_of and name not in block.record.kept_derivatives
     ]
     if lost:
         which, have = ("state", "has") if len(lost) == 1 else ("states", "have")
@@ -58,7 +58,8 @@ def _check_each_state_has_an_equation(block: Any, record: PhaseRecord) -> None:
         )
 
 
-def _check_counts(block: Any, record: PhaseRecord) -> None:
+def _check_counts(block: Any) -> None:
+    record: PhaseRecord = block.record
     states, algebraics = len(record.names_of_states), len(record.names(Algebraic))
     needed, odes, residuals = states + algebraics, len(record.equation_of), record.residuals_per_point
     # A pair may determine an algebraic, or just restrict the controls; the user's own equality constraints over the
@@ -110,17 +111,17 @@ def _per_point(component: Any, points: int) -> int:
     return -(-len(component) // points)
 
 
-def _check_each_variable_appears(block: Any, record: PhaseRecord) -> None:
+def _check_each_variable_appears(block: Any) -> None:
     """A variable in no row and no objective would come back as noise: name it."""
-    declared = [name for kind in (Control, Algebraic, Parameter) for name in record.names(kind)]
-    missing = {name: {id(data) for data in _variables(block, record, name)} for name in declared}
+    declared = [name for kind in (Control, Algebraic, Parameter) for name in block.record.names(kind)]
+    missing = {name: {id(data) for data in _variables(block, name)} for name in declared}
     for expression in _expressions(block):
         if not missing:
             return
         seen = {id(variable) for variable in variables_in(expression, include_fixed=True)}
         missing = {name: ids for name, ids in missing.items() if not ids & seen}
     for name in missing:
-        declaration = record.declarations[name]
+        declaration = block.record.declarations[name]
         kind = type(declaration).__name__.lower()
         raise ModelError(
             f"phase '{block.name}': {kind} '{name}' (declared at {declaration.declared_at}) appears in no equation, "
@@ -128,10 +129,10 @@ def _check_each_variable_appears(block: Any, record: PhaseRecord) -> None:
         )
 
 
-def _variables(block: Any, record: PhaseRecord, name: str) -> Any:
-    if isinstance(record.declarations[name], Parameter):
+def _variables(block: Any, name: str) -> Any:
+    if isinstance(block.record.declarations[name], Parameter):
         return [block.component(name)]
-    return record.nodes(name).variables(block)
+    return block.record.nodes(name).variables(block)
 
 
 def _expressions(block: Any) -> Any:
@@ -154,7 +155,6 @@ class PointStructure:
     Parameters
     ----------
     block : PhaseBlock
-    record : PhaseRecord
     time : float
         A collocation point.
 
@@ -168,10 +168,12 @@ class PointStructure:
         Controls with a value of their own at this point.
     """
 
-    def __init__(self, block: Any, record: PhaseRecord, time: float) -> None:
+    def __init__(self, block: Any, time: float) -> None:
+        record: PhaseRecord = block.record
         self._block, self._record = block, record
         self.time = time
-        self.rows = _rows(block, record, time)
+        self.rows = _rows(block, time)
+        self._contents = [(content_of(row),) for row in self.rows.values()]
         kept = [name for name in record.names_of_states if name in record.kept_derivatives]
         self.unknowns = {f"derivative of {name}": block.component(f"{name}_derivative")[time] for name in kept}
         self.unknowns.update((name, block.component(name)[time]) for name in record.names(Algebraic))
@@ -202,24 +204,12 @@ class PointStructure:
     @cached_property
     def of_rows(self) -> Matching:
         """The equations against the unknowns."""
-        return _match([(content_of(row),) for row in self.rows.values()], self.unknowns.values())
-
-    @cached_property
-    def of_rows_with_choices(self) -> Matching:
-        """The equations against the unknowns and the controls."""
-        columns = [*self.unknowns.values(), *self.choices.values()]
-        return _match([(content_of(row),) for row in self.rows.values()], columns)
-
-    @cached_property
-    def of_everything(self) -> Matching:
-        """The equations and their helpers against the unknowns."""
-        rows = [(content_of(row),) for row in self.rows.values()]
-        return _match([*rows, *self.helpers.values()], self.unknowns.values())
+        return _match(self._contents, self.unknowns.values())
 
     @property
     def has_higher_index(self) -> bool:
         """True when an equation has nothing to determine, neither an unknown nor a control."""
-        return bool(self.of_rows_with_choices.unmatched_rows)
+        return bool(_match(self._contents, [*self.unknowns.values(), *self.choices.values()]).unmatched_rows)
 
     @property
     def leftover_rows(self) -> list[str]:
@@ -227,20 +217,15 @@ class PointStructure:
         names = list(self.rows)
         return [names[row] for row in self.of_rows.overdetermined[0]]
 
-    @property
-    def shared_unknowns(self) -> list[str]:
-        """The unknowns that the leftover equations share."""
-        names = list(self.unknowns)
-        return [names[column] for column in self.of_rows.overdetermined[1]]
-
-    @property
+    @cached_property
     def undetermined(self) -> list[str]:
         """Unknowns that no equation and no helper is left for."""
         names = list(self.unknowns)
-        return [names[column] for column in self.of_everything.underdetermined[1]]
+        matching = _match([*self._contents, *self.helpers.values()], self.unknowns.values())
+        return [names[column] for column in matching.underdetermined[1]]
 
 
-def check_structure(block: Any, record: PhaseRecord) -> None:
+def check_structure(block: Any) -> None:
     """Refuse equations that cannot determine derivatives and algebraics, unless the phase allows it.
 
     Raises
@@ -248,9 +233,9 @@ def check_structure(block: Any, record: PhaseRecord) -> None:
     ModelError
         Naming the equations that are left over and the unknowns that nothing determines.
     """
-    if record.allow_higher_index:
+    if block.record.allow_higher_index:
         return
-    structure = PointStructure(block, record, middle_point(record))
+    structure = PointStructure(block, middle_point(block.record))
     if structure.has_higher_index:
         raise ModelError(f"phase '{block.name}': {describe_higher_index(structure)} {HIGHER_INDEX_REMEDY}")
 
@@ -263,9 +248,11 @@ HIGHER_INDEX_REMEDY = (
 
 def describe_higher_index(structure: PointStructure) -> str:
     """Which equations are left over, and which unknowns are short, in words."""
-    rows, shared, short = structure.leftover_rows, structure.shared_unknowns, structure.undetermined
+    rows, names, short = structure.leftover_rows, list(structure.unknowns), structure.undetermined
+    shared = [names[column] for column in structure.of_rows.overdetermined[1]]
     if not shared:
-        over = f"{_list('equation', rows)} {_verb(rows, 'holds', 'hold')} no derivative and no algebraic to determine"
+        hold = "holds" if len(rows) == 1 else "hold"
+        over = f"{_list('equation', rows)} {hold} no derivative and no algebraic to determine"
     else:
         over = f"{_list('equation', rows)} share only {_list('unknown', shared)}"
     under = f", while nothing determines {_list('unknown', short)}" if short else ""
@@ -276,22 +263,18 @@ def _list(noun: str, names: list[str]) -> str:
     return f"{noun}{'s' if len(names) > 1 else ''} {', '.join(map(repr, names))}"
 
 
-def _verb(names: list[str], one: str, many: str) -> str:
-    return one if len(names) == 1 else many
-
-
 def middle_point(record: PhaseRecord) -> float:
     """A collocation point away from both ends, where nothing is special."""
     points = record.grid.points
     return points[len(points) // 2]
 
 
-def _rows(block: Any, record: PhaseRecord, time: float) -> dict[str, Any]:
+def _rows(block: Any, time: float) -> dict[str, Any]:
     rows: dict[str, Any] = {}
-    for name in record.names_of_states:
-        if f"{name}_equation" in record.generated_rows:
+    for name in block.record.names_of_states:
+        if f"{name}_equation" in block.record.generated_rows:
             rows[f"ode of {name}"] = block.component(f"{name}_equation")[time]
-    for statement in record.statements:
+    for statement in block.record.statements:
         if statement.kind == "residual":
             rows.update(_at(block.component(statement.name), time))
     return rows

@@ -13,29 +13,29 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expressions import is_indexed_component
 from pyrobocop_pyomo.modeling.functions import Function
 from pyrobocop_pyomo.modeling.rule_slips import takes_arguments
+from pyrobocop_pyomo.numerics import Grid, Mesh, lobatto
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .families import family_in, references_by_component
-from .record import PhaseRecord
 
 
-def tracking_cost(block: Any, record: PhaseRecord, variable: Any, reference: Any, weight: Any) -> Any:
-    """See `PhaseActions.tracking`."""
-    if (names := family_in(record, variable)) is not None:
+def tracking_cost(block: Any, variable: Any, reference: Any, weight: Any) -> Any:
+    """See `PhaseBlockData.tracking`."""
+    if (names := family_in(block.record, variable)) is not None:
         every = zip(names.members, references_by_component(names, reference, f"phase '{block.name}'"), strict=True)
-        return sum(tracking_cost(block, record, member, of, weight) for member, of in every)
+        return sum(tracking_cost(block, member, of, weight) for member, of in every)
     name = variable if isinstance(variable, str) else getattr(variable, "local_name", None) or repr(variable)
     what = f"phase '{block.name}': tracking '{name}'"
-    component = block.component(name) if name in record.declarations else None
+    component = block.component(name) if name in block.record.declarations else None
     if component is None or not component.is_indexed() or not (isinstance(variable, str) or component is variable):
         raise ModelError(f"{what}: it is no state, algebraic or control of this phase.")
-    wanted = _rule(block, record, name, reference, f"{what}: the reference")
-    weigh = _rule(block, record, name, weight, f"{what}: the weight")
+    wanted = _rule(block, name, reference, f"{what}: the reference")
+    weigh = _rule(block, name, weight, f"{what}: the weight")
     # Read through the phase that the rule is given, so that it holds between the points of the mesh as well.
     return block.integral(lambda b, t: weigh(b, t) * (b.component(name)[t] - wanted(b, t)) ** 2)
 
 
-def _rule(block: Any, record: PhaseRecord, name: str, given: Any, label: str) -> Callable[[Any, Any], Any]:
+def _rule(block: Any, name: str, given: Any, label: str) -> Callable[[Any, Any], Any]:
     """What is given for all times, as a rule of the phase."""
     if isinstance(given, (Real, NumericValue)):  # the latter can be called, too
         return lambda b, t: given
@@ -47,28 +47,22 @@ def _rule(block: Any, record: PhaseRecord, name: str, given: Any, label: str) ->
                 "phase."
             )
         return lambda b, t: given[t]
-    if isinstance(given, Trajectory):
-        if name not in given.names:
-            raise ModelError(f"{label}: trajectory '{given.name}' has no '{name}'.")
-        first, last = (float(time) for time in given.time[[0, -1]])
-        asked = Function(lambda at: given(at[:, 0])[name], _no_derivatives, check_derivatives=False, name=name)
-    elif callable(given):
+    if callable(given) and not isinstance(given, Trajectory):
         if not takes_arguments(given, 1) and takes_arguments(given, 2):
             return given
         return lambda b, t: given(b.time_at(t))
-    else:
-        times, values = _samples(given, label)
-        first, last = float(times[0]), float(times[-1])
-        asked = Function(
-            lambda at: np.interp(at[:, 0], times, values), _no_derivatives, check_derivatives=False, name=name
-        )
+    data = given if isinstance(given, Trajectory) else _joined_by_lines(name, given, label)
+    if name not in data.names:
+        raise ModelError(f"{label}: trajectory '{data.name}' has no '{name}'.")
+    first, last = (float(time) for time in data.time[[0, -1]])
+    asked = Function(lambda at: data(at[:, 0])[name], _no_derivatives, check_derivatives=False, name=name)
     if block.has_normalised_time:
         raise ModelError(
             f"{label}: data need times that are numbers, but something of the horizon is to be found. Give a function "
             "of time made of Pyomo's functions."
         )
     slack = 1e-9 * (last - first)
-    start, end = record.grid.times[0], record.grid.times[-1]
+    start, end = block.record.grid.times[0], block.record.grid.times[-1]
     if first > start + slack or last < end - slack:
         raise ModelError(
             f"{label} runs from {first:g} to {last:g}, the phase from {start:g} to {end:g}. Give it for all of it."
@@ -80,7 +74,7 @@ def _no_derivatives(points: Any) -> NoReturn:
     raise NotImplementedError  # times are numbers
 
 
-def _samples(reference: Any, label: str) -> tuple[Any, Any]:
+def _joined_by_lines(name: str, reference: Any, label: str) -> Trajectory:
     try:
         times, values = (np.asarray(numbers, dtype=float) for numbers in reference)
     except (TypeError, ValueError) as error:
@@ -94,4 +88,4 @@ def _samples(reference: Any, label: str) -> tuple[Any, Any]:
         )
     if not (np.isfinite(times).all() and np.isfinite(values).all() and (np.diff(times) > 0).all()):
         raise ModelError(f"{label}: times and values must be finite, and times increase.")
-    return times, values
+    return Trajectory(name, Grid(lobatto(2), Mesh(tuple(times.tolist()))), {name: values}, {}, {}, {})

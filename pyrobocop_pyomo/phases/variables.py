@@ -29,7 +29,7 @@ from .signal_vars import SignalExpression, SignalVar, signal_reference
 from .stated_numbers import add_row_of_end
 
 
-def add_variables(block: Any, record: PhaseRecord, name: str, declaration: Declaration) -> None:
+def add_variables(block: Any, name: str, declaration: Declaration) -> None:
     """Add the variables of one declaration to a phase block.
 
     Raises
@@ -39,45 +39,44 @@ def add_variables(block: Any, record: PhaseRecord, name: str, declaration: Decla
     """
     what = f"phase '{block.name}': {type(declaration).__name__.lower()} '{name}'"
     if isinstance(declaration, State):
-        _add_state(block, record, name, declaration, what)
+        _add_state(block, name, declaration, what)
     elif isinstance(declaration, Control):
-        add_control(block, record, name, declaration, what)
+        add_control(block, name, declaration, what)
     elif isinstance(declaration, Algebraic):
         add_indexed(
             block,
-            record,
             name,
             declaration,
             block.points,
-            initial_stage_values(declaration.initial_guess, record.grid, what),
+            initial_stage_values(declaration.initial_guess, block.record.grid, what),
             what,
         )
     elif isinstance(declaration, Parameter):
-        if record.restating is not None:
+        if block.record.restating is not None:
             return  # it has nothing to do with the mesh
-        bounds = declaration.bounds_at(record.grid.times[0], what)
+        bounds = declaration.bounds_at(block.record.grid.times[0], what)
         guess = initial_number(declaration.initial_guess, what)
         block.add_component(name, Var(bounds=bounds, initialize=within(guess, bounds), units=declaration.units))
     else:
         raise ModelError(f"{what}: a {type(declaration).__name__} cannot be declared on a phase.")
 
 
-def _add_state(block: Any, record: PhaseRecord, name: str, state: State, label: str) -> None:
-    grid = record.grid
-    add_indexed(block, record, name, state, block.time, initial_state_values(state.initial_guess, grid, label), label)
+def _add_state(block: Any, name: str, state: State, label: str) -> None:
+    grid = block.record.grid
+    add_indexed(block, name, state, block.time, initial_state_values(state.initial_guess, grid, label), label)
     variable = block.component(name)
     ends = ((state.initial, grid.times[0], "initial"), (state.final, grid.times[-1], "final"))
-    for given, time, where in () if record.restating is not None else ends:  # both ends stand as they are
+    for given, time, where in () if block.record.restating is not None else ends:  # both ends stand as they are
         if isinstance(given, NumericValue):
             add_row_of_end(block, name, variable[time], given, where)
         else:
             _impose_boundary_value(variable[time], given, f"{label} (declared at {state.declared_at})", where)
-    if state.initial_guess is None and record.restating is None:
+    if state.initial_guess is None and block.record.restating is None:
         _stay_at_stated_end(variable, state, grid.times)
     rows = dict(continuity_rows(variable, grid))
     if rows:
-        continuity = add_generated(block, record, f"{name}_continuity", Constraint(list(rows)))
-        record.generated_rows.add(f"{name}_continuity")
+        continuity = add_generated(block, f"{name}_continuity", Constraint(list(rows)))
+        block.record.generated_rows.add(f"{name}_continuity")
         for time, row in rows.items():
             continuity.add(time, row)
 
@@ -121,7 +120,7 @@ def _impose_boundary_value(variable: Any, given: float | Bounds | None, label: s
     variable.fix(value)
 
 
-def add_generated(block: Any, record: PhaseRecord, name: str, component: Any) -> Any:
+def add_generated(block: Any, name: str, component: Any) -> Any:
     """Add what is named after a declaration, not by the user; returns the component on the block.
 
     Raises
@@ -129,17 +128,15 @@ def add_generated(block: Any, record: PhaseRecord, name: str, component: Any) ->
     ModelError
         When the name is taken.
     """
-    if record.restating is None and hasattr(block, name):
+    if block.record.restating is None and hasattr(block, name):
         raise ModelError(
             f"phase '{block.name}': the name '{name}' is needed for what is generated, but it is taken. "
             "Choose another name for yours."
         )
-    return place(block, record, name, component)
+    return place(block, name, component)
 
 
-def add_indexed(
-    block: Any, record: PhaseRecord, name: str, declaration: Declaration, index: Any, guess: Any, label: str
-) -> None:
+def add_indexed(block: Any, name: str, declaration: Declaration, index: Any, guess: Any, label: str) -> None:
     """Add a variable over times, with its bounds and its initial guess moved onto them."""
     if callable(declaration.bounds):
         each_bounds = [declaration.bounds_at(time, label) for time in index]
@@ -147,12 +144,12 @@ def add_indexed(
     else:
         each_bounds = [declaration.bounds_at(0.0, label)] * len(index)
         variable = SignalVar(index, bounds=each_bounds[0], units=declaration.units)
-    variable = place(block, record, name, variable)
+    variable = place(block, name, variable)
     # Values given one by one: a dict passed to Var(initialize=...) takes six times as long.
     for data, value, bounds in zip(variable.values(), guess.tolist(), each_bounds, strict=True):
         data.set_value(within(value, bounds), skip_validation=True)
-    if record.restating is not None:
-        record.restating.keep(name)
+    if block.record.restating is not None:
+        block.record.restating.keep(name)
 
 
 def rate_units(units: Any, time_units: Any) -> Any:
@@ -162,7 +159,7 @@ def rate_units(units: Any, time_units: Any) -> Any:
     return units if time_units is None else units / time_units
 
 
-def add_control(block: Any, record: PhaseRecord, name: str, control: Control, label: str) -> None:
+def add_control(block: Any, name: str, control: Control, label: str) -> None:
     """Add the variables of a control, and rows for the bounds on its rate if it has any.
 
     Raises
@@ -171,19 +168,19 @@ def add_control(block: Any, record: PhaseRecord, name: str, control: Control, la
         When knots, bounds or the initial guess do not fit.
     """
     label = f"{label} (declared at {control.declared_at})"
-    nodes = control.nodes(name, record.grid, label)
+    nodes = control.nodes(name, block.record.grid, label)
     if isinstance(nodes, IntervalNodes):
-        _add_piecewise_constant(block, record, name, control, nodes, label)
+        _add_piecewise_constant(block, name, control, nodes, label)
     elif isinstance(nodes, KnotNodes):
-        _add_piecewise_linear(block, record, name, control, nodes, label)
+        _add_piecewise_linear(block, name, control, nodes, label)
     else:
-        guess = initial_stage_values(control.initial_guess, record.grid, label)
-        add_indexed(block, record, name, control, block.points, guess, label)
+        guess = initial_stage_values(control.initial_guess, block.record.grid, label)
+        add_indexed(block, name, control, block.points, guess, label)
     if control.rate_bounds is not None:
-        _bound_rate(block, record, name, control, nodes, check_bounds(control.rate_bounds, label, "rate bounds"))
+        _bound_rate(block, name, control, nodes, check_bounds(control.rate_bounds, label, "rate bounds"))
 
 
-def refuse_weightless_controls(block: Any, record: PhaseRecord) -> None:
+def refuse_weightless_controls(block: Any) -> None:
     """A control at a stage with quadrature weight zero moves the state at no cost: the optimum would be nonsense.
 
     Hager, Runge-Kutta methods in optimal control and the transformed adjoint system, sec. 4,
@@ -194,11 +191,11 @@ def refuse_weightless_controls(block: Any, record: PhaseRecord) -> None:
     ModelError
         Naming the control and the stage.
     """
-    scheme = record.grid.scheme
+    scheme = block.record.grid.scheme
     if not (abs(scheme.b) < 1e-14).any():
         return
-    for name in record.names(Control):
-        control = record.declarations[name]
+    for name in block.record.names(Control):
+        control = block.record.declarations[name]
         assert isinstance(control, Control)
         if control.parametrization == "collocated" and not all(data.fixed for data in block.component(name).values()):
             raise ModelError(
@@ -208,37 +205,33 @@ def refuse_weightless_controls(block: Any, record: PhaseRecord) -> None:
             )
 
 
-def _add_piecewise_constant(
-    block: Any, record: PhaseRecord, name: str, control: Control, nodes: IntervalNodes, label: str
-) -> None:
-    grid = record.grid
+def _add_piecewise_constant(block: Any, name: str, control: Control, nodes: IntervalNodes, label: str) -> None:
+    grid = block.record.grid
     if grid.elements_share_points:
         raise ModelError(
             f"{label}: with the scheme {grid.scheme.name} neighbouring elements share a collocation point, where a "
             "piecewise constant control would have two values. Choose 'piecewise_linear' or 'collocated', or a radau "
             "or gauss scheme."
         )
-    _refuse_knots_of_its_own(record, nodes, label)
+    _refuse_knots_of_its_own(block.record, nodes, label)
     points = np.array(grid.points)
     bounds = [_common_bounds(control, points[nodes.of_points == i].tolist(), label) for i in range(len(nodes.times))]
-    values = _add_values(block, record, name, control, nodes, bounds, label)
+    values = _add_values(block, name, control, nodes, bounds, label)
     seen = {time: values[i] for time, i in zip(grid.points, nodes.of_points.tolist(), strict=True)}
-    place(block, record, name, signal_reference(seen))
+    place(block, name, signal_reference(seen))
 
 
-def _add_piecewise_linear(
-    block: Any, record: PhaseRecord, name: str, control: Control, nodes: KnotNodes, label: str
-) -> None:
-    _refuse_knots_of_its_own(record, nodes, label)
+def _add_piecewise_linear(block: Any, name: str, control: Control, nodes: KnotNodes, label: str) -> None:
+    _refuse_knots_of_its_own(block.record, nodes, label)
     bounds = [control.bounds_at(knot, label) for knot in nodes.knots]
-    values = _add_values(block, record, name, control, nodes, bounds, label)
-    seen = place(block, record, name, SignalExpression(block.points))
-    for time in record.grid.points:
+    values = _add_values(block, name, control, nodes, bounds, label)
+    seen = place(block, name, SignalExpression(block.points))
+    for time in block.record.grid.points:
         positions, weights = zip(*nodes.weights_at(time), strict=True)
         ends = [values[i] for i in positions]
         seen.add(time, ends[0] if len(ends) == 1 else LinearExpression(linear_vars=ends, linear_coefs=list(weights)))
-    if record.restating is not None:
-        record.restating.keep_expressions(name)
+    if block.record.restating is not None:
+        block.record.restating.keep_expressions(name)
 
 
 def _refuse_knots_of_its_own(record: PhaseRecord, nodes: IntervalNodes | KnotNodes, label: str) -> None:
@@ -246,15 +239,13 @@ def _refuse_knots_of_its_own(record: PhaseRecord, nodes: IntervalNodes | KnotNod
         raise ModelError(f"{label}: knots of its own do not go with free element widths. Leave 'knots' out.")
 
 
-def _add_values(
-    block: Any, record: PhaseRecord, name: str, control: Control, nodes: Nodes, bounds: list[Bounds], label: str
-) -> Any:
+def _add_values(block: Any, name: str, control: Control, nodes: Nodes, bounds: list[Bounds], label: str) -> Any:
     guess = nodes.from_guess(control.initial_guess, label)
     values = {i: within(value, bounds[i]) for i, value in enumerate(guess.tolist())}
     variable = Var(RangeSet(0, len(bounds) - 1), bounds=dict(enumerate(bounds)), initialize=values, units=control.units)
-    variable = add_generated(block, record, nodes.component, variable)
-    if record.restating is not None:
-        record.restating.keep(name)
+    variable = add_generated(block, nodes.component, variable)
+    if block.record.restating is not None:
+        block.record.restating.keep(name)
     return variable
 
 
@@ -268,19 +259,19 @@ def _common_bounds(control: Control, times: list[float], label: str) -> Bounds:
     return check_bounds((lower, upper), label, f"bounds between {times[0]:g} and {times[-1]:g}")
 
 
-def _steps(block: Any, record: PhaseRecord, nodes: Nodes) -> Iterator[tuple[Any, Any, Any]]:
+def _steps(block: Any, nodes: Nodes) -> Iterator[tuple[Any, Any, Any]]:
     """(value before, value after, real time between them) of neighbouring variables."""
-    variables, times = nodes.variables(block), [real_time(block, record, time) for time in nodes.times]
+    variables, times = nodes.variables(block), [real_time(block, time) for time in nodes.times]
     for i in range(len(variables) - 1):
         yield variables[i], variables[i + 1], times[i + 1] - times[i]
 
 
-def _bound_rate(block: Any, record: PhaseRecord, name: str, control: Control, nodes: Nodes, bounds: Bounds) -> None:
+def _bound_rate(block: Any, name: str, control: Control, nodes: Nodes, bounds: Bounds) -> None:
     rows: dict[Any, Any] = {}
-    unit = rate_units(control.units, record.time_units)
+    unit = rate_units(control.units, block.record.time_units)
     if unit is not None:
         bounds = tuple(None if bound is None else bound * unit for bound in bounds)  # type: ignore[assignment]
-    for i, (before, after, time) in enumerate(_steps(block, record, nodes)):
+    for i, (before, after, time) in enumerate(_steps(block, nodes)):
         change = after - before
         if time.__class__ in native_numeric_types:
             lower, upper = (None if bound is None else bound * time for bound in bounds)
@@ -290,17 +281,18 @@ def _bound_rate(block: Any, record: PhaseRecord, name: str, control: Control, no
             rows[i, "lower"] = (0, change - bounds[0] * time, None)
         if bounds[1] is not None:
             rows[i, "upper"] = (None, change - bounds[1] * time, 0)
-    component = add_generated(block, record, f"{name}_rate", Constraint(list(rows)))
-    record.generated_rows.add(f"{name}_rate")
+    component = add_generated(block, f"{name}_rate", Constraint(list(rows)))
+    block.record.generated_rows.add(f"{name}_rate")
     for index, row in rows.items():
         component.add(index, row)
 
 
-def control_rate(block: Any, record: PhaseRecord, name: str) -> Mapping[float, Any]:
+def control_rate(block: Any, name: str) -> Mapping[float, Any]:
     """Rate of change of a control, seen at each collocation point; see `PhaseBlock.rate_of`."""
+    record: PhaseRecord = block.record
     if name not in record.control_rates:
         nodes = record.nodes(name)
-        slopes = [(after - before) / time for before, after, time in _steps(block, record, nodes)] or [0.0]
+        slopes = [(after - before) / time for before, after, time in _steps(block, nodes)] or [0.0]
         seen = np.clip(nodes.steps_at_points, 0, len(slopes) - 1).tolist()
         record.control_rates[name] = {time: slopes[i] for time, i in zip(record.grid.points, seen, strict=True)}
     return record.control_rates[name]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
 from typing import Any
@@ -23,9 +24,10 @@ from pyrobocop_pyomo.presentation import Presented, facts_table, paragraph
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import can_step
 
+from .boundary_conditions import KINDS, end_violations, values_given
 from .bounds_between_points import BoundPassed, bounds_passed, rows_passed, sentence_on_bounds, sides_of_row
-from .companions import (
-    companions_of,
+from .coupled_phases import (
+    coupled_phases_of,
     indices_of,
     is_of_grid,
     is_on_model,
@@ -33,13 +35,15 @@ from .companions import (
     put_on_model,
 )
 from .declarations import UNBOUNDED, Algebraic, Control, Duration, Parameter, State
-from .given_ends import KINDS, end_violations, values_given
-from .instants_inside import InstantsInside
-from .record import PhaseRecord, Statement
+from .element_instants import ElementInstants
+from .record import AT_BOUNDARIES, PhaseRecord, Statement
 from .reintegration import Reintegration, reintegrate
 from .rule_formulas import RuleFormulas
 from .stated_numbers import moving_end, rows_of_ends
-from .verdicts import verdict_in_words
+
+# What is violated by more than this does not hold; an error of an element above this, in sizes of the states, is a
+# coarse mesh; errors of the horizon are said to grow where they exceed the sum of those of the elements so many times.
+HOLDS, COARSE, GROWS = 1e-5, 1e-2, 10.0
 
 
 @dataclass(frozen=True)
@@ -110,21 +114,54 @@ class Verification(Presented):
     @property
     def verdict(self) -> str:
         """Whether the plan holds, in words, what it does between the points, and what a large horizon error means."""
-        said = verdict_in_words(
-            {
-                "the equations of motion are violated": self.defect,
-                "a state jumps between elements": self.continuity,
-                "an equation or a constraint is violated": self.equations,
-                "a bound or a boundary value is violated": self.bounds,
-                "a pair is violated": self.natural_residual,
-            },
-            self.element_error,
-            self.relative_error,
-            self.horizon_error,
-            0.0 if self.element_errors is None else float(self.element_errors.sum()),
-            self.contact,
+        violations = {
+            "the equations of motion are violated": self.defect,
+            "a state jumps between elements": self.continuity,
+            "an equation or a constraint is violated": self.equations,
+            "a bound or a boundary value is violated": self.bounds,
+            "a pair is violated": self.natural_residual,
+        }
+        worst = max(violations, key=lambda name: violations[name])
+        if not violations[worst] <= HOLDS:
+            return (
+                f"Verdict: this does NOT hold: {worst} by {violations[worst]:.1e}. After a failed solve print(result) "
+                "says what is not met. Values that another integrator made, as simulate() does, are off by its error. "
+                f"{sentence_on_bounds(self.bounds_passed)}"
+            ).rstrip()
+        said = (
+            f"Verdict: equations{', bounds and pairs' if self.contact else ' and bounds'} hold at the points of the "
+            f"mesh (to {violations[worst]:.0e})"
         )
-        return f"{said} {sentence_on_bounds(self.bounds_passed)}".rstrip()
+        between = f"{self._between_points()} {self._over_the_horizon()}".rstrip()
+        return f"{said}{between} {sentence_on_bounds(self.bounds_passed)}".rstrip()
+
+    def _between_points(self) -> str:
+        """How far each element follows its equations, which goes on from what holds at the points."""
+        if self.element_error is None or self.relative_error is None:
+            return "; what happens between the points is not known."
+        if self.relative_error <= COARSE:
+            return f", and each element follows its equations to {self.element_error:.0e}."
+        return (
+            ", but the mesh is coarse: between two element ends the equations lead up to "
+            f"{100 * self.relative_error:.2g} % of a state's size elsewhere. "
+            + ("Where an impact is spread over one element, that is its height. " if self.contact else "")
+            + "Take more elements."
+        )
+
+    def _over_the_horizon(self) -> str:
+        """What a horizon error means that is much larger than those of the elements; empty where it is not."""
+        if self.element_errors is None or self.horizon_error is None:
+            return ""
+        if self.horizon_error <= GROWS * max(float(self.element_errors.sum()), HOLDS):
+            return ""
+        why = "contact opens or closes a moment apart" if self.contact else "the motion is unstable"
+        size = f"to {self.horizon_error:.1e}" if self.horizon_error < math.inf else "beyond what can be followed"
+        return (
+            f"Integrated over the whole horizon the difference grows {size}, since {why}: small "
+            "differences at the start are large at the end. That is harmless where a controller or replanning corrects "
+            "the motion on the way, for which the error per element counts, and matters where controls are replayed "
+            "without measurements."
+        )
 
     @property
     def largest_violation(self) -> float:
@@ -158,13 +195,12 @@ class Verification(Presented):
         return "\n".join([*lines, *self.remarks, self.verdict])
 
 
-def verify(block: Any, record: PhaseRecord, trajectory: Trajectory, beside: Sequence[Trajectory] = ()) -> Verification:
+def verify(block: Any, trajectory: Trajectory, beside: Sequence[Trajectory] = ()) -> Verification:
     """Recompute everything that a trajectory promises; see `Verification`.
 
     Parameters
     ----------
     block : PhaseBlock
-    record : PhaseRecord
     trajectory : Trajectory
     beside : sequence of Trajectory
         Values of other phases that the rules read. Those on the model are taken where the trajectory is what stands on
@@ -175,6 +211,7 @@ def verify(block: Any, record: PhaseRecord, trajectory: Trajectory, beside: Sequ
     TrajectoryError
         When the trajectory has other variables than the phase, or one beside it is of no other phase.
     """
+    record: PhaseRecord = block.record
     signals = record.names(Algebraic) + record.names(Control)
     for kind, given, needed in (
         ("states", trajectory.states, record.names_of_states),
@@ -186,7 +223,7 @@ def verify(block: Any, record: PhaseRecord, trajectory: Trajectory, beside: Sequ
                 f"trajectory '{trajectory.name}' has the {kind} {sorted(given)}, phase '{block.name}' has "
                 f"{sorted(needed)}. Verify it by the phase that it belongs to."
             )
-    check = _TrajectoryCheck(block, record, trajectory, beside)
+    check = _TrajectoryCheck(block, trajectory, beside)
     with put_on_model(check.values_of_phases):
         check.remark_what_is_not_stated(block)
         defect, equations, natural, product = check.at_collocation_points()
@@ -215,22 +252,21 @@ def verify(block: Any, record: PhaseRecord, trajectory: Trajectory, beside: Sequ
 
 
 class _TrajectoryCheck:
-    def __init__(
-        self, block: Any, record: PhaseRecord, trajectory: Trajectory, beside: Sequence[Trajectory] = ()
-    ) -> None:
+    def __init__(self, block: Any, trajectory: Trajectory, beside: Sequence[Trajectory] = ()) -> None:
+        record: PhaseRecord = block.record
         self.block, self.record, self.trajectory, self.grid = block, record, trajectory, trajectory.grid
         # Rules are evaluated at time indices, which are normalised where something of the horizon was to be found.
         self.on_grid = is_of_grid(record, trajectory.grid)
         self.indices = record.grid if self.on_grid else indices_of(record, trajectory.grid)
-        self.companions = companions_of(block, self.indices.mesh.boundaries, beside)
-        self.formulas = RuleFormulas(block, record, self.indices, trajectory.grid, self.companions)
+        self.coupled = coupled_phases_of(block, trajectory.grid, beside)
+        self.formulas = RuleFormulas(block, trajectory.grid, self.coupled)
         self.formulas.set_bounds(self.indices.times[0])
         self.states = {name: trajectory.element_states(name) for name in trajectory.states}
         self.signals = {name: trajectory.element_signals(name) for name in trajectory.signals}
         self.slopes = {name: self._slopes(name) for name in self.states}
         self.remarks: list[str] = []
         others = other_phases(block)
-        known = [(other.phase, other.trajectory) for other in self.companions if other.trajectory is not None]
+        known = [(other.phase, other.trajectory) for other in self.coupled if other.trajectory is not None]
         self.values_of_phases = [(block, trajectory), *known]
         self.statements = list(record.statements)
         if others and not is_on_model(block, trajectory):
@@ -305,22 +341,20 @@ class _TrajectoryCheck:
             for statement in self._stated(kind):
                 found = self._violations(statement, at)
                 equations, natural, product = map(max, (equations, natural, product), found)
-        at_boundaries = self._stated("constraint at boundaries")
+        at_boundaries = self._stated(AT_BOUNDARIES)
         ends = self._instants(np.array([0.0, 1.0]))
         equations = max([equations, *(self._violations(statement, ends)[0] for statement in at_boundaries)])
         at_ends, of_pairs = self._at_given_ends()
         return max(of_steps, self._defect(rates)), max(equations, at_ends), max(natural, of_pairs), product
 
-    def _instants(self, fractions: Array) -> InstantsInside:
-        scheme = self.grid.scheme
-        rates = {name: self.slopes[name].T for name in self.states if scheme.starts_on_a_stage}
-        return InstantsInside(self.record, self.trajectory, self.indices, fractions, self.formulas, rates)
+    def _instants(self, fractions: Array) -> ElementInstants:
+        return ElementInstants(self.formulas, self.trajectory, fractions)
 
-    def _values_by_state(self, statement: Statement, at: InstantsInside) -> dict[str, Array]:
+    def _values_by_state(self, statement: Statement, at: ElementInstants) -> dict[str, Array]:
         """What an ode or a step map gives at the points, by the names of the states."""
         if not self._asks_rows(statement):
             stated = self.formulas.by_state(statement)
-            return {name: at.value_of(of, statement, self._what) for name, of in stated.items()}
+            return {name: at.value_of(of, statement) for name, of in stated.items()}
         found = {}
         for name in (name for name, of in self.record.equation_of.items() if of == statement.name):
             given = self.record.rates.get(name)
@@ -336,7 +370,7 @@ class _TrajectoryCheck:
                 ).T
         return found
 
-    def _violations(self, statement: Statement, at: InstantsInside) -> tuple[float, float, float]:
+    def _violations(self, statement: Statement, at: ElementInstants) -> tuple[float, float, float]:
         """Largest violations of what a statement makes: of rows, and of pairs by smaller side and by product."""
         if self._asks_rows(statement):
             return self._violations_of_rows(statement)
@@ -350,10 +384,10 @@ class _TrajectoryCheck:
                 rows.append(sides_of_row(row))
         of_rows, natural, product = [0.0], [0.0], [0.0]
         for sides in rows:
-            body, lower, upper = (at.value_of(side, statement, self._what) for side in sides)
+            body, lower, upper = (at.value_of(side, statement) for side in sides)
             of_rows.append(float(np.maximum(lower - body, body - upper).max()))
         for pair in pairs:
-            a, b = (at.value_of(side, statement, self._what) for side in (pair.a, pair.b))
+            a, b = (at.value_of(side, statement) for side in (pair.a, pair.b))
             a, b = part_of_side(a, pair.a_part), part_of_side(b, pair.b_part)
             natural.append(float(np.abs(np.minimum(a, b)).max()))
             product.append(float(np.abs(a * b).max()))
@@ -391,14 +425,14 @@ class _TrajectoryCheck:
         worst = dict.fromkeys((*KINDS, "bounds"), 0.0)
         ends = (self.record.grid.times[0], 0), (self.record.grid.times[-1], -1)
         for time, position in ends:
-            given = values_given(self.block, self.record, time)
+            given = values_given(self.block, time)
             states, parameters = self.trajectory.states, self.trajectory.parameters
             values = {name: states[name][position] if name in states else parameters[name] for name in given}
             if self.indices.times[position] in self.indices.points or not values:
                 continue
-            grids = (self.indices, self.grid)
+            formulas = RuleFormulas(self.block, self.grid)
             # A rule that cannot be evaluated there says nothing of it: no remark.
-            for found in end_violations(self.block, self.record, time, values, self.statements, grids, []):
+            for found in end_violations(formulas, time, values, self.statements, []):
                 worst[found.kind] = max(worst[found.kind], found.amount)
         return max(worst["residual"], worst["constraint"], worst["bounds"]), worst["complementarity"]
 
@@ -425,37 +459,40 @@ class _TrajectoryCheck:
         return max((float(np.abs(end - start).max()) for end, start in zip(ends, starts, strict=True)), default=0.0)
 
     def bounds(self) -> float:
-        worst = 0.0
+        trajectory, violations = self.trajectory, [self._switching()]
         if isinstance(self.record.duration, Duration):
-            worst = bound_violation(self.trajectory.duration, *self.record.duration.bounds_at(0.0, "duration"))
+            violations.append(bound_violation(trajectory.duration, *self.record.duration.bounds_at(0.0, "duration")))
         for name, declaration in self.record.declarations.items():
-            if name in self.trajectory.parameters:
-                samples = [(0.0, self.trajectory.parameters[name])]
-            elif name in self.trajectory.states:
-                samples = list(zip(self.indices.times, self.trajectory.states[name], strict=True))
-                assert isinstance(declaration, State)
-                for end, reached in (("initial", samples[0][1]), ("final", samples[-1][1])):
-                    given = getattr(declaration, end)
-                    if isinstance(given, NumericValue):
-                        given = moving_end(self.block, name, declaration, end)
-                    lower, upper = given if isinstance(given, tuple) else (given, given)
-                    worst = max(worst, bound_violation(reached, lower, upper))
-                for slope in self.slopes[name].ravel():
-                    worst = max(worst, bound_violation(slope, *(declaration.derivative_bounds or UNBOUNDED)))
-            else:
-                samples = list(zip(self.indices.points, self.trajectory.signals[name], strict=True))
+            numbers: Any = trajectory.signals.get(name, ())
+            times = self.indices.points
+            if name in trajectory.parameters:
+                times, numbers = (0.0,), (trajectory.parameters[name],)
+            elif isinstance(declaration, State):
+                times, numbers = self.indices.times, trajectory.states[name]
+                violations += self._of_ends(name, declaration, numbers)
+                limits = declaration.derivative_bounds or UNBOUNDED
+                violations += [bound_violation(slope, *limits) for slope in self.slopes[name].ravel()]
             levels = getattr(declaration, "levels", None)
             if levels is not None:
-                worst = max([worst, *(min(abs(sample - level) for level in levels) for _, sample in samples)])
-            for time, sample in samples:
+                violations += [min(abs(number - level) for level in levels) for number in numbers]
+            for time, number in zip(times, numbers, strict=True):
                 if declaration.knows_bounds_at(time):
-                    worst = max(worst, bound_violation(sample, *declaration.bounds_at(time, name)))
+                    violations.append(bound_violation(number, *declaration.bounds_at(time, name)))
             if declaration.asks_bounds_by_point:
                 self.remarks.append(
                     f"the bounds of '{name}' (declared at {declaration.declared_at}) are known where their function "
                     "was asked while the phase was built, and not looked at elsewhere: it needs the time as a number."
                 )
-        return max(worst, self._switching())
+        return float(max(violations))
+
+    def _of_ends(self, name: str, declaration: State, numbers: Array) -> Iterator[float]:
+        """By how much a state misses what was stated of its ends."""
+        for end, reached in (("initial", numbers[0]), ("final", numbers[-1])):
+            given = getattr(declaration, end)
+            if isinstance(given, NumericValue):
+                given = moving_end(self.block, name, declaration, end)
+            lower, upper = given if isinstance(given, tuple) else (given, given)
+            yield bound_violation(reached, lower, upper)
 
     def _switching(self) -> float:
         """By how much integer controls switch too often, or too soon after another switch."""
@@ -476,10 +513,10 @@ class _TrajectoryCheck:
 
     def passed_between_points(self) -> dict[str, BoundPassed]:
         """What passes declared bounds, rates and path constraints between the points; remarks on what is not known."""
-        found = bounds_passed(self.record, self.trajectory)
+        found = bounds_passed(self.block, self.trajectory)
         for statement in self._stated("constraint"):
             try:
-                found |= rows_passed(self.block, self.record, self.trajectory, statement)
+                found |= rows_passed(self.block, self.trajectory, statement)
             except TrajectoryError as error:
                 self.remarks.append(f"not looked at between the points: '{statement.name}'. {error}")
         return found
@@ -494,7 +531,7 @@ class _TrajectoryCheck:
         if self._stated("ode") != self.record.statements_of("ode"):
             return None  # as remarked
         try:
-            found = reintegrate(self.block, self.record, self.trajectory, self.companions)
+            found = reintegrate(self.block, self.trajectory, self.coupled)
         except TrajectoryError as error:
             self.remarks.append(f"re-integration, which asks between the points of the grid, failed: {error}")
             return None

@@ -145,7 +145,7 @@ def open_choices(model: Any) -> list[_Choice]:
             family = next((of for of in record.families.values() if declaration.one_of and name in of.members), None)
             members = [name] if family is None else family.members
             taken.update(members)
-            times = np.interp(nodes.knots, record.grid.mesh.boundaries, real_grid(phase, record).mesh.boundaries)
+            times = np.interp(nodes.knots, record.grid.mesh.boundaries, real_grid(phase).mesh.boundaries)
             choice = _Choice(
                 f"{phase.name}.{name if family is None else family.name}",
                 [record.nodes(member).variables(phase) for member in members],

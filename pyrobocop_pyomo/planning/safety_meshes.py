@@ -84,7 +84,7 @@ class SafetyMeshes:
     def _finer(self, phase: Any, reduction: float) -> Mesh | None:
         """A mesh on which the equations lead that much less far away; None where it would be too fine."""
         mesh, scheme = phase.grid.mesh, phase.grid.scheme
-        errors = _errors_inside(reintegrate(phase, phase.record, phase.trajectory(), states_only=True))
+        errors = _errors_inside(reintegrate(phase, phase.trajectory(), states_only=True))
         # A polynomial of degree s deviates by O(h^(s + 1)) inside an element, whatever the order at its end is.
         order = min(scheme.order, scheme.stages)
         tolerance = float(np.mean(errors)) * reduction ** ((order + 1) / order)

@@ -311,7 +311,7 @@ def _simulate(model: Any) -> bool:
     _put_on_straight_lines(model, keep_guesses=True)
     for phase in phases_of(model):
         try:
-            trajectory = simulate(phase, phase.record, {}, {}, SIMULATED_BY)
+            trajectory = simulate(phase, {}, {}, SIMULATED_BY)
             if all(map(is_moderate, trajectory.states.values())):
                 phase.initialize(trajectory)
                 simulated = True

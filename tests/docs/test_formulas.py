@@ -297,7 +297,7 @@ def test_equations_that_cancel_are_missed_by_structure_and_found_by_numbers(fact
     """eq-instant, eq-index-one: the example of the page, and a neighbour that is regular."""
     m = forces(lambda b, t: 2 * b.y[t] + factor * b.z[t] == 2 * b.x[t])
     m.p.check()
-    structure = PointStructure(m.p, m.p.record, middle_point(m.p.record))
+    structure = PointStructure(m.p, middle_point(m.p.record))
     assert structure.of_rows.unmatched_rows == []
     found = rcp.diagnose(m).about(Subject.DEPENDENT)
     assert bool(found) is not regular

@@ -127,7 +127,7 @@ def test_a_kept_derivative_is_an_unknown_like_any_other() -> None:
         pushed(no_motion).check()
     b = pushed(newton)
     b.check()
-    structure = PointStructure(b, b.record, middle_point(b.record))
+    structure = PointStructure(b, middle_point(b.record))
     assert list(structure.unknowns) == ["derivative of v", "f"]
     assert list(structure.rows) == ["ode of v", "newton"]
 
@@ -147,7 +147,7 @@ def test_a_pair_determines_an_algebraic_that_it_holds(package: str) -> None:
     else:
         b.contact = PyomoComplementarity(b.points, rule=lambda b, t: pyomo_complements(b.x[t] >= 0, b.force[t] >= 0))
     b.check()
-    structure = PointStructure(b, b.record, middle_point(b.record))
+    structure = PointStructure(b, middle_point(b.record))
     assert structure.undetermined == []
     assert list(structure.helpers) == ["contact"]
 
@@ -169,6 +169,6 @@ def test_an_equation_that_determines_a_control_passes() -> None:
     b.residual(feedback)
     b.complementarity(stop)
     b.check()
-    structure = PointStructure(b, b.record, middle_point(b.record))
+    structure = PointStructure(b, middle_point(b.record))
     assert structure.leftover_rows == ["feedback"]
     assert not structure.has_higher_index

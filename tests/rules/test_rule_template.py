@@ -76,7 +76,7 @@ def test_a_template_gives_the_rows_of_the_rule_and_asks_it_twice(name: str, hori
     b, calls = phase(duration=horizon), Counter[str]()
     b.ode(counted(lambda b, t: {b.x: TEMPLATES[name](b, t)}, calls), name="said")
     assert calls["rule"] == 2
-    assert b.record.statements[0].is_template(b)
+    assert b.record.statements[0].rule.is_template(b)
     rng = np.random.default_rng(5)
     for variable in b.component_data_objects(pyo.Var):
         variable.set_value(rng.uniform(0.5, 2.0), skip_validation=True)
@@ -89,7 +89,7 @@ def test_a_template_gives_the_rows_of_the_rule_and_asks_it_twice(name: str, hori
 def test_a_rule_that_has_to_know_the_time_is_asked_at_each_point(name: str) -> None:
     b = phase()
     b.ode(lambda b, t: {b.x: BY_POINT[name](b, t)})
-    assert not b.record.statements[0].is_template(b)
+    assert not b.record.statements[0].rule.is_template(b)
     for t in b.points:
         assert same_expression(b.record.rates["x"][t], BY_POINT[name](b, t))
 
@@ -97,7 +97,7 @@ def test_a_rule_that_has_to_know_the_time_is_asked_at_each_point(name: str) -> N
 def test_a_rule_that_says_something_else_each_time_is_no_template() -> None:
     b, count = phase(), iter(range(10_000))
     b.ode(lambda b, t: {b.x: next(count) * b.u[t]})
-    assert not b.record.statements[0].is_template(b)
+    assert not b.record.statements[0].rule.is_template(b)
 
 
 FORMS: dict[str, Any] = {

@@ -1,40 +1,35 @@
-"""`InstantsInside`: what a trajectory is at some places of its elements, and what rules say of it there."""
+"""`ElementInstants`: what a trajectory is at some places of its elements, and what rules say of it there."""
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.modeling.row_violations import number_or_nan
-from pyrobocop_pyomo.modeling.undefined_values import undefined_part
-from pyrobocop_pyomo.numerics import Array, Grid
+from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.lagrange import differentiation_matrix
 from pyrobocop_pyomo.trajectories import Trajectory
 
+from .coupled_phases import values_in_elements
 from .delays import past_of
-from .record import PhaseRecord, Statement
+from .record import Statement
 from .rule_formulas import RuleFormulas
 
 
-class InstantsInside:
+class ElementInstants:
     """All elements at some local fractions; arrays have the shape ``(q, N)``.
 
     Parameters
     ----------
-    record : PhaseRecord
-    trajectory : Trajectory
-    indices : Grid
-        Its grid in the time indices of the phase.
-    fractions : array, shape (q,)
-    formulas : RuleFormulas, optional
+    formulas : RuleFormulas
         Of the rules that `evaluated` evaluates.
-    rates : mapping of state name to array, shape (s, N)
-        Derivatives at the stages, where the values of a state do not determine its polynomial.
+    trajectory : Trajectory
+    fractions : array, shape (q,)
+    rates : mapping of state name to array, shape (s, N), optional
+        Derivatives at the stages, where the values of a state do not determine its polynomial; by default those of the
+        trajectory.
 
     Attributes
     ----------
@@ -46,29 +41,23 @@ class InstantsInside:
     """
 
     def __init__(
-        self,
-        record: PhaseRecord,
-        trajectory: Trajectory,
-        indices: Grid,
-        fractions: Array,
-        formulas: RuleFormulas | None = None,
-        rates: Mapping[str, Array] | None = None,
+        self, formulas: RuleFormulas, trajectory: Trajectory, fractions: Array, rates: Mapping[str, Array] | None = None
     ) -> None:
         scheme, widths = trajectory.grid.scheme, np.array(trajectory.grid.mesh.widths)
-        self._record, self._formulas, self.fractions = record, formulas, fractions
+        if rates is None:
+            rates = {name: trajectory.element_rates(name).T for name in trajectory.rates if scheme.starts_on_a_stage}
+        self._formulas, self.fractions = formulas, fractions
         self.at_stages = scheme.stage_polynomial_at(fractions)
         self.clock, self.index = (
             np.array(mesh.boundaries[:-1]) + fractions[:, None] * np.array(mesh.widths)
-            for mesh in (trajectory.grid.mesh, indices.mesh)
+            for mesh in (trajectory.grid.mesh, formulas.indices.mesh)
         )
         states = {name: trajectory.element_states(name).T for name in trajectory.states}
-        at_nodes, slopes = scheme.state_at(fractions), differentiation_matrix(scheme.state_nodes, fractions)
-        self.values: dict[str, Any] = {name: at_nodes @ of for name, of in states.items()}
-        self.values |= {name: self.at_stages @ trajectory.element_signals(name).T for name in trajectory.signals}
-        self.values |= {name: np.interp(self.clock, *knots) for name, knots in trajectory.piecewise_linear.items()}
+        slopes = differentiation_matrix(scheme.state_nodes, fractions)
+        self.values: dict[str, Any] = {name: of.T for name, of in values_in_elements(trajectory, fractions).items()}
         self.values |= trajectory.parameters
         self.slopes = {name: slopes @ of / widths for name, of in states.items()}
-        for name, at in (rates or {}).items():
+        for name, at in rates.items():
             self.values[name] = states[name][0] + widths * (scheme.increments_at(fractions) @ at)
             self.slopes[name] = self.at_stages @ at
         self._past, self._widths, self._asked, self._others = past_of(trajectory), widths, 0, dict[int, Array]()
@@ -76,10 +65,9 @@ class InstantsInside:
 
     def _leaves(self, values: Mapping[str, Any]) -> dict[int, Any]:
         formulas = self._formulas
-        assert formulas is not None
         asked = formulas.further_readings
         if asked != self._asked:  # rules were asked since
-            self._asked, self._others = asked, formulas.of_companions(np.asarray(self.fractions))
+            self._asked, self._others = asked, formulas.of_coupled_phases(np.asarray(self.fractions))
             places = enumerate(np.asarray(self.fractions).tolist())
             earlier = [formulas.delayed_numbers(self._past, self.clock[i], self._widths, at) for i, at in places]
             self._others |= {key: np.array([of[key] for of in earlier]) for key in earlier[0]}
@@ -87,17 +75,11 @@ class InstantsInside:
 
     def evaluated(self, expressions: Sequence[Any], values: Mapping[str, Any]) -> list[Array]:
         """Formulas with these values, each of shape ``(q, N)``."""
-        assert self._formulas is not None
         found = self._formulas.values(expressions, self._leaves(values))
         return [np.zeros(self.index.shape) + of for of in found]
 
-    def value_of(self, expression: Any, statement: Statement, label: str) -> Array:
+    def value_of(self, expression: Any, statement: Statement) -> Array:
         """The values of a formula of a statement.
-
-        Parameters
-        ----------
-        label : str
-            The phase, in words.
 
         Raises
         ------
@@ -109,28 +91,19 @@ class InstantsInside:
         for i, k in np.argwhere(~np.isfinite(found.T)).tolist():
             if expression.__class__ is float:
                 break  # no bound
-            self._hold(k, i)
-            part = None if math.isfinite(number_or_nan(expression)) else undefined_part(expression)
-            what = "it has no value" if part is None else re.sub(r"declared\[([^]]*)\]", r"'\1'", part.what)
+            leaves = self._leaves(self.values)
+            here = {key: float(of if np.ndim(of) == 0 else of[k, i]) for key, of in leaves.items()}
+            what = self._formulas.undefined_part(expression, here) or "it has no value"
             raise TrajectoryError(
-                f"{label}: {what}, in the {statement.kind} '{statement.name}' at time {self.clock[k, i]:g} (element "
-                f"{i}). The trajectory leaves the values for which it is defined; bound what it reads, or solve the "
-                "model first."
+                f"phase '{self._formulas.block.name}': {what}, in the {statement.kind} '{statement.name}' at time "
+                f"{self.clock[k, i]:g} (element {i}). The trajectory leaves the values for which it is defined; bound "
+                "what it reads, or solve the model first."
             )
         return found
 
-    def _hold(self, k: int, i: int) -> None:
-        """Give what stands for the phase in formulas the values of one instant."""
-        leaves = self._leaves(self.values)
-        assert self._formulas is not None
-        for variable in self._formulas.variables:
-            number = leaves.get(id(variable))
-            if number is not None:
-                variable.set_value(float(number if np.ndim(number) == 0 else number[k, i]), skip_validation=True)
-
     def bound(self, name: str, side: int) -> Any:
         """A declared bound, infinite where there is none; side 0 is the lower one."""
-        declaration = self._record.declarations[name]
+        declaration = self._formulas.record.declarations[name]
         none = (-np.inf, np.inf)[side]
         if not callable(declaration.bounds):
             bound = declaration.bounds_at(0.0, name)[side]

@@ -19,7 +19,7 @@ from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.blocks import BuiltBlockData
-from pyrobocop_pyomo.modeling.variable_values import values_restored
+from pyrobocop_pyomo.modeling.variable_values import put_values, values_restored
 from pyrobocop_pyomo.numerics import Array, Grid, Mesh
 from pyrobocop_pyomo.trajectories import Trajectory
 
@@ -28,7 +28,7 @@ from .phase_values import PhaseValues
 from .record import PhaseRecord
 
 
-class Companion:
+class CoupledPhase:
     """Another phase of the model with the same element boundaries in its time indices.
 
     Parameters
@@ -49,12 +49,17 @@ class Companion:
                 self.trajectory = PhaseValues(self.phase).trajectory(evaluate=False)
             except TrajectoryError:
                 return {}
-        trajectory, grid = self.trajectory, self.trajectory.grid
-        weights = grid.scheme.stage_polynomial_at(fractions).T
-        found = dict(trajectory.element_polynomials(fractions))
-        found |= {name: trajectory.element_signals(name) @ weights for name in trajectory.signals}
-        times = np.array(grid.mesh.boundaries[:-1])[:, None] + np.array(grid.mesh.widths)[:, None] * fractions
-        return found | {name: np.interp(times, *knots) for name, knots in trajectory.piecewise_linear.items()}
+        return values_in_elements(self.trajectory, fractions)
+
+
+def values_in_elements(trajectory: Trajectory, fractions: Array) -> dict[str, Array]:
+    """States, algebraics and controls at places of all elements, shape ``(N, k)``, by name."""
+    grid = trajectory.grid
+    weights = grid.scheme.stage_polynomial_at(fractions).T
+    found = dict(trajectory.element_polynomials(fractions))
+    found |= {name: trajectory.element_signals(name) @ weights for name in trajectory.signals}
+    times = np.array(grid.mesh.boundaries[:-1])[:, None] + np.array(grid.mesh.widths)[:, None] * fractions
+    return found | {name: np.interp(times, *knots) for name, knots in trajectory.piecewise_linear.items()}
 
 
 def other_phases(block: Any) -> list[Any]:
@@ -67,14 +72,14 @@ def other_phases(block: Any) -> list[Any]:
     ]
 
 
-def companions_of(block: Any, boundaries: Sequence[float], beside: Iterable[Trajectory] = ()) -> list[Companion]:
+def coupled_phases_of(block: Any, grid: Grid, beside: Iterable[Trajectory] = ()) -> list[CoupledPhase]:
     """The other phases of the model that share the element boundaries of a phase, in time indices.
 
     Parameters
     ----------
     block : PhaseBlock
-    boundaries : sequence of float
-        Element boundaries of the trajectory that is checked, in time indices.
+    grid : Grid
+        Of the trajectory that is checked, in real time.
     beside : iterable of Trajectory
         Values of other phases; for the others those on the model are taken.
 
@@ -85,6 +90,7 @@ def companions_of(block: Any, boundaries: Sequence[float], beside: Iterable[Traj
     """
     found = {id(phase): phase for phase in other_phases(block)}
     given: dict[int, Trajectory] = {}
+    boundaries = indices_of(block.record, grid).mesh.boundaries
     for trajectory in beside:
         of = [key for key, phase in found.items() if trajectory.phase is phase or trajectory.name == phase.name]
         if not of or trajectory.grid.mesh.elements + 1 != len(boundaries):
@@ -95,7 +101,7 @@ def companions_of(block: Any, boundaries: Sequence[float], beside: Iterable[Traj
             )
         given[of[0]] = trajectory
     return [
-        Companion(phase, given.get(key))
+        CoupledPhase(phase, given.get(key))
         for key, phase in found.items()
         if key in given or _same(phase.record.grid.mesh.boundaries, boundaries)
     ]
@@ -121,13 +127,10 @@ def is_on_model(phase: Any, trajectory: Trajectory) -> bool:
         now = PhaseValues(phase).trajectory(evaluate=False)
     except TrajectoryError:
         return False
+    kinds = (now.states, trajectory.states), (now.signals, trajectory.signals), (now.parameters, trajectory.parameters)
     return _same(now.grid.times, trajectory.grid.times) and all(
         np.allclose(values[name], numbers, rtol=1e-9, atol=1e-12)
-        for values, given in (
-            (now.states, trajectory.states),
-            (now.signals, trajectory.signals),
-            (now.parameters, trajectory.parameters),
-        )
+        for values, given in kinds
         for name, numbers in given.items()
     )
 
@@ -161,8 +164,7 @@ def _put_values(phase: Any, trajectory: Trajectory) -> None:
             name: numbers for name, numbers in at_points.items() if isinstance(values.nodes.get(name), StageNodes)
         }
     for name, numbers in sampled.items():
-        for variable, number in zip(values.nodes[name].variables(phase), numbers.tolist(), strict=True):
-            variable.set_value(number, skip_validation=True)
+        put_values(values.variables[name], numbers.tolist())
     for name, number in trajectory.parameters.items():
         phase.component(name).set_value(number, skip_validation=True)
 
