@@ -1,10 +1,9 @@
 """How far an answer on a mesh is from that of the continuous problem: errors of the motion and of the objective."""
 
 from .estimates import DiscretisationEstimate, PhaseEstimate
-from .mesh_errors import MeshErrors
 from .phase_multipliers import RowMultipliers
 from .probe import DiscretisationProbe
 
 __all__ = [
-    "DiscretisationEstimate", "DiscretisationProbe", "MeshErrors", "PhaseEstimate", "RowMultipliers",
+    "DiscretisationEstimate", "DiscretisationProbe", "PhaseEstimate", "RowMultipliers",
 ]  # fmt: skip

@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from textwrap import shorten
 
 import numpy as np
 
-from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.numerics import Array, Mesh
+from pyrobocop_pyomo.numerics.remeshing import remesh
 from pyrobocop_pyomo.phases.bounds_between_points import WORTH_A_SENTENCE
 from pyrobocop_pyomo.presentation import Presented, percent
+from pyrobocop_pyomo.trajectories import Trajectory
+
+from .jump_times import jump_fractions
 
 # Relative to the objective, and to the size of each state: what is above is said before anything else.
 SMALL_OBJECTIVE_ERROR = 1e-3
 SMALL_MOTION_ERROR = 1e-2
+# On finer meshes: the error of the motion that is allowed, as a multiple of those of the objective and of limits.
+_MOTION = SMALL_MOTION_ERROR / SMALL_OBJECTIVE_ERROR
 # At most so much of errors with different signs is taken to cancel: how well they do is known to leading order only.
 CANCELLED = 0.2
 # An objective below this is zero, but for the tolerance of the solver; its error is compared with this instead.
@@ -195,6 +201,71 @@ class DiscretisationEstimate(Presented):
                 return None
             total += math.ceil(phase.elements * min(max(factors), _MOST_ADVISED))
         return total if 0 < total <= _MOST_ADVISED else None
+
+    @property
+    def largest_known_motion_error(self) -> float:
+        """The largest error of the motion in any element, as a part of the size of a state; NaN where none is known."""
+        return self._largest("motion")
+
+    def _largest(self, kind: str) -> float:
+        known = [of for of in (getattr(phase, kind) for phase in self.phases.values()) if of is not None]
+        return max((float(of.max(initial=0.0)) for of in known), default=math.nan)
+
+    def ratio(self, tolerance: float) -> float:
+        """How many times the largest error is what it may be; NaN where none is known.
+
+        Parameters
+        ----------
+        tolerance : float
+            What errors of limits and of the objective may be, relative to sizes; that of the motion ten times so much.
+        """
+        of_objective = self.relative_objective_error
+        errors = [self._largest("motion") / _MOTION, self._largest("relative_excesses")]
+        return float(np.fmax.reduce([*errors, math.nan if of_objective is None else of_objective])) / tolerance
+
+    def finer(
+        self,
+        meshes: Mapping[str, Mesh],
+        trajectories: Mapping[str, Trajectory],
+        tolerance: float,
+        keep: Mapping[str, Collection[float]],
+    ) -> dict[str, Mesh]:
+        """Meshes on which all elements are expected to meet a tolerance.
+
+        Parameters
+        ----------
+        meshes : dict of str to Mesh
+            Those of this answer.
+        trajectories : dict of str to Trajectory
+            The answer; where a control jumps, a boundary is put.
+        tolerance : float
+            As that of `ratio`.
+        keep : mapping of str to collection of float
+            Boundaries that stay; others may go.
+        """
+        return {
+            name: remesh(
+                mesh,
+                self._shares(name, mesh.elements) / tolerance,
+                1.0,
+                trajectories[name].grid.scheme.order,
+                keep=keep[name],
+                jumps=jump_fractions(trajectories[name]),
+            )
+            for name, mesh in meshes.items()
+        }
+
+    def _shares(self, name: str, elements: int) -> Array:
+        """Each element's errors, relative to sizes; of the objective, as if all elements had the same."""
+        errors, of = np.zeros(elements), self.phases.get(name)
+        if of is not None and of.motion is not None:
+            errors = of.motion / _MOTION
+        if of is not None and of.relative_excesses is not None:
+            errors = np.maximum(errors, of.relative_excesses)
+        if of is not None and of.objective is not None:
+            count = sum(len(other.objective) for other in self.phases.values() if other.objective is not None)
+            errors = np.maximum(errors, of.objective * count / max(abs(self.objective), ZERO_OBJECTIVE))
+        return errors
 
     @property
     def is_known(self) -> bool:

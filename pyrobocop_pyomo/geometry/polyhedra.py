@@ -191,17 +191,11 @@ def largest_ball(normals: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, 
     return center, radius
 
 
-def in_cone(target: np.ndarray, generators: np.ndarray, tolerance: float = NEGLIGIBLE) -> bool:
-    """Whether a vector is a combination of generators (rows) with nonnegative weights."""
-    # Not by scipy.optimize.nnls, which has been seen to return wrong weights with a residual of zero.
-    lengths = np.linalg.norm(generators, axis=1)
-    apart = nearest_difference(-target[None, :], np.zeros((1, len(target))), 1.0, generators / lengths[:, None])
-    return apart.norm <= tolerance
-
-
 def _lines(rays: np.ndarray) -> np.ndarray:
-    """Orthonormal rows that span the directions in which the cone of the rays extends both ways."""
-    both = np.array([in_cone(-ray, rays) for ray in rays], dtype=bool)
+    """Orthonormal rows that span the directions in which the cone of the unit rays extends both ways."""
+    # Not by scipy.optimize.nnls, which has been seen to return wrong weights with a residual of zero.
+    origin = np.zeros((1, rays.shape[1]))
+    both = np.array([nearest_difference(ray[None], origin, 1.0, rays).norm <= NEGLIGIBLE for ray in rays], dtype=bool)
     return affine_basis(np.zeros((1, rays.shape[1])), rays[both])
 
 

@@ -18,7 +18,7 @@ from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.presentation import Presented, facts_table
 
 from .polyhedra import affine_rank, halfspaces_of
-from .polytope_input import corners_of_halfspaces, corners_of_list, read_points, read_rays
+from .polytope_input import corners_of_halfspaces, corners_of_list, read_points
 from .poses import Pose
 
 
@@ -61,7 +61,7 @@ class Polytope(Presented):
 
     @classmethod
     def from_vertices(
-        cls, vertices: Any, *, rays: Any = (), radius: float = 0.0, allow_flat: bool = False, name: str = "polytope"
+        cls, vertices: Any, *, radius: float = 0.0, allow_flat: bool = False, name: str = "polytope"
     ) -> Polytope:
         """Shape with the given corners: in the plane an outline, in either direction; in space in any order.
 
@@ -69,8 +69,6 @@ class Polytope(Presented):
         ----------
         vertices : (v, d) array_like
             Repeated points and points between corners are dropped with a warning in the log.
-        rays : (k, d) array_like, optional
-            Directions in which the shape has no end.
         radius : float, optional
             Padding.
         allow_flat : bool, optional
@@ -83,24 +81,19 @@ class Polytope(Presented):
             convex: its hull would silently fill what is free. `decompose` cuts it into convex parts.
         """
         points = read_points(vertices, name)
-        return cls._of_points(points, rays, radius, name, allow_flat=allow_flat, ordered=True)
+        return cls._of_points(points, radius, name, allow_flat=allow_flat, ordered=True)
 
     @classmethod
     def hull(cls, points: Any, *, radius: float = 0.0, allow_flat: bool = False, name: str = "polytope") -> Polytope:
         """Convex hull of points in any order; notches between them are filled."""
-        return cls._of_points(
-            read_points(points, name, "points"), (), radius, name, allow_flat=allow_flat, ordered=False
-        )
+        return cls._of_points(read_points(points, name, "points"), radius, name, allow_flat=allow_flat, ordered=False)
 
     @classmethod
-    def _of_points(
-        cls, points: np.ndarray, rays: Any, radius: float, name: str, *, allow_flat: bool, ordered: bool
-    ) -> Polytope:
+    def _of_points(cls, points: np.ndarray, radius: float, name: str, *, allow_flat: bool, ordered: bool) -> Polytope:
         if len(points) == 0:
             raise ObstacleError(f"'{name}': there are no points. Give at least one.")
-        directions = read_rays(rays, points.shape[1], name)
-        corners = corners_of_list(points, directions, allow_flat=allow_flat, ordered=ordered, name=name)
-        return cls(corners, directions, _checked_radius(radius, name), name)
+        corners = corners_of_list(points, allow_flat=allow_flat, ordered=ordered, name=name)
+        return cls(corners, np.zeros((0, points.shape[1])), _checked_radius(radius, name), name)
 
     @classmethod
     def from_halfspaces(
@@ -111,7 +104,7 @@ class Polytope(Presented):
         Parameters
         ----------
         normals, offsets : (m, d) and (m,) array_like
-            Rows of any length but zero. Rows that cut nothing off are dropped with a warning in the log.
+            Rows of any length but zero. Rows that cut nothing off do not count.
         bounded : bool, optional
             False accepts a set without end: a half-space, a wedge, a slab.
         radius : float, optional
@@ -123,7 +116,9 @@ class Polytope(Presented):
             If the set is empty, flat, or has no end though it should: a sign or a row is wrong.
         """
         vertices, rays = corners_of_halfspaces(normals, offsets, bounded=bounded, name=name)
-        return cls._of_points(vertices, rays, radius, name, allow_flat=False, ordered=False)
+        if len(rays):
+            return cls(vertices, rays, _checked_radius(radius, name), name)
+        return cls._of_points(vertices, radius, name, allow_flat=False, ordered=False)
 
     @classmethod
     def box(cls, *sides: float, center: Sequence[float] | None = None, name: str = "box") -> Polytope:

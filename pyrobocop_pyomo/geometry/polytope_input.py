@@ -1,6 +1,6 @@
-"""Checks of what a polytope is made from: lists of corners and rays, and lists of half-spaces.
+"""Checks of what a polytope is made from: lists of corners, and lists of half-spaces.
 
-What changes nothing (repeated points, points inside, redundant half-spaces) is left out with a warning in the log.
+What changes nothing is left out: repeated points and points inside with a warning in the log.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
-from .polyhedra import EmptyInterior, affine_basis, affine_rank, convex_hull, corners_of, in_cone
+from .polyhedra import EmptyInterior, affine_basis, convex_hull, corners_of
 
 logger = logging.getLogger(__name__)
 
@@ -34,22 +34,8 @@ def read_points(points: Any, name: str, label: str = "vertices") -> np.ndarray:
     return array
 
 
-def read_rays(rays: Any, dimension: int, name: str) -> np.ndarray:
-    """Unit directions (k, dimension) without those that others span."""
-    if len(rays) == 0:
-        return np.zeros((0, dimension))
-    array = read_points(rays, name, "rays")
-    if array.shape[1] != dimension:
-        raise ObstacleError(f"'{name}': rays have {array.shape[1]} coordinates, and vertices {dimension}.")
-    lengths = np.linalg.norm(array, axis=1)
-    if lengths.min() == 0.0:
-        raise ObstacleError(f"'{name}': ray {int(np.argmin(lengths))} is zero, which is no direction. Leave it out.")
-    array = array / lengths[:, None]
-    return array[_needed([lambda others, i=i: in_cone(array[i], array[others]) for i in range(len(array))])]
-
-
-def corners_of_list(points: np.ndarray, rays: np.ndarray, *, allow_flat: bool, ordered: bool, name: str) -> np.ndarray:
-    """The corners among the points; in the plane, and without rays, in counter-clockwise order.
+def corners_of_list(points: np.ndarray, *, allow_flat: bool, ordered: bool, name: str) -> np.ndarray:
+    """The corners among the points; in the plane in counter-clockwise order.
 
     Parameters
     ----------
@@ -63,7 +49,7 @@ def corners_of_list(points: np.ndarray, rays: np.ndarray, *, allow_flat: bool, o
     """
     distinct = _without_repeated(points, name)
     dimension = points.shape[1]
-    basis = affine_basis(distinct, rays)
+    basis = affine_basis(distinct, np.zeros((0, dimension)))
     if len(basis) < dimension and not allow_flat:
         spanned = ("a point", "a line", "a plane")[len(basis)]
         raise ObstacleError(
@@ -72,14 +58,10 @@ def corners_of_list(points: np.ndarray, rays: np.ndarray, *, allow_flat: bool, o
         )
     if len(basis) == 0:
         return distinct[:1]
-    if len(rays):
-        inside = [lambda others, i=i: _in_hull(distinct, rays, i, others) for i in range(len(distinct))]
-        kept = np.array(_needed(inside))
-    else:
-        flat = len(basis) < dimension  # in its own plane then; else as it is, for the basis may mirror the order
-        kept = convex_hull((distinct - distinct[0]) @ basis.T if flat else distinct).corners
-        if dimension == 2 and len(basis) == 2 and ordered:
-            _refuse_outlines_that_are_not_convex(distinct, kept, name)
+    flat = len(basis) < dimension  # in its own plane then; else as it is, for the basis may mirror the order
+    kept = convex_hull((distinct - distinct[0]) @ basis.T if flat else distinct).corners
+    if dimension == 2 and len(basis) == 2 and ordered:
+        _refuse_outlines_that_are_not_convex(distinct, kept, name)
     if len(kept) < len(distinct) and ordered:
         logger.warning(
             "'%s': %d of its %d points are no corners of their convex hull and are left out.",
@@ -128,28 +110,8 @@ def _on_boundary(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     return depths.min(axis=1) <= NEGLIGIBLE * np.ptp(corners, axis=0).max()
 
 
-def _in_hull(points: np.ndarray, rays: np.ndarray, i: int, others: list[int]) -> bool:
-    """Whether point i is a convex combination of others plus rays; a cone of one dimension more answers this."""
-    if not others:
-        return False
-    extent = float(np.abs(points - points[i]).max()) or 1.0
-    lifted = np.column_stack([(points[others] - points[i]) / extent, np.ones(len(others))])
-    cone = np.vstack([lifted, np.column_stack([rays, np.zeros(len(rays))])])
-    return in_cone(np.append(np.zeros(points.shape[1]), 1.0), cone)
-
-
-def _needed(spanned_by_others: list) -> list[int]:
-    """Indices that remain after removing, one by one, what the others span."""
-    kept = list(range(len(spanned_by_others)))
-    for i, is_spanned in enumerate(spanned_by_others):
-        others = [j for j in kept if j != i]
-        if is_spanned(others):
-            kept = others
-    return kept
-
-
 def corners_of_halfspaces(normals: Any, offsets: Any, *, bounded: bool, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Corners and rays of ``{y : normals @ y <= offsets}``; redundant rows are named in the log.
+    """Corners and rays of ``{y : normals @ y <= offsets}``.
 
     Raises
     ------
@@ -182,22 +144,4 @@ def corners_of_halfspaces(normals: Any, offsets: Any, *, bounded: bool, name: st
             "Check that normals point outwards and that no side is missing; "
             "for a half-space or a wedge say bounded=False."
         )
-    _warn_of_redundant_rows(rows, sides, corners, rays, name)
     return corners, rays
-
-
-def _warn_of_redundant_rows(
-    rows: np.ndarray, sides: np.ndarray, corners: np.ndarray, rays: np.ndarray, name: str
-) -> None:
-    # Between the extent of the set and what rounding leaves of it, far from the origin.
-    tolerance = NEGLIGIBLE * float(np.ptp(corners, axis=0).max()) + 1e-14 * float(np.abs(sides).max())
-    facets: list[int] = []
-    for i, (row, side) in enumerate(zip(rows, sides, strict=True)):
-        touching = corners[side - corners @ row <= tolerance]
-        along = rays[np.abs(rays @ row) <= NEGLIGIBLE]
-        is_facet = len(touching) > 0 and affine_rank(touching, along) == rows.shape[1] - 1
-        if is_facet and np.abs(rows[facets] - row).max(axis=1).min(initial=np.inf) > NEGLIGIBLE:
-            facets.append(i)
-    if len(facets) < len(rows):
-        redundant = sorted(set(range(len(rows))) - set(facets))
-        logger.warning("'%s': half-spaces that cut nothing off are left out: rows %s.", name, redundant)

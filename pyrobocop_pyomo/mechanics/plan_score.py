@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import combinations
 from pathlib import Path
@@ -13,6 +13,7 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.plotting import AnimationFile, BodyPath, animate_scene
 
 from .bodies import PLANE, SPACE, DiscRobot, Names, PlanarBody, SpatialBody, SphereRobot, check_positive
@@ -21,7 +22,6 @@ from .physical_score import PhysicalScore
 from .rotations import rotation_matrix, rotation_rows, rotation_vector
 from .shapes import Gap
 
-_NEWTON_STEPS = 60
 # Below this normal force nobody is said to push, newtons.
 _PUSHING = 0.1
 
@@ -244,7 +244,9 @@ class CombinedPlanScore(ABC):
             needed: Array = self._needed_wrench(after[None], twist[None], (twist - before)[None] / self.step)[0]
             return scale * (needed - pushed)
 
-        return solve_by_newton(residual, before + scale * pushed)
+        # Velocities that solve it to rounding: their differences are accelerations.
+        velocities: Array = scipy.optimize.root(residual, before + scale * pushed, tol=1e-13).x
+        return velocities
 
     def _of_plan(self, body: PlannedBody, robots: Mapping[str, PlannedRobot]) -> PhysicalScore:
         """Score one combined plan."""
@@ -468,21 +470,3 @@ def _mean_of(bodies: Sequence[PlannedBody]) -> PlannedBody:
     )
     left, _, right = np.linalg.svd(rotation)
     return PlannedBody(position, left @ right, start)
-
-
-def solve_by_newton(residual: Callable[[Array], Array], start: Array) -> Array:
-    """Velocities at which as many residuals are zero, by a damped Newton iteration with differences."""
-    u = start
-    for _ in range(_NEWTON_STEPS):
-        value = residual(u)
-        size = np.abs(value).max()
-        if size < 1e-13 * (1 + np.abs(u).max()):
-            break
-        slopes = np.column_stack([(residual(u + shift) - value) / 1e-7 for shift in 1e-7 * np.eye(len(u))])
-        change = np.linalg.solve(slopes, -value)
-        # Resistance saturates, so that a full step may overshoot; a residual that grows is not accepted.
-        share = 1.0
-        while share > 1e-3 and np.abs(residual(u + share * change)).max() >= size:
-            share /= 2
-        u = u + share * change
-    return u

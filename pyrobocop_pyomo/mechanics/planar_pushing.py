@@ -45,11 +45,6 @@ class SquareSlider:
         return 2 * self.half_side / 6 * (math.sqrt(2) + math.asinh(1))
 
     @property
-    def compliance(self) -> float:
-        """``c``: speed per unit of force, in the units of the quasi-static model."""
-        return 1 / self._largest_force**2
-
-    @property
     def _largest_force(self) -> float:
         return self.table_friction * self.mass * self.gravity
 

@@ -97,14 +97,14 @@ def verify_clearance(
     led = replayed_motion(motion, shapes, lengths, equations=equations)
     proofs: list[_Proof] = []
     for (first, second), clearance in required.items():
-        settings = ProofSettings(allowed[first, second], depth, max_subintervals)
         for p, p_mismatch in zip(shapes[first], mismatches[first], strict=True):
             for q, q_mismatch in zip(shapes[second], mismatches[second], strict=True):
                 read = (p.name, q.name, clearance_text((first, second)))
                 deviation = np.sum([led.of(name, len(ends)) for name in read], axis=0)
                 unknown = led.why_unknown if any(name in led.deviation for name in read) else ""
                 jumps = p_mismatch + q_mismatch + clearance.mismatch
-                proofs.append(_Proof(p, q, clearance, settings, deviation, jumps, unknown))
+                effort = allowed[first, second], depth, max_subintervals
+                proofs.append(_Proof(p, q, clearance, *effort, deviation, jumps, unknown))
     with np.errstate(all="ignore"):  # what is not finite is never proven
         results = _proven(proofs, ends)
     lines = dict.fromkeys(
@@ -172,15 +172,6 @@ def _at_points(
 # ----------------------------------------------------------------------------------------------- proof of a single pair
 
 
-@dataclass(frozen=True)
-class ProofSettings:
-    """Tolerance and effort of the proof for one pair; see `verify_clearance`."""
-
-    tolerance: float
-    depth: int
-    max_subintervals: int
-
-
 def _proven(proofs: Sequence[_Proof], ends: Array) -> list[BodyPairSafety]:
     """Prove the clearances of all pairs over all intervals with the times `ends`, shape (intervals, 2)."""
     if not proofs:
@@ -225,32 +216,40 @@ def box_distances(a: Interval, b: Interval) -> Array:
     return np.where(distances > 0.0, distances, -np.inf)
 
 
+@dataclass(eq=False)
 class _Proof:
-    """The proof of one pair, in terms of the *excess*: signed distance less the clearance required at that time."""
+    """The proof of one pair, in terms of the *excess*: signed distance less the clearance required at that time.
 
-    def __init__(
-        self,
-        first: MovingShape,
-        second: MovingShape,
-        clearance: RequiredClearance,
-        settings: ProofSettings,
-        deviation: Array,
-        jumps: Array,
-        not_replayed: str,
-    ) -> None:
-        self.first, self.second, self.clearance, self.settings = first, second, clearance, settings
-        self.not_replayed = not_replayed
-        # Intervals in which more is wrong with the formulas than the tolerance stay undecided.
-        self.jumps = ~(jumps <= settings.tolerance)
+    Attributes
+    ----------
+    tolerance, depth, max_subintervals
+        As of `verify_clearance`.
+    deviation : array, shape (intervals,)
+        How far the equations lead away from the plan.
+    mismatch : array, shape (intervals,)
+        By how much the formulas are wrong at the nodes.
+    not_replayed : str
+        Why the motion of the equations is not known; empty where it is.
+    """
+
+    first: MovingShape
+    second: MovingShape
+    clearance: RequiredClearance
+    tolerance: float
+    depth: int
+    max_subintervals: int
+    deviation: Array
+    mismatch: Array
+    not_replayed: str
+
+    def __post_init__(self) -> None:
         # More where the equations lead away from the plan.
-        self.deviation = deviation
-        self.needed = np.where(np.isfinite(deviation), deviation, 0.0) - settings.tolerance
-        self.radii = first.shape.radius + second.shape.radius
-        intervals = len(deviation)
+        self.needed = np.where(np.isfinite(self.deviation), self.deviation, 0.0) - self.tolerance
+        self.radii = self.first.shape.radius + self.second.shape.radius
+        intervals = len(self.deviation)
         self.excess = np.full(intervals, np.nan)  # NaN: not measured anywhere in the interval
         self.instant = np.full(intervals, 0.5)
         self.proven = np.full(intervals, np.inf)  # a lower bound of the excess
-        self.undecided: set[int] = set()
         self.subintervals = 0
 
     def prove(self, bounds: Array, *, search: bool) -> None:
@@ -268,7 +267,7 @@ class _Proof:
         self.subintervals = int(settled.sum())
         interval = np.flatnonzero(~settled)
         start, end = np.zeros(len(interval)), np.ones(len(interval))
-        for level in range(self.settings.depth + 1):
+        for level in range(self.depth + 1):
             if len(interval) == 0:
                 break
             interval, start, end = self._level(interval, start, end, level, bounds if level == 0 else None)
@@ -280,8 +279,8 @@ class _Proof:
     def result(self, ends: Array) -> BodyPairSafety:
         """What was found, with the times of all intervals."""
         intervals = len(ends)
-        self.proven[self.jumps] = -np.inf
-        self.undecided.update(np.flatnonzero(self.jumps & ~(self.excess < self.needed)).tolist())
+        # Intervals in which more is wrong with the formulas than the tolerance stay undecided.
+        self.proven[~(self.mismatch <= self.tolerance)] = -np.inf
         worst = int(np.nanargmin(self.excess))
         interval_start, interval_end = ends[worst]
         required = self.clearance.values(np.arange(intervals), self.instant)
@@ -289,7 +288,7 @@ class _Proof:
             first=self.first.name,
             second=self.second.name,
             clearance=float(required[worst]),
-            tolerance=self.settings.tolerance,
+            tolerance=self.tolerance,
             distance=float(required[worst] + self.excess[worst]),
             proven=float(required[worst] + self.proven.min()),
             time=float(interval_start + self.instant[worst] * (interval_end - interval_start)),
@@ -298,7 +297,6 @@ class _Proof:
             interval_proven=required + self.proven,
             interval_clearance=required,
             interval_deviation=self.deviation,
-            undecided=tuple(sorted(self.undecided)),
             subintervals=self.subintervals,
             interval_ends=ends,
             interval_times=ends[:, 0] + self.instant * (ends[:, 1] - ends[:, 0]),
@@ -310,7 +308,7 @@ class _Proof:
     ) -> tuple[Indices, Array, Array]:
         """Check subintervals; returns the halves of those that are not decided. `boxes` are bounds that are known."""
         self.subintervals += len(interval)
-        last = level == self.settings.depth
+        last = level == self.depth
         p = self.first.path_bounds(interval, start, end)
         q = self.second.path_bounds(interval, start, end)
         required = self.clearance.bounds(interval, start, end)
@@ -336,9 +334,7 @@ class _Proof:
         bound = np.where(np.isnan(bound), -np.inf, bound)
         violated = self.excess[interval] < self.needed[interval]
         still_open = ~(bound >= self.needed[interval]) & ~violated
-        gives_up = last or self.subintervals + 2 * int(still_open.sum()) > self.settings.max_subintervals
-        if gives_up:
-            self.undecided.update(interval[still_open].tolist())
+        gives_up = last or self.subintervals + 2 * int(still_open.sum()) > self.max_subintervals
         halved = np.zeros_like(still_open) if gives_up else still_open
         np.minimum.at(self.proven, interval[~halved], bound[~halved])
         return halves(interval[halved], start[halved], end[halved])

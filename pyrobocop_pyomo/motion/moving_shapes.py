@@ -39,14 +39,20 @@ class MovingShape:
     shape: Polytope
     template: SignalFormulas | None
 
+    def poses(self, interval: Indices, fraction: Array) -> tuple[Array, Array]:
+        """Rotations (m, d, d) and translations (m, d) of a shape that moves, at local fractions of intervals."""
+        assert self.template is not None
+        count, d = len(interval), self.shape.dimension
+        entries = self.template.values(interval, fraction)
+        return entries[:, : d * d].reshape(count, d, d), entries[:, d * d :]
+
     def corners(self, interval: Indices, fraction: Array) -> tuple[Array, Array]:
         """Corners (m, v, d) and rays (m, k, d) in the world, at local fractions of intervals."""
-        count, d = len(interval), self.shape.dimension
         vertices, rays = self.shape.vertices, self.shape.rays
         if self.template is None:
-            return np.broadcast_to(vertices, (count, *vertices.shape)), np.broadcast_to(rays, (count, *rays.shape))
-        entries = self.template.values(interval, fraction)
-        rotation, translation = entries[:, : d * d].reshape(count, d, d), entries[:, d * d :]
+            still = [np.broadcast_to(of, (len(interval), *of.shape)) for of in (vertices, rays)]
+            return still[0], still[1]
+        rotation, translation = self.poses(interval, fraction)
         return _rotated(rotation, vertices) + translation[:, None, :], _rotated(rotation, rays)
 
     def mismatch(self, motion: Motion) -> Array:
@@ -67,15 +73,13 @@ class MovingShape:
             lengths = np.linalg.norm(moved, axis=2).max(axis=1)
             # Intervals without values have no path, and no proof either.
             np.maximum.at(largest, interval, np.where(np.isnan(lengths), 0.0, lengths))
-            largest += self._distortion(self.template, len(largest))
+            largest += self._distortion(len(largest))
         return largest
 
-    def _distortion(self, template: SignalFormulas, intervals: int) -> Array:
+    def _distortion(self, intervals: int) -> Array:
         """Largest distance of a corner from its place on a rigid body, at samples of each interval."""
-        d = self.shape.dimension
         interval = np.repeat(np.arange(intervals), SAMPLES)
-        entries = template.values(interval, np.tile(np.linspace(0.0, 1.0, SAMPLES), intervals))
-        rotation = entries[:, : d * d].reshape(-1, d, d)
+        rotation, _ = self.poses(interval, np.tile(np.linspace(0.0, 1.0, SAMPLES), intervals))
         # The nearest rotation has singular values of one. The proof deals with values that are not finite.
         finite = np.isfinite(rotation).all(axis=(1, 2))
         stretched = np.abs(np.linalg.svd(rotation[finite], compute_uv=False) - 1.0).max(axis=1, initial=0.0)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.plotting import ClearanceCurve, plot_clearances
+from pyrobocop_pyomo.plotting import plot_clearances
 from pyrobocop_pyomo.presentation import Presented, disclosed_text, table
 
 NOT_REPLAYED = "the motion under the controls was not replayed"
@@ -45,9 +45,6 @@ class BodyPairSafety(Presented):
     interval_distance, interval_proven : array, shape (intervals,)
         `distance` and `proven` of each interval, or of each point where there are no intervals. NaN in
         `interval_distance`: the interval was proven clear by boxes, and no instant of it was measured.
-    undecided : tuple of int
-        Intervals that are neither proven clear nor found violated. Among them are intervals in which a body jumps at a
-        node or is distorted between nodes by more than the tolerance, as values that are not a solution may have it.
     subintervals : int
         Number of subintervals that the proof used.
     interval_clearance : array, shape (intervals,)
@@ -73,7 +70,6 @@ class BodyPairSafety(Presented):
     interval: int | None
     interval_distance: Array = field(repr=False)
     interval_proven: Array = field(repr=False)
-    undecided: tuple[int, ...]
     subintervals: int
     interval_clearance: Array = field(repr=False)
     interval_deviation: Array = field(repr=False)
@@ -100,7 +96,6 @@ class BodyPairSafety(Presented):
             interval_proven=distances,
             interval_clearance=required,
             interval_deviation=np.zeros(len(distances)),
-            undecided=(),
             subintervals=len(distances),
         )
 
@@ -151,6 +146,15 @@ class BodyPairSafety(Presented):
     def violated(self) -> tuple[int, ...]:
         """Intervals (or points) with an instant at which the plan itself is too close."""
         return tuple(np.flatnonzero(self.interval_distance < self.interval_clearance - self.tolerance).tolist())
+
+    @property
+    def undecided(self) -> tuple[int, ...]:
+        """Intervals that are neither proven clear nor found violated, by either motion.
+
+        Among them are intervals in which a body jumps at a node or is distorted between nodes by more than the
+        tolerance, as values that are not a solution may have it.
+        """
+        return tuple(i for i in self.unproven if i not in (*self.violated, *self.plan_only))
 
     @property
     def verdict(self) -> str:
@@ -238,33 +242,20 @@ class SafetyReport(Presented):
         """Body pairs with an interval that is neither proven clear nor found violated."""
         return tuple(pair for pair in self.body_pairs if pair.undecided)
 
-    def plot(self, figure: Any = None, *, most: int = 6) -> Any:
+    def plot(self, figure: Any = None) -> Any:
         """Draw the distances over time: what is required, what is proven of both motions, and the closest instants.
 
         Parameters
         ----------
         figure : Figure or SubFigure, optional
             Where to draw; a new figure by default.
-        most : int
-            How many body pairs get a line of their own: those with least to spare.
 
         Returns
         -------
         matplotlib.figure.Figure or SubFigure
         """
         shown = sorted(self.body_pairs, key=_badness)
-        curves = [
-            ClearanceCurve(
-                name=f"{pair.first} - {pair.second}",
-                asked=pair.interval_clearance,
-                proven=pair.proven_of_both,
-                found=pair.interval_distance,
-                ends=pair.interval_ends,
-                times=pair.interval_times,
-            )
-            for pair in shown
-        ]
-        return plot_clearances(self.word.partition(":")[0], curves, most=most, figure=figure)
+        return plot_clearances(self.word.partition(":")[0], shown, figure=figure)
 
     def _rows(self) -> list[tuple[str, ...]]:
         """The header, and one row per body pair, the worst first."""

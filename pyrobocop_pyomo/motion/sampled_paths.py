@@ -55,17 +55,6 @@ class SampledPath:
         between = self.rotations[:-1].transpose(0, 2, 1) @ self.rotations[1:]
         return np.asarray(scipy.spatial.transform.Rotation.from_matrix(between).as_rotvec(), dtype=np.float64)
 
-    def at(self, times: Array) -> SampledPath:
-        """The same motion with poses at other times, which have its own among them."""
-        positions = np.column_stack([np.interp(times, self.times, column) for column in self.positions.T])
-        if self.rotations is None:
-            assert self.angles is not None
-            return SampledPath(times, positions, np.interp(times, self.times, self.angles), None)
-        interval = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.times) - 2)
-        fraction = (times - self.times[interval]) / (self.times[interval + 1] - self.times[interval])
-        turned = scipy.spatial.transform.Rotation.from_rotvec(fraction[:, None] * self.turns()[interval]).as_matrix()
-        return SampledPath(times, positions, None, self.rotations[interval] @ turned)
-
 
 def read_path(
     given: Any, times: Array, dimension: int, name: str, *, quaternion_order: str | None = None, turns: str = "shorter"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -49,9 +50,7 @@ class TableFunction(Function):
         # Polynomials of the local fraction of each piece, by Bernstein coefficients (degree + 1, pieces, outputs).
         self._orders = [curve.derivative(order) for order in range(3)]
         super().__init__(
-            self._value_at,
-            self._slope_at,
-            self._curvature_at,
+            *(partial(self._derivative_at, order) for order in range(3)),
             inputs=["time"],
             outputs=list(names),
             name=name,
@@ -60,20 +59,12 @@ class TableFunction(Function):
 
     # ---------------------------------------------------------------- at instants
 
-    def _derivative_at(self, points: Array, order: int) -> Array:
+    def _derivative_at(self, order: int, points: Array) -> Array:
         times = points[:, 0]
         found = self._orders[order](np.clip(times, self.knots[0], self.knots[-1]))
         outside = (times < self.knots[0]) | (times > self.knots[-1])
-        return np.where(outside[:, None], 0.0, found) if order else found
-
-    def _value_at(self, points: Array) -> Array:
-        return self._derivative_at(points, 0)
-
-    def _slope_at(self, points: Array) -> Array:
-        return self._derivative_at(points, 1)[:, :, None]
-
-    def _curvature_at(self, points: Array) -> Array:
-        return self._derivative_at(points, 2)[:, :, None, None]
+        found = np.where(outside[:, None], 0.0, found) if order else found
+        return np.reshape(found, (*found.shape, *[1] * order))
 
     # ---------------------------------------------------------------- bounds
 

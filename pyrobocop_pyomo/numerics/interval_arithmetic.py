@@ -79,12 +79,10 @@ class Interval:
             return Interval.of(np.ones_like(self.low))
         if exponent == 1.0:
             return self
-        if exponent != round(exponent):
-            if exponent < 0.0:
-                return self.power(-exponent).reciprocal()
-            return _widened(np.power(self.low, exponent), np.power(self.high, exponent))
         if exponent < 0.0:
             return self.power(-exponent).reciprocal()
+        if exponent != round(exponent):
+            return _widened(np.power(self.low, exponent), np.power(self.high, exponent))
         low, high = self.low**exponent, self.high**exponent
         if exponent % 2 == 0:
             crosses = (self.low <= 0.0) & (self.high >= 0.0)

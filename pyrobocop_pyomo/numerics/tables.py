@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -312,19 +310,28 @@ class Table(_Spline):
         Raises
         ------
         FunctionError
-            Naming the line and the entry that is no number.
+            Naming the row and the entry that is no number.
         """
         path = Path(path)
         options = {"name": path.stem, **options}
-        with path.open(newline="", encoding="utf-8") as file:
-            lines = [line for line in csv.reader(file) if line]
-        if len(lines) < 2 or len(lines[0]) < 2:
-            raise FunctionError(f"'{path}': a table has at least two columns, and lines below that of the titles.")
-        body = np.array([_entries(path, i, line, len(lines[0])) for i, line in enumerate(lines[1:], 2)])
-        if body.shape[1] == 2:
+        entries: dict[str, Any] = {
+            "delimiter": ",",
+            "comments": None,
+            "quotechar": '"',
+            "ndmin": 2,
+            "encoding": "utf-8",
+        }
+        try:
+            body = np.loadtxt(path, skiprows=1, **entries)
+            columns = range(1, body.shape[1])
+            head = np.loadtxt(path, max_rows=1, usecols=columns, **entries) if len(columns) > 1 else None
+        except ValueError as error:
+            raise FunctionError(f"'{path}': {error} (the first row of numbers is row 0).") from None
+        if not columns:
+            raise FunctionError(f"'{path}': a table has at least two columns, and rows below that of the titles.")
+        if head is None:
             return cls(body[:, 0], body[:, 1], **options)
-        head = _entries(path, 1, ["0", *lines[0][1:]], len(lines[0]))
-        return cls(body[:, 0], head[1:], body[:, 1:], **options)
+        return cls(body[:, 0], head[0], body[:, 1:], **options)
 
 
 def _is_numeric_array(argument: Any) -> bool:
@@ -366,15 +373,3 @@ def _grid(name: str, of: str, given: ArrayLike, fewest: int, kind: str) -> Array
             "leave one line for each point."
         )
     return grid
-
-
-def _entries(path: Path, number: int, line: list[str], count: int) -> list[float]:
-    if len(line) != count:
-        raise FunctionError(f"'{path}', line {number}: {len(line)} entries; the first line has {count}.")
-    found = []
-    for entry in line:
-        try:
-            found.append(float(entry) if entry.strip() else math.nan)
-        except ValueError:
-            raise FunctionError(f"'{path}', line {number}: {entry!r} is no number.") from None
-    return found

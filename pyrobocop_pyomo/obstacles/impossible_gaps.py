@@ -19,6 +19,7 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, distance_of_points
+from pyrobocop_pyomo.geometry.polyhedra import EmptyInterior, largest_ball
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.optional_imports import scipy
@@ -142,20 +143,10 @@ def _common_point(first: Polytope, second: Polytope) -> Array | None:
     if first.is_flat or second.is_flat:
         return None
     sides = [shape.halfspaces for shape in (first, second)]
-    # Mostly a corner or the middle of one is inside the other, and no linear program is needed.
-    for shape, (facets, heights) in ((first, sides[1]), (second, sides[0])):
-        known = np.vstack([shape.vertices, shape.center])
-        inside = np.flatnonzero((known @ facets.T <= heights).all(axis=1))
-        if len(inside):
-            return np.asarray(known[inside[0]], dtype=np.float64)
-    normals, offsets = np.vstack([side[0] for side in sides]), np.concatenate([side[1] for side in sides])
-    found = scipy.optimize.linprog(
-        [0.0, 0.0, -1.0],
-        A_ub=np.column_stack([normals, np.ones(len(normals))]),
-        b_ub=offsets,
-        bounds=[(None, None), (None, None), (0, None)],
-    )
-    return found.x[:2] if found.success else None
+    try:
+        return largest_ball(np.vstack([side[0] for side in sides]), np.concatenate([side[1] for side in sides]))[0]
+    except EmptyInterior:
+        return None
 
 
 def gap_that_separates(

@@ -17,7 +17,7 @@ from pyomo.core.expr.numvalue import value
 from pyomo.core.expr.visitor import identify_mutable_parameters
 
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.geometry import Pose, check_pose, distance_of_points
+from pyrobocop_pyomo.geometry import Pose, check_pose
 from pyrobocop_pyomo.geometry.poses import LARGEST_USUAL_ANGLE
 from pyrobocop_pyomo.links import LinkData
 from pyrobocop_pyomo.modeling.blocks import BuiltBlockData, blocks_of_kind
@@ -33,7 +33,8 @@ from pyrobocop_pyomo.motion.rules_along_motion import errors_naming, pose_formul
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.rules.slots import Always, Clock, Item, Slot, Time, is_on_indices
 
-from .avoidance_record import AvoidanceRecord
+from .avoidance_record import AvoidanceRecord, MotionSegment
+from .broad_phase import swept_distances
 from .clearances import ClearanceRule, clearance_values
 from .snapshot import Snapshot, fixed_times, variables_of
 
@@ -286,27 +287,24 @@ def check_fixed_poses(snapshot: Snapshot, clearance_at: Callable[[tuple[str, str
     """
     record, scene = snapshot.record, snapshot.record.scene
     fixed = {name: fixed_times(record.poses, name) for name, body in scene.bodies.items() if body.moves}
+    places: dict[MotionSegment, float] = {}
     for first, second in scene.part_pairs():
         moving = [fixed[part.body] for part in (first, second) if part.body in fixed]
         for time in (time for time in moving[0] if time in moving[-1]):
-            asked = clearance_at((first.body, second.body), time)
-            p, q = snapshot.vertices(first, [time]), snapshot.vertices(second, [time])
-            rays = snapshot.rays(first, [time]), snapshot.rays(second, [time])
-            if not len(rays[0]) + len(rays[1]):
-                apart = np.maximum(q.min(axis=0) - p.max(axis=0), p.min(axis=0) - q.max(axis=0)).max()
-                if apart > asked + first.shape.radius + second.shape.radius:
-                    continue  # as boxes around most of them are
-            near = distance_of_points(p, q, q_rays=rays[1], p_rays=rays[0])
-            available = near.distance - first.shape.radius - second.shape.radius
-            if available < asked - NEGLIGIBLE * max(1.0, float(np.abs(p).max())):
-                if available > 0:
-                    distance_text, remedy = f"only {available:.6g} apart", f"Ask for less than {available:.6g}, or move"
-                else:
-                    distance_text, remedy = f"{-available:.6g} into each other", "Move"
-                raise ObstacleError(
-                    f"{snapshot.what}: '{first.name}' and '{second.name}' are {distance_text} at t = {time}, where "
-                    f"both poses are fixed, but the clearance is {asked:g}. {remedy} the fixed pose."
-                )
+            place = MotionSegment(first.name, second.name, None, (time,))
+            places[place] = clearance_at((first.body, second.body), time)
+    distances, _ = swept_distances(snapshot, list(places), max(places.values(), default=0.0))
+    for (place, asked), available in zip(places.items(), distances.tolist(), strict=True):
+        first, time = scene.parts[place.first], place.times[0]
+        if available < asked - NEGLIGIBLE * max(1.0, float(np.abs(snapshot.vertices(first, [time])).max())):
+            if available > 0:
+                distance_text, remedy = f"only {available:.6g} apart", f"Ask for less than {available:.6g}, or move"
+            else:
+                distance_text, remedy = f"{-available:.6g} into each other", "Move"
+            raise ObstacleError(
+                f"{snapshot.what}: '{place.first}' and '{place.second}' are {distance_text} at t = {time}, where "
+                f"both poses are fixed, but the clearance is {asked:g}. {remedy} the fixed pose."
+            )
 
 
 def check_block(block: Any, tolerance: float) -> None:

@@ -37,8 +37,6 @@ def verify_motion(
     quaternion_order: str | None = None,
     turns: str = "shorter",
     tolerance: float | None = None,
-    depth: int = 24,
-    max_subintervals: int = 20_000,
 ) -> SafetyReport:
     """Prove that bodies keep their clearances along a path of numbers or a trajectory, or find where they do not.
 
@@ -52,7 +50,7 @@ def verify_motion(
         One pose for each time. In the plane (N, 2) for x, y; (N, 3) for x, y, theta; (N, 3, 3) for homogeneous
         matrices. In space (N, 3) for x, y, z; (N, 6) for x, y, z, roll, pitch, yaw; (N, 7) for x, y, z and a
         quaternion; (N, 4, 4). Angles are in radians. A mapping gives them by the name of a body or of an obstacle that
-        moves, and may hold ``(times, poses)`` where a body has times of its own, which must cover those of the path.
+        moves.
     body : Polytope, list of Polytope or Body, optional
         The only body, in its own frame; short for ``bodies={"body": body}``.
     bodies : mapping of name to Polytope, list of Polytope or Body, optional
@@ -72,7 +70,7 @@ def verify_motion(
     turns : str
         ``"shorter"``: from one pose to the next a body turns by less than half a turn, also where its heading steps
         from pi to -pi. ``"as given"``, in the plane: headings are linear between their values.
-    tolerance, depth, max_subintervals
+    tolerance
         As for `verify_clearance`.
 
     Returns
@@ -110,11 +108,8 @@ def verify_motion(
             name: _path_of(name, rows, times, {**beside, **moving}, quaternion_order, turns)
             for name, rows in by_name.items()
         }
-        # All times of all paths, within those of the path that is verified.
-        joined = np.unique(np.concatenate([times, *(of.times for of in paths.values())]))
-        joined = joined[(joined >= times[0]) & (joined <= times[-1])]
-        values = {name: np.interp(joined, times, _signal(name, of, times)) for name, of in (signals or {}).items()}
-        motion, rules = motion_along_paths(joined, {name: of.at(joined) for name, of in paths.items()}, values)
+        values = {name: _signal(name, of, times) for name, of in (signals or {}).items()}
+        motion, rules = motion_along_paths(times, paths, values)
         for name, rule in rules.items():
             holder = moving if name in moving else beside
             holder[name] = Body(holder[name].shape, rule)
@@ -127,9 +122,7 @@ def verify_motion(
             )
     scene = make_scene(_WHAT, bodies=moving, obstacles=beside, body_pairs=body_pairs, exclude=tuple(exclude))
     clearances = asked_clearances(_WHAT, scene.body_pairs, scene.bodies, clearance)
-    return verify_clearance(
-        motion, scene.bodies, clearances, tolerance=tolerance, depth=depth, max_subintervals=max_subintervals
-    )
+    return verify_clearance(motion, scene.bodies, clearances, tolerance=tolerance)
 
 
 def _signal(name: str, given: Any, times: Array) -> Array:
@@ -181,13 +174,4 @@ def _path_of(
     shaped = everybody[name]
     if shaped.moves:
         raise ObstacleError(f"{_WHAT}: '{name}' has a pose rule and poses. Give one of them.")
-    if isinstance(given, tuple) and len(given) == 2 and np.ndim(given[0]) == 1 and np.ndim(given[1]) > 1:
-        own_times = increasing_times(given[0], f"{_WHAT}: the times of '{name}'")
-        if own_times[0] > times[0] or own_times[-1] < times[-1]:
-            raise ObstacleError(
-                f"{_WHAT}: the times of '{name}' run from {own_times[0]:g} to {own_times[-1]:g}, those of the path "
-                f"from {times[0]:g} to {times[-1]:g}. Nothing is known of '{name}' outside of its times: "
-                "give more of them."
-            )
-        times, given = own_times, given[1]
     return read_path(given, times, shaped.dimension, name, quaternion_order=quaternion_order, turns=turns)

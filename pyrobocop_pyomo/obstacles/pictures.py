@@ -21,25 +21,17 @@ from pyrobocop_pyomo.plotting import AnimationFile, BodyPath, animate_scene, dra
 _FEWEST_POSES = 240
 
 
-def draw_avoidance(
-    avoid: Any, *, snapshots: int = 12, view: Any = None, title: str | None = None, unit: str = "m", figure: Any = None
-) -> Any:
+def draw_avoidance(avoid: Any, *, title: str | None = None, **options: Any) -> Any:
     """Draw the bodies of an avoidance block among its obstacles, as snapshots from light to dark.
 
     Parameters
     ----------
     avoid : ObstacleAvoidanceBlock
         Its variables need values: those of a solution, or of an initial guess.
-    snapshots : int
-        How many times are drawn, with about equal motion between them.
-    view : (lower, upper), optional
-        Corners of what is shown, shape (2, d).
     title : str, optional
         The block's name by default.
-    unit : str
-        Of lengths, written on the axes.
-    figure : Figure or SubFigure, optional
-        Where to draw; a new figure by default.
+    **options
+        Of `draw_scene`: ``snapshots``, ``view``, ``figure``.
 
     Returns
     -------
@@ -50,17 +42,7 @@ def draw_avoidance(
     ObstacleError
         When a variable that a pose needs has no value.
     """
-    time, bodies, obstacles = scene_of(avoid)
-    return draw_scene(
-        time,
-        bodies,
-        obstacles,
-        snapshots=snapshots,
-        view=view,
-        title=avoid.name if title is None else title,
-        unit=unit,
-        figure=figure,
-    )
+    return draw_scene(*scene_of(avoid), title=avoid.name if title is None else title, **options)
 
 
 def animate_avoidance(
@@ -76,7 +58,7 @@ def animate_avoidance(
     title : str, optional
         The block's name by default.
     **options
-        Of `animate_scene`: ``frames``, ``seconds``, ``view``, ``unit``, ``size``.
+        Of `animate_scene`: ``frames``, ``seconds``, ``view``, ``size``.
     """
     return animate_scene(*scene_of(avoid), path, title=avoid.name if title is None else title, **options)
 
@@ -97,7 +79,7 @@ def scene_of(avoid: Any) -> tuple[Array, list[BodyPath], list[Polytope]]:
     ends = motion.interpolation.interval_ends
     time = ends[interval, 0] + fraction * (ends[interval, 1] - ends[interval, 0])
     paths = [
-        BodyPath(body.parts, *_between_points(shapes[name][0], body.dimension, interval, fraction), name)
+        BodyPath(body.parts, *_between_points(shapes[name][0], interval, fraction), name)
         for name, body in moving.items()
     ]
     return time, paths, resting
@@ -110,13 +92,11 @@ def _instants(intervals: int) -> tuple[Indices, Array]:
     return interval, np.append(np.tile(np.arange(share) / share, intervals), 1.0)
 
 
-def _between_points(shape: MovingShape, dimension: int, interval: Indices, fraction: Array) -> tuple[Array, Array]:
-    assert shape.template is not None
-    entries = shape.template.values(interval, fraction)
-    count = dimension * dimension
-    if not np.isfinite(entries).all():
+def _between_points(shape: MovingShape, interval: Indices, fraction: Array) -> tuple[Array, Array]:
+    poses = shape.poses(interval, fraction)
+    if not all(np.isfinite(of).all() for of in poses):
         raise ObstacleError(f"'{shape.name}': its pose has no finite value everywhere, so that it cannot be drawn.")
-    return entries[:, :count].reshape(-1, dimension, dimension), entries[:, count:]
+    return poses
 
 
 def _times_of_points(motion: Motion) -> Array:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import logging
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -14,10 +13,6 @@ import numpy as np
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.motion.bodies import Body
-
-LOGGER = logging.getLogger(__name__)
-
-LARGEST_RATIO_OF_SIZES = 1e3
 
 BodyPair = tuple[str, str]
 
@@ -170,9 +165,7 @@ def make_scene(what: str, *, bodies: Any, obstacles: Any, body_pairs: Any, exclu
             parts[part.name] = part
     _check_dimensions(what, parts)
     pairs = _watched_pairs(what, everybody, frozenset(fixed), body_pairs, exclude)
-    scene = Scene(everybody, frozenset(fixed), parts, dict.fromkeys(pairs, 0.0))
-    _warn_of_sizes(what, scene)
-    return scene
+    return Scene(everybody, frozenset(fixed), parts, dict.fromkeys(pairs, 0.0))
 
 
 def named_bodies(label: str, plural: str, singular: str, given: Any) -> dict[str, Body]:
@@ -274,25 +267,6 @@ def _watched_pairs(
         )
     names = list(bodies)
     return [(names[i], names[j]) for i, j in sorted({(min(places), max(places)) for places in watched})]
-
-
-def _warn_of_sizes(label: str, scene: Scene) -> None:
-    """Warn of shapes beside which others are lost in rounding."""
-    for first, second in scene.part_pairs():
-        extents = [_extent(first.shape), _extent(second.shape)]
-        if min(extents) > 0 and max(extents) > LARGEST_RATIO_OF_SIZES * min(extents):
-            larger, smaller = (first, second) if extents[0] > extents[1] else (second, first)
-            LOGGER.warning(
-                "%s: '%s' is %.3g times as large as '%s', which costs digits. Cut it to what can be reached.",
-                label,
-                larger.name,
-                max(extents) / min(extents),
-                smaller.name,
-            )
-
-
-def _extent(shape: Polytope) -> float:
-    return float((shape.vertices.max(axis=0) - shape.vertices.min(axis=0)).max()) + 2 * shape.radius
 
 
 def _listed(names: Iterable[str]) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.discretisation import MeshErrors
+from pyrobocop_pyomo.discretisation import DiscretisationEstimate
 from pyrobocop_pyomo.discretisation.estimates import SMALL_MOTION_ERROR
 from pyrobocop_pyomo.discretisation.first_meshes import MOST_ELEMENTS, MOST_TIMES
 from pyrobocop_pyomo.errors import PyRobocopError
@@ -51,7 +51,7 @@ class MeshStep:
 
     elements: int
     result: SolveResult
-    errors: MeshErrors
+    errors: DiscretisationEstimate
 
     @property
     def is_optimal(self) -> bool:
@@ -70,7 +70,7 @@ class MeshLoop:
     start : PlanningPoint
         Where a solve that fails starts once more.
     tolerance : float
-        Of the errors; see `MeshErrors.ratio`.
+        Of the errors; see `DiscretisationEstimate.ratio`.
     first : SolveResult
 
     Attributes
@@ -87,7 +87,7 @@ class MeshLoop:
         self._model, self._phases = model, phases_of(model)
         self._settings, self._start, self._tolerance = settings, start, tolerance
         self._boundaries = {phase.name: frozenset(phase.grid.mesh.boundaries) for phase in self._phases}
-        self.steps = [MeshStep(elements_of(model), first, MeshErrors.of(first.discretisation))]
+        self.steps = [MeshStep(elements_of(model), first, first.discretisation)]
         self._most = min(max(MOST_TIMES * self.steps[0].elements, SMALL_ELEMENTS), MOST_ELEMENTS)
         self._left = max(SMALL_EFFORT, EFFORT * self.steps[0].elements * first.iterations)
         self.remark = ""
@@ -152,7 +152,7 @@ class MeshLoop:
             most = max(1, min(ITERATIONS_OF_ONE, int(self._left / count)))
             strategies = (replace(SOLVE, name="finer mesh", options={**options, "max_iter": most}),)
         result = solve_model(self._model, replace(self._settings, strategies=strategies, exploration=0.0))
-        self.steps.append(MeshStep(count, result, MeshErrors.of(result.discretisation)))
+        self.steps.append(MeshStep(count, result, result.discretisation))
         self._left -= count * result.iterations
         logger.info("'%s' on %d elements: %s", self._model.name, count, result.one_line())
         return self.steps[-1]
@@ -164,10 +164,11 @@ def _replaces(finer: MeshStep, before: MeshStep) -> bool:
         return finer.is_optimal
     explained = 0.0
     for step in (finer, before):
-        error = step.errors.motion if np.isnan(step.errors.objective) else step.errors.objective
+        error = step.errors.relative_objective_error
+        error = step.errors.largest_known_motion_error if error is None else error
         explained += float(np.nan_to_num(error)) * abs(step.result.objective)
     worse = finer.result.standing.cost - before.result.standing.cost
-    return before.errors.motion > SMALL_MOTION_ERROR or not worse > _TRUST * explained
+    return before.errors.largest_known_motion_error > SMALL_MOTION_ERROR or not worse > _TRUST * explained
 
 
 def solve_on_finer_meshes(model: Any, tolerance: float, settings: Settings) -> SolveResult:
@@ -178,7 +179,7 @@ def solve_on_finer_meshes(model: Any, tolerance: float, settings: Settings) -> S
     model : Block
         Its values are the initial guess. It holds the best answer afterwards.
     tolerance : float
-        Of the objective and of limits of states, as parts of their sizes; see `MeshErrors.ratio`.
+        Of the objective and of limits of states, as parts of their sizes; see `DiscretisationEstimate.ratio`.
     settings : Settings
     """
     phases = phases_of(model)
@@ -188,7 +189,7 @@ def solve_on_finer_meshes(model: Any, tolerance: float, settings: Settings) -> S
     through_pairs = first.residuals or first.strategy == ABSOLUTE_VALUES.name
     if guess is None or through_pairs or not (first.solved or first.stop_reason is StopReason.INFEASIBLE):
         return first
-    if first.solved and not MeshErrors.of(first.discretisation).ratio(tolerance) > 1.0:  # or not known
+    if first.solved and not first.discretisation.ratio(tolerance) > 1.0:  # or not known
         return first
     answer = guess.read()
     guess.restore()

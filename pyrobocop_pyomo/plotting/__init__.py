@@ -1,7 +1,7 @@
 """Pictures from plain arrays: the only reader of Matplotlib."""
 
 from .animation_files import AnimationFile, animation_file
-from .clearances import ClearanceCurve, plot_clearances
+from .clearances import plot_clearances
 from .scenes import BodyPath, animate_scene, draw_scene
 from .signals import mark_phases, plot_signals
 from .solve_results import plot_history
@@ -9,7 +9,6 @@ from .solve_results import plot_history
 __all__ = [
     "AnimationFile",
     "BodyPath",
-    "ClearanceCurve",
     "animate_scene",
     "animation_file",
     "draw_scene",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,47 +12,13 @@ from pyrobocop_pyomo.numerics import Array
 from .figures import figure_or_new
 
 
-@dataclass(frozen=True, eq=False)
-class ClearanceCurve:
-    """What is known of the distance of one body pair.
-
-    Attributes
-    ----------
-    name : str
-    asked : array, shape (intervals,)
-    proven : array, shape (intervals,)
-        Lower bound on each interval; minus infinity where there is none.
-    found : array, shape (intervals,)
-        Smallest distance measured in each interval; NaN where none was measured.
-    ends : array, shape (intervals, 2), or None
-        Times of both ends of each interval; None for single points, which are numbered.
-    times : array, shape (intervals,), or None
-        When the smallest distance was found.
-    """
-
-    name: str
-    asked: Array
-    proven: Array
-    found: Array
-    ends: Array | None = None
-    times: Array | None = None
-
-    @property
-    def spans(self) -> Array:
-        """Both ends of each interval, shape (intervals, 2); points are drawn as wide as their distance."""
-        if self.ends is not None:
-            return self.ends
-        places = np.arange(len(self.proven), dtype=float)
-        return np.column_stack([places - 0.5, places + 0.5])
-
-
-def plot_clearances(title: str, curves: Sequence[ClearanceCurve], *, most: int = 6, figure: Any = None) -> Any:
+def plot_clearances(title: str, pairs: Sequence[Any], *, most: int = 6, figure: Any = None) -> Any:
     """Draw one line per body pair for what is proven, dots for what was measured, a dashed line for what is required.
 
     Parameters
     ----------
     title : str
-    curves : sequence of ClearanceCurve
+    pairs : sequence of BodyPairSafety
         Those with least to spare first.
     most : int
         How many get a line of their own; the smallest values of the others are one grey line.
@@ -67,29 +32,37 @@ def plot_clearances(title: str, curves: Sequence[ClearanceCurve], *, most: int =
     figure = figure_or_new(figure, 7.2, 4.0)
     axis = figure.subplots()
     axis.set_title(title, color="0.1" if title == "clear" else "C3")
-    drawn, rest = curves[:most], curves[most:]
-    for i, curve in enumerate(drawn):
-        colour = f"C{i}"
-        _steps(axis, curve.spans, curve.proven, color=colour, linewidth=1.6, label=curve.name)
-        times = curve.times if curve.times is not None else curve.spans.mean(axis=1)
-        axis.plot(times, curve.found, "o", color=colour, markersize=3, zorder=3)
-    for curve in rest:
-        label = f"{len(rest)} others" if curve is rest[0] else None
-        _steps(axis, curve.spans, curve.proven, color="0.75", linewidth=0.8, zorder=1, label=label)
-    for curve in drawn:
-        label = "asked" if curve is drawn[0] else None
+    drawn, rest = pairs[:most], pairs[most:]
+    for i, pair in enumerate(drawn):
+        colour, spans = f"C{i}", _spans(pair)
+        _steps(axis, spans, pair.proven_of_both, color=colour, linewidth=1.6, label=f"{pair.first} - {pair.second}")
+        times = pair.interval_times if pair.interval_times is not None else spans.mean(axis=1)
+        axis.plot(times, pair.interval_distance, "o", color=colour, markersize=3, zorder=3)
+    for pair in rest:
+        label = f"{len(rest)} others" if pair is rest[0] else None
+        _steps(axis, _spans(pair), pair.proven_of_both, color="0.75", linewidth=0.8, zorder=1, label=label)
+    for pair in drawn:
+        label = "asked" if pair is drawn[0] else None
         dashed = {"linewidth": 1.2, "linestyle": (0, (5, 3)), "zorder": 4}
-        _steps(axis, curve.spans, curve.asked, color="black", label=label, **dashed)
+        _steps(axis, _spans(pair), pair.interval_clearance, color="black", label=label, **dashed)
     axis.axhline(0.0, color="C3", linewidth=0.8, zorder=1)
     axis.axhspan(-1e9, 0.0, color="C3", alpha=0.06, linewidth=0)
     axis.set_ylim(*_limits(drawn))
-    axis.set_xlabel("time" if all(curve.ends is not None for curve in curves) else "point")
+    axis.set_xlabel("time" if all(pair.interval_ends is not None for pair in pairs) else "point")
     axis.set_ylabel("distance: line proven, dot found")
     axis.grid(alpha=0.3)
-    if curves:
+    if pairs:
         axis.margins(x=0.01)
         figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize="small")
     return figure
+
+
+def _spans(pair: Any) -> Array:
+    """Both ends of each interval, shape (intervals, 2); single points are numbered, and as wide as their distance."""
+    if pair.interval_ends is not None:
+        return np.asarray(pair.interval_ends)
+    places = np.arange(len(pair.interval_proven), dtype=float)
+    return np.column_stack([places - 0.5, places + 0.5])
 
 
 def _steps(axis: Any, spans: Array, values: Array, **style: Any) -> None:
@@ -104,10 +77,11 @@ def _steps(axis: Any, spans: Array, values: Array, **style: Any) -> None:
     axis.plot(times, levels, **style)
 
 
-def _limits(curves: Sequence[ClearanceCurve]) -> tuple[float, float]:
+def _limits(pairs: Sequence[Any]) -> tuple[float, float]:
     """From below the smallest distance to some times the clearance, or to the largest distance if that is less."""
-    asked = max((float(curve.asked.max(initial=0.0)) for curve in curves), default=1.0)
-    known = [values[np.isfinite(values)] for curve in curves for values in (curve.proven, curve.found)]
+    asked = max((float(pair.interval_clearance.max(initial=0.0)) for pair in pairs), default=1.0)
+    levels = [values for pair in pairs for values in (pair.proven_of_both, pair.interval_distance)]
+    known = [values[np.isfinite(values)] for values in levels]
     joined = np.concatenate([*known, [asked]])
     # The pair with most to spare of those drawn is to be seen at its closest.
     closest = max((float(values.min()) for values in known if values.size), default=asked)

@@ -27,7 +27,6 @@ def draw_scene(
     snapshots: int = 12,
     view: Any = None,
     title: str = "",
-    unit: str = "m",
     figure: Any = None,
 ) -> Any:
     """Draw bodies at several times, light to dark, among obstacles in grey.
@@ -48,8 +47,6 @@ def draw_scene(
     view : (lower, upper), optional
         Corners of what is shown, shape (2, d). By default all motion is seen, and what is near it.
     title : str
-    unit : str
-        Of lengths, written on the axes.
     figure : Figure or SubFigure, optional
         Where to draw; a new figure by default.
 
@@ -64,7 +61,7 @@ def draw_scene(
     """
     scene = _Scene(time, bodies, obstacles, view)
     figure = figure_or_new(figure, 6.4, 6.0)
-    axis = scene.axis(figure, title, unit)
+    axis = scene.axis(figure, title)
     colours = time_colours(scene.time)
     chosen = evenly_moved(np.concatenate([body.places() for body in bodies], axis=1), snapshots)
     for body in bodies:
@@ -100,7 +97,7 @@ class _Scene:
         self.is_fitted = view is None
         self.window = _window(bodies, obstacles) if view is None else np.asarray(view, dtype=float)
 
-    def axis(self, figure: Any, title: str, unit: str) -> Any:
+    def axis(self, figure: Any, title: str) -> Any:
         """Axes with the obstacles and the paths of the bodies."""
         if self.dimension == 3:
             axis = figure.subplots(subplot_kw={"projection": "3d"})
@@ -109,7 +106,7 @@ class _Scene:
                 edge = (0.4, 0.4, 0.4, 0.1 if obstacle.radius else 0.8)
                 for polygon in faces(obstacle, self.window):
                     _add_polygon(axis, polygon, (0.55, 0.55, 0.55, 0.35), edge, 1)
-            axis.set_zlabel(f"z [{unit}]")
+            axis.set_zlabel("z [m]")
             axis.set_box_aspect(self.window[1] - self.window[0])
         else:
             axis = figure.subplots()
@@ -124,8 +121,8 @@ class _Scene:
             axis.set_axisbelow(True)
         for body in self.bodies:
             _draw_path(axis, body, named=len(self.bodies) > 1)
-        axis.set_xlabel(f"x [{unit}]")
-        axis.set_ylabel(f"y [{unit}]")
+        axis.set_xlabel("x [m]")
+        axis.set_ylabel("y [m]")
         axis.set_title(title)
         return axis
 
@@ -199,7 +196,6 @@ def animate_scene(
     seconds: float | None = None,
     view: Any = None,
     title: str = "",
-    unit: str = "m",
     size: tuple[float, float] = (5.0, 4.6),
 ) -> AnimationFile:
     """Write an animation of bodies that move among obstacles; in a notebook, what is returned plays.
@@ -208,7 +204,7 @@ def animate_scene(
     ----------
     time : array, shape (T,)
         Seconds.
-    bodies, obstacles, view, title, unit
+    bodies, obstacles, view, title
         As in `draw_scene`.
     path : str or Path, optional
         Where to write: a name that ends in ``.mp4`` makes a film (by the program ffmpeg), any other a GIF, whose suffix
@@ -239,7 +235,7 @@ def animate_scene(
     target = animation_file(path)
     forces = _arrows(bodies, 0.25 * float((scene.window[1] - scene.window[0]).max()))
     figure = matplotlib.figure.Figure(figsize=size, dpi=100, layout="constrained")
-    axis = scene.axis(figure, title, unit)
+    axis = scene.axis(figure, title)
     scene.set_limits(axis)
     polygons = [_local_polygons(body) for body in bodies]
     write = axis.text2D if scene.dimension == 3 else axis.text

@@ -84,20 +84,6 @@ def show_no_noise(axis: Any, values: Array) -> None:
         axis.set_ylim(middle - half, middle + half)
 
 
-def _write_above(axis: Any, place: float, text: str) -> None:
-    """Write small grey text above a panel."""
-    axis.annotate(
-        text,
-        (place, 1.0),
-        xycoords=("data", "axes fraction"),
-        xytext=(0, 3),
-        textcoords="offset points",
-        ha="center",
-        fontsize="small",
-        color="0.35",
-    )
-
-
 def mark_phases(figure: Any, boundaries: Array, names: Sequence[str]) -> None:
     """Shade every other phase, or run of a solve, in each panel, and write the names above the topmost panels.
 
@@ -124,7 +110,8 @@ def mark_phases(figure: Any, boundaries: Array, names: Sequence[str]) -> None:
         points_per_second = 0.85 * place.width * figure.bbox.width * 72 / figure.dpi / (boundaries[-1] - boundaries[0])
         room = [points_per_second * (end - start) for start, end in spans]
         for (start, end), name in zip(spans, _that_fit(names, room), strict=True):
-            _write_above(axis, (start + end) / 2, name)
+            above = {"transform": axis.get_xaxis_transform(), "horizontalalignment": "center"}
+            axis.text((start + end) / 2, 1.03, name, fontsize="small", color="0.35", **above)
 
 
 def _that_fit(names: Sequence[str], room: Sequence[float]) -> list[str]:

@@ -91,13 +91,5 @@ def _name_runs(axis: Any, labels: Sequence[str]) -> None:
     grouped = [(label, [i + 1 for i in members]) for label, members in in_a_row]
     names = [f"{n[0]} {label}" if len(n) == 1 else f"{n[0]}-{n[-1]} {label}" for label, n in grouped]
     shown = names if len(names) <= _MOST_NAMES else [*names[: _MOST_NAMES - 1], f"... {len(labels)} runs"]
-    axis.annotate(
-        "\n".join(shown),
-        (1.0, 1.0),
-        xycoords="axes fraction",
-        xytext=(8, 0),
-        textcoords="offset points",
-        va="top",
-        fontsize="small",
-        color="0.35",
-    )
+    beside = {"transform": axis.transAxes, "verticalalignment": "top"}
+    axis.text(1.02, 1.0, "\n".join(shown), fontsize="small", color="0.35", **beside)

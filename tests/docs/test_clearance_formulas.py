@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.geometry import Polytope, distances_of_points, planar_pose
 from pyrobocop_pyomo.motion import Body, motion_of
-from pyrobocop_pyomo.motion.clearance_proof import ProofSettings, _Proof
+from pyrobocop_pyomo.motion.clearance_proof import _Proof
 from pyrobocop_pyomo.motion.moving_shapes import moving_shapes
 from pyrobocop_pyomo.motion.required_clearance import RequiredClearance
 from pyrobocop_pyomo.numerics.taylor_forms import TaylorForm, taylor_form_of_polynomial
@@ -37,7 +37,7 @@ def proof(m: Any, others: Any, first: Polytope, second: Polytope) -> _Proof:
         moving_shapes(motion_of(model.t, model), {"body": Body(shape, by_states)})["body"][0]
         for model, shape in ((m, first), (others, second))
     ]
-    return _Proof(*shapes, RequiredClearance(0.0), ProofSettings(0.001, 5, 100), np.zeros(1), np.zeros(1), "")
+    return _Proof(*shapes, RequiredClearance(0.0), 0.001, 5, 100, np.zeros(1), np.zeros(1), "")
 
 
 @given(seed=seeds, start=st.floats(0, 0.9), width=st.floats(0.01, 1.0), turn=st.floats(0, 3), length=st.floats(0.1, 3))

@@ -86,11 +86,10 @@ def test_thin_sets_far_from_the_origin_keep_their_corners() -> None:
     assert same_rows(body.vertices, Polytope.box(1, 1e-6, center=center).vertices, 1e-12)
 
 
-def test_redundant_half_spaces_are_dropped_and_told(caplog: pytest.LogCaptureFixture) -> None:
+def test_redundant_half_spaces_are_dropped() -> None:
     normals = [[2, 0], [-1, 0], [0, 1], [0, -1], [1, 1], [1, 0]]
     body = Polytope.from_halfspaces(normals, [2, 1, 1, 1, 2, 1], name="crate")
     assert len(body.halfspaces[0]) == 4
-    assert "'crate': half-spaces that cut nothing off are left out: rows [4, 5]" in caplog.text
 
 
 # Constructors.
@@ -125,7 +124,7 @@ def test_padding_adds_up_and_leaves_the_core() -> None:
 
 
 def test_a_shape_is_carried_by_its_pose() -> None:
-    wedge = Polytope.from_vertices([(1, 0)], rays=[(3, 0), (0, 1)], radius=0.1, name="corner")
+    wedge = Polytope.from_halfspaces([(-1, 0), (0, -1)], [-1, 0], bounded=False, radius=0.1, name="corner")
     placed = wedge.placed(planar_pose(10, 20, np.pi / 2))
     assert placed.vertices == pytest.approx(np.array([[10, 21]]))
     assert placed.rays == pytest.approx(np.array([[0, 1], [-1, 0]]))
@@ -246,8 +245,6 @@ def test_half_spaces_that_bound_nothing(normals: Any, offsets: Any, message: str
         (lambda: Polytope.ball(-1.0, name="a"), r"'a': its radius is -1.0"),
         (lambda: Polytope.box(1, 1, name="a").padded(np.inf), r"'a': its radius is inf"),
         (lambda: Polytope.point((0, 0, 0, 0), name="a"), r"'a': positions have the shape \(1, 4\)"),
-        (lambda: Polytope.from_vertices(SQUARE, rays=[(0, 0)], name="a"), r"'a': ray 0 is zero"),
-        (lambda: Polytope.from_vertices(SQUARE, rays=[(0, 0, 1)], name="a"), r"'a': rays have 3 coordinates"),
         (lambda: Polytope.point((0, 0), name="a").halfspaces, r"'a' is flat and has no half-spaces"),
         (
             lambda: Polytope.from_vertices([(0, 0, 0), (1, 0, 0), (0, 1, 0)], allow_flat=True, name="a").halfspaces,

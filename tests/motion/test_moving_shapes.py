@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 
 from pyrobocop_pyomo.geometry import Polytope, planar_pose
 from pyrobocop_pyomo.motion import Body, motion_of
-from pyrobocop_pyomo.motion.clearance_proof import ProofSettings, _Proof
+from pyrobocop_pyomo.motion.clearance_proof import _Proof
 from pyrobocop_pyomo.motion.moving_shapes import MovingShape, moving_shapes
 from pyrobocop_pyomo.motion.required_clearance import RequiredClearance
 
 SHAPE = Polytope.from_vertices([(-1.0, -0.5), (2.0, -0.5), (2.0, 0.25), (0.0, 1.0)])
-WEDGE = Polytope.from_vertices([(0.0, 0.0)], rays=[(1.0, 0.2), (1.0, -0.2)], allow_flat=True)
+WEDGE = Polytope.from_halfspaces([(-0.2, 1.0), (-0.2, -1.0)], [0.0, 0.0], bounded=False)
 
 seeds = st.integers(0, 10**6)
 subintervals = st.tuples(st.floats(0, 0.95), st.floats(0.02, 1.0)).map(lambda pair: (pair[0], min(sum(pair), 1.0)))
@@ -55,7 +55,7 @@ def test_a_plane_proves_no_more_than_its_smallest_gap(
     random = np.random.default_rng(seed)
     poses, others = random.normal(size=(2, 3)) * [2, 2, turn], random.normal(size=(2, 3)) * [2, 2, turn]
     first, second = moving(on_points(poses), SHAPE), moving(on_points(others), Polytope.box(0.5, 0.7))
-    proof = _Proof(first, second, RequiredClearance(0.0), ProofSettings(0.001, 5, 100), np.zeros(1), np.zeros(1), "")
+    proof = _Proof(first, second, RequiredClearance(0.0), 0.001, 5, 100, np.zeros(1), np.zeros(1), "")
     at = np.array([0]), np.array([subinterval[0]]), np.array([subinterval[1]])
     normal = np.array([[np.cos(direction), np.sin(direction)]])
     none = proof.clearance.bounds(*at)

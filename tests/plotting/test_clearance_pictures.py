@@ -1,5 +1,7 @@
 """Clearances over time: what is drawn is what the report says, and a plan's picture begins with its scene."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from harness.moving import check, on_points
@@ -7,7 +9,8 @@ from harness.scenes import avoiding, turning_move
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.motion import SafetyReport
-from pyrobocop_pyomo.plotting import ClearanceCurve, plot_clearances
+from pyrobocop_pyomo.motion.safety_report import BodyPairSafety
+from pyrobocop_pyomo.plotting import plot_clearances
 
 pytest.importorskip("matplotlib")
 
@@ -46,8 +49,11 @@ def test_the_line_is_what_is_proven_and_the_dots_are_what_was_found(height: floa
 
 
 def test_many_pairs_share_a_grey_line_and_points_without_times_are_numbered() -> None:
-    curves = [ClearanceCurve(f"pair {i}", np.full(3, 0.1), np.full(3, 0.2 + i), np.full(3, np.nan)) for i in range(9)]
-    figure = plot_clearances("clear", curves, most=2)
+    pairs = [
+        BodyPairSafety.at_points("car", f"post {i}", "abc", np.full(3, 0.2 + i), np.full(3, 0.1), 0.01)
+        for i in range(9)
+    ]
+    figure = plot_clearances("clear", pairs, most=2)
     (axis,) = figure.axes
     assert axis.get_xlabel() == "point"
     assert "7 others" in axis.get_legend_handles_labels()[1]
@@ -56,9 +62,10 @@ def test_many_pairs_share_a_grey_line_and_points_without_times_are_numbered() ->
 
 def test_a_level_that_is_not_known_is_a_gap() -> None:
     ends = np.array([[0.0, 1.0], [1.0, 2.0], [4.0, 5.0]])
-    proven, nowhere = np.array([0.2, -np.inf, 0.3]), np.full(3, np.nan)
-    curve = ClearanceCurve("pair", np.full(3, 0.1), proven, nowhere, ends, ends.mean(axis=1))
-    line = plot_clearances("clear", [curve]).axes[0].lines[0]
+    proven, times = np.array([0.2, -np.inf, 0.3]), ends.mean(axis=1)
+    pair = BodyPairSafety.at_points("car", "post", "abc", np.full(3, 0.4), np.full(3, 0.1), 0.01)
+    pair = replace(pair, interval_proven=proven, interval_ends=ends, interval_times=times)
+    line = plot_clearances("clear", [pair]).axes[0].lines[0]
     levels = dict(zip(line.get_xdata(), line.get_ydata(), strict=True))
     assert levels[0.0] == 0.2
     assert np.isnan(levels[2.0])

@@ -148,7 +148,7 @@ class VehiclesPlan(Presented):
         path : str or Path, optional
             Such as ``"yard.gif"``, or ``"yard.mp4"`` where ffmpeg is there; a temporary GIF by default.
         **options
-            ``frames``, ``seconds``, ``view``, ``title``, ``unit`` and ``size``, as of `animate_avoidance`.
+            ``frames``, ``seconds``, ``view``, ``title`` and ``size``, as of `animate_avoidance`.
         """
         times = np.arange(0.0, self.duration + STEP, STEP)
         vehicles = []

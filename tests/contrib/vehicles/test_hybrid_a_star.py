@@ -1,6 +1,7 @@
 """Paths for cars: free of collisions by an independent check, drivable, exact at their ends, the same every time."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -118,10 +119,7 @@ def test_turning_and_moving_the_scene_moves_the_path(turn: float) -> None:
 def test_lengths_in_another_unit_give_the_same_path() -> None:
     """Everything in centimetres: all that the search chooses by itself grows along."""
     scale = 100.0
-    obstacles = {
-        name: rcp.Polytope.from_vertices(shape.vertices * scale, rays=shape.rays)
-        for name, shape in REVERSE["obstacles"].items()
-    }
+    obstacles = {name: replace(shape, vertices=shape.vertices * scale) for name, shape in REVERSE["obstacles"].items()}
     goal = (REVERSE["goal"][0] * scale, REVERSE["goal"][1] * scale, REVERSE["goal"][2])
     path = park(
         (START[0] * scale, START[1] * scale, START[2]), {"goal": goal, "obstacles": obstacles}, 0.1 * scale,
