@@ -35,17 +35,16 @@ def asked_by_point(phase: Any) -> str | None:
     return None
 
 
-def refuse_asked_by_point(phase: Any, statements: Iterable[Statement], *more: Any) -> None:
-    """Refuse rules that say something at the points of the mesh only, given what they would get at one.
+def refuse_asked_by_point(phase: Any, statement: Statement, *more: Any) -> None:
+    """Refuse a rule that says something at the points of the mesh only, given what it would get at one.
 
     Raises
     ------
     TrajectoryError
-        Naming the first of them.
+        Naming it.
     """
-    for statement in statements:
-        if not statement.rule.is_template(phase, *more):
-            raise TrajectoryError(_in_words(phase, statement))
+    if not statement.rule.is_template(phase, *more):
+        raise TrajectoryError(_in_words(phase, statement))
 
 
 def known_history(phase: Any, name: str, times: Iterable[float], slack: float) -> list[float]:

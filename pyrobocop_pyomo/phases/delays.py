@@ -31,7 +31,7 @@ from pyrobocop_pyomo.trajectories import Trajectory
 from .declarations import Duration
 from .horizon import real_time
 from .nodes import IntervalNodes, Nodes, StateNodes
-from .record import PhaseRecord
+from .record import PhaseRecord, add_generated
 
 VALUES_AT_TIMES = "values_at_times"
 
@@ -207,10 +207,7 @@ def value_at_time(block: Any, name: str, time: Any) -> Any:
         return found
     named = block.component(VALUES_AT_TIMES)
     if named is None:
-        if hasattr(block, VALUES_AT_TIMES):
-            raise ModelError(f"phase '{block.name}': the name '{VALUES_AT_TIMES}' is needed, but it is taken.")
-        named = Expression(AnyIndex, doc="values at fixed times")
-        block.add_component(VALUES_AT_TIMES, named)
+        named = add_generated(block, VALUES_AT_TIMES, Expression(AnyIndex, doc="values at fixed times"))
     record.values_at_times.append((name, number))
     position = len(record.values_at_times)
     named[position] = found

@@ -29,10 +29,10 @@ from pyrobocop_pyomo.transcription import can_step, collocation_rows, step_rows
 from .declarations import State, check_bounds, within
 from .families import equations_by_component
 from .horizon import element_widths
-from .record import AT_BOUNDARIES, PhaseRecord, PreviousStates, Statement, labelled_rows, place
+from .record import AT_BOUNDARIES, PhaseRecord, PreviousStates, Statement, add_generated, labelled_rows, place
 from .row_rules import CollocationRows, Ode, Rates, StatedRows
 from .signal_vars import NoSuchTime
-from .variables import add_generated, rate_units
+from .variables import rate_units
 
 # What is said where a declaration or a rule comes a second time.
 RUN_AGAIN = "(A notebook's cell that is run again states it again: run those from the one that makes the model.)"

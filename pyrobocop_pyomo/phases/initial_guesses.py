@@ -6,13 +6,13 @@ bounds is moved onto the nearest one. Everything is checked before anything is s
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from pyrobocop_pyomo.errors import InitialGuessError
-from pyrobocop_pyomo.numerics import Array, differentiation_matrix
+from pyrobocop_pyomo.numerics import differentiation_matrix
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import InitialGuess, initial_number
 
@@ -76,7 +76,8 @@ def set_trajectory(block: Any, trajectory: Trajectory) -> None:
     stretch = trajectory.duration / (real[-1] - real[0])
     for name, numbers in found.items():
         is_rate = name not in record.declarations
-        _assign(_paired(record.nodes(name).variables(block), stretch * numbers if is_rate else numbers))
+        numbers = stretch * numbers if is_rate else numbers
+        _assign(list(zip(values.variables[name], numbers.tolist(), strict=True)))
         if name in record.kept_derivatives and f"{name}_derivative" not in found:
             _assign(_slopes(block, name))
 
@@ -120,7 +121,7 @@ def guess_values(block: Any, name: str, guess: InitialGuess) -> Values:
             raise InitialGuessError(f"{what}: the initial guess is {number:g}; it must be positive.")
         return [(component, number)]
     nodes = block.record.nodes(name)
-    return _paired(nodes.variables(block), nodes.from_guess(guess, what))
+    return list(zip(nodes.variables(block), nodes.from_guess(guess, what).tolist(), strict=True))
 
 
 def _name_of(block: Any, key: Any) -> str:
@@ -137,10 +138,6 @@ def _name_of(block: Any, key: Any) -> str:
             f"{', '.join(known_name for known_name in known if block.component(known_name) is not None) or 'nothing'}."
         )
     return name
-
-
-def _paired(data: Sequence[Any], values: Array) -> Values:
-    return list(zip(data, values.tolist(), strict=True))
 
 
 def _slopes(block: Any, name: str) -> Values:

@@ -19,8 +19,7 @@ from pyrobocop_pyomo.transcription import quadrature
 
 from .equations import Rule, refuse_foreign_reads, rule_name
 from .horizon import quadrature_weights
-from .record import Statement
-from .variables import add_generated
+from .record import Statement, add_generated
 
 INTEGRALS = "stated_integrals"
 

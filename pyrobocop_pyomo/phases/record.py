@@ -203,6 +203,22 @@ def place(block: Any, name: str, component: Any) -> Any:
     return component
 
 
+def add_generated(block: Any, name: str, component: Any) -> Any:
+    """Add what is named after a declaration, not by the user; returns the component on the block.
+
+    Raises
+    ------
+    ModelError
+        When the name is taken.
+    """
+    if block.record.restating is None and hasattr(block, name):
+        raise ModelError(
+            f"phase '{block.name}': the name '{name}' is needed for what is generated, but it is taken. "
+            "Choose another name for yours."
+        )
+    return place(block, name, component)
+
+
 class PreviousStates:
     """The states where an element starts, by name: ``previous.x``. A step map gets them as its third argument.
 

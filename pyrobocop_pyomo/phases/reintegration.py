@@ -20,7 +20,6 @@ from pyrobocop_pyomo.numerics.flows import Flows, integrate_elements, integrate_
 from pyrobocop_pyomo.numerics.tables import tables_continued
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .asked_by_point import refuse_asked_by_point
 from .bounds_between_points import SAMPLES, instants_to_look_at, stated_formulas
 from .coupled_phases import CoupledPhase, coupled_phases_of, put_on_model
 from .delays import MotionSoFar
@@ -197,7 +196,6 @@ def _flows(formulas: RuleFormulas, trajectory: Trajectory, first: Array, ends: b
     block, record = formulas.block, formulas.record
     starts = np.array([trajectory.element_states(name)[:, 0] for name in record.names_of_states]).T
     scales = SMALLEST_SCALE + np.abs(np.array([trajectory.states[name] for name in record.names_of_states])).max(axis=1)
-    refuse_asked_by_point(block, record.statements_of("ode"))
     rates = RightHandSides(formulas, trajectory, InstantEquations)
     refuse_equations_beside(block, rates.equations.read)
     fractions = instants_to_look_at(formulas, trajectory, rates.equations.statements)

@@ -127,7 +127,7 @@ class RightHandSides:
         found = stacked([leaves[key] for key in self._unknowns], shape)
         before, inverse = np.inf, self._inverse
         for _ in range(30):
-            left = self._rows_at(leaves, found)
+            left = stacked(self._stated({**leaves, **dict(zip(self._unknowns, found, strict=True))}), found.shape[1:])
             if inverse is None:
                 inverse = self._inverse_at(leaves, found)
             change = np.einsum("nab,bkn->akn", inverse, left)
@@ -140,10 +140,6 @@ class RightHandSides:
             before = size
         self._inverse = inverse
         return np.where(sizes <= 1e-9, found, np.nan)
-
-    def _rows_at(self, leaves: Mapping[int, Any], unknowns: Array) -> Array:
-        at = {**leaves, **dict(zip(self._unknowns, unknowns, strict=True))}
-        return stacked(self._stated(at), unknowns.shape[1:])
 
     def _inverse_at(self, leaves: Mapping[int, Any], unknowns: Array) -> Array:
         """Of the derivatives of all rows by all unknowns in the first variant, shape ``(N, m, m)``."""

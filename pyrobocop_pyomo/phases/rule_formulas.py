@@ -148,7 +148,7 @@ class RuleFormulas:
         if statement.kind == "step map":
             previous = dict(self._scratch.previous.items())
             more = (PreviousStates(statement.label(self.block), previous, self.record.families),)
-        refuse_asked_by_point(self.block, [statement], *more)
+        refuse_asked_by_point(self.block, statement, *more)
         formulas: Any = statement.rule.formulas(self.block, *more)
         with failures_as(TrajectoryError, f"{statement.label(self.block)} is no formula that holds at all times"):
             return entries(formulas.at(self.read))

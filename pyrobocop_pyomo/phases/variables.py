@@ -24,7 +24,7 @@ from pyrobocop_pyomo.transcription import continuity_rows, initial_number, initi
 from .declarations import Algebraic, Bounds, Control, Declaration, Parameter, State, check_bounds, within
 from .horizon import real_time
 from .nodes import IntervalNodes, KnotNodes, Nodes
-from .record import PhaseRecord, place
+from .record import PhaseRecord, add_generated, place
 from .signal_vars import SignalExpression, SignalVar, signal_reference
 from .stated_numbers import add_row_of_end
 
@@ -118,22 +118,6 @@ def _impose_boundary_value(variable: Any, given: float | Bounds | None, label: s
             "Widen the bounds or change the value."
         )
     variable.fix(value)
-
-
-def add_generated(block: Any, name: str, component: Any) -> Any:
-    """Add what is named after a declaration, not by the user; returns the component on the block.
-
-    Raises
-    ------
-    ModelError
-        When the name is taken.
-    """
-    if block.record.restating is None and hasattr(block, name):
-        raise ModelError(
-            f"phase '{block.name}': the name '{name}' is needed for what is generated, but it is taken. "
-            "Choose another name for yours."
-        )
-    return place(block, name, component)
 
 
 def add_indexed(block: Any, name: str, declaration: Declaration, index: Any, guess: Any, label: str) -> None:

@@ -364,7 +364,7 @@ class _TrajectoryCheck:
                 left = self.block.component(name if steps else f"{name}_derivative")
                 rows = self.block.component(f"{name}_step" if steps else f"{name}_equation")
                 given = {t: left[t] - row.body for t, row in rows.items()}
-            with failures_as(TrajectoryError, f"{self._what}: ode '{statement.name}' has no value on the trajectory"):
+            with failures_as(TrajectoryError, f"{statement.label(self.block)} has no value on the trajectory"):
                 found[name] = np.array(
                     [[float(value(given[t])) for t in times] for times in self.indices.stage_times]
                 ).T
@@ -395,7 +395,7 @@ class _TrajectoryCheck:
 
     def _violations_of_rows(self, statement: Statement) -> tuple[float, float, float]:
         """The same of the rows on the model, which has the values of the trajectory meanwhile."""
-        where = f"{self._what}: {statement.kind} '{statement.name}' has no value on the trajectory"
+        where = f"{statement.label(self.block)} has no value on the trajectory"
         of_rows, sides = [0.0], [(0.0, 0.0)]
         with failures_as(TrajectoryError, where):
             for data in self.block.component(statement.name).values():
@@ -413,12 +413,8 @@ class _TrajectoryCheck:
         foreign = foreign_variable(self.block, self._variables_of(statement)) if asks else None
         if foreign is not None:
             words = foreign_read(foreign, self.block.model())
-            raise TrajectoryError(f"{self._what}: the rule '{statement.name}' {words}")
+            raise TrajectoryError(f"phase '{self.block.name}': the rule '{statement.name}' {words}")
         return asks
-
-    @property
-    def _what(self) -> str:
-        return f"phase '{self.block.name}'"
 
     def _at_given_ends(self) -> tuple[float, float]:
         """Violation of equations and of sides of pairs by the values that are given at ends without a stage."""
