@@ -25,8 +25,7 @@ from pyrobocop_pyomo.modeling.keywords import check_keywords
 from pyrobocop_pyomo.solving.iterates import STOP_REASONS, Quality, StopReason
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 
-from .found_point import FoundPoint, multipliers_imported
-from .planning_point import PlanningPoint
+from .planning_point import FoundPoint, PlanningPoint, multipliers_imported
 from .solve import OTHER_WORDS, RETIRED_WORDS, solve
 
 # Every Pyomo solver has these, some under another name.

@@ -225,7 +225,7 @@ class IterateLog:
 
     def check_pairs(self, pairs: Sequence[CanonicalPair]) -> None:
         """Take the pairs that are to be checked from now on; their start is on the model."""
-        known = len(self.pairs) == len(pairs)  # again, by another backend or relaxation
+        known = len(self.pairs) == len(pairs)  # again, by another relaxation
         if pairs is not self.pairs:
             self.pairs, self._side_values = pairs, None
         if not known:

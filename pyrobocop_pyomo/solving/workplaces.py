@@ -109,14 +109,11 @@ class Workplaces:
         place = self.place
         if place is not None and place.relaxation == relaxation:
             return place
-        self._leave()
-        self.place = self._stack.enter_context(self._opened(relaxation, strategy))
-        return self.place
-
-    def _leave(self) -> None:
         self.place = None
         self._stack.close()
         self._guess.write_start()
+        self.place = self._stack.enter_context(self._opened(relaxation, strategy))
+        return self.place
 
     @contextlib.contextmanager
     def _opened(self, relaxation: Any, strategy: Strategy) -> Iterator[Workplace]:

@@ -241,7 +241,6 @@ class CaseSolver:
             tolerances=checked_tolerances(self._options.get("tolerances")),
             progress=Progress(False),
             strategies=(NEIGHBOUR, SOLVE),
-            second_tries=False,
             exploration=0.0,
             deadline=deadline,
         )
