@@ -9,7 +9,7 @@ that they can meet.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,19 +25,6 @@ _STEPS = 3
 Values = Mapping[str, Array]
 
 
-class Instants(Protocol):
-    """Where the integrand is evaluated; arrays have the shape ``(q, N)``."""
-
-    def integrand(self, given: Values, *, apart: bool = False) -> Array:
-        """With some values replaced, in the sign of a minimum; `apart` leaves out what `own_rows` has."""
-
-    def own_rows(self, given: Values) -> list[tuple[Array, Array, Array]]:
-        """Body and bounds of the inequalities that controls can meet."""
-
-    def limits(self, name: str) -> tuple[Array, Array]:
-        """Least and largest value of a control."""
-
-
 class _Model(NamedTuple):
     """A quadratic model of the integrand about some values of the controls."""
 
@@ -46,13 +33,13 @@ class _Model(NamedTuple):
     curvature: list[list[Any]]
 
 
-def least_integrand(instants: Instants, here: Values, starts: Sequence[Values]) -> Array:
+def least_integrand(instants: Any, here: Values, starts: Sequence[Values]) -> Array:
     """The least integrand inside the bounds that is found from some values of the controls.
 
     Parameters
     ----------
-    instants : Instants
-        Without rows that controls can meet.
+    instants : InstantsInside
+        With the integrand and the limits of controls, and without rows that these can meet.
     here : dict of name to array, shape (q, N)
         Controls of the answer.
     starts : sequence of the same
@@ -78,12 +65,13 @@ def least_integrand(instants: Instants, here: Values, starts: Sequence[Values]) 
     return np.where(np.isfinite(best), best, instants.integrand(here))
 
 
-def least_integrand_within_rows(instants: Instants, here: Values) -> Array:
+def least_integrand_within_rows(instants: Any, here: Values) -> Array:
     """The least value of the quadratic model of the integrand, within the linearised inequalities.
 
     Parameters
     ----------
-    instants : Instants
+    instants : InstantsInside
+        With the integrand, and the limits and rows of controls.
     here : dict of name to array, shape (q, N)
         Controls of the answer.
     """
@@ -102,7 +90,7 @@ def least_integrand_within_rows(instants: Instants, here: Values) -> Array:
 
 
 def _least_change(
-    instants: Instants, values: Values, model: _Model, rows: list[tuple[Array, Array, Array, list[Array]]]
+    instants: Any, values: Values, model: _Model, rows: list[tuple[Array, Array, Array, list[Array]]]
 ) -> list[Array]:
     """The change of each control that minimises a model inside bounds and rows, by sweeps over the controls.
 
@@ -136,7 +124,7 @@ def _sizes(values: Values) -> list[float]:
     return [_SMALLEST + float(np.abs(of).max()) for of in values.values()]
 
 
-def _model(instants: Instants, values: Values, *, apart: bool) -> _Model:
+def _model(instants: Any, values: Values, *, apart: bool) -> _Model:
     """Value, slopes and curvatures by the given values, from differences."""
     names, steps = list(values), [STEP * size for size in _sizes(values)]
     here = instants.integrand(values, apart=apart)

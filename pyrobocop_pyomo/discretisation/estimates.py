@@ -96,8 +96,7 @@ class PhaseEstimate(Presented):
         return None if self.motion is None else float(self.motion.max(initial=0.0))
 
     def _summary(self) -> str:
-        largest = "not known" if self.largest is None else f"{self.largest:.1e}"
-        return f"'{self.name}': largest error of the motion {largest}"
+        return f"'{self.name}': largest error of the motion {self.largest:.1e}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,12 +308,6 @@ class DiscretisationEstimate(Presented):
             parts.append(f"limits of states passed between the points by {percent(self.excess)} of their sizes")
         return f"error of the mesh, estimated: {', '.join(parts)}" if parts else ""
 
-    def advice(self) -> str:
-        """What to do about large errors; empty where they are small."""
-        if not self.is_large:
-            return ""
-        return f"The mesh is coarse: take {self._finer()}."
-
     def in_words(self) -> str:
         """What is large, and how many elements would do; empty where nothing is."""
         if not self.is_large:
@@ -337,7 +330,8 @@ class DiscretisationEstimate(Presented):
         return "more elements" if count is None or count <= now else f"about {count} elements in place of {now}"
 
     def __str__(self) -> str:
-        return "\n".join(line for line in (self.sentence(), self.advice(), *self.remarks) if line)
+        advice = f"The mesh is coarse: take {self._finer()}." if self.is_large else ""
+        return "\n".join(line for line in (self.sentence(), advice, *self.remarks) if line)
 
 
 def _relative(phase: PhaseEstimate) -> float:

@@ -8,7 +8,6 @@ from typing import Any
 from pyomo.core.base.objective import Objective
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.expression_nodes import LEAF, kind_of_node
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps, Leaf
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
@@ -19,8 +18,6 @@ from .stated_at_points import rows_beside
 
 # Of differences, relative to an integral.
 _STEP = 1e-5
-# Rows of the user's own beside the phases that are looked through.
-_MOST_ROWS = 5000
 
 
 def integral_weights(model: Any, phases: Sequence[Any], found: RowMultipliers) -> dict[int, list[float]]:
@@ -31,11 +28,6 @@ def integral_weights(model: Any, phases: Sequence[Any], found: RowMultipliers) -
     model : Block
     phases : sequence of PhaseBlock
     found : RowMultipliers
-
-    Raises
-    ------
-    TrajectoryError
-        When the objective or a row has no value, or there are too many rows to look through.
     """
     members = {
         id(phase): [phase.component(INTEGRALS)[k] for k in range(1, len(phase.record.integrals) + 1)]
@@ -75,12 +67,8 @@ def _slopes(expression: Any, members: Mapping[int, Sequence[Any]]) -> dict[int, 
 
 def _rows_that_read(wanted: set[int], model: Any, phases: Sequence[Any], found: RowMultipliers) -> Iterator[Any]:
     """Rows that no phase has stated, and that restrain something, of constraints in which one of some nodes occurs."""
-    count = 0
     for _, active in rows_beside(model, phases):
         rows = [row for row in active if found.of_row(row) != 0.0]
-        count += len(rows)
-        if count > _MOST_ROWS:
-            raise TrajectoryError("too many rows beside the phases to look for integrals in.")
         if _reads(wanted, [row.body for row in rows]):
             yield from rows
 

@@ -29,7 +29,7 @@ from pyrobocop_pyomo.phases.phase_values import PhaseValues
 from pyrobocop_pyomo.phases.reintegration import reintegrate
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .estimates import DiscretisationEstimate, PhaseEstimate
+from .estimates import SMALL_MOTION_ERROR, DiscretisationEstimate, PhaseEstimate
 from .integral_weights import integral_weights
 from .lagrangian import PhaseLagrangian
 from .phase_multipliers import PhaseMultipliers, RowMultipliers, phase_multipliers
@@ -39,8 +39,6 @@ logger = logging.getLogger(__name__)
 
 # A state that stays at zero has a size too.
 _SMALLEST_SCALE = 1e-6
-# A control that passes its bound by more than this part of its size is told beside the states.
-_LARGE = 1e-2
 
 
 class DiscretisationProbe:
@@ -143,7 +141,8 @@ class _Captured:
         told = {
             name: of
             for name, of in self._bounds.items()
-            if name in self.phase.record.declarations and (not of.is_control or of.excess > _LARGE * of.size)
+            if name in self.phase.record.declarations
+            if not of.is_control or of.excess > SMALL_MOTION_ERROR * of.size
         }
         beyond = sentence_on_bounds(told)
         return PhaseEstimate(

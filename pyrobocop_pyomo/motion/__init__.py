@@ -2,7 +2,8 @@
 
 from .bodies import Body
 from .clearance_proof import verify_clearance
-from .motion import Motion, motion_of
+from .interpolation import motion_of
+from .motion import Motion
 from .safety_report import BodyPairSafety, SafetyReport
 from .table_paths import TablePath
 

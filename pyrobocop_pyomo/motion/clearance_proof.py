@@ -92,7 +92,7 @@ def verify_clearance(
         mismatches = {name: [shape.mismatch(motion) for shape in parts] for name, parts in shapes.items()}
     required = {pair: required_clearance(motion, asked, pair) for pair, asked in clearances.items()}
     allowed = {pair: _allowed(pair, clearance.least, tolerance) for pair, clearance in required.items()}
-    ends = motion.interpolation.interval_ends
+    ends = motion.interval_ends
     lengths = {clearance_text(pair): asked.formulas for pair, asked in required.items() if asked.formulas is not None}
     led = replayed_motion(motion, shapes, lengths, equations=equations)
     proofs: list[_Proof] = []
@@ -197,7 +197,7 @@ def _bounds_by_boxes(proofs: Sequence[_Proof], intervals: int) -> Array:
     whole = np.arange(intervals), np.zeros(intervals), np.ones(intervals)
     shapes = {id(shape): shape for proof in proofs for shape in (proof.first, proof.second)}
     clearances = {id(proof.clearance): proof.clearance for proof in proofs}
-    boxes = {key: shape.boxes(*whole) for key, shape in shapes.items()}
+    boxes = {key: shape.path_bounds(*whole).boxes() for key, shape in shapes.items()}
     highest = {key: clearance.bounds(*whole).highest for key, clearance in clearances.items()}
     bounds = np.stack(
         [
@@ -357,12 +357,12 @@ class _Proof:
 
     def _swept_normals(self, p: PathBounds, q: PathBounds) -> Array:
         """Normals that separate best what both shapes cover at both ends, relative to the second shape's motion."""
-        moved = (q.at_end[0] - q.at_start[0])[:, :1, :]
+        moved = (q.at_end - q.at_start)[:, :1, :]
         _, normals = _exact(
-            np.concatenate([p.at_start[0], p.at_end[0] - moved], axis=1),
-            np.concatenate([q.at_start[0], q.at_end[0] - moved], axis=1),
-            np.concatenate([p.at_start[1], p.at_end[1]], axis=1),
-            np.concatenate([q.at_start[1], q.at_end[1]], axis=1),
+            np.concatenate([p.at_start, p.at_end - moved], axis=1),
+            np.concatenate([q.at_start, q.at_end - moved], axis=1),
+            np.concatenate([p.rays_at_start, p.rays_at_end], axis=1),
+            np.concatenate([q.rays_at_start, q.rays_at_end], axis=1),
         )
         return normals
 
@@ -371,7 +371,7 @@ class _Proof:
         # A gap along a vector of any length is a distance times that length.
         length = np.linalg.norm(normals, axis=1)
         ends = []
-        for corners_p, corners_q in ((p.at_start[0], q.at_start[0]), (p.at_end[0], q.at_end[0])):
+        for corners_p, corners_q in ((p.at_start, q.at_start), (p.at_end, q.at_end)):
             # Relative to one of the corners: scenes far from the origin lose no digits.
             origin = corners_q[:, :1, :]
             along_p = np.einsum("mr,mir->mi", normals, corners_p - origin)
@@ -412,7 +412,7 @@ class _Proof:
 def _reach(p: PathBounds, q: PathBounds) -> Array:
     """Largest distance of the corners from one of them, at the ends of each subinterval, shape ``(m,)``."""
     reach = np.zeros(len(p.start))
-    for corners_p, corners_q in ((p.at_start[0], q.at_start[0]), (p.at_end[0], q.at_end[0])):
+    for corners_p, corners_q in ((p.at_start, q.at_start), (p.at_end, q.at_end)):
         for corners in (corners_p, corners_q):
             reach = np.maximum(reach, np.linalg.norm(corners - corners_q[:, :1, :], axis=2).max(axis=1))
     return reach

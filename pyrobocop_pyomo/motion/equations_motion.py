@@ -26,10 +26,9 @@ from pyrobocop_pyomo.phases.bounds_between_points import unseen_on_the_way
 from pyrobocop_pyomo.phases.reintegration import SMALLEST_SCALE, Reintegration, reintegrate
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .interpolation import parent_of
 from .motion import Motion
 from .moving_shapes import MovingShape
-from .rules_along_motion import SignalFormulas
+from .rules_along_motion import SignalFormulas, parent_of
 
 PLAN_ALONE = "equations=False asks for the plan alone."
 NO_EQUATIONS = "a trajectory has no equations. Where its phase is at hand, ask its avoidance block: block.verify()."
@@ -100,7 +99,7 @@ def replayed_motion(
         Its deviations are those of what reads variables that move: NaN where nobody looked, and a lower bound where
         `why_unknown` says that not everything was seen. Everything else has no other motion than the plan.
     """
-    alone = not motion.interpolation.has_equations
+    alone = not motion.has_equations
     moving: dict[str, tuple[MovingShape | None, SignalFormulas]] = {
         shape.name: (shape, shape.template)
         for parts in shapes.values()
@@ -120,7 +119,7 @@ def replayed_motion(
         why = PLAN_ALONE
     elif any(map(_states_equations, phases)):  # elsewhere whatever moves a body is chosen: there is only the plan
         try:
-            found = {id(phase): _of_intervals(phase, count) for phase in phases}
+            found = {id(phase): reintegrated(phase) for phase in phases}
         except PyRobocopError as error:
             why = str(error)
     elif not phases and _rows_move(components):
@@ -131,13 +130,6 @@ def replayed_motion(
     deviation = {name: _distances(shape, apart[id(of)]) for name, (shape, of) in moving.items() if found}
     how = "; ".join(dict.fromkeys(reintegration.how for reintegration in found.values()))
     return EquationsMotion(deviation, how, _why_not_everywhere(phases, components, bool(found)))
-
-
-def _of_intervals(phase: Any, count: int) -> Reintegration:
-    found = reintegrated(phase)
-    if len(found.errors) != count:
-        raise TrajectoryError(f"phase '{phase.name}' has other elements than the motion.")
-    return found
 
 
 def reintegrated(phase: Any, after: tuple[Any, ...] = ()) -> Reintegration:

@@ -21,8 +21,8 @@ from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
 from pyrobocop_pyomo.rules.slots import Item
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .interpolation import STATES_ONLY, Interpolation, Nodes, intervals_of_grid
-from .motion import Motion
+from .interpolation import STATES_ONLY, intervals_of_grid
+from .motion import Motion, Nodes
 from .sampled_paths import SampledPath
 
 # A name with blanks: those of a user's signals have none.
@@ -31,11 +31,13 @@ BETWEEN_POINTS = "straight lines between the points, on which bodies turn at con
 
 
 @dataclass(frozen=True, eq=False)
-class GivenInterpolation(Interpolation):
+class GivenMotion(Motion):
     """Polynomials that are given as numbers, for what a model of parameters has at the nodes; time is real time.
 
     Attributes
     ----------
+    block, points
+        As for `Motion`.
     intervals : tuple of tuples
         Nodes of each interval, both ends included.
     samples : mapping of name to array, shape (intervals, k)
@@ -48,6 +50,8 @@ class GivenInterpolation(Interpolation):
         False for a trajectory: it was made of equations that are not at hand.
     """
 
+    block: Any
+    points: tuple[Any, ...]
     intervals: Nodes
     samples: Mapping[str, Array]
     description: str = BETWEEN_POINTS
@@ -106,7 +110,7 @@ def motion_along_paths(
     for number, (name, path) in enumerate(paths.items(), start=1):
         make = _planar_rule if path.rotations is None else _spatial_rule
         rules[name] = make(model, samples, number, path)
-    return Motion(model, points, GivenInterpolation(tuple(pairwise(points)), samples)), rules
+    return GivenMotion(model, points, tuple(pairwise(points)), samples), rules
 
 
 def _add(model: Any, name: str, values: Array) -> str:
@@ -186,14 +190,15 @@ def motion_along_trajectory(trajectory: Trajectory) -> Motion:
     for name, value in trajectory.parameters.items():
         model.add_component(name, Param(initialize=value))
     model.time_at = _same
-    interpolation = GivenInterpolation(
+    return GivenMotion(
+        model,
+        times,
         intervals_of_grid(grid),
         trajectory.element_polynomials(np.linspace(0.0, 1.0, grid.scheme.stages + 2)),
         f"the polynomials of the states of trajectory '{trajectory.name}' ({grid.scheme.name})",
         f"is no state of trajectory '{trajectory.name}'. {STATES_ONLY}",
         has_equations=False,
     )
-    return Motion(model, times, interpolation)
 
 
 def _same(t: Any) -> Any:

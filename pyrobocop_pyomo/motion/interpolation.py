@@ -1,15 +1,10 @@
-"""How the values of variables at nodes define a motion between the nodes.
-
-On every interval a signal is a polynomial of the local fraction ``s`` in [0, 1], ``x(s) = sum_k w_k(s) leaf_k``. The
-leaves are the variables at the nodes. For schemes whose first stage is the start of the element they are the start
-value and the increments ``h f``.
-"""
+"""Motions over phases, continuous sets and ordered numbers: what moves along them, and by which polynomials."""
 
 from __future__ import annotations
 
 import itertools
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from numbers import Real
@@ -18,13 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from pyomo.core.base.constraint import Constraint
-from pyomo.core.base.param import Param
 from pyomo.core.base.var import Var
-from pyomo.core.expr.numvalue import value
-from pyomo.dae import DerivativeVar
+from pyomo.dae import ContinuousSet, DerivativeVar
 from pyomo.repn import generate_standard_repn
 
-from pyrobocop_pyomo.continuous.record import Discretisation
+from pyrobocop_pyomo.continuous.record import Discretisation, discretisation_of
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.modeling.expressions import same_expression
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
@@ -35,102 +28,13 @@ from pyrobocop_pyomo.phases import PhaseBlockData
 from pyrobocop_pyomo.phases.horizon import element_widths
 from pyrobocop_pyomo.rules.slots import Item
 
-Nodes = tuple[tuple[float, ...], ...]
+from .motion import Motion, Nodes
+from .rules_along_motion import item_at, parent_of
 
 STATES_ONLY = (
     "Between the nodes only states move continuously. Let the pose read states, numbers and functions of t and "
     "time_at(t) only. Make anything else that it needs a state, with an ode."
 )
-
-
-class Interpolation(ABC):
-    """The motion on the intervals of a set of points.
-
-    Attributes
-    ----------
-    intervals : tuple of tuples
-        Nodes of each interval, both ends included.
-    is_assumed : bool
-        Whether nothing in the model says that the motion between the nodes is this one.
-    phase : PhaseBlock or None
-        Whose states move.
-    has_equations : bool
-        Whether the equations of the motion, where it has any, are on the model.
-    """
-
-    intervals: Nodes
-    is_assumed: bool = False
-    phase: Any = None
-    has_equations: bool = True
-
-    @property
-    @abstractmethod
-    def description(self) -> str:
-        """What the motion between the nodes is, in words."""
-
-    @abstractmethod
-    def refuse(self, signal: Item, *, early: bool = False) -> None:
-        """Raise `ObstacleError` for a signal whose polynomial is not continuous.
-
-        Parameters
-        ----------
-        signal : Item
-        early : bool
-            True while the model is still being stated: what ties two durations may come later.
-        """
-
-    @abstractmethod
-    def polynomial(self, signal: Item, interval: int) -> list[Any]:
-        """Variables and expressions that define the polynomial of one interval."""
-
-    @abstractmethod
-    def polynomial_weights(self, signal: Item, interval: int, fractions: ArrayLike) -> Array:
-        """Weights of these at local fractions, shape ``(len(fractions), leaves)``."""
-
-    def joins_lines(self, signal: Item) -> bool:
-        """Whether a signal has values at the nodes only, which are joined by lines: parameters over the nodes."""
-        return signal.component.ctype is Param
-
-    def check(self, signal: Item, *, early: bool = False) -> None:
-        """Raise `ObstacleError` for a signal that is not continuous; `early` as for `refuse`."""
-        if not self.joins_lines(signal):
-            self.refuse(signal, early=early)
-
-    def leaves(self, signal: Item, interval: int) -> list[Any]:
-        """What the motion of a signal on one interval is made of."""
-        if self.joins_lines(signal):
-            return [item_at(signal, node) for node in self.intervals[interval]]
-        return self.polynomial(signal, interval)
-
-    def weights(self, signal: Item, interval: int, fractions: ArrayLike) -> Array:
-        """Weights of the leaves at local fractions, shape ``(len(fractions), leaves)``."""
-        if self.joins_lines(signal):
-            return line_weights(self.intervals[interval], fractions)
-        return self.polynomial_weights(signal, interval, fractions)
-
-    def check_time_of(self, phase: Any) -> None:
-        """Raise `ObstacleError` where ``phase.time_at`` does not map the indices to time."""
-        raise ObstacleError(f"time_at(t) is read from '{phase.name}', whose time is not that of the set of points.")
-
-    def time_at(self, index: float) -> Any:
-        """Time at an index: a number or an expression."""
-        return index
-
-    def node_times(self) -> dict[float, float]:
-        """The time of every node, as a number."""
-        # Between the boundaries of an element time is linear in the index.
-        times: dict[float, float] = {}
-        for nodes in self.intervals:
-            start, end = (float(value(self.time_at(node))) for node in (nodes[0], nodes[-1]))
-            for node in nodes:
-                times[node] = start + (node - nodes[0]) / (nodes[-1] - nodes[0]) * (end - start)
-        return times
-
-    @property
-    def interval_ends(self) -> Array:
-        """Times of the start and the end of each interval, shape ``(intervals, 2)``."""
-        times = self.node_times()
-        return np.array([[times[nodes[0]], times[nodes[-1]]] for nodes in self.intervals])
 
 
 # ---------------------------------------------------------------------------------------------- collocation polynomials
@@ -142,16 +46,19 @@ def intervals_of_grid(grid: Grid) -> Nodes:
     return tuple(nodes if nodes[-1] == end else (*nodes, end) for nodes, end in zip(grid.node_times, ends, strict=True))
 
 
-class CollocationInterpolation(Interpolation):
+class CollocationMotion(Motion):
     """States follow the polynomial of their scheme, the same one that `Trajectory` evaluates.
 
     Parameters
     ----------
+    block, points
+        As for `Motion`.
     grid : Grid
         Scheme and mesh, in indices.
     """
 
-    def __init__(self, grid: Grid) -> None:
+    def __init__(self, block: Any, points: tuple[Any, ...], grid: Grid) -> None:
+        self.block, self.points = block, points
         self.grid, self.intervals = grid, intervals_of_grid(grid)
 
     @property
@@ -195,11 +102,11 @@ class CollocationInterpolation(Interpolation):
         return np.column_stack([np.ones(len(increments)), increments])
 
 
-class PhaseInterpolation(CollocationInterpolation):
+class PhaseMotion(CollocationMotion):
     """States of a `PhaseBlock`."""
 
-    def __init__(self, phase: Any) -> None:
-        super().__init__(phase.grid)
+    def __init__(self, block: Any, points: tuple[Any, ...], phase: Any) -> None:
+        super().__init__(block, points, phase.grid)
         self.phase = phase
         self._phases = [phase]  # and others at the same times, whose states were read
 
@@ -309,11 +216,11 @@ def _same_durations(phase: Any, other: Any) -> bool:
     return False
 
 
-class ContinuousSetInterpolation(CollocationInterpolation):
+class ContinuousSetMotion(CollocationMotion):
     """States along a `ContinuousSet` that the transformation `pyrobocop.collocation` has discretised."""
 
-    def __init__(self, discretisation: Discretisation) -> None:
-        super().__init__(discretisation.grid)
+    def __init__(self, block: Any, points: tuple[Any, ...], discretisation: Discretisation) -> None:
+        super().__init__(block, points, discretisation.grid)
         self.discretisation = discretisation
 
     @property
@@ -347,11 +254,13 @@ class ContinuousSetInterpolation(CollocationInterpolation):
 
 
 @dataclass(frozen=True, eq=False)
-class NodalInterpolation(Interpolation):
+class NodalMotion(Motion):
     """Polynomials through given nodes of each interval.
 
     Attributes
     ----------
+    block, points
+        As for `Motion`.
     intervals : tuple of tuples
         Nodes within each closed interval.
     support : tuple of tuples
@@ -364,6 +273,8 @@ class NodalInterpolation(Interpolation):
         Whether nothing in the model says so.
     """
 
+    block: Any
+    points: tuple[Any, ...]
     intervals: Nodes
     support: Nodes
     refusal: Callable[[Item], None]
@@ -389,14 +300,8 @@ def _refuse_nothing(signal: Item) -> None:
     """What is read at points that have no order is not followed between them."""
 
 
-# Of points that are not ordered in time.
-ALONE = NodalInterpolation(
-    (), (), _refuse_nothing, "the points alone; nothing is known of the motion between them", is_assumed=False
-)
-
-
-def dae_interpolation(domain: Any) -> NodalInterpolation:
-    """Interpolation on a continuous set that `pyomo.dae` itself has discretised.
+def _dae_motion(block: Any, domain: Any) -> NodalMotion:
+    """Motion along a continuous set that `pyomo.dae` itself has discretised.
 
     With collocation, variables that have a derivative follow the polynomial through the start of the element and its
     collocation points. With finite differences they change linearly from point to point.
@@ -422,14 +327,14 @@ def dae_interpolation(domain: Any) -> NodalInterpolation:
     if "tau_points" not in facts:
         intervals = tuple(itertools.pairwise(points))
         words = f"straight lines between the points of '{domain.name}' ({facts['scheme']}), which is assumed"
-        return NodalInterpolation(intervals, intervals, refuse, words)
+        return NodalMotion(block, points, intervals, intervals, refuse, words)
     boundaries = domain.get_finite_elements()
     intervals = tuple(
         tuple(point for point in points if start <= point <= end) for start, end in itertools.pairwise(boundaries)
     )
-    count = len(facts["tau_points"])
+    support = tuple(nodes[: len(facts["tau_points"])] for nodes in intervals)
     words = f"the polynomials of the states along '{domain.name}' ({facts['scheme']})"
-    return NodalInterpolation(intervals, tuple(nodes[:count] for nodes in intervals), refuse, words, is_assumed=False)
+    return NodalMotion(block, points, intervals, support, refuse, words, is_assumed=False)
 
 
 def _has_derivative(component: Any, domain: Any) -> bool:
@@ -444,30 +349,74 @@ def _has_derivative(component: Any, domain: Any) -> bool:
     )
 
 
-def line_weights(nodes: Sequence[float], fractions: ArrayLike) -> Array:
-    """Weights of the values at the nodes of an interval where they are joined by lines."""
-    local = (np.asarray(nodes, dtype=float) - nodes[0]) / (nodes[-1] - nodes[0])
-    at = np.atleast_1d(np.asarray(fractions, dtype=float))
-    return np.stack([np.interp(at, local, unit) for unit in np.eye(len(local))], axis=-1)
+def motion_of(point_set: Any, parent_block: Any) -> Motion:
+    """The motion over a set of points.
 
-
-def item_at(item: Item, time: Any) -> Any:
-    """The variable of a signal at a node.
+    Parameters
+    ----------
+    point_set : Set or sequence
+        ``time`` or ``points`` of a `PhaseBlock`, or a discretised `ContinuousSet`: intervals are the elements, and
+        states follow the collocation polynomial. Numbers in increasing order: two consecutive points are an interval,
+        on which everything that is indexed by the set changes linearly. Anything else: there are no intervals.
+    parent_block : Block
+        First argument of pose rules.
 
     Raises
     ------
     ObstacleError
-        When there is none.
+        For a continuous set that is not discretised, and for numbers that do not increase.
     """
-    try:
-        return item.component[item.key_at(time)]
-    except KeyError:
-        raise ObstacleError(
-            f"'{item.name}': has no value at t = {time!r}, where a pose needs it. Poses may read what has a value "
-            "at every node, such as the states of a phase."
-        ) from None
+    if getattr(point_set, "ctype", None) is ContinuousSet:
+        ours = discretisation_of(point_set)
+        if ours is None:
+            return _dae_motion(parent_block, point_set)
+        return ContinuousSetMotion(parent_block, tuple(point_set), ours)
+    home = point_set.parent_block() if hasattr(point_set, "parent_block") else None
+    if isinstance(home, PhaseBlockData) and (point_set is home.time or point_set is home.points):
+        return PhaseMotion(parent_block, tuple(point_set), home)
+    points = tuple(point_set)
+    alone = "the points alone; nothing is known of the motion between them"
+    if not _is_ordered(point_set) or not all(map(_is_number, points)) or len(points) < 2:
+        return NodalMotion(parent_block, points, (), (), _refuse_nothing, alone, is_assumed=False)
+    for before, after in itertools.pairwise(points):
+        if not before < after:
+            raise ObstacleError(
+                f"'{getattr(point_set, 'name', 'points')}': points that are numbers are times and must increase, "
+                f"but {before:g} is followed by {after:g}. Sort them, or use names for points without an order."
+            )
+    intervals = tuple(itertools.pairwise(points))
+    return NodalMotion(parent_block, points, intervals, intervals, _refuse_sampled_states(points[0]))
 
 
-def parent_of(data: Any) -> Any:
-    """The component that holds a variable, also where the variable was reached through a reference."""
-    return data.parent_component() if hasattr(data, "parent_component") else None
+def _is_ordered(point_set: Any) -> bool:
+    if isinstance(point_set, (list, tuple, range, np.ndarray)):
+        return True
+    return bool(getattr(point_set, "isordered", bool)())
+
+
+def _is_number(point: Any) -> bool:
+    return isinstance(point, Real) and not isinstance(point, bool)
+
+
+def _refuse_sampled_states(point: float) -> Callable[[Item], None]:
+    """What has a motion of its own must not be read at plain numbers: lines between them would hide that motion."""
+
+    def refuse(signal: Item) -> None:
+        data = item_at(signal, point)
+        # Through a reference the variable is that of another component.
+        component = parent_of(data) or signal.component
+        owner = component.parent_block()
+        if isinstance(owner, PhaseBlockData):
+            raise ObstacleError(
+                f"'{signal.name}' belongs to phase '{owner.name}', whose states do not change linearly between points. "
+                f"Give '{owner.name}.time' as the set of points."
+            )
+        for subset in component.index_set().subsets():
+            phase = subset.parent_block()
+            if subset.ctype is ContinuousSet or isinstance(phase, PhaseBlockData):
+                raise ObstacleError(
+                    f"'{signal.name}' is indexed by '{subset.name}', along which it moves in a way that plain numbers "
+                    f"do not tell. Give '{subset.name}' itself as the set of points, not a list of its members."
+                )
+
+    return refuse

@@ -1,37 +1,32 @@
-"""`Motion`: the points of a motion, and the interpolation between them."""
+"""`Motion`: the points of a motion, and what the values of variables at nodes say of the motion between them.
+
+On every interval a signal is a polynomial of the local fraction ``s`` in [0, 1], ``x(s) = sum_k w_k(s) leaf_k``. The
+leaves are the variables at the nodes. For schemes whose first stage is the start of the element they are the start
+value and the increments ``h f``.
+"""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable
-from dataclasses import dataclass
-from numbers import Real
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from pyomo.dae import ContinuousSet
+from numpy.typing import ArrayLike
+from pyomo.core.base.param import Param
+from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.continuous.record import discretisation_of
 from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.rounding import ROUNDING
-from pyrobocop_pyomo.phases import PhaseBlockData
 from pyrobocop_pyomo.rules.slots import Item
 
-from .interpolation import (
-    ALONE,
-    ContinuousSetInterpolation,
-    Interpolation,
-    NodalInterpolation,
-    PhaseInterpolation,
-    dae_interpolation,
-    item_at,
-    parent_of,
-)
-from .rules_along_motion import checked_pose, expressions_between, pose_formulas, rule_at_node
+from .rules_along_motion import checked_pose, expressions_between, item_at, pose_formulas, rule_at_node
+
+Nodes = tuple[tuple[float, ...], ...]
 
 
-@dataclass(frozen=True, eq=False)
-class Motion:
+class Motion(ABC):
     """A set of points and the motion between them; made by `motion_of`.
 
     Attributes
@@ -40,18 +35,91 @@ class Motion:
         First argument of pose rules.
     points : tuple
         Members of the set.
-    interpolation : Interpolation
-        Without intervals for points that are not ordered in time: there is no motion between them.
+    intervals : tuple of tuples
+        Nodes of each interval, both ends included; none where there is no motion between the points.
+    is_assumed : bool
+        Whether nothing in the model says that the motion between the nodes is this one.
+    phase : PhaseBlock or None
+        Whose states move along the points.
+    has_equations : bool
+        Whether the equations of the motion, where it has any, are on the model.
     """
 
     block: Any
     points: tuple[Any, ...]
-    interpolation: Interpolation
+    intervals: Nodes
+    is_assumed: bool = False
+    phase: Any = None
+    has_equations: bool = True
 
     @property
-    def intervals(self) -> tuple[tuple[float, ...], ...]:
-        """Nodes of each interval, both ends included; empty where there is no motion between the points."""
-        return self.interpolation.intervals
+    @abstractmethod
+    def description(self) -> str:
+        """What the motion between the points is, and how that is known, in words."""
+
+    @abstractmethod
+    def refuse(self, signal: Item, *, early: bool = False) -> None:
+        """Raise `ObstacleError` for a signal whose polynomial is not continuous.
+
+        Parameters
+        ----------
+        signal : Item
+        early : bool
+            True while the model is still being stated: what ties two durations may come later.
+        """
+
+    @abstractmethod
+    def polynomial(self, signal: Item, interval: int) -> list[Any]:
+        """Variables and expressions that define the polynomial of one interval."""
+
+    @abstractmethod
+    def polynomial_weights(self, signal: Item, interval: int, fractions: ArrayLike) -> Array:
+        """Weights of these at local fractions, shape ``(len(fractions), leaves)``."""
+
+    def joins_lines(self, signal: Item) -> bool:
+        """Whether a signal has values at the nodes only, which are joined by lines: parameters over the nodes."""
+        return signal.component.ctype is Param
+
+    def check(self, signal: Item, *, early: bool = False) -> None:
+        """Raise `ObstacleError` for a signal that is not continuous; `early` as for `refuse`."""
+        if not self.joins_lines(signal):
+            self.refuse(signal, early=early)
+
+    def leaves(self, signal: Item, interval: int) -> list[Any]:
+        """What the motion of a signal on one interval is made of."""
+        if self.joins_lines(signal):
+            return [item_at(signal, node) for node in self.intervals[interval]]
+        return self.polynomial(signal, interval)
+
+    def weights(self, signal: Item, interval: int, fractions: ArrayLike) -> Array:
+        """Weights of the leaves at local fractions, shape ``(len(fractions), leaves)``."""
+        if self.joins_lines(signal):
+            return line_weights(self.intervals[interval], fractions)
+        return self.polynomial_weights(signal, interval, fractions)
+
+    def check_time_of(self, phase: Any) -> None:
+        """Raise `ObstacleError` where ``phase.time_at`` does not map the indices to time."""
+        raise ObstacleError(f"time_at(t) is read from '{phase.name}', whose time is not that of the set of points.")
+
+    def time_at(self, index: float) -> Any:
+        """Time at an index: a number or an expression."""
+        return index
+
+    def node_times(self) -> dict[float, float]:
+        """The time of every node, as a number."""
+        # Between the boundaries of an element time is linear in the index.
+        times: dict[float, float] = {}
+        for nodes in self.intervals:
+            start, end = (float(value(self.time_at(node))) for node in (nodes[0], nodes[-1]))
+            for node in nodes:
+                times[node] = start + (node - nodes[0]) / (nodes[-1] - nodes[0]) * (end - start)
+        return times
+
+    @property
+    def interval_ends(self) -> Array:
+        """Times of the start and the end of each interval, shape ``(intervals, 2)``."""
+        times = self.node_times()
+        return np.array([[times[nodes[0]], times[nodes[-1]]] for nodes in self.intervals])
 
     @property
     def nodes(self) -> list[float]:
@@ -71,25 +139,6 @@ class Motion:
         if abs(local[nearest] - fraction) <= ROUNDING:
             return nodes[nearest]
         return float(nodes[0] + fraction * (nodes[-1] - nodes[0]))
-
-    @property
-    def phase(self) -> Any:
-        """The phase whose states move along the points; None where there is none."""
-        return self.interpolation.phase
-
-    @property
-    def description(self) -> str:
-        """What the motion between the points is, and how that is known, in words."""
-        return self.interpolation.description
-
-    @property
-    def is_assumed(self) -> bool:
-        """Whether nothing in the model says that bodies move like this."""
-        return self.interpolation.is_assumed
-
-    def time_at(self, index: Any) -> Any:
-        """Time at an index: the index itself, or an expression where the duration is free."""
-        return self.interpolation.time_at(index)
 
     def pose_at_node(self, rule: Callable[..., Any], t: Any, *, name: str = "body") -> Any:
         """Pose at a point of the set, or at a node of an interval.
@@ -132,77 +181,8 @@ class Motion:
         return expressions_between(self, pose_formulas(self, rule, name), interval, fraction, what)
 
 
-def motion_of(point_set: Any, parent_block: Any) -> Motion:
-    """The motion over a set of points.
-
-    Parameters
-    ----------
-    point_set : Set or sequence
-        ``time`` or ``points`` of a `PhaseBlock`, or a discretised `ContinuousSet`: intervals are the elements, and
-        states follow the collocation polynomial. Numbers in increasing order: two consecutive points are an interval,
-        on which everything that is indexed by the set changes linearly. Anything else: there are no intervals.
-    parent_block : Block
-        First argument of pose rules.
-
-    Raises
-    ------
-    ObstacleError
-        For a continuous set that is not discretised, and for numbers that do not increase.
-    """
-    if getattr(point_set, "ctype", None) is ContinuousSet:
-        return Motion(parent_block, tuple(point_set), _continuous_interpolation(point_set))
-    home = point_set.parent_block() if hasattr(point_set, "parent_block") else None
-    if isinstance(home, PhaseBlockData) and (point_set is home.time or point_set is home.points):
-        return Motion(parent_block, tuple(point_set), PhaseInterpolation(home))
-    points = tuple(point_set)
-    if not _is_ordered(point_set) or not all(map(_is_number, points)):
-        return Motion(parent_block, points, ALONE)
-    for before, after in itertools.pairwise(points):
-        if not before < after:
-            raise ObstacleError(
-                f"'{getattr(point_set, 'name', 'points')}': points that are numbers are times and must increase, "
-                f"but {before:g} is followed by {after:g}. Sort them, or use names for points without an order."
-            )
-    if len(points) < 2:
-        return Motion(parent_block, points, ALONE)
-    intervals = tuple(itertools.pairwise(points))
-    return Motion(parent_block, points, NodalInterpolation(intervals, intervals, _refuse_sampled_states(points[0])))
-
-
-def _continuous_interpolation(domain: Any) -> Interpolation:
-    ours = discretisation_of(domain)
-    return dae_interpolation(domain) if ours is None else ContinuousSetInterpolation(ours)
-
-
-def _is_ordered(point_set: Any) -> bool:
-    if isinstance(point_set, (list, tuple, range, np.ndarray)):
-        return True
-    return bool(getattr(point_set, "isordered", bool)())
-
-
-def _is_number(point: Any) -> bool:
-    return isinstance(point, Real) and not isinstance(point, bool)
-
-
-def _refuse_sampled_states(point: float) -> Callable[[Item], None]:
-    """What has a motion of its own must not be read at plain numbers: lines between them would hide that motion."""
-
-    def refuse(signal: Item) -> None:
-        data = item_at(signal, point)
-        # Through a reference the variable is that of another component.
-        component = parent_of(data) or signal.component
-        owner = component.parent_block()
-        if isinstance(owner, PhaseBlockData):
-            raise ObstacleError(
-                f"'{signal.name}' belongs to phase '{owner.name}', whose states do not change linearly between points. "
-                f"Give '{owner.name}.time' as the set of points."
-            )
-        for subset in component.index_set().subsets():
-            phase = subset.parent_block()
-            if subset.ctype is ContinuousSet or isinstance(phase, PhaseBlockData):
-                raise ObstacleError(
-                    f"'{signal.name}' is indexed by '{subset.name}', along which it moves in a way that plain numbers "
-                    f"do not tell. Give '{subset.name}' itself as the set of points, not a list of its members."
-                )
-
-    return refuse
+def line_weights(nodes: Sequence[float], fractions: ArrayLike) -> Array:
+    """Weights of the values at the nodes of an interval where they are joined by lines."""
+    local = (np.asarray(nodes, dtype=float) - nodes[0]) / (nodes[-1] - nodes[0])
+    at = np.atleast_1d(np.asarray(fractions, dtype=float))
+    return np.stack([np.interp(at, local, unit) for unit in np.eye(len(local))], axis=-1)

@@ -88,10 +88,6 @@ class MovingShape:
         lever = np.linalg.norm(np.concatenate([self.shape.vertices, self.shape.rays]), axis=1).max()
         return np.asarray(largest * lever, dtype=np.float64)
 
-    def boxes(self, interval: Indices, start: Array, end: Array) -> Interval:
-        """Axis-aligned boxes that contain the shape during each subinterval, shape ``(m, d)``."""
-        return self.path_bounds(interval, start, end).boxes()
-
     def path_bounds(self, interval: Indices, start: Array, end: Array) -> PathBounds:
         """Bounds on the corners' paths over subintervals ``[start, end]`` of intervals."""
         count, d = len(interval), self.shape.dimension
@@ -103,8 +99,8 @@ class MovingShape:
             forms = self.template.taylor_forms(interval, start, end)
             value = _stacked([form.value for form in forms])
             curvature = _stacked([form.second for form in forms])
-        at_start, at_end = self.corners(interval, start), self.corners(interval, end)
-        return PathBounds(self.shape, start, end, at_start, at_end, value, curvature)
+        ends = *self.corners(interval, start), *self.corners(interval, end)
+        return PathBounds(self.shape, start, end, *ends, value, curvature)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +111,9 @@ class PathBounds:
     ----------
     shape : Polytope
     start, end : array, shape (m,)
-    at_start, at_end : (corners (m, v, d), rays (m, k, d))
+    at_start, at_end : array, shape (m, v, d)
+        Corners.
+    rays_at_start, rays_at_end : array, shape (m, k, d)
     value, curvature : Interval of shape (m, d * d + d)
         Bounds of the entries of the pose, and of their second derivatives.
     """
@@ -123,22 +121,16 @@ class PathBounds:
     shape: Polytope
     start: Array
     end: Array
-    at_start: tuple[Array, Array]
-    at_end: tuple[Array, Array]
+    at_start: Array
+    rays_at_start: Array
+    at_end: Array
+    rays_at_end: Array
     value: Interval
     curvature: Interval
 
     def subset(self, chosen: Any) -> PathBounds:
         """Bounds on some of the subintervals."""
-        return PathBounds(
-            self.shape,
-            self.start[chosen],
-            self.end[chosen],
-            (self.at_start[0][chosen], self.at_start[1][chosen]),
-            (self.at_end[0][chosen], self.at_end[1][chosen]),
-            Interval(self.value.low[chosen], self.value.high[chosen]),
-            Interval(self.curvature.low[chosen], self.curvature.high[chosen]),
-        )
+        return PathBounds(self.shape, *(of[chosen] for name, of in vars(self).items() if name != "shape"))
 
     @property
     def deviation_factor(self) -> Array:
@@ -156,7 +148,7 @@ class PathBounds:
     def ray_bounds(self, normals: Array) -> Interval:
         """Bounds of ``n . ray`` along directions (m, d), shape ``(m, k)``."""
         curvature = _along(normals, self.shape.rays, self.curvature, translates=False)
-        ends = [np.einsum("mr,mir->mi", normals, rays) for rays in (self.at_start[1], self.at_end[1])]
+        ends = [np.einsum("mr,mir->mi", normals, rays) for rays in (self.rays_at_start, self.rays_at_end)]
         return _between(ends[0], ends[1], curvature, self.deviation_factor).intersect(
             _along(normals, self.shape.rays, self.value, translates=False)
         )
@@ -166,7 +158,7 @@ class PathBounds:
         low, high = [], []
         for axis in np.eye(self.shape.dimension):
             normals = np.broadcast_to(axis, (len(self.start), len(axis)))
-            ends = [np.einsum("mr,mir->mi", normals, corners) for corners in (self.at_start[0], self.at_end[0])]
+            ends = [np.einsum("mr,mir->mi", normals, corners) for corners in (self.at_start, self.at_end)]
             path = _between(ends[0], ends[1], self.curvature_bounds(normals), self.deviation_factor)
             path = path.intersect(self.value_bounds(normals))
             rays = self.ray_bounds(normals)
@@ -250,9 +242,9 @@ def _along(normals: Array, points: Array, entries: Interval, translates: bool) -
     if translates:
         shifts = np.broadcast_to(normals[:, None, :], (count, len(points), d))
         factors = np.concatenate([factors, shifts], axis=2)
-    bounds = (bound[:, None, : factors.shape[2]] for bound in (entries.low, entries.high))
+    entries = entries[:, None, : factors.shape[2]]
     # A factor of zero removes an entry also where its bounds are infinite: 0 * inf would be NaN.
-    terms = [np.where(factors == 0.0, 0.0, factors * bound) for bound in bounds]
+    terms = [np.where(factors == 0.0, 0.0, factors * bound) for bound in (entries.low, entries.high)]
     slack = 4 * factors.shape[2] * _EPS * np.maximum(np.abs(terms[0]), np.abs(terms[1])).sum(axis=2)
     return Interval(
         np.minimum(terms[0], terms[1]).sum(axis=2) - slack, np.maximum(terms[0], terms[1]).sum(axis=2) + slack

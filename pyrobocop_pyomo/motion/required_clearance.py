@@ -40,9 +40,7 @@ class RequiredBounds:
 
     def subset(self, chosen: Any) -> RequiredBounds:
         """Bounds on some of the subintervals."""
-        return RequiredBounds(
-            self.at_start[chosen], self.at_end[chosen], self.highest[chosen], self.lowest_curvature[chosen]
-        )
+        return RequiredBounds(*(of[chosen] for of in vars(self).values()))
 
 
 @dataclass(frozen=True, eq=False)

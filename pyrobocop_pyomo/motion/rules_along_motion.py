@@ -1,6 +1,6 @@
 """What the rule of a pose or of a clearance says along a motion: expressions, numbers and bounds of one template.
 
-What a template reads at ``t`` are signals, which an interpolation makes polynomials of.
+What a template reads at ``t`` are signals, which a motion makes polynomials of.
 """
 
 from __future__ import annotations
@@ -31,7 +31,6 @@ from pyrobocop_pyomo.phases.bounds_between_points import PiecewisePolynomial
 from pyrobocop_pyomo.rules.rule_template import templated
 from pyrobocop_pyomo.rules.slots import Always, Clock, Item, NamedItem, Place, Slot, Time, is_on_indices
 
-from .interpolation import item_at, parent_of
 from .table_functions import TableFunction
 
 # Functions that can be followed between nodes, of which bounds of derivatives are known.
@@ -169,7 +168,7 @@ def expressions_between(motion: Any, formulas: Any, interval: int, fraction: flo
     ObstacleError
         When they read what has no value between the nodes.
     """
-    interpolation, index = motion.interpolation, motion.index_at(interval, fraction)
+    index = motion.index_at(interval, fraction)
 
     def read(slot: Slot) -> Any:
         if isinstance(slot, NamedItem):
@@ -177,9 +176,9 @@ def expressions_between(motion: Any, formulas: Any, interval: int, fraction: flo
         if isinstance(slot, (Always, Time, Clock)):
             return slot.on_model(Place(motion.block, index))
         item = _item(slot)
-        interpolation.check(item)
-        weights = interpolation.weights(item, interval, fraction)[0].tolist()
-        leaves = interpolation.leaves(item, interval)
+        motion.check(item)
+        weights = motion.weights(item, interval, fraction)[0].tolist()
+        leaves = motion.leaves(item, interval)
         if all(map(is_plain_variable, leaves)):
             return LinearExpression(linear_vars=leaves, linear_coefs=weights)
         return sum(weight * leaf for weight, leaf in zip(weights, leaves, strict=True))
@@ -351,29 +350,29 @@ class SignalFormulas:
 
     def _signal(self, slot: Slot) -> Signal:
         """The motion of what is read at ``t``."""
-        motion, interpolation = self._motion, self._motion.interpolation
+        motion = self._motion
         if isinstance(slot, Time) and not is_on_indices(motion.block):
             return self._linear(float)
         if isinstance(slot, (Time, Clock)):
             if isinstance(slot, Clock):
-                interpolation.check_time_of(slot.component)
-            return self._linear(interpolation.node_times().__getitem__)
+                motion.check_time_of(slot.component)
+            return self._linear(motion.node_times().__getitem__)
         item = _item(slot)
 
         def at_node(node: Any) -> float:
             return _number(item_at(item, node), item.name)
 
-        if interpolation.joins_lines(item):
+        if motion.joins_lines(item):
             nodes = motion.nodes
             values = np.array([[at_node(node)] for node in nodes])
             lines = TableFunction(item.name, np.array(nodes, dtype=float), values, [item.name])
             return Signal(at_node, self._linear(float).polynomial, lines=lines)
-        interpolation.check(item)
+        motion.check(item)
         coefficients = []
         for interval in range(len(motion.intervals)):
-            leaves = [_number(leaf, item.name) for leaf in interpolation.leaves(item, interval)]
+            leaves = [_number(leaf, item.name) for leaf in motion.leaves(item, interval)]
             points, to_coefficients = bernstein_from_samples(len(leaves) - 1)
-            coefficients.append(to_coefficients @ (interpolation.weights(item, interval, points) @ leaves))
+            coefficients.append(to_coefficients @ (motion.weights(item, interval, points) @ leaves))
         component = parent_of(item_at(item, motion.intervals[0][0]))
         return Signal(at_node, PiecewisePolynomial(np.array(coefficients)), component)
 
@@ -388,3 +387,25 @@ def _number(leaf: Any, name: str) -> float:
     if number is None:
         raise ObstacleError(f"'{name}' has no value everywhere. Solve the model first, or give it an initial guess.")
     return float(number)
+
+
+def item_at(item: Item, time: Any) -> Any:
+    """The variable of a signal at a node.
+
+    Raises
+    ------
+    ObstacleError
+        When there is none.
+    """
+    try:
+        return item.component[item.key_at(time)]
+    except KeyError:
+        raise ObstacleError(
+            f"'{item.name}': has no value at t = {time!r}, where a pose needs it. Poses may read what has a value "
+            "at every node, such as the states of a phase."
+        ) from None
+
+
+def parent_of(data: Any) -> Any:
+    """The component that holds a variable, also where the variable was reached through a reference."""
+    return data.parent_component() if hasattr(data, "parent_component") else None

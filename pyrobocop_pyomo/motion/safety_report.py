@@ -237,11 +237,6 @@ class SafetyReport(Presented):
         """The body pair that violates its clearance most, or else has least to spare; None without body pairs."""
         return min(self.body_pairs, key=_badness, default=None)
 
-    @property
-    def undecided(self) -> tuple[BodyPairSafety, ...]:
-        """Body pairs with an interval that is neither proven clear nor found violated."""
-        return tuple(pair for pair in self.body_pairs if pair.undecided)
-
     def plot(self, figure: Any = None) -> Any:
         """Draw the distances over time: what is required, what is proven of both motions, and the closest instants.
 

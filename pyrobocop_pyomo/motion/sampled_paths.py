@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,9 +13,6 @@ from pyrobocop_pyomo.geometry import Pose, check_pose, spatial_pose
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import scipy
 
-logger = logging.getLogger(__name__)
-
-TURNS = ("shorter", "as given")
 QUATERNION_ORDERS = ("wxyz", "xyzw")
 # Quaternions of files and messages are rounded; what is farther from length one is most likely no quaternion.
 _LENGTH_ERROR = 1e-3
@@ -35,8 +31,6 @@ class SampledPath:
 
     Attributes
     ----------
-    times : array, shape (N,)
-        Increasing.
     positions : array, shape (N, d)
     angles : array, shape (N,), or None
         In the plane: heading in radians, linear between the times.
@@ -44,7 +38,6 @@ class SampledPath:
         In space: each turns into the next about an axis that does not change, the shorter way.
     """
 
-    times: Array
     positions: Array
     angles: Array | None
     rotations: Array | None
@@ -57,7 +50,7 @@ class SampledPath:
 
 
 def read_path(
-    given: Any, times: Array, dimension: int, name: str, *, quaternion_order: str | None = None, turns: str = "shorter"
+    given: Any, times: Array, dimension: int, name: str, *, quaternion_order: str | None = None
 ) -> SampledPath:
     """The poses of one body at given times.
 
@@ -72,8 +65,6 @@ def read_path(
         Of the body, for messages.
     quaternion_order : str, optional
         ``"wxyz"`` or ``"xyzw"``.
-    turns : str
-        ``"shorter"`` or ``"as given"``, see `verify_motion`.
 
     Raises
     ------
@@ -88,9 +79,9 @@ def read_path(
     if not finite.all():
         raise ObstacleError(f"{what}: row {int(np.argmin(finite))} has an entry that is not finite.")
     if dimension == 2:
-        return _planar(poses, times, what, turns)
+        return _planar(poses, what)
     positions, rotations = _spatial(poses, what, quaternion_order)
-    path = SampledPath(times, positions, None, rotations)
+    path = SampledPath(positions, None, rotations)
     angles = np.linalg.norm(path.turns(), axis=1)
     _refuse_half_turns(angles, what)
     return path
@@ -120,27 +111,16 @@ def _matrices(poses: Sequence[Pose], dimension: int, name: str) -> Array:
     return stacked
 
 
-def _planar(poses: Array, times: Array, label: str, turns: str) -> SampledPath:
+def _planar(poses: Array, label: str) -> SampledPath:
     if poses.ndim == 3:
         rotations = _checked_rotations(poses, label)
         positions, angles = poses[:, :2, 2], np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0])
-        turns = "shorter"  # matrices know no whole turns
     else:
         positions = poses[:, :2]
         angles = poses[:, 2] if poses.shape[1] == 3 else np.zeros(len(poses))
-    if turns == "shorter":
-        shorter = np.unwrap(angles)
-        _refuse_half_turns(np.abs(np.diff(shorter)), label)
-        changed = int((np.abs(np.diff(shorter - angles)) > _ROTATION_ERROR).sum())
-        if changed:
-            logger.info(
-                "%s: %d steps of the heading are longer than half a turn; the body is taken to turn the shorter way. "
-                "Say turns='as given' where it does not.",
-                label,
-                changed,
-            )
-        angles = shorter
-    return SampledPath(times, positions, angles, None)
+    shorter = np.unwrap(angles)
+    _refuse_half_turns(np.abs(np.diff(shorter)), label)
+    return SampledPath(positions, shorter, None)
 
 
 def _refuse_half_turns(angles: Array, label: str) -> None:

@@ -119,21 +119,20 @@ def find_scheme(scheme: str | Scheme, stages: int | None = None) -> Scheme:
     ModelError
         When the name is unknown or the number of stages does not fit.
     """
-    if isinstance(scheme, Scheme):
-        if stages not in (None, scheme.stages):
-            raise ModelError(
-                f"{scheme.name} has {scheme.stages} stages, but stages = {stages} was asked for. Leave 'stages' out."
-            )
-        return scheme
-    if scheme in SINGLE_SCHEMES:
-        family, own = SINGLE_SCHEMES[scheme]
-        if stages not in (None, own):
-            raise ModelError(
-                f"'{scheme}' has {own} stage{'s' if own > 1 else ''}, but stages = {stages} was asked for. "
-                "Leave 'stages' out."
-            )
-        return family(own)
-    if scheme in FAMILIES:
+    if not isinstance(scheme, Scheme) and scheme in FAMILIES:
         return FAMILIES[scheme](3 if stages is None else stages)
-    known = ", ".join(f"'{name}'" for name in (*FAMILIES, *SINGLE_SCHEMES))
-    raise ModelError(f"unknown scheme {scheme!r}; known are {known}, or pass a Scheme.")
+    if isinstance(scheme, Scheme):
+        made = scheme
+    elif scheme in SINGLE_SCHEMES:
+        family, own = SINGLE_SCHEMES[scheme]
+        made = family(own)
+    else:
+        known = ", ".join(f"'{name}'" for name in (*FAMILIES, *SINGLE_SCHEMES))
+        raise ModelError(f"unknown scheme {scheme!r}; known are {known}, or pass a Scheme.")
+    if stages not in (None, made.stages):
+        said = scheme if made is scheme else repr(scheme)
+        raise ModelError(
+            f"{said} has {made.stages} stage{'s' if made.stages > 1 else ''}, but "
+            f"stages = {stages} was asked for. Leave 'stages' out."
+        )
+    return made

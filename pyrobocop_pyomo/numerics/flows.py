@@ -34,8 +34,6 @@ _SWEEPS = 12
 # Sweeps times elements, at most, of an unstable motion; from which sweep on slopes are found anew.
 _MOST_ELEMENTS = 20_000
 _SWEEPS_WITH_FIRST_SLOPES = 3
-# A sweep that evaluates rates more often meets corners far from the plan: the next ones would not be cheaper.
-_MOST_EVALUATIONS_OF_A_SWEEP = 4000
 
 
 @dataclass(frozen=True)
@@ -58,7 +56,7 @@ class Flows:
 
 
 def integrate_flows(
-    rates: Rates, starts: Array, scales: Array, fractions: Array, tolerance: float, first: Array | None = None
+    rates: Rates, starts: Array, scales: Array, fractions: Array, tolerance: float, first: Array | None
 ) -> Flows | None:
     """Integrate all elements, each from its own start, and the motion from the first start on.
 
@@ -74,38 +72,31 @@ def integrate_flows(
         Where in each element states are wanted, from 0 to 1. On each part the rates are smooth functions of the time.
     tolerance : float
         Of the integration, relative to the scales.
-    first : array, shape (n,), optional
-        Where the whole motion starts; by default where the first element does.
+    first : array, shape (n,), or None
+        Where the whole motion starts; None where that is not followed.
 
     Returns
     -------
     Flows or None
         None where the tolerance is not met, since the equations are not smooth, or have no finite values.
     """
-    base = starts.T[:, None, :]
+    varied = starts.T[:, None, :]
     steps = _DIFFERENCE * scales
-    varied = np.concatenate([base, base + np.diag(steps)[:, :, None]], axis=1)
+    if first is not None:
+        varied = np.concatenate([varied, varied + np.diag(steps)[:, :, None]], axis=1)
     found = _march(rates, varied, scales, fractions, tolerance)
     if found is None:
         return None
-    slopes = (found.ends[:, 1:, :] - found.ends[:, :1, :]) / steps[None, :, None]
-    first = starts[0] if first is None else first
-    whole = _from_first_start(rates, starts, found, slopes, scales, fractions, tolerance, first)
+    whole = None
+    if first is not None:
+        slopes = (found.ends[:, 1:, :] - found.ends[:, :1, :]) / steps[None, :, None]
+        whole = _from_first_start(rates, starts, found, slopes, scales, fractions, tolerance, first)
     # Both were looked at after each of their steps, which are halved again and again: the fewer are among the more.
     count = len(found.path) if whole is None else min(len(found.path), len(whole))
     local = _by_element(found.path[:: (len(found.path) - 1) // (count - 1)])
     if whole is not None:
         whole = _by_element(whole[:: (len(whole) - 1) // (count - 1)])
     return Flows(_divided(fractions, (count - 1) // (len(fractions) - 1)), local, whole)
-
-
-def integrate_elements(rates: Rates, starts: Array, scales: Array, fractions: Array, tolerance: float) -> Flows | None:
-    """Integrate all elements, each from its own start; parameters and result as for `integrate_flows`."""
-    found = _march(rates, starts.T[:, None, :], scales, fractions, tolerance)
-    if found is None:
-        return None
-    parts = (len(found.path) - 1) // (len(fractions) - 1)
-    return Flows(_divided(fractions, parts), _by_element(found.path), None)
 
 
 def _by_element(paths: Array) -> Array:
@@ -133,7 +124,6 @@ def _from_first_start(
     now, sizes = starts.T.copy(), scales
     elements = now.shape[1]
     best, waited = -1, 0
-    counted = _Counted(rates)
     for sweep in range(max(_SWEEPS, _MOST_ELEMENTS // elements)):
         now = now + _moves(now, march.ends[:, 0], slopes, first, sizes)
         # What grows far beyond the plan is followed relative to its own size.
@@ -142,8 +132,7 @@ def _from_first_start(
         if sweep >= _SWEEPS_WITH_FIRST_SLOPES:
             steps = _DIFFERENCE * sizes
             varied = np.concatenate([varied, varied + np.diag(steps)[:, :, None]], axis=1)
-        before = counted.calls
-        found = _march(counted, varied, sizes, fractions, tolerance, may_be_stiff=False)
+        found = _march(rates, varied, sizes, fractions, tolerance, may_be_stiff=False)
         if found is None:
             return None
         march = found
@@ -154,20 +143,10 @@ def _from_first_start(
             return march.path
         met = int(left.any(axis=0).argmax())
         best, waited = (met, 0) if met > best else (best, waited + 1)
-        if waited >= _SWEEPS or counted.calls - before > _MOST_EVALUATIONS_OF_A_SWEEP * max(1, len(fractions) // 16):
+        # A sweep that takes so many instants meets corners far from the plan: the next ones would not be cheaper.
+        if waited >= _SWEEPS or len(march.path) > _MOST_STEPS * max(1, len(fractions) // 16):
             return None
     return None
-
-
-class _Counted:
-    """Rates that count how often they are evaluated."""
-
-    def __init__(self, rates: Rates) -> None:
-        self._rates, self.calls = rates, 0
-
-    def __call__(self, fraction: float, states: Array) -> Array:
-        self.calls += 1
-        return self._rates(fraction, states)
 
 
 def _moves(now: Array, ends: Array, slopes: Array, first: Array, trusted: Array) -> Array:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -42,6 +43,10 @@ class Interval:
     def magnitude(self) -> Array:
         """Largest absolute value."""
         return np.maximum(np.abs(self.low), np.abs(self.high))
+
+    def __getitem__(self, chosen: Any) -> Interval:
+        """Some of the intervals."""
+        return Interval(self.low[chosen], self.high[chosen])
 
     def __neg__(self) -> Interval:
         return Interval(-self.high, -self.low)

@@ -217,18 +217,11 @@ class Scheme(Presented):
 
 def _collocation_order(scheme: Scheme) -> int:
     """The order of a collocation method is that of its quadrature (Hairer & Wanner, theorem IV.5.1)."""
-    # The quadrature has order s + k when the node polynomial is orthogonal to all polynomials of degree below k.
-    # Normalised, the first inner product that does not vanish is of size one: this decides sharply where the defect
+    # The first Legendre polynomial whose integral, which is zero, the quadrature misses: by about one, where its error
     # on a monomial would drown in rounding.
-    gauss, weights = np.polynomial.legendre.leggauss(2 * scheme.stages + 2)
-    tau, weights = (gauss + 1.0) / 2.0, weights / 2.0
-    node_polynomial = np.prod(tau[:, None] - scheme.c[None, :], axis=1)
-    node_polynomial /= np.sqrt(weights @ node_polynomial**2)
-    products = [
-        abs(weights @ (node_polynomial * np.polynomial.legendre.Legendre.basis(k)(gauss))) * np.sqrt(2 * k + 1)
-        for k in range(scheme.stages + 1)
-    ]
-    return scheme.stages + next(k for k, product in enumerate(products) if product > 1e-8)
+    degrees = range(1, 2 * scheme.stages + 1)
+    missed = (abs(scheme.b @ np.polynomial.legendre.Legendre.basis(k)(2.0 * scheme.c - 1.0)) > 1e-8 for k in degrees)
+    return next(k for k, is_missed in zip(degrees, missed, strict=True) if is_missed)
 
 
 def _tree_order(scheme: Scheme) -> int:

@@ -77,7 +77,7 @@ class _Interpolant:
                 if len(others) == len(by) - 1:
                     factor = factor + (1.0 - inside[:, i]) * np.prod(inside[:, others], axis=1)
         found = self._derivative(at, *by) * factor
-        for i in range(self._linear_inputs):
+        for i in range(self.lower.size if self._outside == "linear" else 0):
             found = found + moved * self._derivative(at, i, *by) * beyond[:, i]
         return np.asarray(found)
 
@@ -87,10 +87,6 @@ class _Interpolant:
         known = {some: self.derivative((*by, *some), points) for some in combinations_with_replacement(inputs, order)}
         every = [known[tuple(sorted(some))] for some in product(inputs, repeat=order)]
         return np.stack(every, axis=1).reshape(points.shape[0], *[len(inputs)] * order)
-
-    @property
-    def _linear_inputs(self) -> int:
-        return self.lower.size if self._outside == "linear" else 0
 
     @property
     def _outside(self) -> str:

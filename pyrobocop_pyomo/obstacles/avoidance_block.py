@@ -21,7 +21,7 @@ from pyrobocop_pyomo.motion.clearance_proof import verify_clearance
 from pyrobocop_pyomo.motion.safety_report import SafetyReport
 from pyrobocop_pyomo.presentation import table
 
-from .avoidance_record import AvoidanceRecord, MotionSegment, make_record, segments_of_motion
+from .avoidance_record import MotionSegment, make_record, segments_of_motion
 from .block_arguments import MotionBlock, MotionBlockData, set_of_points, sort_arguments
 from .broad_phase import (
     BUILT_WITHOUT_GUESS,
@@ -43,7 +43,7 @@ from .initial_checks import (
     warn_about_quaternions,
 )
 from .initial_separations import set_start_values
-from .planes import SeparationIndex, declare_planes, normal_of, set_norm
+from .planes import SeparationIndex, declare_planes, normal_of, set_norm, unit_normal_of
 from .scene import BodyPair
 from .separation_rows import (
     add_poses,
@@ -73,11 +73,6 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
     """
 
     _kind = "obstacle avoidance"
-
-    @property
-    def record(self) -> AvoidanceRecord:
-        """Scene, segments of motion and poses behind this block."""
-        return self._record_if_built()
 
     @property
     def axes(self) -> range:
@@ -250,15 +245,14 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
         left, right = segment.halves(motion)
         with PauseGC():
             add_poses(record, motion, (left, right))
-            margin, normal = value(self.margin[segment.index]), normal_of(self, segment.index)
+            margin, normal = value(self.margin[segment.index]), unit_normal_of(self, segment.index)
             remove_separations(self, record, [segment])
             for half in (left, right):
                 add_separation(self, record, half)
                 record.pinned.add(half.index)
                 self.margin[half.index] = margin
-            length = np.linalg.norm(normal)
             bodies = record.scene.parts[first].body, record.scene.parts[second].body
-            known = {bodies: normal / length} if np.isfinite(length) and length > 0.0 else {}
+            known = {} if normal is None else {bodies: normal}
             set_start_values(self, Snapshot(record, self._what), (left, right), known)
         return left.index, right.index
 

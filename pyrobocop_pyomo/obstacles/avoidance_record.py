@@ -196,7 +196,7 @@ def make_record(
         raise ObstacleError(f"{label}: body= needs pose=rule, which says where it is: rule(block, t) -> Pose.")
     named = bodies if body is None else {"body": Body(body, pose)}
     scene = make_scene(label, bodies=named, obstacles=obstacles, body_pairs=body_pairs, exclude=exclude)
-    asked = asked_clearances(label, scene.body_pairs, scene.bodies, clearance)
+    asked = asked_clearances(label, scene.clearances, scene.bodies, clearance)
     if between not in ("plane", None):
         raise ObstacleError(f'{label}: between is {between!r}; it is "plane" or None.')
     if not (broad_phase is None or (isinstance(broad_phase, str) and broad_phase == "auto")):

@@ -9,7 +9,8 @@ from pyomo.core.base.set import Set
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.modeling.blocks import BuiltBlock, BuiltBlockData, Rule
-from pyrobocop_pyomo.motion.motion import Motion, motion_of
+from pyrobocop_pyomo.motion.interpolation import motion_of
+from pyrobocop_pyomo.motion.motion import Motion
 
 
 class MotionBlockData(BuiltBlockData):

@@ -6,13 +6,14 @@ Axis-aligned boxes decide most of them, for all segments at once.
 
 from __future__ import annotations
 
+import itertools
 from collections import defaultdict
 from collections.abc import Hashable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.geometry import distances_of_points
+from pyrobocop_pyomo.geometry import Polytope, distances_of_points
 from pyrobocop_pyomo.motion.safety_report import SafetyReport
 from pyrobocop_pyomo.numerics import Array, BoolArray
 from pyrobocop_pyomo.optional_imports import scipy
@@ -53,45 +54,33 @@ def swept_distances(
     """
     if not segments:
         return np.empty(0), np.empty((0, snapshot.record.dimension))
-    distances, radii = _box_distances(snapshot, segments)
+    pairs = [snapshot.placed_pair(segment) for segment in segments]
+    distances, radii = _box_distances(pairs)
     normals = np.full((len(segments), snapshot.record.dimension), np.nan)
     alike: dict[tuple[int, ...], list[int]] = defaultdict(list)
-    corners: dict[int, tuple[Array, ...]] = {}
     for k in np.flatnonzero(~(distances > beyond)).tolist():
-        first, second = snapshot.placed_pair(segments[k])
-        corners[k] = first.vertices, second.vertices, first.rays, second.rays
-        alike[tuple(map(len, corners[k]))].append(k)
+        alike[tuple(len(corners) for corners in _corners(*pairs[k]))].append(k)
     for members in alike.values():
-        p, q, p_rays, q_rays = (np.stack([corners[k][side] for k in members]) for side in range(4))
+        p, q, p_rays, q_rays = map(np.stack, zip(*(_corners(*pairs[k]) for k in members), strict=True))
         exact, normals[members] = distances_of_points(p, q, p_rays, q_rays)
         distances[members] = exact - radii[members]
     return distances, normals
 
 
-def _box_distances(snapshot: Snapshot, segments: Sequence[MotionSegment]) -> tuple[Array, Array]:
-    """Distances of the boxes around what two shapes sweep, less their padding, and the padding; both (k,)."""
-    scene, d = snapshot.record.scene, snapshot.record.dimension
-    static = {name: scene.is_static(part.body) for name, part in scene.parts.items()}
-    # What several segments share is one box: those of an interval hold the same tuple of times.
-    places: dict[Hashable, int] = {}
-    boxes: list[Any] = []
-    padding: list[float] = []
-    rows = np.empty((2, len(segments)), dtype=int)
-    for k, segment in enumerate(segments):
-        for side, name in enumerate((segment.first, segment.second)):
-            key: Hashable = name if static[name] else (name, id(segment.times))
-            place = places.get(key)
-            if place is None:
-                place = places[key] = len(boxes)
-                part = scene.parts[name]
-                corners = snapshot.vertices(part, segment.times)
-                box = np.concatenate([corners.min(axis=0), corners.max(axis=0)])
-                boxes.append(np.repeat([-np.inf, np.inf], d) if len(part.shape.rays) else box)
-                padding.append(part.shape.radius)
-            rows[side, k] = place
-    first, second = np.array(boxes)[rows]
-    between = np.maximum(first[:, :d] - second[:, d:], second[:, :d] - first[:, d:])
-    radii = np.array(padding)[rows].sum(axis=0)
+def _corners(first: Polytope, second: Polytope) -> tuple[Array, ...]:
+    return first.vertices, second.vertices, first.rays, second.rays
+
+
+def _box_distances(pairs: Sequence[tuple[Polytope, Polytope]]) -> tuple[Array, Array]:
+    """Distances of the boxes around two shapes, less their padding, and the padding; both (k,)."""
+    boxes: dict[int, Any] = {}  # what several segments share is one shape
+    for shape in itertools.chain.from_iterable(pairs):
+        if id(shape) not in boxes:
+            box = np.array([shape.vertices.min(axis=0), shape.vertices.max(axis=0)])
+            boxes[id(shape)] = box if shape.is_bounded else np.array([[-np.inf], [np.inf]]) + 0.0 * box
+    first, second = (np.array([boxes[id(pair[side])] for pair in pairs]) for side in (0, 1))
+    between = np.maximum(first[:, 0] - second[:, 1], second[:, 0] - first[:, 1])
+    radii = np.array([first.radius + second.radius for first, second in pairs])
     return np.linalg.norm(np.maximum(between, 0.0), axis=1) - radii, radii
 
 

@@ -103,13 +103,13 @@ def check_rules(label: str, motion: Motion, bodies: Mapping[str, Body], *, betwe
 
 def _followed_formulas(motion: Motion, body: Body, name: str) -> Any:
     """What a pose rule says for all times, where what it reads has a motion."""
-    interpolation, formulas = motion.interpolation, pose_formulas(motion, body.pose, name)
+    formulas = pose_formulas(motion, body.pose, name)
     with errors_naming(f"the pose of '{name}'"):
         for slot in formulas.slots:
             if isinstance(slot, Item):
-                interpolation.check(slot, early=True)
+                motion.check(slot, early=True)
             elif isinstance(slot, Clock):
-                interpolation.check_time_of(slot.component)
+                motion.check_time_of(slot.component)
     return formulas
 
 
@@ -199,12 +199,10 @@ def _is_tied(start: Any) -> bool:
 
 
 def _passage(first: Any, second: Any, block: Any, name: str, body: Body, before: Iterable[Any]) -> Iterator[str]:
-    remedy = f"Give '{second.name}' start={first.name}, and write b.time_at(t) in the pose rule"
-    if second.parent_component().is_indexed():
-        remedy = (
-            f"Give the phases '{second.parent_component().name}' a start each, by start=lambda m, k: the phase before, "
-            "and write b.time_at(t) in the pose rule"
-        )
+    remedy = (
+        f"Give '{second.name}' start={first.name} (phases by an index: start=lambda m, k: the phase before), and write "
+        "b.time_at(t) in the pose rule"
+    )
     fact = (
         f"obstacle avoidance '{block.name}': phase '{second.name}' follows '{first.name}', but its time starts anew at "
         f"{value(second.time_at(second.initial_time)):g}"
@@ -295,8 +293,8 @@ def check_fixed_poses(snapshot: Snapshot, clearance_at: Callable[[tuple[str, str
             places[place] = clearance_at((first.body, second.body), time)
     distances, _ = swept_distances(snapshot, list(places), max(places.values(), default=0.0))
     for (place, asked), available in zip(places.items(), distances.tolist(), strict=True):
-        first, time = scene.parts[place.first], place.times[0]
-        if available < asked - NEGLIGIBLE * max(1.0, float(np.abs(snapshot.vertices(first, [time])).max())):
+        time, size = place.times[0], float(np.abs(snapshot.placed_pair(place)[0].vertices).max())
+        if available < asked - NEGLIGIBLE * max(1.0, size):
             if available > 0:
                 distance_text, remedy = f"only {available:.6g} apart", f"Ask for less than {available:.6g}, or move"
             else:

@@ -13,18 +13,16 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.geometry import separating_directions
+from pyrobocop_pyomo.geometry import Polytope, separating_directions
 from pyrobocop_pyomo.numerics import Array, BoolArray
 
 from .avoidance_record import MotionSegment
 from .broad_phase import swept_distances
-from .planes import PlacedShape, normal_of, start_plane
+from .planes import start_plane, unit_normal_of
 from .scene import BodyPair
 from .snapshot import Snapshot, gap_along
 
 LOGGER = logging.getLogger(__name__)
-
-PlacedPair = tuple[PlacedShape, PlacedShape]
 
 # Relative to the size of the shapes: weight of a random preference for a direction, and tilt of the normals.
 PREFERENCE = 1e-3
@@ -65,7 +63,7 @@ def set_start_values(
         along = by_pair[pair]
         for run in _runs(np.array([segment.index in known for segment in along])):
             beside = [along[k : k + 1] if k >= 0 else [] for k in (run.start - 1, run.stop)]
-            ends = [_unit(normal_of(block, of[0].index)) if of else None for of in beside]
+            ends = [unit_normal_of(block, of[0].index) if of else None for of in beside]
             rows = [known[segment.index] for segment in along[run]]
             normals = choose_normals(
                 snapshot, along[run], gaps[rows], nearest[rows], generator, directions.get(bodies), (ends[0], ends[1])
@@ -83,12 +81,6 @@ def set_start_values(
             seed,
         )
     return overlapping
-
-
-def _unit(normal: Array) -> Array | None:
-    """A vector made to have length one; None where it cannot be."""
-    length = float(np.linalg.norm(normal))
-    return normal / length if np.isfinite(length) and length > 0.0 else None
 
 
 # --------------------------------------------------------------------------------------------------- choice of normals
@@ -158,7 +150,7 @@ def _runs(overlapping: BoolArray) -> list[slice]:
     return [slice(int(start), int(stop)) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def _candidates(first: PlacedShape, second: PlacedShape, extra: list[Array]) -> Array:
+def _candidates(first: Polytope, second: Polytope, extra: list[Array]) -> Array:
     """Directions (k, d) in which to leave an overlap: facets of the Minkowski difference, axes, and given ones.
 
     The axes are included because shapes without an interior, such as points, have no facets.
@@ -172,7 +164,11 @@ def _candidates(first: PlacedShape, second: PlacedShape, extra: list[Array]) -> 
 
 
 def _cheapest_path(
-    candidates: list[Array], pairs: Sequence[PlacedPair], before: Array | None, after: Array | None, preferred: Array
+    candidates: list[Array],
+    pairs: Sequence[tuple[Polytope, Polytope]],
+    before: Array | None,
+    after: Array | None,
+    preferred: Array,
 ) -> Array:
     """Normals (k, d) of least cost: mean depth over size, plus the squared angles between consecutive normals."""
     depths = []

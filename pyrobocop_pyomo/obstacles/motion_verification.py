@@ -12,7 +12,7 @@ from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.motion import SafetyReport, verify_clearance
 from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.motion.given_motions import motion_along_paths, motion_along_trajectory
-from pyrobocop_pyomo.motion.sampled_paths import TURNS, SampledPath, read_path
+from pyrobocop_pyomo.motion.sampled_paths import SampledPath, read_path
 from pyrobocop_pyomo.motion.table_functions import increasing_times
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.trajectories import Trajectory
@@ -35,7 +35,6 @@ def verify_motion(
     exclude: Iterable[BodyPair] = (),
     signals: Mapping[str, Any] | None = None,
     quaternion_order: str | None = None,
-    turns: str = "shorter",
     tolerance: float | None = None,
 ) -> SafetyReport:
     """Prove that bodies keep their clearances along a path of numbers or a trajectory, or find where they do not.
@@ -67,9 +66,6 @@ def verify_motion(
         What pose rules read as ``block.name[t]``, linear between the times: the joints of an arm, for example.
     quaternion_order : str, optional
         ``"wxyz"`` or ``"xyzw"`` (ROS, SciPy); needed where quaternions are given.
-    turns : str
-        ``"shorter"``: from one pose to the next a body turns by less than half a turn, also where its heading steps
-        from pi to -pi. ``"as given"``, in the plane: headings are linear between their values.
     tolerance
         As for `verify_clearance`.
 
@@ -77,7 +73,8 @@ def verify_motion(
     -------
     SafetyReport
         About this motion: between two poses the origin of a body's frame moves on a straight line, and the body turns
-        at a constant rate, in space about a constant axis. Along a trajectory: the polynomials of its states;
+        at a constant rate and by less than half a turn, in space about a constant axis; also where its heading steps
+        from pi to -pi. Along a trajectory: the polynomials of its states;
         ``safe`` is None where they keep clear, since a trajectory has no equations to follow. The first line of the
         report says which motion it is. What a robot does that follows the poses in another way is not known.
 
@@ -86,8 +83,6 @@ def verify_motion(
     ObstacleError
         Naming the body and the row, where poses or times do not fit, before anything is proven.
     """
-    if turns not in TURNS:
-        raise ObstacleError(f"{_WHAT}: turns={turns!r}; expected 'shorter' or 'as given'.")
     given = {"body": body} if bodies is None else bodies
     if (body is None) == (bodies is None):
         raise ObstacleError(f"{_WHAT}: give either body=shape, or bodies={{name: shape}}.")
@@ -105,8 +100,7 @@ def verify_motion(
     else:
         times = increasing_times(_refused_kinds(path), f"{_WHAT}: the times")
         paths = {
-            name: _path_of(name, rows, times, {**beside, **moving}, quaternion_order, turns)
-            for name, rows in by_name.items()
+            name: _path_of(name, rows, times, {**beside, **moving}, quaternion_order) for name, rows in by_name.items()
         }
         values = {name: _signal(name, of, times) for name, of in (signals or {}).items()}
         motion, rules = motion_along_paths(times, paths, values)
@@ -121,7 +115,7 @@ def verify_motion(
                 "belongs to obstacles=."
             )
     scene = make_scene(_WHAT, bodies=moving, obstacles=beside, body_pairs=body_pairs, exclude=tuple(exclude))
-    clearances = asked_clearances(_WHAT, scene.body_pairs, scene.bodies, clearance)
+    clearances = asked_clearances(_WHAT, scene.clearances, scene.bodies, clearance)
     return verify_clearance(motion, scene.bodies, clearances, tolerance=tolerance)
 
 
@@ -166,7 +160,7 @@ def _refused_kinds(path: Any) -> Any:
 
 
 def _path_of(
-    name: str, given: Any, times: Array, everybody: Mapping[str, Body], quaternion_order: str | None, turns: str
+    name: str, given: Any, times: Array, everybody: Mapping[str, Body], quaternion_order: str | None
 ) -> SampledPath:
     if name not in everybody:
         listed = ", ".join(f"'{known}'" for known in everybody)
@@ -174,4 +168,4 @@ def _path_of(
     shaped = everybody[name]
     if shaped.moves:
         raise ObstacleError(f"{_WHAT}: '{name}' has a pose rule and poses. Give one of them.")
-    return read_path(given, times, shaped.dimension, name, quaternion_order=quaternion_order, turns=turns)
+    return read_path(given, times, shaped.dimension, name, quaternion_order=quaternion_order)

@@ -76,7 +76,7 @@ def scene_of(avoid: Any) -> tuple[Array, list[BodyPath], list[Polytope]]:
         paths = [BodyPath(body.parts, *_at_points(motion, body, name), name) for name, body in moving.items()]
         return _times_of_points(motion), paths, resting
     interval, fraction = _instants(len(motion.intervals))
-    ends = motion.interpolation.interval_ends
+    ends = motion.interval_ends
     time = ends[interval, 0] + fraction * (ends[interval, 1] - ends[interval, 0])
     paths = [
         BodyPath(body.parts, *_between_points(shapes[name][0], interval, fraction), name)

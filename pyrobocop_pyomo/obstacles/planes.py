@@ -54,24 +54,6 @@ class PosedShape:
     rises: tuple[Any, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class PlacedShape:
-    """One of the two shapes of a separation, at the current values.
-
-    Attributes
-    ----------
-    shape : Polytope
-    vertices : (k, d)
-        In the world, at all times covered.
-    rays : (k, d)
-        In the world; k may be 0.
-    """
-
-    shape: Polytope
-    vertices: np.ndarray
-    rays: np.ndarray
-
-
 def declare_planes(block: Any) -> None:
     """Normal, offset and their rows, still empty."""
     block.normal = Var(block.separations, list(block.axes), bounds=WIDER_THAN_ONE, dense=False, doc="normals of planes")
@@ -112,9 +94,7 @@ def add_plane(block: Any, index: SeparationIndex, first: PosedShape, second: Pos
     block.unit.add(index, _norm_relation(normal, "ball"))
 
 
-def start_plane(
-    block: Any, index: SeparationIndex, first: PlacedShape, second: PlacedShape, normal: np.ndarray
-) -> None:
+def start_plane(block: Any, index: SeparationIndex, first: Polytope, second: Polytope, normal: np.ndarray) -> None:
     """The given normal, and the plane in the middle of the gap along it."""
     for axis, number in enumerate(normal.tolist()):
         block.normal[(*index, axis)].set_value(number, skip_validation=True)
@@ -127,6 +107,13 @@ def normal_of(block: Any, index: SeparationIndex) -> np.ndarray:
     """The normal (d,) of a separation; NaN where it has no value."""
     entries = [value(block.normal[(*index, axis)], exception=False) for axis in block.axes]
     return np.array(entries, dtype=float)
+
+
+def unit_normal_of(block: Any, index: SeparationIndex) -> np.ndarray | None:
+    """The normal of a separation made to have length one; None where it cannot be."""
+    normal = normal_of(block, index)
+    length = float(np.linalg.norm(normal))
+    return normal / length if np.isfinite(length) and length > 0.0 else None
 
 
 def set_norm(block: Any, index: SeparationIndex, norm: str) -> None:

@@ -78,11 +78,6 @@ class Scene:
         others = ((pair, pair[pair[0] == body]) for pair in self.clearances if body in pair)
         return [(pair, part) for pair, other in others if self.is_static(other) for part in self.parts_of(other)]
 
-    @property
-    def body_pairs(self) -> list[BodyPair]:
-        """Watched body pairs."""
-        return list(self.clearances)
-
     def body_pair(self, label: str, first: str, second: str) -> BodyPair:
         """The watched body pair of two bodies given in either order.
 
@@ -96,7 +91,7 @@ class Scene:
                 return pair
         raise ObstacleError(
             f"{label}: '{first}' and '{second}' are no body pair of it. Its body pairs: "
-            f"{', '.join(map(str, self.body_pairs))}."
+            f"{', '.join(map(str, self.clearances))}."
         )
 
     def unit_directions(self, label: str, directions: Mapping[BodyPair, Any]) -> dict[BodyPair, np.ndarray]:
@@ -123,7 +118,7 @@ class Scene:
     def part_pairs(self) -> list[tuple[ConvexPart, ConvexPart]]:
         """All pairs of convex parts to be separated."""
         return [
-            (a, b) for first, second in self.body_pairs for a in self.parts_of(first) for b in self.parts_of(second)
+            (a, b) for first, second in self.clearances for a in self.parts_of(first) for b in self.parts_of(second)
         ]
 
 

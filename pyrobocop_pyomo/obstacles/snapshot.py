@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Mapping
+from collections.abc import Hashable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.optional_imports import scipy
 
 from .avoidance_record import AvoidanceRecord, MotionSegment
-from .planes import PlacedShape
-from .scene import ConvexPart
 
 Numbers = tuple[np.ndarray, np.ndarray]
 
@@ -33,8 +33,7 @@ class Snapshot:
         self.record = record
         self.what = label
         self._poses: dict[tuple[str, Hashable], Numbers] = {}
-        self._vertices: dict[tuple[str, Hashable], np.ndarray] = {}
-        self._shapes: dict[tuple[str, Hashable], PlacedShape] = {}
+        self._shapes: dict[tuple[str, Hashable], Polytope] = {}
 
     def pose(self, body: str, time: Hashable) -> Numbers:
         """Rotation (d, d) and translation (d,) of a body.
@@ -61,38 +60,20 @@ class Snapshot:
             raise ObstacleError(f"{self.what}: the pose of '{body}' at {time} is not finite at the current values.")
         return rotation, translation
 
-    def vertices(self, part: ConvexPart, times: Iterable[Hashable]) -> np.ndarray:
-        """Vertices (k, d) in the world at all the times."""
+    def placed_pair(self, segment: MotionSegment) -> tuple[Polytope, Polytope]:
+        """What both shapes of a segment of motion sweep: their corners and rays at all times that it covers."""
+        return self._placed(segment.first, segment.times), self._placed(segment.second, segment.times)
+
+    def _placed(self, name: str, times: tuple[Any, ...]) -> Polytope:
+        part = self.record.scene.parts[name]
         if self.record.scene.is_static(part.body):
-            return part.shape.vertices
-        return np.vstack([self._vertices_at(part, time) for time in times])
-
-    def _vertices_at(self, part: ConvexPart, time: Hashable) -> np.ndarray:
-        key = (part.name, time)
-        if key not in self._vertices:
-            rotation, translation = self.pose(part.body, time)
-            self._vertices[key] = part.shape.vertices @ rotation.T + translation
-        return self._vertices[key]
-
-    def rays(self, part: ConvexPart, times: Iterable[Hashable]) -> np.ndarray:
-        """Rays (k, d) in the world at all the times."""
-        if not len(part.shape.rays) or self.record.scene.is_static(part.body):
-            return part.shape.rays
-        return np.vstack([part.shape.rays @ self.pose(part.body, time)[0].T for time in times])
-
-    def placed_pair(self, segment: MotionSegment) -> tuple[PlacedShape, PlacedShape]:
-        """Both shapes of a segment of motion."""
-        first, second = (
-            self._placed(self.record.scene.parts[name], segment) for name in (segment.first, segment.second)
-        )
-        return first, second
-
-    def _placed(self, part: ConvexPart, segment: MotionSegment) -> PlacedShape:
-        key = (part.name, None if self.record.scene.is_static(part.body) else segment.times)
-        if key not in self._shapes:
-            vertices, rays = self.vertices(part, segment.times), self.rays(part, segment.times)
-            self._shapes[key] = PlacedShape(part.shape, vertices, rays)
-        return self._shapes[key]
+            return part.shape
+        if (name, times) not in self._shapes:
+            poses = [self.pose(part.body, time) for time in times]
+            vertices = np.vstack([part.shape.vertices @ rotation.T + translation for rotation, translation in poses])
+            rays = np.vstack([part.shape.rays @ rotation.T for rotation, _ in poses])
+            self._shapes[name, times] = replace(part.shape, vertices=vertices, rays=rays)
+        return self._shapes[name, times]
 
 
 def variables_of(pose: Any) -> list[Any]:
@@ -109,13 +90,13 @@ def fixed_times(poses: Mapping[tuple[str, Hashable], Any], body: str) -> dict[An
     }
 
 
-def gap_along(normals: np.ndarray, first: PlacedShape, second: PlacedShape) -> np.ndarray:
+def gap_along(normals: np.ndarray, first: Polytope, second: Polytope) -> np.ndarray:
     """Gaps (k,) between two shapes along each of the unit normals (k, d), radii included."""
     reach = (first.vertices @ normals.T).min(axis=0) - (second.vertices @ normals.T).max(axis=0)
-    return reach - first.shape.radius - second.shape.radius
+    return reach - first.radius - second.radius
 
 
-def proven_gap(first: PlacedShape, second: PlacedShape, normal: np.ndarray) -> float:
+def proven_gap(first: Polytope, second: Polytope, normal: np.ndarray) -> float:
     """Distance that a normal of any length proves; never more than the signed distance of the swept shapes.
 
     A normal of zero proves nothing, which is ``-inf``. Where shapes are unbounded, the normal is first projected onto

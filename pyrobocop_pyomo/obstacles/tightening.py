@@ -21,7 +21,7 @@ from pyrobocop_pyomo.numerics import Array
 from .avoidance_record import MotionSegment
 from .broad_phase import places_of
 from .clearances import ClearanceRule
-from .planes import SeparationIndex, normal_of
+from .planes import SeparationIndex, unit_normal_of
 
 logger = logging.getLogger(__name__)
 
@@ -172,13 +172,12 @@ class _Paths:
 
     def deviation(self, segment: MotionSegment) -> float:
         """How much farther the shapes reach across their plane during a segment than at its poses."""
-        normal = normal_of(self._block, segment.index)
-        length = np.linalg.norm(normal)
-        if not (np.isfinite(length) and length > 0.0):
+        normal = unit_normal_of(self._block, segment.index)
+        if normal is None:
             return 0.0
         rising = self._rising.get((self._bodies[segment.first], self._bodies[segment.second]))
         found = 0.0
-        for name, direction in ((segment.first, -normal / length), (segment.second, normal / length)):
+        for name, direction in ((segment.first, -normal), (segment.second, normal)):
             shape = self._shapes[name]
             if shape.template is not None:
                 # A changing clearance grows one of the two shapes: the first, unless that one rests.

@@ -16,7 +16,7 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import EvaluationError, PyRobocopError, TrajectoryError
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.numerics.flows import Flows, integrate_elements, integrate_flows
+from pyrobocop_pyomo.numerics.flows import Flows, integrate_flows
 from pyrobocop_pyomo.numerics.tables import tables_continued
 from pyrobocop_pyomo.trajectories import Trajectory
 
@@ -206,7 +206,7 @@ def _flows(formulas: RuleFormulas, trajectory: Trajectory, first: Array, ends: b
     if not rates.equations.needs_steps:
         flows = None
         if ends and not is_quick:
-            flows = integrate_elements(rates, starts, scales, fractions[:: SAMPLES // 2], TOLERANCE_OF_ENDS)
+            flows = integrate_flows(rates, starts, scales, fractions[:: SAMPLES // 2], TOLERANCE_OF_ENDS, None)
         if flows is None:
             tolerance = TOLERANCE_IF_QUICK if is_quick else TOLERANCE
             flows = integrate_flows(rates, starts, scales, fractions, tolerance, first)
@@ -276,7 +276,7 @@ def _integral(block: Any, trajectory: Trajectory, statement: Statement) -> tuple
     fractions = instants_to_look_at(formulas, trajectory, [*block.record.statements_of("ode"), statement])
     starts = np.column_stack([*(nodes[name][:, 0] for name in names), np.zeros(len(width))])
     sizes = [np.abs(nodes[name]).max() for name in names] + [np.abs(planned).sum()]
-    found = integrate_elements(rates, starts, SMALLEST_SCALE + np.array(sizes), fractions, TOLERANCE)
+    found = integrate_flows(rates, starts, SMALLEST_SCALE + np.array(sizes), fractions, TOLERANCE, None)
     if found is None:
         raise TrajectoryError(f"{what}: the equations are too stiff for an integration of all elements at once.")
     return planned, found.local[:, -1, -1]

@@ -7,7 +7,6 @@ import tempfile
 import weakref
 from base64 import b64encode
 from pathlib import Path
-from typing import Any
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.optional_imports import animation
@@ -42,7 +41,7 @@ class AnimationFile(type(Path())):  # type: ignore[misc]  # PosixPath, or Window
         if not self.is_file():
             return None
         data = b64encode(self.read_bytes()).decode("ascii")
-        if _is_film(self):
+        if is_film(self):
             return f'<video controls autoplay loop muted src="data:video/mp4;base64,{data}"></video>'
         return f'<img alt="animation" src="data:image/gif;base64,{data}"/>'
 
@@ -62,7 +61,7 @@ def animation_file(path: str | Path | None) -> AnimationFile:
         return made
     if Path(path).suffix.lower() == ".html":
         raise ObstacleError(f"'{path}': pages are not written any more. Name a .gif or an .mp4 file.")
-    if not _is_film(Path(path)):
+    if not is_film(Path(path)):
         return AnimationFile(Path(path).with_suffix(".gif"))
     if not animation.FFMpegWriter.isAvailable():
         raise ObstacleError(
@@ -73,11 +72,6 @@ def animation_file(path: str | Path | None) -> AnimationFile:
     return AnimationFile(path)
 
 
-def frame_writer(path: AnimationFile, frames_per_second: float) -> Any:
-    """What collects the frames of a file, and writes it at the end."""
-    kind = animation.FFMpegWriter if _is_film(path) else animation.PillowWriter
-    return kind(fps=frames_per_second)
-
-
-def _is_film(path: Path) -> bool:
+def is_film(path: Path) -> bool:
+    """Whether a file is written by ffmpeg; others are GIFs."""
     return path.suffix.lower() == ".mp4"

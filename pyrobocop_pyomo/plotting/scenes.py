@@ -12,9 +12,9 @@ import numpy as np
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.optional_imports import art3d, matplotlib
+from pyrobocop_pyomo.optional_imports import animation, art3d, matplotlib
 
-from .animation_files import AnimationFile, animation_file, frame_writer
+from .animation_files import AnimationFile, animation_file, is_film
 from .figures import evenly_moved, figure_or_new, time_colours
 from .outlines import faces, outline
 
@@ -242,7 +242,7 @@ def animate_scene(
     label = write(0.02, 0.97, "", transform=axis.transAxes, verticalalignment="top", fontsize="small")
 
     # Frames are written directly: `FuncAnimation` draws an additional first frame.
-    writer = frame_writer(target, frames / lasts)
+    writer = (animation.FFMpegWriter if is_film(target) else animation.PillowWriter)(fps=frames / lasts)
     writer.setup(figure, str(target), dpi=100)
     shown: list[Any] = []
     wanted = np.linspace(time[0], time[-1], frames)

@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.obstacles.initial_separations import _cheapest_path
-from pyrobocop_pyomo.obstacles.planes import PlacedShape
 from pyrobocop_pyomo.obstacles.tightening import DEVIATION_FACTOR, tighten
 
 from .code_blocks import ROOT
@@ -106,7 +105,7 @@ def test_sides_along_time(seed: int, ends: tuple[bool, bool]) -> None:
     segments = []
     for _ in range(3):
         shapes = [rcp.Polytope.hull(random.normal(size=(5, 2))) for _ in range(2)]
-        segments.append(tuple(PlacedShape(s, s.vertices, s.rays) for s in shapes))
+        segments.append(tuple(shapes))
     candidates = [np.array([unit(random) for _ in range(4)]) for _ in segments]
     before, after = (unit(random) if there else None for there in ends)
 

@@ -33,7 +33,7 @@ def check_against_samples(report: Any, distances: np.ndarray, clearance: float) 
         assert report.safe is False
     if closest > clearance * 1.01:  # sampling this densely misses far less
         assert report.safe is not False
-        assert not report.undecided
+        assert not report.body_pairs[0].undecided
     assert (report.safe is not False) == (pair.verdict == "clear")
     if pair.violated:
         assert closest <= clearance * 1.01
@@ -371,9 +371,9 @@ def test_undecided_is_not_safe() -> None:
     wall = Polytope.box(1, 4, center=(0.5 + corner + 0.1, 0))
     report = check(m, CAR, [wall], 0.1, tolerance=1e-7, depth=3)
     assert not report.safe
-    assert report.undecided == report.body_pairs
+    assert report.body_pairs[0].undecided
     assert report.body_pairs[0].verdict == "undecided"
-    assert check(m, CAR, [wall], 0.1, tolerance=1e-7, max_subintervals=3).undecided
+    assert check(m, CAR, [wall], 0.1, tolerance=1e-7, max_subintervals=3).body_pairs[0].undecided
     proven = check(m, CAR, [wall], 0.1, tolerance=1e-7)
     assert proven.safe
     assert str(proven).startswith("safe along straight lines: 1 body pair keeps its clearance at all times")

@@ -96,17 +96,17 @@ def test_pairs_by_graph_and_by_exclusion():
     walls = {"a": WALL, "b": WALL}
     graph = networkx.Graph([("a", "arrow"), ("other", "arrow")])
     avoid = avoiding(m, bodies=ARROWS, obstacles=walls, body_pairs=graph)
-    assert avoid.record.scene.body_pairs == [("arrow", "other"), ("arrow", "a")]
+    assert list(avoid.record.scene.clearances) == [("arrow", "other"), ("arrow", "a")]
     del m.move.avoid
     m.move.del_component("avoid")
     avoid = avoiding(m, bodies=ARROWS, obstacles=walls, exclude=[("other", "arrow"), ("a", "other")])
-    assert avoid.record.scene.body_pairs == [("arrow", "a"), ("arrow", "b"), ("other", "b")]
+    assert list(avoid.record.scene.clearances) == [("arrow", "a"), ("arrow", "b"), ("other", "b")]
 
 
 def test_shorthand_for_one_body():
     m = turning_move(elements=1, stages=1)
     m.move.avoid = rcp.ObstacleAvoidanceBlock(m.move.time, body=ARROW, pose=placed, obstacles=[WALL], clearance=0.1)
-    assert m.move.avoid.record.scene.body_pairs == [("body", "obstacle 1")]
+    assert list(m.move.avoid.record.scene.clearances) == [("body", "obstacle 1")]
     with pytest.raises(rcp.errors.ObstacleError, match="not both"):
         m.move.other = rcp.ObstacleAvoidanceBlock(m.move.time, body=ARROW, pose=placed, bodies=ARROWS, clearance=1)
 

@@ -88,17 +88,13 @@ def test_a_collision_between_two_poses_is_found_and_the_first_line_says_which_mo
     assert "straight lines between the points" in str(above).splitlines()[0]
 
 
-def test_headings_turn_the_shorter_way_unless_they_are_meant_as_given() -> None:
+def test_headings_turn_the_shorter_way() -> None:
     poses = [(0.0, 0.0, 2.5), (0.0, 0.0, -2.5)]
     stick = rcp.Polytope.from_vertices([(0, -0.01), (1, -0.01), (1, 0.01), (0, 0.01)])
     east, west = rcp.Polytope.ball(0.1, (0.8, 0.0)), rcp.Polytope.ball(0.1, (-0.8, 0.0))
     report = rcp.verify_motion([0, 1], poses, body=stick, obstacles={"east": east, "west": west}, clearance=0.05)
     verdicts = {pair.second: pair.safe for pair in report.body_pairs}
     assert verdicts == {"east": True, "west": False}
-    other = rcp.verify_motion(
-        [0, 1], poses, body=stick, obstacles={"east": east, "west": west}, clearance=0.05, turns="as given"
-    )
-    assert {pair.second: pair.safe for pair in other.body_pairs} == {"east": False, "west": True}
 
 
 def test_a_trajectory_moves_by_the_polynomials_of_its_states(tmp_path) -> None:
@@ -153,7 +149,6 @@ def test_several_bodies_and_rules_of_time() -> None:
         ({"poses": {"robot": np.zeros((3, 2))}}, "names 'robot'"),
         ({"poses": None}, "neither poses nor a pose rule"),
         ({"poses": np.zeros((3, 3, 3))}, "matrix of row 0"),
-        ({"turns": "longer"}, "'shorter' or 'as given'"),
         ({"clearance": 0.0}, "length > 0"),
         ({"bodies": {"cart": CART}}, "either body=shape"),
     ],

@@ -209,7 +209,8 @@ def test_a_motion_that_leaves_the_finite_numbers_is_said_to() -> None:
 def test_ends_meet_for_unstable_equations_too(growth: float) -> None:
     """eq-open-loop: x' = growth x, from starts that are off by far more than the answer."""
     starts = np.linspace(1.0, 1.2, 10)[:, None]
-    flows = integrate_flows(lambda s, x: 0.1 * growth * x, starts, np.ones(1), np.linspace(0.0, 1.0, 5), 1e-10)
+    fractions = np.linspace(0.0, 1.0, 5)
+    flows = integrate_flows(lambda s, x: 0.1 * growth * x, starts, np.ones(1), fractions, 1e-10, starts[0])
     assert flows is not None
     times = (np.arange(10)[:, None] + flows.fractions[None, :]) * 0.1
     np.testing.assert_allclose(flows.whole[:, :, 0], np.exp(growth * times), rtol=1e-7)

@@ -107,7 +107,7 @@ class RecognisedCar:
             ends.append(np.append(placed[0], [there[2] - placed[0][2] for there in placed[1:]]))
         walls = {
             part.name: part.shape
-            for pair in scene.body_pairs
+            for pair in scene.clearances
             if not set(self.bodies).isdisjoint(pair)
             for body in pair
             for part in scene.parts_of(body)

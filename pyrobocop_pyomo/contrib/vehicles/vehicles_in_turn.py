@@ -419,7 +419,6 @@ def _timed(case: VehiclesCase, car: ParkingCar, moves: list[VehicleMove], cleara
             rows,
             bodies=dict.fromkeys(names, car.shape),
             clearance=pairs,
-            turns="as given",
             body_pairs=list(pairs),
         )
         spare *= 2.0
