@@ -2,6 +2,7 @@
 
 import pyomo.environ as pyo
 import pytest
+from harness.phases import integrator
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -140,11 +141,9 @@ def test_rows_are_told_by_their_form() -> None:
 
 
 def test_a_diagnosis_names_it_wherever_it_stands_in_a_rule() -> None:
-    m = pyo.ConcreteModel()
-    m.b = b = rcp.PhaseBlock(duration=1.0, elements=4, scheme="implicit_euler")
-    b.x, b.u, b.r = rcp.State(initial=0.0), rcp.Control(), rcp.Control(bounds=(0, 1))
-    b.ode(lambda b, t: {b.x: b.u[t]})
+    m, b = integrator(x={"initial": 0.0}, elements=4, scheme="implicit_euler")
+    b.r = rcp.Control(bounds=(0, 1))
     b.constraint(lambda b, t: {"limit": b.u[t] <= 1, "switch": b.r[t] * (b.u[t] - 1) == 0}, name="rows")
     m.cost = pyo.Objective(expr=b.final_time - b.x[b.final_time])
     found = [finding for finding in rcp.diagnose(m).findings if "product is zero" in finding.message]
-    assert ["rcp.either_zero(" in finding.remedy and finding.components == ("b.rows",) for finding in found] == [True]
+    assert ["rcp.either_zero(" in finding.remedy and finding.components == ("p.rows",) for finding in found] == [True]

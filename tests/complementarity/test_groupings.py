@@ -23,10 +23,6 @@ from .harness import relaxation, stages
 amounts = st.lists(st.floats(0.0, 10.0), min_size=8, max_size=8)
 
 
-def bodies(m):
-    return [pyo.value(row.body) for row in relaxation().shifted_rows_of(m)]
-
-
 @given(values=amounts)
 def test_crossed_products_are_penalised_with_the_mean_weight(values):
     m = stages(values)
@@ -105,20 +101,6 @@ def test_with_one_stage_and_no_left_end_crossed_is_pair_by_pair():
         relaxation().apply_to(m, grouping=grouping)
         written.append(sorted(str(row.expr) for row in relaxation().shifted_rows_of(m)))
     assert written[0] == written[1]
-
-
-@given(values=amounts)
-def test_the_left_end_is_the_last_stage_of_the_element_before(values):
-    a = {(i, k): values[2 * i + k] for i in (0, 1) for k in (0, 1)}
-    b = {(i, k): values[4 + 2 * i + k] for i in (0, 1) for k in (0, 1)}
-    inside = [a[i, j] * b[i, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)]
-    for left_end, across in (
-        ("first", [a[0, 1] * b[1, 0], a[0, 1] * b[1, 1]]),
-        ("second", [a[1, 0] * b[0, 1], a[1, 1] * b[0, 1]]),
-    ):
-        m = stages(values)
-        relaxation().apply_to(m, grouping=Crossed(left_end=left_end))
-        assert sorted(bodies(m)) == pytest.approx(sorted(inside + across), abs=1e-9)
 
 
 @pytest.mark.parametrize("left_end", ["first", "second"])

@@ -5,7 +5,7 @@ from typing import Any
 
 import pyomo.environ as pyo
 import pytest
-from pyomo.contrib.incidence_analysis import IncidenceGraphInterface
+from harness.dae import sizes
 
 import pyrobocop_pyomo as rcp
 
@@ -46,13 +46,6 @@ def solved_output(name: str, m: Any) -> list[float]:
     result.raise_for_status()
     assert result.doubts == ()
     return [output(name, m, t) for t in (0, HORIZON / 2, HORIZON)]
-
-
-def sizes(m: Any) -> tuple[int, int]:
-    """Numbers of variables and of equations, by Pyomo; all of which can be matched."""
-    graph = IncidenceGraphInterface(m, include_inequality=False)
-    assert len(graph.maximum_matching()) == len(graph.variables)
-    return len(graph.variables), len(graph.constraints)
 
 
 @pytest.mark.parametrize("name", NAMES)

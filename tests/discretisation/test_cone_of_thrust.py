@@ -1,7 +1,5 @@
 """Where a row is no convex function of the controls, the least integrand is not above that of an optimal answer."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.phases import integrator, mass
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.discretisation.first_meshes import mesh_from_statement
@@ -109,10 +110,7 @@ def test_a_drive_of_which_each_element_sees_the_same_part(elements: int) -> None
 @pytest.mark.ipopt
 def test_a_price_that_the_points_miss_is_seen_by_the_errors() -> None:
     def charged(elements: int) -> Any:
-        m = pyo.ConcreteModel()
-        m.p = b = rcp.PhaseBlock(duration=48.0, elements=elements)
-        b.x, b.u = rcp.State(initial=0.0, final=10.0), rcp.Control()
-        b.ode(lambda b, t: {b.x: b.u[t]})
+        m, b = integrator(x={"initial": 0.0, "final": 10.0}, duration=48.0, elements=elements)
         hours = np.arange(0.0, 49.0)
         price = rcp.Table(hours, 2.0 + np.sin(hours * 2 * np.pi / 6) + (hours == 20), name="price")
         m.cost = pyo.Objective(expr=b.integral(lambda b, t: price(t) * b.u[t] ** 2))
@@ -149,11 +147,8 @@ def test_a_pulse_between_the_points_is_not_overlooked() -> None:
 
 def passing(how: str, mesh: Any = None, **control: Any) -> Any:
     """From rest to rest with the least effort, through 1 at 0.77 or near it: a cubic on both sides of that time."""
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=2.0, mesh=mesh, elements=5 if mesh is None else None)
-    b.x, b.v = rcp.State(initial=0, final=0), rcp.State(initial=0, final=0)
-    b.u = rcp.Control(**control)
-    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
+    rest, elements = {"initial": 0, "final": 0}, 5 if mesh is None else None
+    m, b = mass(x=rest, v=rest, u=control, duration=2.0, mesh=mesh, elements=elements)
     cost = b.integral(lambda b, t: b.u[t] ** 2)
     if how == "row":
         m.through = pyo.Constraint(expr=b.x.at(0.77) == 1)

@@ -7,6 +7,7 @@ from typing import Any
 
 import pyomo.environ as pyo
 import pytest
+from harness.phases import bryson_denham
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.discretisation.stepped_over import stepped_over
@@ -81,12 +82,9 @@ def test_a_thin_post_or_a_pole_that_is_stepped_over_is_doubted_in_the_first_line
 @pytest.mark.casadi
 @pytest.mark.parametrize("elements", [5, 10, 20])
 def test_a_limit_that_is_touched_is_no_limit_that_is_stepped_over(elements: int) -> None:
-    """Bryson and Denham: a body is thrown against a lid that it touches, with a known cost of 4."""
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=1.0, elements=elements)
-    b.x, b.v, b.u = rcp.State(initial=0, final=0), rcp.State(initial=1, final=-1), rcp.Control()
-    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
-    b.constraint(lambda b, t: b.x[t] <= 1 / 9, name="lid")
-    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2 / 2))
+    """A body is thrown against a lid that it touches, with a known cost of 4."""
+    m = bryson_denham(elements=elements)
+    m.p.x.setub(None)
+    m.p.constraint(lambda b, t: b.x[t] <= 1 / 9, name="lid")
     assert rcp.solve(m, progress=False).objective == pytest.approx(4.0, rel=1e-3)
-    assert list(stepped_over(b)) == []
+    assert list(stepped_over(m.p)) == []

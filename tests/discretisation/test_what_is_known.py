@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.scenes import keep_clear
 from pyomo.dae import ContinuousSet, DerivativeVar
 
 import pyrobocop_pyomo as rcp
@@ -82,9 +83,7 @@ def beside_an_obstacle(way: float) -> Any:
     b.initialize(x=lambda t: 2 * t, y=lambda t: way + 1 - abs(t - 1))
     wall = {"wall": rcp.Polytope.box(1, 1, center=(2, 0))}
     body = rcp.Polytope.box(0.4, 0.4)
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time, body=body, clearance=0.1, obstacles=wall, pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t])
-    )
+    keep_clear(b, body, wall, clearance=0.1)
     return m
 
 

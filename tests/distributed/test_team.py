@@ -10,8 +10,7 @@ from quadratic_agents import crossing, middle, quadratic, random_problems
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.distributed.checkpoint import Checkpoint
-from pyrobocop_pyomo.distributed.merging import merge_agents
-from pyrobocop_pyomo.errors import EngineError, SolveFailed, TeamError
+from pyrobocop_pyomo.errors import SolveFailed, TeamError
 from pyrobocop_pyomo.teams import Hub, Sova
 
 pytestmark = pytest.mark.casadi
@@ -153,8 +152,6 @@ def test_methods_and_engines_are_looked_up() -> None:
         team.solve("gossip")
     with pytest.raises(TeamError, match="needs a hub"):
         team.solve(Hub())
-    with pytest.raises(EngineError, match="'serial', 'process'"):
-        team.solve(engine="cloud")
 
 
 def test_a_team_that_does_not_agree_raises_with_its_numbers() -> None:
@@ -194,18 +191,9 @@ def test_rounds_go_on_from_a_file_as_if_never_stopped(tmp_path) -> None:
 
 
 def test_a_merged_model_has_one_set_of_shared_variables() -> None:
-    agents = robots(3)
-    merged = merge_agents(agents, ["v"])
+    merged = rcp.Team(robots=robots(3), shared=SHARED).central()
     assert len({id(variable) for variable in merged.model.component_data_objects(pyo.Var)}) == 3
     assert merged.find("v", "r2")[1] is merged.find("v", "r0")[1]
-    problems = random_problems(3, 3, 5)
-    random = np.random.default_rng(0)
-    for _ in range(5):
-        point = random.normal(size=3)
-        for variable, number in zip(merged.find("v").values(), point, strict=True):
-            variable.set_value(float(number))
-        expected = sum((point - p) @ np.array(q) @ (point - p) / 2 for q, p in problems)
-        assert pyo.value(merged.model.objective) == pytest.approx(expected)
 
 
 def drones(physics: Judge | None = None, components: tuple[str, ...] = ("me.x", "me.y"), count: int = 3) -> rcp.Team:

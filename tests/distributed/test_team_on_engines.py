@@ -1,9 +1,7 @@
 """A team of rod and robots gives the same iterates wherever its agents live, whatever dies, and from its file."""
 
-import json
 import os
 import signal
-import subprocess
 import sys
 import time
 from dataclasses import replace
@@ -11,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from harness.mpi import needs_mpiexec, on_two_ranks, told_by_both
 from pushing_team import pushing_team
 
 import pyrobocop_pyomo as rcp
@@ -19,7 +18,6 @@ from pyrobocop_pyomo.execution.engine import Engine
 
 pytestmark = [pytest.mark.slow, pytest.mark.casadi]
 METHOD = rcp.teams.Hub(rounds=8)
-MPIEXEC = Path(sys.executable).with_name("mpiexec")
 posix = pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL on Windows")
 
 
@@ -57,30 +55,12 @@ def test_a_killed_worker_changes_nothing(serial: rcp.teams.TeamResult, name: str
     assert max(np.diff(times)) < 10
 
 
-def test_a_stopped_team_goes_on_from_its_file(serial: rcp.teams.TeamResult, tmp_path: Path) -> None:
-    path = tmp_path / "team.npz"
-    pushing_team().solve(METHOD, checkpoint=path, on_round=lambda record: record.number < 4, progress=False)
-    resumed = pushing_team().solve(METHOD, checkpoint=path, progress=False)
-    assert len(resumed.rounds) == 3
-    assert same(resumed, replace(serial, rounds=serial.rounds[5:]))
-    with pytest.raises(rcp.errors.TeamError, match="written by another team"):
-        pushing_team(seed=1).solve(METHOD, checkpoint=path, progress=False)
-
-
-@pytest.mark.skipif(not MPIEXEC.exists(), reason="needs the mpiexec of the wheel of MPICH")
+@needs_mpiexec
 def test_a_killed_job_of_mpi_goes_on_from_its_file(serial: rcp.teams.TeamResult, tmp_path: Path) -> None:
-    def run(death: int) -> int:
-        script = Path(__file__).with_name("mpi_team.py")
-        command = [str(MPIEXEC), "-n", "2", sys.executable, "-m", "mpi4py", str(script), str(tmp_path), str(death)]
-        path = os.pathsep.join(filter(None, [str(Path(__file__).parent), os.environ.get("PYTHONPATH")]))
-        environment = {**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
-        return subprocess.run(command, env=environment, timeout=900, check=False).returncode
-
-    assert run(death=3) != 0
-    assert run(death=-1) == 0
-    told = [(tmp_path / f"rank{rank}.json").read_text() for rank in range(2)]
-    assert told[0] == told[1]
-    rounds, values = json.loads(told[0])
+    script = Path(__file__).with_name("mpi_team.py")
+    assert on_two_ranks(script, tmp_path, 3) != 0
+    assert on_two_ranks(script, tmp_path, -1) == 0
+    rounds, values = told_by_both(tmp_path)
     assert rounds in (4, 5)  # the death of one rank may have hit the other before it wrote the last round
     for name, expected in serial.values.items():
         assert np.abs(np.array(values[name]) - expected).max() <= 1e-12

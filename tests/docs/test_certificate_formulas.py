@@ -4,15 +4,13 @@ import itertools
 from typing import Any
 
 import numpy as np
-import pyomo.environ as pyo
 import pytest
 from harness.quadratic_program import QuadraticProgram
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from mpcc.problems import at_origin, ralph1, scholtes4, sides, trap
+from mpcc.problems import scholtes4, sides, trap
 from scipy.optimize import linprog
 
-import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
 from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, BranchPoint, Certificate
 from pyrobocop_pyomo.mpcc.branch import Branch, branch_with, restricted
@@ -247,27 +245,6 @@ def test_the_guard_is_that_of_the_page(objectives, residuals):
     assert kept == (f_new <= f + alpha * max(1.0, abs(f)) or r_new < r)
 
 
-@pytest.mark.casadi
-@pytest.mark.parametrize(("least_a", "least_b"), [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)])
-def test_bounds_decide_pairs(least_a, least_b):
-    """eq-presolve."""
-    m = pyo.ConcreteModel("decided")
-    m.x, m.y = pyo.Var(bounds=(-3, 5), initialize=2), pyo.Var(bounds=(-3, 5), initialize=2)
-    m.x.setlb(least_a - 1)
-    m.y.setlb(least_b - 1)
-    m.pair = rcp.Complementarity(expr=rcp.complements(m.x + 1 >= 0, m.y + 1 >= 0))
-    m.cost = pyo.Objective(expr=(m.x - 3) ** 2 + (m.y - 2) ** 2)
-    if least_a > 0 and least_b > 0:
-        result = rcp.solve(m)
-        assert result.quality is rcp.Quality.INFEASIBLE
-        assert "pair 'pair': its sides are 1 and 1" in result.report()
-        return
-    result = rcp.solve(m)
-    assert result.decided_pairs == (least_a > 0 or least_b > 0)
-    assert (m.x.value, m.y.value) == pytest.approx((-1, 2) if least_b > 0 else (3, -1), abs=1e-6)
-    assert (m.x.bounds, m.y.bounds) == ((least_a - 1, 5), (least_b - 1, 5))
-
-
 # ------------------------------------------------------------------------------ examples
 
 
@@ -278,7 +255,3 @@ def test_the_trap_has_the_multipliers_of_the_page_and_no_certificate():
     found = classify(MultiplierProblem(program, point))
     assert (found.kind, *found.nu, *found.xi) == (Stationarity.M, 0.0, pytest.approx(-2.0))
     assert steepest_branch(program, point, 1e-3).decrease == pytest.approx(2.0)
-    for minimum in (ralph1(), scholtes4()):
-        there = Linearisation.at(minimum.nlp, at_origin(minimum).x)
-        assert steepest_branch(minimum, there, 1e-3).decrease <= 1e-9
-        assert classify(MultiplierProblem(minimum, there)).kind is Stationarity.M

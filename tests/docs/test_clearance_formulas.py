@@ -7,6 +7,7 @@ import numpy as np
 import pyomo.environ as pyo
 import pytest
 from harness.moving import by_states, check, on_points, placed
+from harness.scenes import keep_clear
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -118,13 +119,8 @@ def test_the_equations_are_no_nearer_than_what_is_proven_less_the_deviation() ->
     b.x, b.y, b.h = rcp.State(initial=0), rcp.State(initial=0), rcp.State(initial=0)
     b.ode(lambda b, t: {b.x: pyo.cos(b.h[t]), b.y: pyo.sin(b.h[t]), b.h: 0.7})
     b.initialize(b.simulate(method="scheme"))
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time,
-        body=rcp.Polytope.box(0.3, 0.2),
-        pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t], b.h[t]),
-        obstacles={"post": rcp.Polytope.box(0.1, 0.1, center=(0.9, 1.2))},
-        clearance=0.05,
-    )
+    near = {"post": rcp.Polytope.box(0.1, 0.1, center=(0.9, 1.2))}
+    keep_clear(b, rcp.Polytope.box(0.3, 0.2), near, lambda b, t: rcp.planar_pose(b.x[t], b.y[t], b.h[t]))
     (pair,) = b.avoid.verify().body_pairs
     motion = b.reintegrate()
     corners = rcp.Polytope.box(0.3, 0.2).vertices

@@ -2,7 +2,7 @@
 
 import math
 import re
-from itertools import islice, pairwise
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -67,40 +67,6 @@ def test_weights_of_a_phase_are_those_of_the_quadrature():
 
     weights = [pair.weight for pair in rcp.active_pairs(m)]
     assert weights == pytest.approx([h * w for h in (0.3, 0.7) for w in b.grid.scheme.b])
-
-
-@pytest.mark.casadi
-def test_delta_lags_mu_by_one_iteration():
-    m = pyo.ConcreteModel()
-    m.a, m.b = pyo.Var(bounds=(0, None), initialize=1), pyo.Var(bounds=(0, None), initialize=1)
-    m.pair = rcp.Complementarity(expr=rcp.complements(m.a, m.b))
-    m.cost = pyo.Objective(expr=(m.a - 2) ** 2 + (m.b - 1) ** 2)
-    schedule = rcp.relaxations.FollowBarrier(floor=1e-8, factor=3.0)
-    result = rcp.solve(m, strategies=rcp.Strategy(schedule=schedule), backend="casadi")
-    path = result.steps[0].path
-    assert len(path) > 5
-    for (mu, _), (_, delta) in pairwise(path):
-        assert delta == schedule.delta_for(mu)
-
-
-@pytest.mark.executable
-def test_path_through_the_executable():
-    m = pyo.ConcreteModel()
-    m.a, m.b = pyo.Var(bounds=(0, None), initialize=1), pyo.Var(bounds=(0, None), initialize=1)
-    m.pair = rcp.Complementarity(expr=rcp.complements(m.a, m.b))
-    m.cost = pyo.Objective(expr=(m.a - 2) ** 2 + (m.b - 1) ** 2)
-    steps = rcp.solve(
-        m, strategies=rcp.Strategy(schedule=rcp.relaxations.FollowBarrier(factor=2.0)), backend="executable"
-    ).steps
-
-    def path(mu=0.1, tolerance=1e-8):
-        while True:
-            yield max(1e-8, 2 * mu)
-            mu = max(tolerance / 10, min(0.2 * mu, mu**1.5))
-
-    walked = [step.delta for step in steps if step.label.startswith("delta = mu")]
-    assert len(walked) > 5
-    assert walked == pytest.approx(list(islice(path(), len(walked))))
 
 
 # -------------------------------------------------------------------- verification

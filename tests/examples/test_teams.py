@@ -45,23 +45,32 @@ def test_a_robots_model_does_not_grow_with_the_team() -> None:
     assert [hub for hub, _ in sizes.values()] == [6 * 43 + 3 * robots * 42 for robots in sizes]
 
 
-def test_the_models_are_complete_and_builders_travel() -> None:
-    task = rod.task(3)
-    build_rod, build_robot, sent = pickle.loads(pickle.dumps((rod.rod, rod.robot, task)))
-    assert sent == task
-    for phase in (build_rod(sent).body, build_robot(sent, "a").body, build_robot(sent, "a").me):
-        phase.check()
+MODELS = {
+    "rod": (rod.task(3), rod.rod, rod.robot, ("qx", "qy", "qth"), ("ux", "uy", "uth"), "fx"),
+    **{
+        f"ball of {robots}": (
+            sphere.task(3, robots), sphere.sphere, sphere.quadrotor, ("qx", "qy", "qz"),
+            ("ux", "uy", "uz", "wx", "wy", "wz"), "mz",
+        )
+        for robots in (3, 12)
+    },
+}  # fmt: skip
 
 
-def test_shared_components_have_the_same_name_and_grid() -> None:
+@pytest.mark.parametrize("team", MODELS)
+def test_models_are_complete_builders_travel_and_shared_components_have_the_same_name_and_grid(team: str) -> None:
     """What a team agrees on: pose and velocity of the body, and each robot's push."""
-    task = rod.task(1)
-    hub, robot = rod.rod(task), rod.robot(task, "c")
-    for name in ("qx", "qy", "qth"):
+    task, *builders, poses, velocities, push = MODELS[team]
+    build_body, build_robot, sent = pickle.loads(pickle.dumps((*builders, task)))
+    assert sent == task
+    hub, robot = build_body(sent), build_robot(sent, "a")
+    for phase in (hub.body, robot.body, robot.me):
+        phase.check()
+    for name in poses:
         assert list(hub.body.component(name)) == list(robot.body.component(name))
-    # A copy's velocity lives on elements; that of the body has its start beside.
-    assert list(hub.body.ux)[1:] == list(robot.body.ux)
-    assert list(hub.push["c"].fx) == list(robot.push["c"].fx)
+    for name in velocities:  # a copy's velocity lives on elements; that of the body has its start beside
+        assert list(hub.body.component(name))[1:] == list(robot.body.component(name))
+    assert list(hub.push["a"].component(push)) == list(robot.push["a"].component(push))
 
 
 def test_the_score_reads_what_the_models_hold() -> None:
@@ -151,21 +160,6 @@ def test_a_quadrotors_model_does_not_grow_with_the_team() -> None:
     }
     assert [robot for _, robot in sizes.values()] == [9 * 43 + (6 + 3 + 6 + 6 + 4) * 42] * 2
     assert [hub for hub, _ in sizes.values()] == [18 * 43 + (4 + 6 * n) * 42 for n in sizes]
-
-
-@pytest.mark.parametrize("robots", [3, 12])
-def test_the_models_of_the_ball_are_complete_and_builders_travel(robots: int) -> None:
-    task = sphere.task(3, robots)
-    build_sphere, build_quadrotor, sent = pickle.loads(pickle.dumps((sphere.sphere, sphere.quadrotor, task)))
-    assert sent == task
-    hub, robot = build_sphere(sent), build_quadrotor(sent, "a")
-    for phase in (hub.body, robot.body, robot.me):
-        phase.check()
-    for name in ("qx", "qy", "qz"):
-        assert list(hub.body.component(name)) == list(robot.body.component(name))
-    for name in ("ux", "uy", "uz", "wx", "wy", "wz"):
-        assert list(hub.body.component(name))[1:] == list(robot.body.component(name))
-    assert list(hub.push["a"].mz) == list(robot.push["a"].mz)
 
 
 @pytest.mark.parametrize("robots", [3, 12])

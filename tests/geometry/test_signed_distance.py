@@ -40,23 +40,6 @@ def test_boxes_apart_touching_and_overlapping() -> None:
         assert found.normal == pytest.approx([1.0, 0.0], abs=1e-14)
 
 
-def test_a_box_above_a_half_space() -> None:
-    floor = Polytope.from_halfspaces([[0, 0, 1]], [0], bounded=False, name="floor")
-    for height in (2.0, 0.5, 0.2):
-        found = signed_distance(Polytope.box(1, 1, 1), floor, spatial_pose((100.0, -50.0, height)))
-        assert found.distance == pytest.approx(height - 0.5, abs=1e-12)
-        assert found.normal == pytest.approx([0.0, 0.0, 1.0], abs=1e-12)
-
-
-def test_flat_bodies() -> None:
-    point = np.array([[1.0, 2.0]])
-    segment = np.array([[0.0, 0.0], [4.0, 0.0]])
-    assert distance_of_points(point, segment).distance == pytest.approx(2.0)
-    assert distance_of_points(segment + np.array([2.0, 0.0]), segment).distance == 0.0
-    assert distance_of_points(segment + np.array([5.0, 0.0]), segment).distance == pytest.approx(1.0)
-    assert distance_of_points(point, point).distance == 0.0
-
-
 # --------------------------------------------------------------------
 # Distances of many pairs at once are those of each pair.
 

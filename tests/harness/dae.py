@@ -1,6 +1,7 @@
 """Small models of pyomo.dae, and a picture of everything that a refusal must not change."""
 
 import pyomo.environ as pyo
+from pyomo.contrib.incidence_analysis import IncidenceGraphInterface
 from pyomo.dae import ContinuousSet, DerivativeVar, Integral
 
 import pyrobocop_pyomo as rcp
@@ -26,6 +27,20 @@ def driven_tank(points=(0, 2), **options):
     m.ode = pyo.Constraint(m.t, rule=lambda m, t: m.dx[t] == m.u[t] - m.x[t])
     m.x[0].fix(1)
     return m
+
+
+def sizes(m):
+    """Numbers of variables and of equations, by Pyomo; of which as many as there are of the fewer can be matched."""
+    graph = IncidenceGraphInterface(m, include_inequality=False)
+    found = len(graph.variables), len(graph.constraints)
+    assert len(graph.maximum_matching()) == min(found)
+    return found
+
+
+def free_variables(m):
+    """How many more variables than equations."""
+    variables, equations = sizes(m)
+    return variables - equations
 
 
 def solved(m, **options):

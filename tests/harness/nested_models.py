@@ -76,22 +76,24 @@ def _expression(choice: random.Random, atoms: list[Any], depth: int) -> Any:
     return choice.choice(made)()
 
 
-def differ_from_differences(program: NonlinearProgram, x: FloatArray) -> list[str]:
+def differ_from_differences(
+    program: NonlinearProgram, x: FloatArray, factor: float = 1.0, multipliers: FloatArray | None = None
+) -> list[str]:
     """Which derivatives are not those of the functions: by central differences, to five digits of the largest.
 
     A long step is wrong where the function bends, a short one where it is rounded; a wrong derivative is so with each.
     """
-    multipliers = np.linspace(0.7, 1.9, program.m)
+    multipliers = np.linspace(0.7, 1.9, program.m) if multipliers is None else multipliers
     gradient, jacobian = program.gradient(x), _jacobian(program, x)
     hessian = np.zeros((program.n, program.n))
-    np.add.at(hessian, program.hessian_structure, program.hessian(x, 1.0, multipliers))
+    np.add.at(hessian, program.hessian_structure, program.hessian(x, factor, multipliers))
     hessian += np.tril(hessian, -1).T
 
     def functions(at: FloatArray) -> FloatArray:
         return np.append(program.objective(at), program.constraints(at))
 
     def lagrangian_gradient(at: FloatArray) -> FloatArray:
-        return program.gradient(at) + multipliers @ _jacobian(program, at)
+        return factor * program.gradient(at) + multipliers @ _jacobian(program, at)
 
     differ = ["gradient", "Jacobian", "Hessian"]
     for length in (1e-5, 1e-6, 1e-7):

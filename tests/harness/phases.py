@@ -1,11 +1,12 @@
 """Small phases with known answers, and what can be asked of any built phase."""
 
+import io
 import math
 from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
-from mistakes.entries import driven
+from mistakes.entries import driven, newton
 from pyomo.core.expr.visitor import identify_variables
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import structural_rank
@@ -30,6 +31,41 @@ def cart(**options: Any) -> pyo.ConcreteModel:
     """A mass that goes from 0 to 1 and rests there, at the least effort: 12 / duration**3 where its force suffices."""
     m = pyo.ConcreteModel(name="cart")
     driven(m, **options)
+    return m
+
+
+def integrator(*, x: Any = None, u: Any = None, **options: Any) -> tuple[pyo.ConcreteModel, Any]:
+    """A model and its phase 'p', with a control ``u`` that is the rate of a state ``x``; options of both by name."""
+    m = pyo.ConcreteModel(name="integrator")
+    m.p = b = rcp.PhaseBlock(**{"duration": 1.0, "elements": 2, **options})
+    b.x, b.u = rcp.State(**(x or {})), rcp.Control(**(u or {}))
+    b.ode(lambda b, t: {b.x: b.u[t]})
+    return m, b
+
+
+def mass(*, x: Any = None, v: Any = None, u: Any = None, **options: Any) -> tuple[pyo.ConcreteModel, Any]:
+    """A model and its phase 'p', with a control ``u`` that is the rate of the speed ``v`` of ``x``; options by name."""
+    m = pyo.ConcreteModel(name="mass")
+    m.p = b = rcp.PhaseBlock(**options)
+    b.x, b.v, b.u = rcp.State(**(x or {})), rcp.State(**(v or {})), rcp.Control(**(u or {}))
+    b.ode(newton)
+    return m, b
+
+
+def rest_to_rest(distance: float = 1.0, force: Any = (-1, 1), *, v: Any = None, u: Any = None, **options: Any) -> Any:
+    """A mass that goes from rest to rest in the least time; options of its speed and its force by name."""
+    options = {"duration": rcp.Duration(bounds=(0.1, 10), initial_guess=2), **options}
+    speed, control = {"initial": 0, "final": 0, **(v or {})}, {"bounds": force, **(u or {})}
+    m, b = mass(x={"initial": 0, "final": distance}, v=speed, u=control, **options)
+    m.time = pyo.Objective(expr=b.duration)
+    return m
+
+
+def bryson_denham(height: float = 1 / 9, **options: Any) -> Any:
+    """A mass that is thrown up and comes back below a ceiling, at the least effort: ``4 / (9 height)`` up to 1 / 6."""
+    height_of = {"initial": 0, "final": 0, "bounds": (None, height)}
+    m, b = mass(x=height_of, v={"initial": 1, "final": -1}, duration=1.0, **options)
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2 / 2))
     return m
 
 
@@ -88,6 +124,13 @@ def undetermined(model: Any) -> list[str]:
     expressions += [o.expr for o in model.component_data_objects(pyo.Objective, active=True)]
     seen = {id(v) for expression in expressions for v in identify_variables(expression)}
     return [v.name for v in model.component_data_objects(pyo.Var) if id(v) not in seen]
+
+
+def text(model: Any) -> str:
+    """All that Pyomo prints of a model."""
+    stream = io.StringIO()
+    model.pprint(ostream=stream)
+    return stream.getvalue()
 
 
 def contents(model: Any) -> list[str]:

@@ -1,13 +1,14 @@
 """Random planning problems in the plane: one body among convex obstacles, from one side of them to the other."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
 import shapely
 
 import pyrobocop_pyomo as rcp
+
+from .scenes import effort_of, keep_clear, placed, rigid_body
 
 CLEARANCE = 0.05
 
@@ -35,29 +36,13 @@ def random_scene(seed: int) -> Scene:
     return Scene(body, obstacles, (-2.5, rng.uniform(-1, 1), turns[0]), (2.5, rng.uniform(-1, 1), turns[1]))
 
 
-def pose_of(b: Any, t: Any) -> rcp.scenes.Pose:
-    """Of the body of `build`."""
-    return rcp.planar_pose(b.x[t], b.y[t], b.theta[t])
-
-
 def build(scene: Scene, elements: int, *, between: str | None = "plane") -> pyo.ConcreteModel:
     """The least effort from start to goal."""
     m = pyo.ConcreteModel(name="random scene")
     m.move = b = rcp.PhaseBlock(duration=5.0, elements=elements, stages=2)
-    for name, first, last in zip(("x", "y", "theta"), scene.start, scene.goal, strict=True):
-        b.declare(name, rcp.State(initial=first, final=last))
-        b.declare(f"{name}_rate", rcp.Control(bounds=(-5, 5)))
-    b.initialize_straight_lines()
-
-    @b.ode
-    def velocities(b, t):
-        return {b.x: b.x_rate[t], b.y: b.y_rate[t], b.theta: b.theta_rate[t]}
-
-    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.x_rate[t] ** 2 + b.y_rate[t] ** 2 + b.theta_rate[t] ** 2))
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time, bodies={"body": rcp.Body(scene.body, pose=pose_of)}, obstacles=scene.obstacles, clearance=CLEARANCE,
-        between=between,
-    )  # fmt: skip
+    rigid_body(b, scene.start, scene.goal, bounds=(-5, 5))
+    m.effort = pyo.Objective(expr=effort_of(b))
+    keep_clear(b, scene.body, scene.obstacles, placed, CLEARANCE, between=between)
     return m
 
 

@@ -5,7 +5,8 @@ from collections.abc import Callable
 import pyomo.environ as pyo
 import pytest
 
-import pyrobocop_pyomo.ipopt.in_process  # noqa: F401  (registers the solver)
+import pyrobocop_pyomo as rcp
+import pyrobocop_pyomo.ipopt.in_process
 
 Solve = Callable[..., object]
 
@@ -81,6 +82,17 @@ def every_kind_of_row(sense: int = pyo.minimize) -> pyo.ConcreteModel:
     m.equation = pyo.Constraint(expr=m.x[1] * m.x[4] == -0.1 - m.x[5])
     for name in ("dual", "ipopt_zL_out", "ipopt_zU_out", "rc"):
         m.add_component(name, pyo.Suffix(direction=pyo.Suffix.IMPORT))
+    return m
+
+
+def corner(
+    goal: tuple[float, float] = (2, 1), start: tuple[float, float] = (1, 1), weight: float = 1.0
+) -> pyo.ConcreteModel:
+    """The point nearest to a goal with x and y not negative and one of them zero: by default (2, 0), at a cost of 1."""
+    m = pyo.ConcreteModel(name="corner")
+    m.x, m.y = (pyo.Var(bounds=(0, None), initialize=each) for each in start)
+    m.pair = rcp.Complementarity(expr=rcp.complements(m.x >= 0, m.y >= 0))
+    m.cost = pyo.Objective(expr=weight * ((m.x - goal[0]) ** 2 + (m.y - goal[1]) ** 2))
     return m
 
 

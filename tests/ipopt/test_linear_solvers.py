@@ -24,16 +24,11 @@ needs_the_solver = pytest.mark.skipif(find_linear_solver() is None, reason="ther
 
 def swing(elements: int = 20) -> pyo.ConcreteModel:
     m = pyo.ConcreteModel("swing")
-    m.p = rcp.PhaseBlock(duration=2.0, elements=elements, stages=3)
-    m.p.angle = rcp.State(initial=0.0, final=3.0)
-    m.p.rate = rcp.State(initial=0.0, final=0.0)
-    m.p.torque = rcp.Control(bounds=(-8, 8))
-
-    @m.p.ode
-    def pendulum(b, t):
-        return {b.angle: b.rate[t], b.rate: b.torque[t] - pyo.sin(b.angle[t])}
-
-    m.cost = pyo.Objective(expr=m.p.integral(lambda b, t: b.torque[t] ** 2))
+    m.p = b = rcp.PhaseBlock(duration=3.0, elements=elements)
+    b.angle, b.rate = rcp.State(initial=0, final=3.14), rcp.State(initial=0, final=0)
+    b.torque = rcp.Control(bounds=(-3, 3))
+    b.ode(lambda b, t: {b.angle: b.rate[t], b.rate: b.torque[t] - 4.9 * pyo.sin(b.angle[t])})
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.torque[t] ** 2))
     return m
 
 

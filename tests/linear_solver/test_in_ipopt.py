@@ -7,10 +7,9 @@ import sys
 import threading
 
 import numpy as np
-import pyomo.environ as pyo
 import pytest
+from ipopt.test_linear_solvers import swing
 
-import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
@@ -20,18 +19,8 @@ pytestmark = [pytest.mark.casadi, pytest.mark.skipif(sys.platform == "win32", re
 OWN = {"linear_solver": "ldl"}
 
 
-def pendulum(elements: int) -> pyo.ConcreteModel:
-    m = pyo.ConcreteModel(name="pendulum")
-    m.p = b = rcp.PhaseBlock(duration=3.0, elements=elements)
-    b.angle, b.rate = rcp.State(initial=0, final=3.14), rcp.State(initial=0, final=0)
-    b.torque = rcp.Control(bounds=(-3, 3))
-    b.ode(lambda b, t: {b.angle: b.rate[t], b.rate: b.torque[t] - 4.9 * pyo.sin(b.angle[t])})
-    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.torque[t] ** 2))
-    return m
-
-
 def test_a_thousand_runs_leave_no_memory_behind(library):
-    nlp = CompiledModel(pendulum(2), "vectorised").nlp
+    nlp = CompiledModel(swing(2), "vectorised").nlp
 
     def run(times: int) -> None:
         for _ in range(times):
@@ -46,7 +35,7 @@ def test_a_thousand_runs_leave_no_memory_behind(library):
 
 @pytest.mark.ctrl_c
 def test_ctrl_c_at_any_instant_keeps_a_point_and_the_next_run_is_as_ever(library):
-    nlp = CompiledModel(pendulum(1500), "vectorised").nlp
+    nlp = CompiledModel(swing(1500), "vectorised").nlp
     whole = run_ipopt(nlp, OWN)
     assert whole.status is IpoptStatus.SOLVED
     for part in range(1, 9):

@@ -44,19 +44,6 @@ def test_every_function_has_its_name_in_numpy(name: str) -> None:
     assert array[0] == pytest.approx(pyo.value(expression))
 
 
-@pytest.mark.parametrize(
-    ("make", "expected"),
-    [
-        (lambda x: pyo.Expr_if(x <= 1, x, 7.0), 0.3),
-        (lambda x: pyo.Expr_if(pyo.inequality(0.5, x, 1), x, 7.0), 7.0),
-        (lambda x: pyo.Expr_if(x == 0.3, 2.0, 7.0), 2.0),
-        (lambda x: abs(-x), 0.3),
-    ],
-)
-def test_choices_and_relations(make: object, expected: float) -> None:
-    assert ExpressionSteps([make(MODEL.x[0])]).evaluate_at({})[0] == pytest.approx(expected)
-
-
 def test_what_cannot_be_evaluated_is_named() -> None:
     m = pyo.ConcreteModel()
     m.x = pyo.Var()

@@ -30,6 +30,8 @@ OPERATIONS = (
     lambda a, b: pyo.exp(-(a**2)) - b,
     lambda a, b: pyo.sqrt(1 + a**2) * pyo.atan(b),
     lambda a, b: pyo.Expr_if(IF_=a <= b, THEN_=a, ELSE_=b**3),
+    lambda a, b: pyo.Expr_if(IF_=pyo.inequality(0.5, a, 1), THEN_=a, ELSE_=b),
+    lambda a, b: pyo.Expr_if(IF_=a == 0.3, THEN_=b, ELSE_=a),
     lambda a, b: -abs(a) + 3,
 )
 

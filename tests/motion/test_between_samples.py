@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.scenes import keep_clear, on_the_line, post
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
@@ -34,13 +35,7 @@ def disc(force: Any, elements: int = 5, *, form: str = "explicit") -> Any:
     for name in ("x", "v", "u"):
         for variable in b.component(name).values():
             variable.set_value(0.0)
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time,
-        body=rcp.Polytope.ball(0.1),
-        pose=lambda b, t: rcp.planar_pose(b.x[t], 0.0, 0.0),
-        obstacles={"post": rcp.Polytope.box(0.1, 0.1, center=(1.0, 0.0))},
-        clearance=0.05,
-    )
+    keep_clear(b, rcp.Polytope.ball(0.1), post(1.0, 0.0), on_the_line)
     return m
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pyomo.environ as pyo
 import pytest
 from harness.moving import by_states, check, distances_by_shapely, on_a_phase, on_points, placed, sampled
+from harness.scenes import keep_clear, on_the_line
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -284,13 +285,7 @@ def test_a_jump_over_an_obstacle_is_no_safe_motion(scheme: str, stages: int | No
     for t in b.time:
         b.x[t].set_value(-2.0 if t < 1 else -2.0 + jump)
         b.rate[t].set_value(0.0)
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time,
-        body=CAR,
-        pose=lambda b, t: planar_pose(b.x[t], 0.0),
-        obstacles=[Polytope.box(1, 1)],
-        clearance=0.05,
-    )
+    keep_clear(b, CAR, [Polytope.box(1, 1)], on_the_line)
     report = b.avoid.verify(equations=False)
     assert report.safe is (None if jump < 1.0 else False)  # of the plan alone
     pair = report.body_pairs[0]
@@ -306,13 +301,7 @@ def test_a_state_that_jumps_at_a_node_within_an_element_is_seen() -> None:
     m.move = b = rcp.PhaseBlock(duration=1.0, elements=1, scheme="lobatto", stages=4)
     b.x, b.rate = rcp.State(initial_guess=-2.0), rcp.State(initial_guess=0.0)
     b.ode(lambda b, t: {b.x: b.rate[t], b.rate: 0.0})
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time,
-        body=CAR,
-        pose=lambda b, t: planar_pose(b.x[t], 0.0),
-        obstacles=[Polytope.box(1, 1)],
-        clearance=0.05,
-    )
+    keep_clear(b, CAR, [Polytope.box(1, 1)], on_the_line)
     assert b.avoid.verify().safe
     inner = sorted(b.time)[1]
     b.x[inner].set_value(0.0)  # within the obstacle
@@ -351,13 +340,8 @@ def test_what_has_no_pose_does_not_hide_an_overlap() -> None:
     b.ode(lambda b, t: {b.x: b.rate[t]})
     for t, number in zip(b.time, (1.0, 0.01, 0.25), strict=True):
         b.x[t].set_value(number)
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time,
-        body=CAR,
-        pose=lambda b, t: planar_pose(3 * pyo.sqrt(b.x[t]) - 3, 0.0),
-        obstacles=[Polytope.box(0.2, 1, center=(0.7, 0))],
-        clearance=0.2,
-    )
+    wall = Polytope.box(0.2, 1, center=(0.7, 0))
+    keep_clear(b, CAR, [wall], lambda b, t: planar_pose(3 * pyo.sqrt(b.x[t]) - 3, 0.0), 0.2)
     pair = b.avoid.verify(equations=False).body_pairs[0]
     assert pair.violated == (0,)
     assert pair.distance == pytest.approx(0.1)

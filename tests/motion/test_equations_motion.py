@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.scenes import along_its_heading, keep_clear
 from scipy.integrate import solve_ivp
 
 import pyrobocop_pyomo as rcp
@@ -25,14 +26,11 @@ def car(elements: int, scheme: str = "radau", stages: int | None = None) -> Any:
     return m
 
 
+DOT = rcp.Polytope.ball(0.05)
+
+
 def posts(m: Any, radius: float, clearance: float) -> Any:
-    m.drive.avoid = rcp.ObstacleAvoidanceBlock(
-        m.drive.time,
-        body=BODY,
-        pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t], b.heading[t]),
-        obstacles={"post": rcp.Polytope.hull([(0.0, radius)], radius=0.1, allow_flat=True)},
-        clearance=clearance,
-    )
+    keep_clear(m.drive, BODY, {"post": rcp.Polytope.ball(0.1, (0.0, radius))}, along_its_heading, clearance)
     return m.drive.avoid
 
 
@@ -85,13 +83,7 @@ def test_a_plan_on_a_coarse_mesh_is_not_called_safe_where_its_equations_lead_clo
     # The polynomial stays away from a post that the motion of the equations hits.
     x, y, _ = exact(m)
     at = int(np.argmax(np.hypot(x - trajectory(3.0)["x"], y - trajectory(3.0)["y"])[-40:])) + len(x) - 40
-    m.drive.avoid = rcp.ObstacleAvoidanceBlock(
-        m.drive.time,
-        body=rcp.Polytope.hull([(0.0, 0.0)], radius=0.05, allow_flat=True),
-        pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t]),
-        obstacles={"post": rcp.Polytope.hull([(float(x[at]), float(y[at]))], radius=0.05, allow_flat=True)},
-        clearance=0.01,
-    )
+    keep_clear(m.drive, DOT, {"post": rcp.Polytope.ball(0.05, (float(x[at]), float(y[at])))}, clearance=0.01)
     report = m.drive.avoid.verify()
     (pair,) = report.body_pairs
     assert pair.distance > 0.01  # of the plan
@@ -145,13 +137,7 @@ def test_a_wall_that_is_never_touched_hides_nothing_of_the_motion(kind: str) -> 
     x, y = exact.sol(times.ravel())[:2]
     np.testing.assert_allclose(motion.states["x"].ravel(), x, atol=1e-4)
     np.testing.assert_allclose(motion.states["y"].ravel(), y, atol=1e-4)
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time,
-        body=rcp.Polytope.hull([(0.0, 0.0)], radius=0.05, allow_flat=True),
-        pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t]),
-        obstacles={"post": rcp.Polytope.hull([(float(x[-1]), float(y[-1]))], radius=0.05, allow_flat=True)},
-        clearance=0.01,
-    )
+    keep_clear(b, DOT, {"post": rcp.Polytope.ball(0.05, (float(x[-1]), float(y[-1])))}, clearance=0.01)
     report = b.avoid.verify()
     assert report.body_pairs[0].distance > 0.01  # of the plan
     assert not report.safe

@@ -39,51 +39,28 @@ def test_a_rule_may_read_the_model_itself() -> None:
     assert pyo.value(pose.translation[0]) == pytest.approx(0.5)
 
 
-@pytest.mark.parametrize(
-    "pose",
-    [
-        lambda b, t: planar_pose(math.cos(t), 0),
-        lambda b, t: planar_pose({0: 1.0, 1: 2.0, 2: 3.0}[t], 0),
-    ],
-    ids=["math.cos", "dict"],
-)
-def test_rules_that_need_a_number_for_t(pose: Any) -> None:
-    refused(line(), pose, "Pyomo's functions")
+REFUSED: dict[str, tuple[Any, str]] = {
+    "math.cos": (lambda b, t: planar_pose(math.cos(t), 0), "Pyomo's functions"),
+    "a dictionary": (lambda b, t: planar_pose({0: 1.0, 1: 2.0, 2: 3.0}[t], 0), "Pyomo's functions"),
+    "different at one node": (
+        lambda b, t: planar_pose(b.x[t] + (0.5 if isinstance(t, int) and t == 1 else 0.0), 0),
+        "Pyomo's functions",
+    ),
+    "asks about t": (lambda b, t: planar_pose(b.x[t] if t < 0.5 else 0.0, 0), "'if'"),
+    "reads what is not there": (lambda b, t: planar_pose(b.nothing[t], 0), "'nothing'"),
+    "looks back": (lambda b, t: planar_pose(b.x[t - 1], 0), "has no value at t = 0"),
+    # Functions without bounds on their curvature.
+    "abs": (lambda b, t: planar_pose(abs(0.5 * b.x[t]), 0), "'abs'"),
+    "asin": (lambda b, t: planar_pose(pyo.asin(0.5 * b.x[t]), 0), "'asin'"),
+    "a condition": (lambda b, t: planar_pose(pyo.Expr_if(b.x[t] >= 2, b.x[t], 1), 0), "Expr_if"),
+    "no pose": (lambda b, t: (b.x[t], 0.0), "expected a Pose"),
+    "a pose in space": (lambda b, t: spatial_pose((b.x[t], 0, 0)), "expected a Pose in 2"),
+}
 
 
-def test_rules_that_ask_about_t_or_read_what_is_not_there() -> None:
-    refused(line(), lambda b, t: planar_pose(b.x[t] if t < 0.5 else 0.0, 0), "'if'")
-    refused(line(), lambda b, t: planar_pose(b.nothing[t], 0), "'nothing'")
-
-
-def test_rules_that_look_back() -> None:
-    refused(line(), lambda b, t: planar_pose(b.x[t - 1], 0), "has no value at t = 0")
-
-
-@pytest.mark.parametrize(
-    ("entry", "match"),
-    [
-        (abs, "'abs'"),
-        (pyo.asin, "'asin'"),
-        (lambda x: pyo.Expr_if(x >= 1, x, 1), "Expr_if"),
-    ],
-)
-def test_functions_without_bounds_on_their_curvature(entry: Any, match: str) -> None:
-    refused(line(), lambda b, t: planar_pose(entry(0.5 * b.x[t]), 0), match)
-
-
-def test_rules_that_are_no_formula_in_t() -> None:
-    """A rule that answers differently at one node."""
-
-    def pose(b: Any, t: Any) -> Any:
-        return planar_pose(b.x[t] + (0.5 if isinstance(t, int) and t == 1 else 0.0), 0)
-
-    refused(line(), pose, "Pyomo's functions")
-
-
-def test_what_is_no_pose_of_the_bodys_dimension() -> None:
-    refused(line(), lambda b, t: (b.x[t], 0.0), "expected a Pose")
-    refused(line(), lambda b, t: spatial_pose((b.x[t], 0, 0)), "expected a Pose in 2")
+@pytest.mark.parametrize("rule", REFUSED)
+def test_rules_that_are_no_formula_in_t(rule: str) -> None:
+    refused(line(), *REFUSED[rule])
 
 
 def test_controls_and_algebraics() -> None:

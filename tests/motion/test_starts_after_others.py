@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.scenes import keep_clear, post
 
 import pyrobocop_pyomo as rcp
 
@@ -60,13 +61,7 @@ def halves(joined: str) -> Any:
 
 
 def verified(m: Any) -> Any:
-    m.two.avoid = rcp.ObstacleAvoidanceBlock(
-        m.two.time,
-        body=rcp.Polytope.box(0.1, 0.1),
-        pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t]),
-        obstacles={"post": rcp.Polytope.box(0.1, 0.1, center=(9.0, 9.0))},
-        clearance=0.1,
-    )
+    keep_clear(m.two, rcp.Polytope.box(0.1, 0.1), post(9.0, 9.0), clearance=0.1)
     return m.two.avoid.verify()
 
 
@@ -119,13 +114,7 @@ def test_equations_that_read_another_phase_need_to_know_its_motion(elements: int
     b.ode(lambda b, t: {b.y: m.leader.x[t]})
     a.initialize(a.simulate(method="scheme"))
     b.initialize(b.simulate(method="scheme"))
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time,
-        body=rcp.Polytope.box(0.1, 0.1),
-        pose=lambda b, t: rcp.planar_pose(b.y[t], 0.0),
-        obstacles={"post": rcp.Polytope.box(0.1, 0.1, center=(9.0, 9.0))},
-        clearance=0.1,
-    )
+    keep_clear(b, rcp.Polytope.box(0.1, 0.1), post(9.0, 9.0), lambda b, t: rcp.planar_pose(b.y[t], 0.0), 0.1)
     report = b.avoid.verify()
     assert report.safe is (known or None)
     assert known or "read states of 'leader'" in report.not_replayed

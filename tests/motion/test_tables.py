@@ -10,6 +10,8 @@ import numpy as np
 import pyomo.environ as pyo
 import pytest
 from harness.moving import check, on_a_phase, on_points
+from harness.phases import integrator
+from harness.scenes import keep_clear, on_the_line
 from hypothesis import given
 from hypothesis import strategies as st
 from pyomo.dae import ContinuousSet, DerivativeVar
@@ -200,16 +202,11 @@ def test_parameters_over_a_continuous_set() -> None:
 
 @pytest.mark.casadi
 def test_a_plan_leads_past_a_table_in_a_free_duration() -> None:
-    m = pyo.ConcreteModel()
-    m.move = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(1, 3), initial_guess=2.0), elements=4, stages=2)
-    b.x, b.u = rcp.State(initial=0, final=4), rcp.Control()
-    b.ode(lambda b, t: {b.x: b.u[t]})
+    duration = rcp.Duration(bounds=(1, 3), initial_guess=2.0)
+    m, b = integrator(x={"initial": 0, "final": 4}, duration=duration, elements=4, stages=2)
     b.initialize_straight_lines()
     m.hurry = pyo.Objective(expr=b.duration + 0.01 * b.integral(lambda b, t: b.u[t] ** 2))
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time,
-        bodies={"cart": Body(Polytope.box(0.5, 0.5), lambda b, t: planar_pose(b.x[t], 0))},
-        obstacles={"truck": Body(Polytope.box(0.5, 0.5), rcp.TablePath([0, 1.1, 3], 2, [-3, -2, 1]))},
-        clearance=0.1,
-    )
+    box = Polytope.box(0.5, 0.5)
+    truck = Body(box, rcp.TablePath([0, 1.1, 3], 2, [-3, -2, 1]))
+    keep_clear(b, box, {"truck": truck}, on_the_line, 0.1)
     assert rcp.solve(m).safe

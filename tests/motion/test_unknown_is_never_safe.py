@@ -9,6 +9,7 @@ from typing import Any
 
 import pyomo.environ as pyo
 import pytest
+from harness.scenes import keep_clear, on_the_line, post
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import TrajectoryError
@@ -27,13 +28,7 @@ def mover(drift: State, prepare: Callable[[Any], None] = lambda m: None) -> Any:
     b.x, b.y, b.u = rcp.State(initial=0), rcp.State(initial=0), rcp.Control(bounds=(-3, 3))
     prepare(m)
     b.ode(lambda b, t: {b.x: 1.0, b.y: b.u[t] + drift(m, b, t)})
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time,
-        body=rcp.Polytope.box(0.05, 0.05),
-        pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t]),
-        obstacles={"wall": rcp.Polytope.box(4.0, 0.1, center=(0.5, 0.3))},
-        clearance=0.05,
-    )
+    keep_clear(b, rcp.Polytope.box(0.05, 0.05), {"wall": rcp.Polytope.box(4.0, 0.1, center=(0.5, 0.3))})
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2 + b.y[t] ** 2))
     return m
 
@@ -109,13 +104,7 @@ def test_a_time_index_without_real_time_is_compared_too() -> None:
     b.x, b.y = rcp.State(initial=0), rcp.State(initial=0)
     b.ode(lambda b, t: {b.x: 1.0 + 0.1 * b.time_at(t), b.y: -b.y[t] + b.x[t]})
     b.initialize(b.simulate())
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time,
-        body=rcp.Polytope.box(0.05, 0.05),
-        pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t]),
-        obstacles={"post": rcp.Polytope.box(0.1, 0.1, center=(9.0, 0.0))},
-        clearance=0.05,
-    )
+    keep_clear(b, rcp.Polytope.box(0.05, 0.05), post(9.0, 0.0))
     assert b.avoid.verify().safe
 
 
@@ -141,13 +130,7 @@ def test_where_no_equations_are_stated_the_plan_is_the_motion() -> None:
     b.x, b.y = rcp.State(initial=0), rcp.Control(initial_guess=0.0)
     b.constraint(lambda b, t: b.derivative(b.x)[t] <= 1.0, name="slow")
     b.initialize(x=0.0)
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time,
-        body=rcp.Polytope.box(0.05, 0.05),
-        pose=lambda b, t: rcp.planar_pose(b.x[t], 0.0),
-        obstacles={"post": rcp.Polytope.box(0.1, 0.1, center=(0.0, 1.0))},
-        clearance=0.05,
-    )
+    keep_clear(b, rcp.Polytope.box(0.05, 0.05), post(0.0, 1.0), on_the_line)
     assert b.avoid.verify().safe
     b.constraint(lambda b, t: b.derivative(b.x)[t] == b.y[t], name="follows")
     assert b.avoid.verify().safe

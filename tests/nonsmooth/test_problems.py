@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from nonsmooth_problems import PROBLEMS, turbo_car, turbo_car_with_hysteresis
+from nonsmooth_problems import PROBLEMS, turbo_car
 from nonsmooth_problems.problem import at_boundaries
 
 import pyrobocop_pyomo as rcp
@@ -78,18 +78,6 @@ def test_what_has_reached_the_surface_slides_on_it(name: str) -> None:
     arrived = np.flatnonzero(np.abs(found.x) < 1e-6)
     assert np.abs(found.x[arrived[0] :]).max() < 1e-6
     assert found.time[arrived[0]] == pytest.approx(2.0, abs=1e-5)
-
-
-def test_both_writings_of_the_switch_have_the_same_answer() -> None:
-    assert trajectory("sliding by step").duration == pytest.approx(trajectory("sliding by modes").duration, abs=1e-7)
-
-
-@pytest.mark.parametrize(
-    ("name", "closed_form"),
-    [("turbo car", turbo_car.optimum), ("turbo car with hysteresis", turbo_car_with_hysteresis.optimum)],
-)
-def test_the_car_takes_the_minimal_time(name: str, closed_form: Any) -> None:
-    assert trajectory(name).duration == pytest.approx(closed_form(), rel=1e-7)
 
 
 def test_the_grouping_detects_switches_where_elements_move() -> None:

@@ -1,7 +1,5 @@
 """Bernstein coefficients: they say the same as the polynomial, on [0, 1] and on its parts, and enclose it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Scales follow a change of units exactly."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

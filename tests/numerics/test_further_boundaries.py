@@ -1,7 +1,5 @@
 """Further boundaries of a mesh: delays lead from boundary to boundary."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st

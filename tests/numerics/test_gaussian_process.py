@@ -1,7 +1,5 @@
 """The mean of a Gaussian process: its derivatives, what it reproduces, and what does not change it."""
 
-from __future__ import annotations
-
 import pickle
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rounded choices stay near the relaxed ones in what is accumulated, as far as the theorems say."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Matchings and their leftover parts, against SciPy, and against what the parts are by definition."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """Meshes and grids: nothing is rounded, nothing is doubled."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Better meshes from errors of elements."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Laws of the collocation schemes: exactness, order, symmetry."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

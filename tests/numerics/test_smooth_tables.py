@@ -19,15 +19,19 @@ OTHER = np.array([-1.0, -0.4, 0.1, 0.8, 1.2, 1.9, 2.0, 2.5])  # as many: a trans
 @pytest.mark.parametrize(("kind", "degree"), [("cubic", 3), ("quintic", 5)])
 @given(coefficients=st.lists(st.floats(-2, 2), min_size=6, max_size=6), seed=st.integers(0, 100))
 @settings(max_examples=15, deadline=None)
-def test_polynomials_come_out_exactly(kind, degree, coefficients, seed):
+def test_polynomials_and_their_derivatives_come_out_exactly(kind, degree, coefficients, seed):
     first = np.polynomial.Polynomial(coefficients[: degree + 1])
     second = np.polynomial.Polynomial(coefficients[::-1][: degree + 1])
     numbers = np.random.default_rng(seed)
     x, y = numbers.uniform(0, 3, 20), numbers.uniform(-1, 2.5, 20)
     scale = 1 + np.abs(np.outer(first(GRID), second(OTHER))).max()
-    assert np.allclose(rcp.Table(GRID, first(GRID), kind=kind)(x), first(x), atol=1e-9 * scale)
-    product = rcp.Table(GRID, OTHER, np.outer(first(GRID), second(OTHER)), kind=kind)
+    table = rcp.Table(GRID, first(GRID), kind=kind)
+    assert np.allclose(table(x), first(x), atol=1e-9 * scale)
+    assert np.allclose(table.derivative(x), first.deriv()(x), atol=1e-8 * scale)
+    product = rcp.Table(GRID, OTHER, np.outer(first(GRID), second(OTHER)), inputs=["x", "y"], kind=kind)
     assert np.allclose(product(x, y), first(x) * second(y), atol=1e-9 * scale)
+    assert np.allclose(product.derivative(x, y, by=0), first.deriv()(x) * second(y), atol=1e-8 * scale)
+    assert np.allclose(product.derivative(x, y, by="y"), first(x) * second.deriv()(y), atol=1e-8 * scale)
 
 
 @pytest.mark.parametrize("outside", ["error", "linear", "constant"])
@@ -45,20 +49,6 @@ def test_points_and_derivatives(kind, outside):
         assert np.allclose(table(GRID[:, None], OTHER), products, atol=1e-12)
         points = numbers.uniform([-reach, -1 - reach], [3 + reach, 2.5 + reach], (25, 2))
         table.check_derivatives(points)
-
-
-@given(coefficients=st.lists(st.floats(-2, 2), min_size=4, max_size=4), seed=st.integers(0, 100))
-@settings(max_examples=15, deadline=None)
-def test_derivatives_of_polynomials_come_out_exactly(coefficients, seed):
-    first = np.polynomial.Polynomial(coefficients)
-    second = np.polynomial.Polynomial(coefficients[::-1])
-    numbers = np.random.default_rng(seed)
-    x, y = numbers.uniform(0, 3, 20), numbers.uniform(-1, 2.5, 20)
-    scale = 1 + np.abs(np.outer(first(GRID), second(OTHER))).max()
-    assert np.allclose(rcp.Table(GRID, first(GRID)).derivative(x), first.deriv()(x), atol=1e-8 * scale)
-    product = rcp.Table(GRID, OTHER, np.outer(first(GRID), second(OTHER)), inputs=["x", "y"])
-    assert np.allclose(product.derivative(x, y, by=0), first.deriv()(x) * second(y), atol=1e-8 * scale)
-    assert np.allclose(product.derivative(x, y, by="y"), first(x) * second.deriv()(y), atol=1e-8 * scale)
 
 
 @pytest.mark.parametrize("outside", ["error", "linear", "constant"])

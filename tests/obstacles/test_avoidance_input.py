@@ -5,7 +5,7 @@ from __future__ import annotations
 import networkx
 import pyomo.environ as pyo
 import pytest
-from harness.scenes import ARROW, WALL, avoiding, placed, turning_move
+from harness.scenes import ARROW, WALL, avoiding, keep_clear, placed, turning_move
 
 import pyrobocop_pyomo as rcp
 
@@ -80,13 +80,7 @@ def test_quaternions_of_a_phase_are_warned_about_although_their_ends_are_fixed(c
         def length(b, t):
             return b.w[t] ** 2 + b.z[t] ** 2 == 1
 
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time,
-        body=CUBE,
-        pose=lambda b, t: rcp.spatial_pose((0, 0, 5), quaternion=(b.w[t], 0, 0, b.z[t])),
-        obstacles=[CUBE],
-        clearance=0.1,
-    )
+    keep_clear(b, CUBE, [CUBE], lambda b, t: rcp.spatial_pose((0, 0, 5), quaternion=(b.w[t], 0, 0, b.z[t])), 0.1)
     b.avoid.initialize()
     assert ("length one" in caplog.text) == ("Add the equation" in caplog.text) == (not unit_length)
 
@@ -105,7 +99,7 @@ def test_pairs_by_graph_and_by_exclusion():
 
 def test_shorthand_for_one_body():
     m = turning_move(elements=1, stages=1)
-    m.move.avoid = rcp.ObstacleAvoidanceBlock(m.move.time, body=ARROW, pose=placed, obstacles=[WALL], clearance=0.1)
+    keep_clear(m.move, ARROW, [WALL], placed, 0.1)
     assert list(m.move.avoid.record.scene.clearances) == [("body", "obstacle 1")]
     with pytest.raises(rcp.errors.ObstacleError, match="not both"):
         m.move.other = rcp.ObstacleAvoidanceBlock(m.move.time, body=ARROW, pose=placed, bodies=ARROWS, clearance=1)

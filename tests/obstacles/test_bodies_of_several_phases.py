@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.scenes import state_point
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ObstacleError
@@ -15,29 +16,16 @@ BOX = rcp.Polytope.box(0.5, 0.5)
 FREE = rcp.Duration(bounds=(1, 5), initial_guess=2.0)
 
 
-def robot(b: Any, first: float, last: float) -> None:
-    b.x, b.y, b.u, b.v = (
-        rcp.State(initial=first, final=last),
-        rcp.State(initial=0, final=0),
-        rcp.Control(),
-        rcp.Control(),
-    )
-    b.ode(lambda b, t: {b.x: b.u[t], b.y: b.v[t]})
-    b.initialize_straight_lines()
-
-
 def two_robots(second: dict[str, Any] | None = None, **first: Any) -> pyo.ConcreteModel:
     m = pyo.ConcreteModel()
     options = {"duration": 2.0, "elements": 4, "stages": 2, **first}
     m.one, m.two = rcp.PhaseBlock(**options), rcp.PhaseBlock(**{**options, **(second or {})})
-    robot(m.one, 0, 4)
-    robot(m.two, 4, 0)
-    m.effort = pyo.Objective(expr=sum(phase.integral(effort) for phase in (m.one, m.two)))
+    for phase, start, end in ((m.one, 0, 4), (m.two, 4, 0)):
+        state_point(phase, (start, 0), (end, 0))
+        phase.initialize_straight_lines()
+    phases = (m.one, m.two)
+    m.effort = pyo.Objective(expr=sum(b.integral(lambda b, t: b.u[t] ** 2 + b.v[t] ** 2) for b in phases))
     return m
-
-
-def effort(b: Any, t: Any) -> Any:
-    return b.u[t] ** 2 + b.v[t] ** 2
 
 
 def one(m: Any, t: Any) -> Any:

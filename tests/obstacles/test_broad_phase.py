@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.scenes import keep_clear, state_point
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -25,19 +26,11 @@ def field(
     """From left to right; the initial guess is an arc of the given height."""
     m = pyo.ConcreteModel(name="field")
     m.move = b = rcp.PhaseBlock(duration=5.0, elements=elements, stages=1)
-    b.x, b.y = rcp.State(initial=0, final=side), rcp.State(initial=0, final=0)
-    b.u, b.v = rcp.Control(), rcp.Control()
-    b.ode(lambda b, t: {b.x: b.u[t], b.y: b.v[t]})
+    state_point(b, end=(side, 0))
     m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2 + b.v[t] ** 2))
     b.initialize_straight_lines()
     b.initialize({"y": lambda t: height * np.sin(np.pi * t / 5.0)})
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time,
-        bodies={"cart": rcp.Body(CART, pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t]))},
-        obstacles=obstacles,
-        clearance=clearance,
-        **options,
-    )
+    keep_clear(b, CART, obstacles, clearance=clearance, **options)
     return m
 
 
@@ -138,5 +131,5 @@ def test_a_straight_line_through_several_obstacles_is_led_around_them() -> None:
     assert result.rounds[0].purpose == "led around all obstacles"
     # Where the user says where to pass, the guess is taken as it is.
     m = field(rocks, elements=16)
-    m.move.avoid.initialize(directions={("cart", "obstacle 13"): (0, 1)})
+    m.move.avoid.initialize(directions={("body", "obstacle 13"): (0, 1)})
     assert rcp.solve(m).rounds[0].purpose == "from the initial guess"

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.scenes import keep_clear, on_the_line
 
 import pyrobocop_pyomo as rcp
 
@@ -35,14 +36,8 @@ def between_walls(clearance: Any, elements: int = 4, **options: Any) -> pyo.Conc
     b.ode(lambda b, t: {b.x: b.speed[t], b.y: b.vy[t], b.speed: b.a[t]})
     b.initialize_straight_lines()
     walls = {"low": rcp.Polytope.box(1, 1, center=(2, -1.1)), "high": rcp.Polytope.box(1, 1, center=(2, 1.1))}
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time,
-        body=rcp.Polytope.box(2 * HALF_BODY, 2 * HALF_BODY),
-        pose=place,
-        obstacles=walls,
-        clearance=clearance(m) if callable(clearance) else clearance,
-        **options,
-    )
+    gap = clearance(m) if callable(clearance) else clearance
+    keep_clear(b, rcp.Polytope.box(2 * HALF_BODY, 2 * HALF_BODY), walls, place, gap, **options)
     m.cost = pyo.Expression(expr=b.integral(lambda b, t: b.vy[t] ** 2 + 0.01 * b.a[t] ** 2))
     m.goal = pyo.Objective(expr=m.cost)
     return m
@@ -158,13 +153,8 @@ def test_what_the_equations_change_of_a_clearance_is_taken_off() -> None:
     b.a = rcp.Control(bounds=(-10, 10))
     b.ode(lambda b, t: {b.x: b.speed[t], b.speed: b.a[t] - 2.0 * b.speed[t]})
     b.initialize_straight_lines()
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time,
-        body=rcp.Polytope.box(1, 1),
-        pose=lambda b, t: rcp.planar_pose(b.x[t], 0.0),
-        obstacles={"wall": rcp.Polytope.box(9, 1, center=(0, 3))},
-        clearance=lambda b, t: 1.0 + 0.1 * b.speed[t],
-    )
+    wall = {"wall": rcp.Polytope.box(9, 1, center=(0, 3))}
+    keep_clear(b, rcp.Polytope.box(1, 1), wall, on_the_line, lambda b, t: 1.0 + 0.1 * b.speed[t])
     m.goal = pyo.Objective(expr=b.integral(lambda b, t: b.a[t] ** 2))
     pyo.SolverFactory("pyrobocop.ipopt").solve(m)
     (pair,) = b.avoid.verify().body_pairs

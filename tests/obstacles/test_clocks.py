@@ -88,12 +88,18 @@ def test_in_a_clearance_t_is_the_time(horizon: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "frozen", [pyo.value, lambda t: t.value if hasattr(t, "value") else t], ids=["value", ".value"]
+    ("horizon", "frozen"),
+    [
+        ({"duration": 2.0}, lambda b, t: pyo.value(t)),
+        ({"duration": 2.0}, lambda b, t: t.value if hasattr(t, "value") else t),
+        (FREE, lambda b, t: pyo.value(b.time_at(t))),  # at the guess of the duration
+    ],
+    ids=["value", ".value", "guess"],
 )
-def test_a_rule_that_freezes_t_is_refused(frozen: Any) -> None:
-    m = drive(duration=2.0)
+def test_a_rule_that_freezes_t_is_refused(horizon: dict[str, Any], frozen: Any) -> None:
+    m = drive(**horizon)
     with pytest.raises(ObstacleError, match="'truck'.*goes by a number.*pyo.value"):
-        crossing(m.drive, lambda b, t: rcp.planar_pose(5, 2 * frozen(t) - 6))
+        crossing(m.drive, lambda b, t: rcp.planar_pose(5, 2 * frozen(b, t) - 6))
 
 
 @pytest.mark.parametrize("of", [abs, pyo.tanh])
@@ -105,12 +111,6 @@ def test_the_index_of_a_free_duration_is_refused_in_functions_that_cannot_be_fol
     }
     with pytest.raises(ObstacleError, match=r"'truck' depends on t, .*Write b.time_at\(t\)"):
         m.avoid = rcp.ObstacleAvoidanceBlock(m.drive.time, bodies=bodies, clearance=0.1)
-
-
-def test_a_time_that_is_frozen_at_the_guess_of_the_duration_is_refused() -> None:
-    m = drive(**FREE)
-    with pytest.raises(ObstacleError, match="'truck'.*goes by a number.*pyo.value"):
-        crossing(m.drive, lambda b, t: rcp.planar_pose(5, pyo.value(b.time_at(t))))
 
 
 def test_a_body_that_nothing_moves_is_told(caplog: pytest.LogCaptureFixture) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.scenes import keep_clear, state_point
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -87,15 +88,13 @@ def room_with_a_door(door: float, clearance: float = 0.05) -> pyo.ConcreteModel:
     """From outside into a room whose only door has the given width."""
     m = pyo.ConcreteModel()
     m.move = b = rcp.PhaseBlock(duration=4.0, elements=8)
-    b.x, b.y = rcp.State(initial=-3, final=0), rcp.State(initial=0, final=0)
-    b.u, b.v = rcp.Control(), rcp.Control()
-    b.ode(lambda b, t: {b.x: b.u[t], b.y: b.v[t]})
+    state_point(b, (-3, 0), (0, 0))
     b.initialize_straight_lines()
     side = 2.0 - door / 2
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time,
-        bodies={"cart": rcp.Body(box(0.6, 0.3), pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t]))},
-        obstacles={
+    keep_clear(
+        b,
+        box(0.6, 0.3),
+        {
             "upper": box(0.2, side, center=(-1.5, door / 2 + side / 2)),
             "lower": box(0.2, side, center=(-1.5, -door / 2 - side / 2)),
             "rest": [box(3, 0.2, center=(0, 1.9)), box(3, 0.2, center=(0, -1.9)), box(0.2, 4, center=(1.5, 0))],

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import io
 from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.phases import text
+from harness.scenes import state_point
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError
@@ -20,9 +21,7 @@ SQUARE, WALL = rcp.Polytope.box(0.5, 0.5), rcp.Polytope.box(1, 2, center=(2, 0.4
 def around_a_wall(mesh: Any, *, on_model: bool = False, **options: Any) -> Any:
     m = pyo.ConcreteModel()
     m.move = b = rcp.PhaseBlock(duration=1.0, mesh=mesh, stages=2)
-    b.x, b.y = rcp.State(initial=0, final=4), rcp.State(initial=0, final=0)
-    b.u, b.v = rcp.Control(), rcp.Control()
-    b.ode(lambda b, t: {b.x: b.u[t], b.y: b.v[t]})
+    state_point(b)
     b.initialize(x=lambda t: 4 * t, y=lambda t: -4 * t * (1 - t), u=4.0, v=lambda t: 8 * t - 4)
     home = m if on_model else b
 
@@ -37,12 +36,6 @@ def around_a_wall(mesh: Any, *, on_model: bool = False, **options: Any) -> Any:
     home.avoid.initialize()
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2 + b.v[t] ** 2))
     return m
-
-
-def text(m: Any) -> str:
-    stream = io.StringIO()
-    m.pprint(ostream=stream)
-    return stream.getvalue()
 
 
 def rows_at(m: Any, seed: int) -> dict[str, Any]:

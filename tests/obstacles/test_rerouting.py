@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.scenes import through_a_wall, wall_with_opening
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -21,14 +21,6 @@ from pyrobocop_pyomo.obstacles.rerouting import (
 
 CLEARANCE = 0.05
 BODY = rcp.Polytope.box(0.4, 0.2)
-
-
-def wall(gap: float, width: float, thickness: float, x: float = 0.0) -> list[rcp.Polytope]:
-    """Two boxes of ten metres with an opening around `gap`."""
-    return [
-        rcp.Polytope.box(thickness, 10.0, center=(x, gap + side * (width / 2 + 5.0)), name=f"{side}")
-        for side in (-1, 1)
-    ]
 
 
 def region(*corners: float) -> tuple[np.ndarray, np.ndarray]:
@@ -52,7 +44,7 @@ def test_lower_bounds_of_distances_are_never_more_than_the_true_ones(seed: int, 
 @given(gap=st.floats(-1.5, 1.5), width=st.floats(0.7, 1.5), thickness=st.floats(1e-3, 0.5), goal=st.floats(-1.0, 1.0))
 @settings(max_examples=40, deadline=None)
 def test_a_path_passes_a_thin_wall_through_its_opening(gap: float, width: float, thickness: float, goal: float) -> None:
-    balls, walls = InnerAndOuterBall.of(BODY), wall(gap, width, thickness)
+    balls, walls = InnerAndOuterBall.of(BODY), wall_with_opening(gap, width, thickness)
     ends = np.array([-2.0, 0.0]), np.array([2.0, goal])
     path = path_among_obstacles(*ends, balls, walls, CLEARANCE, *region(-3, -3, 3, 3))
     assert path is not None
@@ -81,27 +73,8 @@ def test_a_path_prefers_an_opening_with_room_to_one_that_barely_fits() -> None:
     assert -1.7 < at_wall[1] < -0.46
 
 
-def plan(pose: Any, gap: float = 1.2, *, bounds: tuple[float, float] = (-5, 5)) -> pyo.ConcreteModel:
-    """A box, and a straight guess through the wall beside the opening."""
-    m = pyo.ConcreteModel(name="through a wall")
-    m.move = b = rcp.PhaseBlock(duration=5.0, elements=12, stages=2)
-    for name, first, last in (("x", -2, 2), ("y", 0, 0.3), ("theta", 0, 0.5)):
-        b.declare(name, rcp.State(initial=first, final=last, bounds=bounds))
-        b.declare(f"{name}_rate", rcp.Control(bounds=(-9, 9)))
-    b.ode(lambda b, t: {b.x: b.x_rate[t], b.y: b.y_rate[t], b.theta: b.theta_rate[t]})
-    b.initialize_straight_lines()
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time, body=BODY, pose=pose, obstacles=wall(gap, 0.8, 0.1), clearance=CLEARANCE
-    )
-    return m
-
-
-def by_variables(b: Any, t: Any) -> rcp.scenes.Pose:
-    return rcp.planar_pose(b.x[t], b.y[t], b.theta[t])
-
-
 def test_a_guess_is_rerouted_through_the_opening_and_turns_as_before() -> None:
-    m = plan(by_variables)
+    m = through_a_wall()
     b = m.move
     turned = [b.theta[t].value for t in b.time]
     assert reroute(b.avoid) == ["body"]
@@ -114,7 +87,7 @@ def test_a_guess_is_rerouted_through_the_opening_and_turns_as_before() -> None:
 
 
 def test_a_rerouted_guess_keeps_the_bounds_of_its_variables() -> None:
-    m = plan(by_variables, gap=1.2, bounds=(-2, 2))
+    m = through_a_wall(bounds=(-2, 2))
     reroute(m.move.avoid)
     for t in m.move.time:
         assert -2 <= m.move.x[t].value <= 2
@@ -122,14 +95,14 @@ def test_a_rerouted_guess_keeps_the_bounds_of_its_variables() -> None:
 
 
 def test_poses_that_are_computed_from_variables_are_left_alone() -> None:
-    m = plan(lambda b, t: rcp.planar_pose(b.x[t] + 0.1 * pyo.cos(b.theta[t]), b.y[t], b.theta[t]))
+    m = through_a_wall(lambda b, t: rcp.planar_pose(b.x[t] + 0.1 * pyo.cos(b.theta[t]), b.y[t], b.theta[t]))
     before = [m.move.y[t].value for t in m.move.time]
     assert reroute(m.move.avoid) == []
     assert [m.move.y[t].value for t in m.move.time] == before
 
 
 def test_a_guess_that_leads_nowhere_is_left_alone() -> None:
-    m = plan(by_variables, bounds=(-2.1, 2.1), gap=8.0)
+    m = through_a_wall(bounds=(-2.1, 2.1), at=8.0)
     before = [m.move.y[t].value for t in m.move.time]
     assert reroute(m.move.avoid) == []
     assert [m.move.y[t].value for t in m.move.time] == before
@@ -137,7 +110,7 @@ def test_a_guess_that_leads_nowhere_is_left_alone() -> None:
 
 @pytest.mark.casadi
 def test_a_plan_starts_from_a_rerouted_guess() -> None:
-    m = plan(by_variables)
+    m = through_a_wall()
     m.effort = pyo.Objective(expr=m.move.integral(lambda b, t: b.x_rate[t] ** 2 + b.y_rate[t] ** 2))
     reroute(m.move.avoid)
     result = rcp.solve(m, progress=False)

@@ -30,6 +30,7 @@ POSES: dict[str, tuple[Any, list[str]]] = {
     "a name that is nearly one": (lambda b, t: rcp.planar_pose(b.thetta[t], 0), ["Did you mean 'theta'"]),
     "the value of a state": (lambda b, t: rcp.planar_pose(pyo.value(b.x[t]), 0), ["pyo.value"]),
     "the value of t": (lambda b, t: rcp.planar_pose(b.x[t] + pyo.value(t), 0), ["pyo.value"]),
+    "a pose in space": (lambda b, t: rcp.spatial_pose((b.x[t], b.y[t], 0)), ["dimension"]),
     "a question": (lambda b, t: rcp.planar_pose(max(b.x[t], 0.5), 0), ["'if'", "min, max"]),
 }
 
@@ -110,6 +111,16 @@ OUTLINE = [(0, 0), (1, 0), (1, 1)]
         ({"body": None, "pose": None, "bodies": {"car": ARROW}}, ["'car'", "nothing moves", "Body(shape, pose=rule)"]),
         ({"pose": None}, ["pose=rule", "rule(block, t)"]),
         ({"obstacle": {"wall": WALL}}, ["Did you mean 'obstacles'"]),
+        (
+            {"obstacles": {"crate": rcp.Polytope.box(1, 1, 1)}},
+            ["'body' has dimension 2", "'crate' has dimension 3", "all in space"],
+        ),
+        ({"points": lambda m: None}, ["None", "set of times", "phase.time"]),
+        ({"clearance": None}, ["clearance= is missing", "length > 0"]),
+        *(
+            ({"clearance": clearance}, ["'body' and 'wall'", repr(clearance), "length > 0", "tolerance"])
+            for clearance in (0, math.nan, "small")
+        ),
     ],
 )
 def test_in_a_scene(options: Any, words: list[str]) -> None:

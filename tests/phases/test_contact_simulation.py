@@ -27,8 +27,8 @@ def phase(elements: int = 50, duration: Any = 1.0, **options: Any) -> Any:
     return m.p
 
 
-def ball(elements: int, duration: Any = 1.5, force_first: bool = False, start: float = 1.0) -> Any:
-    b = phase(elements, duration)
+def ball(elements: int, duration: Any = 1.5, force_first: bool = False, start: float = 1.0, **options: Any) -> Any:
+    b = phase(elements, duration, **options)
     b.x, b.v = rcp.State(initial=start), rcp.State(initial=0.0)
     b.f = rcp.Algebraic(bounds=(0, None))
     b.ode(lambda b, t: {b.x: b.v[t], b.v: b.f[t] - G})
@@ -279,14 +279,7 @@ def test_a_step_without_a_solution_is_named_and_what_came_before_is_kept() -> No
 
 
 def test_restitution_needs_one_step_per_element() -> None:
-    b = phase(4, scheme="radau", stages=2)
-    b.x, b.v, b.f = rcp.State(initial=1.0), rcp.State(initial=0.0), rcp.Algebraic(bounds=(0, None))
-    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.f[t] - G})
-
-    def floor(b: Any, t: float) -> Any:
-        return rcp.complements(b.x[t] >= 0, b.f[t] >= 0)
-
-    b.complementarity(floor)
+    b = ball(4, scheme="radau", stages=2)
     with pytest.raises(InitialGuessError, match=r"restitution needs one step per element; radau\(2\) has 2 stages"):
         b.simulate(restitution={"floor": 0.5})
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import itertools
 import math
-import pickle
 from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.phases import undetermined
+from harness.phases import integrator, undetermined
 from pyomo.core.expr.visitor import identify_variables
 
 import pyrobocop_pyomo as rcp
@@ -102,11 +101,12 @@ def test_rate_bounds_hold_and_the_rate_is_what_they_bound(control: dict, changes
 
 @pytest.mark.ipopt
 def test_rate_bounds_are_in_real_time_when_the_duration_is_free() -> None:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.5, 9), initial_guess=3), elements=8)
-    b.x = rcp.State(initial=0, final=1)
-    b.u = rcp.Control(bounds=(0, 5), parametrization="piecewise_linear", rate_bounds=(None, 2.0))
-    b.ode(lambda b, t: {b.x: b.u[t]})
+    m, b = integrator(
+        x={"initial": 0, "final": 1},
+        u={"bounds": (0, 5), "parametrization": "piecewise_linear", "rate_bounds": (None, 2.0)},
+        duration=rcp.Duration(bounds=(0.5, 9), initial_guess=3),
+        elements=8,
+    )
     m.start = pyo.Constraint(expr=b.u_at_knots[0] == 0)
     m.T = pyo.Objective(expr=b.duration)
     assert rcp.solve(m).objective == pytest.approx(1.0, abs=1e-6)  # u = 2 t, x = t^2
@@ -121,20 +121,6 @@ def test_a_rate_cost_is_the_integral_of_the_squared_slope() -> None:
     widths = np.diff(MESH)
     assert pyo.value(cost) == pytest.approx(np.sum(np.diff(values) ** 2 / widths))
     assert m.p.rate_of("u") == m.p.rate_of(m.p.u)
-
-
-@pytest.mark.ipopt
-def test_clone_and_pickle_keep_the_way_from_points_to_values() -> None:
-    m = cart(parametrization="piecewise_linear", rate_bounds=(-9, 9))
-    m.p.rate_of(m.p.u)
-    for copy in (m.clone(), pickle.loads(pickle.dumps(m))):
-        copy.p.u_at_knots[0].set_value(7.0)
-        assert m.p.u_at_knots[0].value == 0
-        first, last = MESH[:2]
-        t = copy.p.points.first()
-        assert pyo.value(copy.p.u[t]) == pytest.approx(7.0 * (last - t) / (last - first))
-        assert pyo.value(copy.p.rate_of("u")[t]) == pytest.approx(-7.0 / (last - first))
-        assert rcp.solve(copy).objective == pytest.approx(1.5, abs=1e-7)
 
 
 @pytest.mark.ipopt

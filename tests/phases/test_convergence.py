@@ -8,7 +8,7 @@ import numpy as np
 import pyomo.environ as pyo
 import pytest
 from harness.convergence import observed_order
-from harness.phases import EXACT_COSTS, HORIZON, exact_x, exact_y, oscillators, running_costs, solve
+from harness.phases import EXACT_COSTS, HORIZON, exact_x, exact_y, integrator, oscillators, running_costs, solve
 
 import pyrobocop_pyomo as rcp
 
@@ -106,11 +106,7 @@ def test_optimal_control_and_optimal_cost_converge(scheme: rcp.schemes.Scheme) -
     meshes = (16, 24, 32, 48) if scheme.order <= 3 else (6, 8, 12, 16)
     control_errors, cost_errors = [], []
     for elements in meshes:
-        m = pyo.ConcreteModel()
-        m.p = b = rcp.PhaseBlock(duration=1.0, elements=elements, scheme=scheme)
-        b.x = rcp.State(initial=1)
-        b.u = rcp.Control()
-        b.ode(lambda b, t: {b.x: b.u[t]})
+        m, b = integrator(x={"initial": 1}, elements=elements, scheme=scheme)
         m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] ** 2 + b.u[t] ** 2))
         solve(m)
         control_errors.append(max(abs(b.u[t].value + math.sinh(1 - t) / math.cosh(1)) for t in b.points))

@@ -6,7 +6,7 @@ from typing import Any
 
 import pyomo.environ as pyo
 import pytest
-from harness.phases import HORIZON, oscillate, oscillators, running_costs, solve
+from harness.phases import HORIZON, integrator, oscillate, oscillators, running_costs, solve
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError
@@ -127,11 +127,7 @@ def test_a_constraint_at_boundaries_holds_where_gauss_has_no_stages() -> None:
     """Throw a ball over a wall: without the constraint at the boundaries it may dip under between the stages."""
     heights = {}
     for at_boundaries in (False, True):
-        m = pyo.ConcreteModel()
-        m.p = b = rcp.PhaseBlock(duration=1, elements=3, scheme="gauss", stages=1)
-        b.x = rcp.State(initial=0, final=0)
-        b.u = rcp.Control()
-        b.ode(lambda b, t: {b.x: b.u[t]})
+        m, b = integrator(x={"initial": 0, "final": 0}, elements=3, scheme="gauss", stages=1)
         b.constraint(ceiling)
         if at_boundaries:
 
@@ -169,23 +165,16 @@ def test_a_tuple_of_three_numbers_and_expressions_is_one_row_with_two_bounds() -
     """Pyomo's own form; relations in a list or tuple are rows of their own."""
     counts = {}
     for name, rule in {
-        "ranged": lambda b, t: (-1, b.v[t], 0.9),
-        "relations": lambda b, t: (b.v[t] >= -1, b.v[t] <= 0.9),
-        "inequality": lambda b, t: pyo.inequality(-1, b.v[t], 0.9),
+        "ranged": lambda b, t: (-1, b.x[t], 0.9),
+        "relations": lambda b, t: (b.x[t] >= -1, b.x[t] <= 0.9),
+        "inequality": lambda b, t: pyo.inequality(-1, b.x[t], 0.9),
     }.items():
-        m = pyo.ConcreteModel()
-        m.p = rcp.PhaseBlock(duration=1, elements=2, stages=1)
-        m.p.v = rcp.State(initial=0)
-        m.p.u = rcp.Control()
-        m.p.ode(lambda b, t: {b.v: b.u[t]})
-        rule.__name__ = name
-        m.p.constraint(rule)
-        rows = list(m.p.component(name).values())
+        _, b = integrator(x={"initial": 0}, stages=1)
+        b.constraint(rule, name=name)
+        rows = list(b.component(name).values())
         counts[name] = len(rows)
         assert min(row.ub for row in rows if row.ub is not None) == 0.9
-        for v in m.p.v.values():
-            v.set_value(2.0)
-        for u in m.p.u.values():
-            u.set_value(0.0)
-        assert m.p.trajectory().verify().equations == pytest.approx(1.1)
+        b.x.set_values(dict.fromkeys(b.x, 2.0))
+        b.u.set_values(dict.fromkeys(b.u, 0.0))
+        assert b.trajectory().verify().equations == pytest.approx(1.1)
     assert counts == {"ranged": 2, "relations": 4, "inequality": 2}

@@ -3,39 +3,30 @@
 from __future__ import annotations
 
 import math
-import pickle
 from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.phases import integrator, rest_to_rest
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError
 
 
-def rest_to_rest(elements: int, low: float, high: float, **options: Any) -> pyo.ConcreteModel:
-    """Move a mass by one in least time: full force, then full brake."""
-    m = pyo.ConcreteModel(name="rest to rest")
+def in_least_time(elements: int, low: float, high: float, **options: Any) -> pyo.ConcreteModel:
+    """Full force, then full brake."""
     options = {"free_element_widths": (0.1, 3), "stages": 2, **options}
-    m.p = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.1, 10), initial_guess=1.5), elements=elements, **options)
-    b.x = rcp.State(initial=0, final=1)
-    b.v = rcp.State(initial=0, final=0)
-    b.u = rcp.Control(bounds=(low, high), parametrization="piecewise_constant")
-    b.ode(double_integrator)
-    m.T = pyo.Objective(expr=b.duration)
-    return m
-
-
-def double_integrator(b: Any, t: float) -> dict[Any, Any]:
-    return {b.x: b.v[t], b.v: b.u[t]}
+    duration = rcp.Duration(bounds=(0.1, 10), initial_guess=1.5)
+    held = {"parametrization": "piecewise_constant"}
+    return rest_to_rest(force=(low, high), u=held, duration=duration, elements=elements, **options)
 
 
 @pytest.mark.ipopt
 @pytest.mark.parametrize("elements", [2, 3, 5])
 @pytest.mark.parametrize(("low", "high"), [(-1.0, 1.0), (-2.0, 1.0), (-0.5, 1.0)])
 def test_the_switch_of_a_minimum_time_plan_falls_on_an_element_end(elements: int, low: float, high: float) -> None:
-    m = rest_to_rest(elements, low, high)
+    m = in_least_time(elements, low, high)
     result = rcp.solve(m)
     least = math.sqrt(2 * (1 / high - 1 / low))
     switch = least * -low / (high - low)
@@ -50,7 +41,7 @@ def test_the_switch_of_a_minimum_time_plan_falls_on_an_element_end(elements: int
 @pytest.mark.ipopt
 def test_on_a_mesh_that_stands_still_the_same_plan_is_worse() -> None:
     least = math.sqrt(3.0)
-    still = rcp.solve(rest_to_rest(5, -2, 1, free_element_widths=None), mesh_tolerance=None).objective
+    still = rcp.solve(in_least_time(5, -2, 1, free_element_widths=None), mesh_tolerance=None).objective
     assert still > least + 1e-3
 
 
@@ -75,11 +66,8 @@ def test_moved_elements_integrate_and_tell_the_time(scheme: str) -> None:
 @pytest.mark.ipopt
 def test_a_free_start_waits_for_the_best_moment() -> None:
     # The wind blows as (t - 4)^2: a ride of length 2 is cheapest around 4.
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=2.0, start=rcp.Start(bounds=(0, 10), initial_guess=1), elements=5)
-    b.x = rcp.State(initial=0, final=1)
-    b.u = rcp.Control()
-    b.ode(lambda b, t: {b.x: b.u[t]})
+    start = rcp.Start(bounds=(0, 10), initial_guess=1)
+    m, b = integrator(x={"initial": 0, "final": 1}, duration=2.0, start=start, elements=5)
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2 + (b.time_at(t) - 4) ** 2))
     assert rcp.solve(m).solved
     assert m.p.start.value == pytest.approx(3.0, abs=1e-6)
@@ -108,7 +96,7 @@ def test_a_phase_can_start_where_another_ends() -> None:
 
 @pytest.mark.parametrize("duration", [0.0, -1.0, None])
 def test_a_duration_without_a_positive_value_is_refused_by_name(duration: float | None) -> None:
-    m = rest_to_rest(3, -2, 1)
+    m = in_least_time(3, -2, 1)
     plan = m.p.trajectory()
     m.p.duration.set_value(duration, skip_validation=True)
     m.p.check()  # for a solver it is a guess
@@ -121,7 +109,7 @@ def test_a_duration_without_a_positive_value_is_refused_by_name(duration: float 
 
 
 def test_a_motion_that_lasts_longer_than_a_plan_may_is_verified_in_silence(caplog: pytest.LogCaptureFixture) -> None:
-    m = rest_to_rest(3, -2, 1)
+    m = in_least_time(3, -2, 1)
     m.p.duration.set_value(50.0, skip_validation=True)
     motion = m.p.trajectory()
     m.p.duration.set_value(5.0)
@@ -129,14 +117,6 @@ def test_a_motion_that_lasts_longer_than_a_plan_may_is_verified_in_silence(caplo
     assert verified.bounds > 1.0
     assert not caplog.records
     assert m.p.duration.value == 5.0
-
-
-@pytest.mark.ipopt
-def test_moving_phases_clone_and_pickle() -> None:
-    m = rest_to_rest(3, -2, 1)
-    for copy in (m.clone(), pickle.loads(pickle.dumps(m))):
-        assert rcp.solve(copy).objective == pytest.approx(math.sqrt(3), abs=1e-6)
-        assert m.p.duration.value == 1.5
 
 
 @pytest.mark.parametrize(

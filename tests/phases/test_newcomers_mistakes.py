@@ -4,23 +4,12 @@ from __future__ import annotations
 
 import pyomo.environ as pyo
 import pytest
+from mistakes.entries import cart, driven, newton
 from pyomo.core.expr.visitor import identify_variables
 from pyomo.environ import units as u
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError
-
-
-def cart(m: pyo.ConcreteModel, duration: object = 2.0) -> rcp.PhaseBlock:
-    m.p = b = rcp.PhaseBlock(duration=duration, elements=4)
-    b.x = rcp.State(initial=0, final=1)
-    b.velocity = rcp.State(initial=0, final=0)
-    b.u = rcp.Control(bounds=(-2, 2))
-    return b
-
-
-def newton(b, t):
-    return {b.x: b.velocity[t], b.velocity: b.u[t]}
 
 
 def test_a_boundary_is_found_by_its_number_whatever_its_rounding():
@@ -39,11 +28,11 @@ def test_a_boundary_is_found_by_its_number_whatever_its_rounding():
 def test_a_variable_of_the_user_is_the_duration():
     m = pyo.ConcreteModel()
     m.T = pyo.Var(bounds=(0.5, 5), initialize=2)
-    b = cart(m, m.T)
+    b = cart(m, duration=m.T)
     b.ode(newton)
     m.soon = pyo.Objective(expr=m.T)
     of_declaration = pyo.ConcreteModel()
-    c = cart(of_declaration, rcp.Duration(bounds=(0.5, 5), initial_guess=2))
+    c = cart(of_declaration, duration=rcp.Duration(bounds=(0.5, 5), initial_guess=2))
     c.ode(newton)
     of_declaration.soon = pyo.Objective(expr=c.duration)
     assert rcp.solve(m).solved
@@ -61,9 +50,7 @@ def test_a_variable_of_the_user_is_the_duration():
 def test_a_param_of_the_user_is_the_duration_also_after_it_has_changed():
     m = pyo.ConcreteModel()
     m.T = pyo.Param(initialize=2.0, mutable=True)
-    b = cart(m, m.T)
-    b.ode(newton)
-    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
+    driven(m, duration=m.T)
     for duration in (2.0, 3.0):
         m.T.set_value(duration)
         assert rcp.solve(m).solved
@@ -78,7 +65,7 @@ def test_a_duration_that_may_be_negative_is_refused_by_name(make):
     m = pyo.ConcreteModel()
     m.T = make(m)
     with pytest.raises(ModelError, match=r"the duration 'T' has the value .*must be one positive number"):
-        cart(m, m.T)
+        cart(m, duration=m.T)
 
 
 @pytest.mark.ipopt
@@ -86,9 +73,9 @@ def test_units_that_differ_are_refused_before_the_solve():
     m = pyo.ConcreteModel()
     m.p = b = rcp.PhaseBlock(duration=2.0, elements=4, time_units=u.s)
     b.x = rcp.State(initial=0, final=1, units=u.m)
-    b.velocity = rcp.State(initial=0, units=u.m / u.s)
+    b.v = rcp.State(initial=0, units=u.m / u.s)
     b.u = rcp.Control(bounds=(-2, 2), units=u.N)
     b.ode(newton)
     m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
-    with pytest.raises(ModelError, match="'p.velocity_collocation'.*not compatible.*correct the units"):
+    with pytest.raises(ModelError, match="'p.v_collocation'.*not compatible.*correct the units"):
         rcp.solve(m)

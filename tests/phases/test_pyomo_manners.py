@@ -9,6 +9,7 @@ from typing import Any
 
 import pyomo.environ as pyo
 import pytest
+from harness.phases import integrator
 from pyomo.common.timing import report_timing
 from pyomo.contrib.iis.mis import compute_infeasibility_explanation
 from pyomo.contrib.solver.common.factory import SolverFactory as NewSolverFactory
@@ -201,10 +202,8 @@ def test_a_scaled_model_can_be_given_to_solve_and_its_values_back_to_the_model(r
 
 @pytest.mark.casadi
 def test_a_scaled_and_renamed_phase_may_have_a_free_duration() -> None:
-    m = pyo.ConcreteModel("sprint")
-    m.p = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.1, 10), initial_guess=1), elements=4)
-    b.x, b.u = rcp.State(initial=0, final=1), rcp.Control(bounds=(-1, 1))
-    b.ode(lambda b, t: {b.x: b.u[t]})
+    duration = rcp.Duration(bounds=(0.1, 10), initial_guess=1)
+    m, b = integrator(x={"initial": 0, "final": 1}, u={"bounds": (-1, 1)}, duration=duration, elements=4)
     m.time_taken = pyo.Objective(expr=b.duration)
     m.scaling_factor = pyo.Suffix(direction=pyo.Suffix.EXPORT)
     m.scaling_factor[b.x] = 100
@@ -241,11 +240,7 @@ def test_a_deactivated_phase_is_neither_solved_nor_counted() -> None:
 
 @pytest.mark.casadi
 def test_pyomo_explains_an_infeasible_phase_by_name() -> None:
-    m = pyo.ConcreteModel("far")
-    m.p = b = rcp.PhaseBlock(elements=2, stages=1)
-    b.x = rcp.State(initial=0, final=5)
-    b.u = rcp.Control(bounds=(0, 1))
-    b.ode(lambda b, t: {b.x: b.u[t]})
+    m, _ = integrator(x={"initial": 0, "final": 5}, u={"bounds": (0, 1)}, stages=1)
     m.nothing = pyo.Objective(expr=0)
     text = io.StringIO()
     logger = logging.Logger("explanation", level=logging.INFO)

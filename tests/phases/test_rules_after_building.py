@@ -10,6 +10,7 @@ from typing import Any
 
 import pyomo.environ as pyo
 import pytest
+from harness.scenes import at_place, keep_clear
 
 import pyrobocop_pyomo as rcp
 
@@ -32,10 +33,10 @@ class Asked:
         return asked
 
 
-def moved(asked: Asked, ode: Callable[..., Any], bounds: Any = (-1, 1)) -> pyo.ConcreteModel:
+def moved(asked: Asked, ode: Callable[..., Any], bounds: Any = (-1, 1), duration: Any = 1.0) -> pyo.ConcreteModel:
     """On so coarse a mesh that a solve refines it, where it may."""
     m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=1.0, elements=4)
+    m.p = b = rcp.PhaseBlock(duration=duration, elements=4)
     b.x = rcp.State(initial=1.0)
     b.u = rcp.Control(bounds=bounds, initial_guess=asked("guess", lambda t: math.sin(t)))
     b.ode(asked("ode", ode))
@@ -100,13 +101,8 @@ def scene(asked: Asked) -> pyo.ConcreteModel:
         b.x, b.y = rcp.State(initial=0, final=1), rcp.State(initial=0, final=0)
         b.vx, b.vy = rcp.Control(bounds=(-2, 2)), rcp.Control(bounds=(-2, 2))
         b.ode(asked("ode", lambda b, t: {b.x: b.vx[t], b.y: b.vy[t]}))
-        b.avoid = rcp.ObstacleAvoidanceBlock(
-            b.time,
-            body=rcp.Polytope.box(0.1, 0.1),
-            pose=asked("pose", lambda b, t: rcp.planar_pose(b.x[t], b.y[t])),
-            obstacles={"truck": truck},
-            clearance=asked("clearance", lambda b, t: 0.02),
-        )
+        rules = asked("pose", at_place), asked("clearance", lambda b, t: 0.02)
+        keep_clear(b, rcp.Polytope.box(0.1, 0.1), {"truck": truck}, *rules)
     m.cost = pyo.Objective(
         expr=sum(b.integral(asked("cost", lambda b, t: b.vx[t] ** 2 + b.vy[t] ** 2)) for b in (m.first, m.second))
     )
@@ -115,6 +111,9 @@ def scene(asked: Asked) -> pyo.ConcreteModel:
 
 MODELS = {
     "templates": templates,
+    "free duration": lambda asked: moved(
+        asked, lambda b, t: {b.x: b.u[t] - 20 * b.x[t] ** 2}, duration=rcp.Duration(bounds=(0.9, 1.1))
+    ),
     "functions of numbers": functions_of_numbers,
     "named expressions": named_expressions,
     "pairs and delays": pairs_and_delays,

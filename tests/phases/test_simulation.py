@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.phases import exact_x, exact_y, oscillators
+from harness.phases import exact_x, exact_y, integrator, oscillators
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -217,9 +217,5 @@ def test_a_rule_that_needs_the_grid_can_be_stepped() -> None:
 
 
 def test_a_linear_control_is_linear_within_elements_of_one_stage_too() -> None:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(elements=1, scheme="implicit_euler")
-    b.x = rcp.State(initial=0)
-    b.u = rcp.Control(parametrization="piecewise_linear")
-    b.ode(lambda b, t: {b.x: b.u[t]})
+    _, b = integrator(x={"initial": 0}, u={"parametrization": "piecewise_linear"}, elements=1, scheme="implicit_euler")
     assert b.simulate({"u": [0.0, 1.0]}).x[-1] == pytest.approx(0.5)

@@ -172,21 +172,6 @@ def test_the_time_that_the_message_names_gives_the_integral_over_time() -> None:
     assert b.trajectory().verify().largest_violation < 1e-6
 
 
-def test_a_phase_on_another_mesh_asks_no_rule() -> None:
-    _, b = ramp(duration=LONG)
-    asked = []
-
-    @b.ode
-    def said(b: Any, t: Any) -> Any:
-        asked.append(t)
-        return {b.x: b.u[t]}
-
-    assert any(isinstance(t, TimeIndex) for t in asked)
-    asked.clear()
-    b.remesh([0, 0.2, 1])
-    assert not asked
-
-
 def test_it_survives_a_pickle_and_equals_keys_of_any_kind() -> None:
     t = TimeIndex(0.5, "a rule", None)
     assert pickle.loads(pickle.dumps(t)) == t

@@ -66,19 +66,6 @@ def test_units_survive_clone_and_pickle(horizon: str) -> None:
         assert copy.p.record.time_units is not None
 
 
-def test_a_wrong_unit_shows_in_the_row_that_has_it() -> None:
-    m = cart(duration=2)
-
-    def fast(b, t):
-        return b.v[t] <= 3 * U.N
-
-    m.p.constraint(fast)
-    with pytest.raises(UnitsError):
-        assert_units_consistent(m)
-    (finding,) = rcp.diagnose(m).errors
-    assert finding.components == ("p.fast",)
-
-
 def test_without_time_units_a_rate_in_metres_per_second_is_refused_by_pyomo() -> None:
     m = cart(duration=2, time_units=None)
     with pytest.raises(UnitsError):

@@ -173,10 +173,20 @@ def _(m, b):
     return lambda b, t: {b.x: (lambda s: right_hand_side(s))(t)}
 
 
+@writing("variable of the module")
+def _(m, b):
+    global GLOBAL
+    GLOBAL = m
+    return lambda b, t: {GLOBAL.p.x: rate(GLOBAL.p.x[t], GLOBAL.p.u[t])}
+
+
 @writing("delay")
 def _(m, b):
     late = b.time.at(3)
     return lambda b, t: {b.x: rate(b.x[t - late] if t - late in b.x else b.x[0.0], b.u[t])}
+
+
+GLOBAL: Any = None
 
 
 def model(name: str, horizon: str = "fixed") -> pyo.ConcreteModel:
@@ -276,33 +286,6 @@ def test_on_another_mesh_a_rule_is_judged_by_one_formula_or_refused(name: str) -
         return
     if name not in OTHER_TIMES:
         assert verdict.defect == pytest.approx(trajectory.verify().defect, rel=1e-9)
-
-
-GLOBAL: Any = None
-
-
-def by_global(b: Any, t: float) -> Any:
-    return helper(t)
-
-
-def helper(t: float) -> Any:
-    return {GLOBAL.p.x: rate(GLOBAL.p.x[t], GLOBAL.p.u[t])}
-
-
-def test_a_model_that_is_a_variable_of_the_module_is_the_copy_in_a_copy() -> None:
-    global GLOBAL
-    GLOBAL = m = pyo.ConcreteModel("global")
-    m.p = b = rcp.PhaseBlock(duration=1.5, elements=3)
-    b.x = rcp.State(initial=1.0, initial_guess=lambda t: 1 - 0.3 * t)
-    b.u = rcp.Control(initial_guess=0.3)
-    b.ode(by_global)
-    twin = m.clone()
-    expected = twin.p.trajectory().verify().defect
-    disturb(m)
-    assert twin.p.trajectory().verify().defect == expected
-    assert twin.p.simulate().verify().element_error < 1e-8
-    GLOBAL = None  # names of the module are looked up when they are used, but for what was copied
-    assert twin.p.trajectory().verify().defect == expected
 
 
 KINDS = {

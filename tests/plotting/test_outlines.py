@@ -54,11 +54,6 @@ def test_faces_enclose_the_hull(points: np.ndarray) -> None:
     assert {tuple(point) for point in points[hull.vertices]} >= corners
 
 
-def test_a_box_has_six_faces_of_four_corners() -> None:
-    found = faces(rcp.Polytope.box(0.6, 0.6, 0.2))
-    assert [len(face) for face in found] == [4] * 6
-
-
 @pytest.mark.parametrize("radius", [0.1, 0.5])
 def test_padding_rounds_the_outline_and_keeps_to_the_radius(radius: float) -> None:
     corners = outline(rcp.Polytope.box(1, 1).padded(radius))

@@ -11,7 +11,7 @@ from mechanism_pictures import draw_linkage, draw_planar_pushing
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.plotting import plot_history, plot_signals
-from pyrobocop_pyomo.plotting.figures import evenly_moved, time_colours
+from pyrobocop_pyomo.plotting.figures import evenly_moved
 
 pytest.importorskip("matplotlib")
 
@@ -139,12 +139,6 @@ def test_snapshots_follow_motion_not_time() -> None:
 
 def test_what_never_moves_is_drawn_at_its_start_and_end() -> None:
     assert evenly_moved(np.zeros((20, 3, 2)), snapshots=8).tolist() == [0, 19]
-
-
-def test_later_is_darker() -> None:
-    colours = time_colours(np.array([0.0, 1.0, 2.0]))
-    brightness = [sum(colours.to_rgba(t)[:3]) for t in (0.0, 1.0, 2.0)]
-    assert brightness == sorted(brightness, reverse=True)
 
 
 def test_a_given_figure_is_drawn_onto() -> None:

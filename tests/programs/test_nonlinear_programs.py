@@ -8,6 +8,7 @@ import numpy as np
 import pyomo.environ as pyo
 import pyomo.repn.util
 import pytest
+from harness.nested_models import differ_from_differences
 from harness.small_problems import every_derivative, every_kind_of_row, maximisation, square_system
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -18,8 +19,6 @@ from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.missing_rank import missing_rank
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint, ShiftedRows
 from pyrobocop_pyomo.programs.stationarity import stationarity
-
-STEP = 1e-6
 
 
 def transcendental() -> pyo.ConcreteModel:
@@ -46,30 +45,9 @@ MODELS = [transcendental, every_kind_of_row, lambda: square_system()[0], lambda:
 @given(point=points, multipliers=points, factor=st.floats(-2, 2))
 def test_derivatives_agree_with_finite_differences(build, derivatives, point, multipliers, factor):
     nlp = CompiledModel(build(), derivatives).nlp
-    x, multipliers = point[: nlp.n], multipliers[: nlp.m]
-
-    def lagrangian_gradient(at):
-        return factor * nlp.gradient(at) + multipliers @ dense(nlp, nlp.jacobian(at))
-
-    assert nlp.gradient(x) == pytest.approx(differences(lambda at: np.array([nlp.objective(at)]), x)[0], abs=1e-6)
-    assert dense(nlp, nlp.jacobian(x)) == pytest.approx(differences(nlp.constraints, x), abs=1e-6)
-    lower = np.zeros((nlp.n, nlp.n))
     rows, columns = nlp.hessian_structure
     assert (rows >= columns).all()
-    np.add.at(lower, (rows, columns), nlp.hessian(x, factor, multipliers))
-    symmetric = lower + np.tril(lower, -1).T
-    assert symmetric == pytest.approx(differences(lagrangian_gradient, x), abs=1e-5)
-
-
-def dense(nlp, values):
-    matrix = np.zeros((nlp.m, nlp.n))
-    np.add.at(matrix, nlp.jacobian_structure, values)
-    return matrix
-
-
-def differences(function, x):
-    """Central differences, one column per variable."""
-    return np.array([(function(x + e) - function(x - e)) / (2 * STEP) for e in STEP * np.eye(x.size)]).T
+    assert differ_from_differences(nlp, point[: nlp.n], factor, multipliers[: nlp.m]) == []
 
 
 @pytest.mark.asl

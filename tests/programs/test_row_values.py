@@ -138,6 +138,16 @@ def values_of_rows(terms: Terms, columns: Columns, count: int) -> np.ndarray:
     return rows
 
 
+def values_of(*rows: Any, scale: float = 1.0) -> tuple[Terms, np.ndarray]:
+    """Terms of expressions, and what they say."""
+    columns = Columns()
+    terms = Terms(columns)
+    for i, row in enumerate(rows):
+        terms.add(i, row, scale, keep_constant=True)
+    terms.group()
+    return terms, values_of_rows(terms, columns, len(rows))
+
+
 @pytest.mark.parametrize("build", ZOO, ids=ZOO_NAMES)
 def test_plain_evaluation_of_the_terms_gives_every_body(build):
     model = build()
@@ -164,13 +174,8 @@ LEAVES = st.one_of(
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(rows=st.lists(trees(LEAVES), min_size=1, max_size=4), scale=st.floats(-3, 3))
 def test_random_expressions_keep_their_values(rows, scale):
-    columns = Columns()
-    terms = Terms(columns)
-    for i, row in enumerate(rows):
-        terms.add(i, row, scale, keep_constant=True)
-    terms.group()
     expected = [scale * pyo.value(row) for row in rows]
-    assert values_of_rows(terms, columns, len(rows)) == pytest.approx(expected, rel=1e-10, abs=1e-10)
+    assert values_of(*rows, scale=scale)[1] == pytest.approx(expected, rel=1e-10, abs=1e-10)
 
 
 def test_rows_of_one_shape_are_one_group():
@@ -195,28 +200,18 @@ def test_common_subexpressions_are_visited_once():
     node, plain = m.x, 0.5
     for _ in range(40):
         node, plain = pyo.cos(node) * node, np.cos(plain) * plain
-    columns = Columns()
-    terms = Terms(columns)
-    assert terms.add(0, node)
-    terms.group()
+    terms, values = values_of(node)
     assert len(next(iter(terms.groups))) < 200
-    assert values_of_rows(terms, columns, 1)[0] == pytest.approx(plain)
+    assert values[0] == pytest.approx(plain)
 
 
 def test_deep_expressions_need_no_recursion():
     m = pyo.ConcreteModel()
     m.x = pyo.Var(initialize=0.5)
-    node = m.x
+    node, plain = m.x, 0.5
     for _ in range(5000):
-        node = pyo.sin(node)
-    columns = Columns()
-    terms = Terms(columns)
-    assert terms.add(0, node)
-    terms.group()
-    plain = 0.5
-    for _ in range(5000):
-        plain = np.sin(plain)
-    assert values_of_rows(terms, columns, 1)[0] == pytest.approx(plain)
+        node, plain = pyo.sin(node), np.sin(plain)
+    assert values_of(node)[1][0] == pytest.approx(plain)
 
 
 def test_what_has_no_derivatives_is_refused_by_name():

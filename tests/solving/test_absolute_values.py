@@ -8,7 +8,9 @@ import numpy as np
 import pyomo.environ as pyo
 import pytest
 from complementarity.harness import nl_text, state
+from harness.phases import mass
 from harness.routes import every_backend
+from harness.scenes import keep_clear
 from mpcc_catalogue.point_check import check_point
 
 import pyrobocop_pyomo as rcp
@@ -20,11 +22,8 @@ TWO_PARTS = "absolute values as pairs"
 
 def least_fuel(elements: int = 20, scheme: str = "implicit_euler") -> pyo.ConcreteModel:
     """A mass moves by 1 in 3 seconds, from rest to rest, with forces of at most 1: full thrust, none, full thrust."""
-    m = pyo.ConcreteModel(name="least fuel")
-    m.b = b = rcp.PhaseBlock(duration=3.0, elements=elements, scheme=scheme)
-    b.x, b.v = rcp.State(initial=0, final=1), rcp.State(initial=0, final=0)
-    b.u = rcp.Control(bounds=(-1, 1))
-    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
+    rest = {"x": {"initial": 0, "final": 1}, "v": {"initial": 0, "final": 0}}
+    m, b = mass(**rest, u={"bounds": (-1, 1)}, duration=3.0, elements=elements, scheme=scheme)
     m.fuel = pyo.Objective(expr=b.integral(lambda b, t: abs(b.u[t])))
     return m
 
@@ -43,7 +42,7 @@ def test_least_fuel_is_thrust_rest_thrust() -> None:
     assert result.objective == pytest.approx(pyo.value(m.fuel), abs=1e-12)
     assert result.objective == pytest.approx(LEAST_FUEL, rel=5e-3)
     assert check_point(m).violation <= 1e-6
-    forces = m.b.trajectory()["u"][1:]
+    forces = m.p.trajectory()["u"][1:]
     # A linear program with two conditions at the end: no more than two forces are between.
     assert np.count_nonzero(np.abs(forces - np.round(forces)) > 1e-4) <= 2
     assert list(dict.fromkeys(np.round(forces[np.abs(forces - np.round(forces)) <= 1e-4]))) == [1.0, 0.0, -1.0]
@@ -88,7 +87,7 @@ def test_rows_that_say_more_than_a_derivative_can() -> None:
 def test_least_fuel_with_a_floor_that_stops_the_mass() -> None:
     """Thrust for s seconds, and the floor is hit after 3: ``s (3 - s / 2) = 1``, and the pairs are certified."""
     m = pyo.ConcreteModel(name="onto the floor")
-    m.b = b = rcp.PhaseBlock(duration=3.0, elements=20, scheme="implicit_euler")
+    m.p = b = rcp.PhaseBlock(duration=3.0, elements=20, scheme="implicit_euler")
     b.x, b.v = rcp.State(initial=1, final=0), rcp.State(initial=0, final=0)
     b.u, b.force = rcp.Control(bounds=(-1, 1)), rcp.Control(bounds=(0, None))
     b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] + b.force[t]})
@@ -144,12 +143,7 @@ def test_the_shortest_way_over_a_wall_by_its_parts() -> None:
     b.vx, b.vy = rcp.Control(bounds=(-4, 4)), rcp.Control(bounds=(-4, 4))
     b.ode(lambda b, t: {b.x: b.vx[t], b.y: b.vy[t]})
     m.way = pyo.Objective(expr=b.integral(lambda b, t: abs(b.vx[t]) + abs(b.vy[t])))
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time,
-        bodies={"cart": rcp.Body(rcp.Polytope.box(0.4, 0.4), pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t], 0.0))},
-        obstacles={"wall": rcp.Polytope.box(0.8, 2, center=(2, -0.5))},
-        clearance=0.05,
-    )
+    keep_clear(b, rcp.Polytope.box(0.4, 0.4), {"wall": rcp.Polytope.box(0.8, 2, center=(2, -0.5))})
     result = rcp.solve(m, progress=False)
     assert result.solved, str(result)
     assert result.safe

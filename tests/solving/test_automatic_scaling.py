@@ -7,8 +7,10 @@ import math
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.phases import integrator
 from harness.routes import every_backend
 from harness.scenes import avoiding, turning_move
+from harness.small_problems import corner
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.modeling.component_groups import ComponentGroups
@@ -132,11 +134,7 @@ def test_ipopts_own_option_is_taken_as_it_is() -> None:
 
 @pytest.mark.ipopt
 def test_pairs_stay_in_the_units_of_the_model() -> None:
-    m = pyo.ConcreteModel()
-    m.x, m.y = pyo.Var(bounds=(0, None), initialize=1000.0), pyo.Var(bounds=(0, None), initialize=1.0)
-    m.pair = rcp.Complementarity(expr=rcp.complements(m.x >= 0, m.y >= 0))
-    m.cost = pyo.Objective(expr=(m.x - 1000) ** 2 + m.y**2)
-    assert rcp.solve(m).scaling is None
+    assert rcp.solve(corner((1000, 0), (1000, 1))).scaling is None
 
 
 def test_values_over_time_are_one_group() -> None:
@@ -195,11 +193,7 @@ def test_the_objective_keeps_its_size_beside_the_barrier_on_a_fine_mesh(elements
     """The barrier is a sum over all bounds: the objective is divided by less in proportion to their number."""
 
     def size(elements: int) -> float:
-        m = pyo.ConcreteModel(name="step")
-        m.go = b = rcp.PhaseBlock(duration=1.0, elements=elements, stages=2)
-        b.x = rcp.State(initial=1.0)
-        b.u = rcp.Control(bounds=(-2, 2))
-        b.ode(lambda b, t: {b.x: b.u[t]})
+        m, b = integrator(x={"initial": 1.0}, u={"bounds": (-2, 2)}, elements=elements, stages=2)
         m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] ** 2 + b.u[t] ** 2))
         return automatic_scaling(CompiledModel(m, "vectorised")).scales.objective
 

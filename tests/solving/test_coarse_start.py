@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.scenes import keep_clear, state_point
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
@@ -19,19 +20,11 @@ def field(elements: int) -> Any:
     """A disc through a field of posts."""
     m = pyo.ConcreteModel(name="field")
     m.move = b = rcp.PhaseBlock(duration=2.0, elements=elements, stages=2)
-    b.x, b.y = rcp.State(initial=0, final=4), rcp.State(initial=0, final=0)
-    b.vx, b.vy = rcp.Control(), rcp.Control()
-    b.ode(lambda b, t: {b.x: b.vx[t], b.y: b.vy[t]})
-    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.vx[t] ** 2 + b.vy[t] ** 2))
+    state_point(b)
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2 + b.v[t] ** 2))
     b.initialize_straight_lines()
     posts = {f"post {x} {y}": rcp.Polytope.box(0.3, 0.3, center=(x, y)) for x in (1, 2, 3) for y in (-0.7, 0.1, 0.9)}
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time,
-        body=rcp.Polytope.box(0.2, 0.2),
-        pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t]),
-        obstacles=posts,
-        clearance=0.05,
-    )
+    keep_clear(b, rcp.Polytope.box(0.2, 0.2), posts)
     return m
 
 

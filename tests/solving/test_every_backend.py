@@ -104,23 +104,6 @@ def test_the_first_iteration_is_at_the_first_point(derivatives):
 
 
 @every_derivative
-def test_two_objectives_are_refused_by_name(derivatives):
-    model, _ = PROBLEMS[0]()
-    model.second = pyo.Objective(expr=model.x[1])
-    with pytest.raises(ModelError, match=r"2 active objectives \('cost', 'second'\)"):
-        solver(derivatives).solve(model)
-
-
-@every_derivative
-def test_discrete_variables_are_refused_by_name(derivatives):
-    model, _ = PROBLEMS[0]()
-    model.switch = pyo.Var(domain=pyo.Binary)
-    model.use = pyo.Constraint(expr=model.switch + model.x[1] <= 3)
-    with pytest.raises(ModelError, match=r"1 discrete variables \('switch'\)"):
-        solver(derivatives).solve(model)
-
-
-@every_derivative
 def test_a_model_without_free_variables_is_refused(derivatives):
     model, _ = PROBLEMS[0]()
     model.x.fix()

@@ -9,7 +9,6 @@ from types import SimpleNamespace
 import pyomo.environ as pyo
 import pytest
 from harness.phases import cart
-from pyomo.common.errors import InfeasibleConstraintException
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.diagnosis import Subject
@@ -54,20 +53,6 @@ def test_a_guess_that_a_run_came_away_from_is_not_searched_for_what_has_no_value
     assert searched == ["cart"]
 
 
-def test_fixed_values_that_violate_a_constraint_are_refused_by_name():
-    m = cart()
-
-    @m.p.constraint
-    def wall(b, t):
-        return b.x[t] ** 2 + b.v[t] ** 2 <= 0.9
-
-    with pytest.raises(ContradictionError, match=r"'wall' by 0\.1 at t = 2.*leave one of them free") as refused:
-        rcp.solve(m)
-    assert isinstance(refused.value, InfeasibleConstraintException)
-    m.p.x[2.0].unfix()
-    assert rcp.solve(m).solved
-
-
 def test_a_row_outside_phases_that_no_variable_can_mend_is_refused_by_name():
     m = pyo.ConcreteModel(name="two rows")
     m.x = pyo.Var(bounds=(0, 1))
@@ -103,31 +88,6 @@ def test_pairs_are_named_by_component_the_worst_first():
         "pair 'p.touch[3]': its sides are 0.4 and 0.5 at the best point found, and one of them has to be 0 "
         "(and at 1 other index)"
     )
-
-
-def test_stages_that_cannot_make_a_jump_are_named():
-    def drop(stages: int) -> pyo.ConcreteModel:
-        m = pyo.ConcreteModel(name="drop")
-        m.fall = b = rcp.PhaseBlock(duration=1.0, elements=10, stages=stages)
-        b.x = rcp.State(initial=1.0)
-        b.v = rcp.State(initial=0)
-        b.force = rcp.Algebraic(bounds=(0, None))
-
-        @b.ode
-        def newton(b, t):
-            return {b.x: b.v[t], b.v: b.force[t] - 9.81}
-
-        @b.complementarity
-        def floor(b, t):
-            return rcp.complements(b.x[t] >= 0, b.force[t] >= 0)
-
-        m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.force[t] ** 2))
-        return m
-
-    result = rcp.solve(drop(stages=3), strategies="tight", options={"max_iter": 5})
-    assert result.quality is Quality.INFEASIBLE
-    assert any("'fall'" in remark and "stages=1" in remark for remark in result.remarks)
-    assert rcp.solve(drop(stages=1)).solved
 
 
 def test_what_a_result_finds_and_what_the_model_shows_are_one_diagnosis():

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.phases import bryson_denham, rest_to_rest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -25,27 +26,6 @@ def forced(elements: int = 4, **phase: Any) -> Any:
     b.x, b.v, b.u = rcp.State(initial=0), rcp.State(initial=0), rcp.Control(bounds=(-5, 5))
     b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] + pyo.sin(6 * t)})
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: (b.x[t] - 1) ** 2 + 0.1 * b.u[t] ** 2))
-    return m
-
-
-def speed_limit(distance: float, limit: float, elements: int) -> Any:
-    m = pyo.ConcreteModel(name="speed limit")
-    duration = rcp.Duration(bounds=(0.1, 100), initial_guess=5)
-    m.p = b = rcp.PhaseBlock(duration=duration, elements=elements)
-    b.x, b.v = rcp.State(initial=0, final=distance), rcp.State(initial=0, final=0, bounds=(None, limit))
-    b.u = rcp.Control(bounds=(-1, 1))
-    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
-    m.time = pyo.Objective(expr=b.duration)
-    return m
-
-
-def bryson_denham(limit: float, elements: int) -> Any:
-    m = pyo.ConcreteModel(name="Bryson and Denham")
-    m.p = b = rcp.PhaseBlock(duration=1.0, elements=elements)
-    b.x, b.v = rcp.State(initial=0, final=0, bounds=(None, limit)), rcp.State(initial=1, final=-1)
-    b.u = rcp.Control()
-    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
-    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2 / 2))
     return m
 
 
@@ -89,14 +69,15 @@ def test_the_mesh_stays_without_tolerance_and_where_it_is_fine_enough() -> None:
 @settings(max_examples=10, deadline=None)
 @given(distance=st.floats(5.0, 40.0), limit=st.floats(0.8, 2.0), elements=st.integers(5, 20))
 def test_limited_speed(distance: float, limit: float, elements: int) -> None:
-    result = rcp.solve(speed_limit(distance, limit, elements))
+    duration = rcp.Duration(bounds=(0.1, 100), initial_guess=5)
+    result = rcp.solve(rest_to_rest(distance, v={"bounds": (None, limit)}, duration=duration, elements=elements))
     assert result.objective == pytest.approx(distance / limit + limit, rel=1e-3)
 
 
 @settings(max_examples=10, deadline=None)
 @given(limit=st.floats(0.03, 1 / 6), elements=st.integers(4, 20))
 def test_a_limit_of_second_order(limit: float, elements: int) -> None:
-    assert rcp.solve(bryson_denham(limit, elements)).objective == pytest.approx(4 / (9 * limit), rel=1e-3)
+    assert rcp.solve(bryson_denham(limit, elements=elements)).objective == pytest.approx(4 / (9 * limit), rel=1e-3)
 
 
 def test_all_phases_are_refined(exact: float) -> None:
@@ -145,9 +126,9 @@ def test_pairs_keep_the_mesh() -> None:
 
 
 def test_what_cannot_be_solved_on_a_finer_mesh_leaves_the_answer(monkeypatch: pytest.MonkeyPatch) -> None:
-    m = bryson_denham(1 / 9, 5)
+    m = bryson_denham(elements=5)
     m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
-    alone = rcp.solve(bryson_denham(1 / 9, 5), mesh_tolerance=None).objective
+    alone = rcp.solve(bryson_denham(elements=5), mesh_tolerance=None).objective
 
     def fails(*_: Any) -> Any:
         raise EvaluationError("no value there")
@@ -236,14 +217,9 @@ def test_boundary_layers_take_less_than_half_of_a_uniform_mesh() -> None:
 
 def test_a_boundary_moves_to_where_a_control_switches() -> None:
     """Faster up than down: the switch is after a third of the square root of three."""
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.1, 10), initial_guess=2), elements=4)
-    b.x, b.v = rcp.State(initial=0, final=1), rcp.State(initial=0, final=0)
-    b.u = rcp.Control(bounds=(-1, 2))
-    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
-    m.cost = pyo.Objective(expr=b.duration)
+    m = rest_to_rest(force=(-1, 2), elements=4)
     assert rcp.solve(m, mesh_tolerance=1e-9).objective == pytest.approx(3**0.5, rel=1e-6)
-    assert abs(np.array(b.trajectory().grid.mesh.boundaries) - 3**0.5 / 3).min() < 1e-5
+    assert abs(np.array(m.p.trajectory().grid.mesh.boundaries) - 3**0.5 / 3).min() < 1e-5
 
 
 def test_a_better_objective_of_a_motion_that_is_none_is_not_kept() -> None:

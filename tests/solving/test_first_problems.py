@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pyomo.environ as pyo
 import pytest
+from harness.phases import rest_to_rest
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ComplementarityError, ContradictionError
@@ -39,22 +40,17 @@ def test_state_that_passes_its_bound_between_the_points_is_named():
 
 
 def test_control_that_jumps_and_passes_its_bound_between_the_points_is_named():
-    def rest_to_rest(parametrization):
-        m = pyo.ConcreteModel(name="rest to rest")
-        m.p = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.1, 9), initial_guess=2), elements=7)
-        b.x, b.v = rcp.State(initial=0, final=1), rcp.State(initial=0, final=0)
-        b.u = rcp.Control(bounds=(-1, 1), parametrization=parametrization)
-        b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
-        m.time = pyo.Objective(expr=b.duration)
+    def verified(parametrization):
+        m = rest_to_rest(u={"parametrization": parametrization}, elements=7)
         result = rcp.solve(m, progress=False, mesh_tolerance=None, strategies=rcp.Strategy(exploration=0))
         result.raise_for_status()
-        return b.trajectory().verify().bounds_passed, str(result)
+        return m.p.trajectory().verify().bounds_passed, str(result)
 
-    passed, text = rest_to_rest("collocated")
+    passed, text = verified("collocated")
     assert passed["u"].excess > 0.01
     assert "'u' passes its bound" in text
     assert "parametrization='piecewise_constant' for a control" in text
-    passed, text = rest_to_rest("piecewise_constant")
+    passed, text = verified("piecewise_constant")
     assert "u" not in passed
     assert "passes its bound" not in text
 

@@ -8,6 +8,7 @@ import numpy as np
 import pyomo.environ as pyo
 import pytest
 from harness.routes import every_backend
+from harness.small_problems import corner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -38,15 +39,6 @@ def decaying(
 
 
 LEAST = 10.0615  # of ten elements and more
-
-
-def paired(weight: float) -> pyo.ConcreteModel:
-    """The least of (x - 1)^2 + (y - 2)^2 over 0 <= x, 0 <= y, x y = 0 is 1 at (0, 2), from far away."""
-    m = pyo.ConcreteModel(name="paired")
-    m.x, m.y = pyo.Var(bounds=(0, None), initialize=1.0), pyo.Var(bounds=(0, None), initialize=8.2)
-    m.pair = rcp.Complementarity(expr=rcp.complements(m.x >= 0, m.y >= 0))
-    m.cost = pyo.Objective(expr=weight * ((m.x - 1) ** 2 + (m.y - 2) ** 2))
-    return m
 
 
 # ------------------------------------------------------------------------------ laws of solving
@@ -93,7 +85,8 @@ def test_the_unit_of_a_state_changes_no_answer(power: int, guess: Any) -> None:
 @every_backend
 @pytest.mark.parametrize("power", [-12, -8, 0, 12])
 def test_a_weight_changes_no_answer_of_a_model_with_pairs(power: int, backend: str) -> None:
-    m, weight = paired(10.0**power), 10.0**power
+    weight = 10.0**power
+    m = corner((1, 2), (1.0, 8.2), weight)  # from far away
     result = rcp.solve(m, backend=backend)
     assert result.solved
     assert (m.x.value, m.y.value) == pytest.approx((0.0, 2.0), abs=1e-5)

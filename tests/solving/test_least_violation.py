@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.phases import integrator
+from harness.scenes import keep_clear, on_the_line
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
@@ -182,22 +184,13 @@ def test_a_box_that_cannot_be_toppled_names_the_bound_of_the_force():
 
 
 def test_clearances_are_named_by_their_shapes():
-    m = pyo.ConcreteModel(name="blocked")
-    m.p = b = rcp.PhaseBlock(duration=1.0, elements=2, scheme="implicit_euler")
-    b.x = rcp.State(initial=0, final=4)
-    b.v = rcp.Control()
-    b.ode(lambda b, t: {b.x: b.v[t]})
+    m, b = integrator(x={"initial": 0, "final": 4}, scheme="implicit_euler")
     box, wall = rcp.Polytope.box(0.4, 0.4), rcp.Polytope.box(1, 4, center=(2, 0))
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time,
-        bodies={"cart": rcp.Body(box, pose=lambda b, t: rcp.planar_pose(b.x[t], 0.0, 0.0))},
-        obstacles={"wall": wall},
-        clearance=0.1,
-    )
+    keep_clear(b, box, {"wall": wall}, on_the_line, 0.1)
     b.initialize_straight_lines()
     b.avoid.initialize()
     words = list(map(str, least_of(m).obstructions))
-    assert any(one.startswith("the clearance between 'cart' and 'wall' of 'p.avoid'") for one in words)
+    assert any(one.startswith("the clearance between 'body' and 'wall' of 'p.avoid'") for one in words)
 
 
 def test_rows_without_value_and_time_that_is_up_give_nothing():

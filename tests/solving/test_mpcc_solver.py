@@ -11,11 +11,12 @@ import sys
 
 import pyomo.environ as pyo
 import pytest
+from harness.dae import driven_tank
 from harness.routes import every_backend
+from harness.small_problems import maximisation
 from pyomo.contrib.solver.common.factory import SolverFactory
 from pyomo.contrib.solver.common.results import SolutionStatus, TerminationCondition
 from pyomo.contrib.solver.common.util import NoOptimalSolutionError, NoSolutionError
-from pyomo.dae import ContinuousSet, DerivativeVar
 from pyomo.mpec import Complementarity, ComplementarityList, complements
 
 import pyrobocop_pyomo as rcp
@@ -269,13 +270,10 @@ def test_models_of_pyomo_mpec_are_solved_as_they_are():
 
 
 def test_a_model_without_pairs_and_one_that_is_maximised():
-    m = pyo.ConcreteModel("rectangle")
-    m.x, m.y = pyo.Var(bounds=(0, None), initialize=0.5), pyo.Var(bounds=(0, None), initialize=0.5)
-    m.area = pyo.Objective(expr=m.x * m.y, sense=pyo.maximize)
-    m.ellipse = pyo.Constraint(expr=m.x**2 / 4 + m.y**2 <= 1)
+    m, largest = maximisation()
     results = legacy().solve(m)
     pyo.assert_optimal_termination(results)
-    assert results.problem.lower_bound == pytest.approx(1.0, abs=1e-6)
+    assert results.problem.lower_bound == pytest.approx(largest, abs=1e-6)
 
 
 def test_a_block_of_a_model_is_solved_alone():
@@ -356,12 +354,7 @@ def test_options_of_the_command_go_where_they_belong():
 def test_solution_of_a_discretised_model(caplog):
     """Every variable has a value at every point; where one has none, Pyomo could not write any, and the log says so."""
     caplog.set_level(logging.INFO)
-    m = pyo.ConcreteModel(name="decay")
-    m.t = ContinuousSet(bounds=(0, 1))
-    m.x, m.u = pyo.Var(m.t, initialize=1), pyo.Var(m.t, initialize=0)
-    m.dx = DerivativeVar(m.x)
-    m.ode = pyo.Constraint(m.t, rule=lambda m, t: m.dx[t] == m.u[t] - m.x[t])
-    m.x[0].fix(1)
+    m = driven_tank((0, 1), initialize=0)
     m.cost = pyo.Objective(expr=m.x[1] ** 2)
     pyo.TransformationFactory("pyrobocop.collocation").apply_to(m, nfe=2)
     results = pyo.SolverFactory("pyrobocop.mpcc").solve(m)

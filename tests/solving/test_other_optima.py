@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.phases import mass
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -40,11 +41,7 @@ def round_a_hill(elements: int = 16, sense: Any = pyo.minimize) -> pyo.ConcreteM
 
 def two_wells() -> pyo.ConcreteModel:
     """A mass in the shallow one of two wells; the motion is stationary there, and the other well is worth the way."""
-    m = pyo.ConcreteModel(name="wells")
-    m.p = b = rcp.PhaseBlock(duration=10, elements=40)
-    b.x, b.v = rcp.State(initial=-1), rcp.State(initial=0)
-    b.u = rcp.Control()
-    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
+    m, b = mass(x={"initial": -1}, v={"initial": 0}, duration=10, elements=40)
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: (b.x[t] ** 2 - 1) ** 2 - 0.5 * b.x[t] + 0.5 * b.u[t] ** 2))
     return m
 
@@ -65,11 +62,8 @@ def past_a_disc() -> pyo.ConcreteModel:
 
 def to_rest(power: int = 2) -> pyo.ConcreteModel:
     """A mass to rest, with the least squares of its force: linear rows and a convex objective."""
-    m = pyo.ConcreteModel(name="rest")
-    m.p = b = rcp.PhaseBlock(duration=1, elements=6)
-    b.x, b.v = rcp.State(initial=0, final=1), rcp.State(initial=0, final=0)
-    b.u = rcp.Control(bounds=(-10, 10))
-    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
+    rest = {"x": {"initial": 0, "final": 1}, "v": {"initial": 0, "final": 0}}
+    m, b = mass(**rest, u={"bounds": (-10, 10)}, duration=1, elements=6)
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** power))
     return m
 

@@ -6,10 +6,10 @@ import numpy as np
 import pyomo.environ as pyo
 import pytest
 from harness.expression_zoo import cart_pole, parameters_everywhere
+from harness.small_problems import corner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ComplementarityError, ModelError
 from pyrobocop_pyomo.programs.quadratic_cost import QuadraticCost
 from pyrobocop_pyomo.relaxations import FollowBarrier
@@ -85,11 +85,8 @@ def test_declared_suffixes_are_filled():
 
 def two_sides() -> pyo.ConcreteModel:
     """A pair on a curve, relaxed: the solution of each barrier problem depends on mu."""
-    m = pyo.ConcreteModel()
-    m.x = pyo.Var(bounds=(0, None), initialize=1.0)
-    m.y = pyo.Var(bounds=(0, None), initialize=1.0)
-    m.pair = rcp.Complementarity(rule=lambda m: rcp.complements(m.x >= 0, m.y >= 0))
-    m.cost = pyo.Objective(expr=(m.x - 1) ** 2 + (m.y - 2) ** 2 + m.x**4)
+    m = corner((1, 2))
+    m.cost.set_value(m.cost.expr + m.x**4)
     pyo.TransformationFactory("pyrobocop.relax_complementarity").apply_to(m, delta=1.0)
     return m
 

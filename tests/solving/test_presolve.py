@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pyomo.environ as pyo
 import pytest
+from harness.small_problems import corner
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ComplementarityError
@@ -13,12 +14,8 @@ RELAX = pyo.TransformationFactory("pyrobocop.relax_complementarity")
 
 
 def plane(x_bounds=(0, None), y_bounds=(0, None)) -> pyo.ConcreteModel:
-    """min (x - 2)^2 + (y - 1)^2 over 0 <= x ⟂ y >= 0."""
-    m = pyo.ConcreteModel(name="plane")
-    m.x = pyo.Var(bounds=x_bounds, initialize=1)
-    m.y = pyo.Var(bounds=y_bounds, initialize=1)
-    m.pair = rcp.Complementarity(expr=rcp.complements(m.x >= 0, m.y >= 0))
-    m.cost = pyo.Objective(expr=(m.x - 2) ** 2 + (m.y - 1) ** 2)
+    m = corner()
+    m.x.bounds, m.y.bounds = x_bounds, y_bounds
     return m
 
 
@@ -57,6 +54,7 @@ CASES = {
 @pytest.mark.casadi
 @pytest.mark.parametrize("case", CASES)
 def test_solve_uses_the_decision_and_gives_all_bounds_back(case: str) -> None:
+    """eq-presolve, for a pair that it decides."""
     m = CASES[case]()
     before = stored_bounds(m)
     result = rcp.solve(m)

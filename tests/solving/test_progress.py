@@ -1,7 +1,5 @@
 """What a terminal shows: one live line that is replaced, and lines that stay."""
 
-from __future__ import annotations
-
 import io
 from typing import Any
 

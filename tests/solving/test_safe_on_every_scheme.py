@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.scenes import effort_of, keep_clear, placed, rigid_body
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError
@@ -25,32 +26,14 @@ SCHEMES: list[tuple[str, int | None]] = [
 ]  # fmt: skip
 
 
-def pose(b: Any, t: Any) -> rcp.scenes.Pose:
-    return rcp.planar_pose(b.x[t], b.y[t], b.theta[t])
-
-
 def build(**options: Any) -> pyo.ConcreteModel:
     """Over the wall, turning once on the way."""
     m = pyo.ConcreteModel(name="over the wall")
     m.move = b = rcp.PhaseBlock(**{"duration": 4.0, "elements": 12, **options})
-    b.x = rcp.State(initial=-1.5, final=1.5)
-    b.y = rcp.State(initial=0, final=0)
-    b.theta = rcp.State(initial=0, final=2.0)
     kind = "piecewise_linear" if b.grid.elements_share_points else "piecewise_constant"
-    for name in ("x_rate", "y_rate", "theta_rate"):
-        b.declare(name, rcp.Control(bounds=(-3, 3), parametrization=kind))
-    b.initialize_straight_lines()
-
-    @b.ode
-    def velocities(b, t):
-        return {b.x: b.x_rate[t], b.y: b.y_rate[t], b.theta: b.theta_rate[t]}
-
-    m.effort = pyo.Objective(
-        expr=b.integral(lambda b, t: b.x_rate[t] ** 2 + b.y_rate[t] ** 2 + b.theta_rate[t] ** 2) + b.duration
-    )
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time, bodies={"body": rcp.Body(BODY, pose=pose)}, obstacles=[WALL], clearance=CLEARANCE
-    )
+    rigid_body(b, (-1.5, 0, 0), (1.5, 0, 2.0), bounds=(-3, 3), parametrization=kind)
+    m.effort = pyo.Objective(expr=effort_of(b) + b.duration)
+    keep_clear(b, BODY, [WALL], placed, CLEARANCE)
     return m
 
 

@@ -1,7 +1,5 @@
 """No plan is called safe that dense sampling, by Shapely, finds too close: on three hundred plans for random scenes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.scenes import along_its_heading, keep_clear
 from scipy.integrate import solve_ivp
 
 import pyrobocop_pyomo as rcp
@@ -21,6 +22,7 @@ pytestmark = [pytest.mark.ipopt]
 
 CLEARANCE = 0.05
 POST = (1.0, 0.0)
+BODY, ROUND = rcp.Polytope.box(0.2, 0.1), {"post": rcp.Polytope.ball(0.2, POST)}
 
 
 def unicycle(elements: int, scheme: str = "radau", stages: int | None = 1) -> Any:
@@ -35,13 +37,7 @@ def unicycle(elements: int, scheme: str = "radau", stages: int | None = 1) -> An
             b.x: b.speed[t] * pyo.cos(b.heading[t]), b.y: b.speed[t] * pyo.sin(b.heading[t]), b.heading: b.turn[t]
         }
     )  # fmt: skip
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time,
-        body=rcp.Polytope.box(0.2, 0.1),
-        pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t], b.heading[t]),
-        obstacles={"post": rcp.Polytope.hull([POST], radius=0.2, allow_flat=True)},
-        clearance=CLEARANCE,
-    )
+    keep_clear(b, BODY, ROUND, along_its_heading, CLEARANCE)
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.speed[t] ** 2 + 0.1 * b.turn[t] ** 2))
     b.initialize(x=lambda t: t, y=lambda t: 0.4 * np.sin(np.pi * t / 2), speed=1.0)
     return m
@@ -87,10 +83,7 @@ def in_a_field(elements: int) -> Any:
     b.p, b.v = rcp.State(index=2, initial=0, final=[2, 0.2]), rcp.State(index=2, initial=0)
     b.a = rcp.Control(index=2, bounds=(-20, 20))
     b.ode(lambda b, t: {b.p: b.v[t], b.v: b.a[t] + 8 * np.array([pyo.sin(3 * b.p[1, t]), pyo.sin(3 * b.p[0, t])])})
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time, body=rcp.Polytope.box(0.2, 0.1), pose=lambda b, t: rcp.planar_pose(b.p[0, t], b.p[1, t], 0.0),
-        obstacles={"post": rcp.Polytope.hull([POST], radius=0.2, allow_flat=True)}, clearance=CLEARANCE,
-    )  # fmt: skip
+    keep_clear(b, BODY, ROUND, lambda b, t: rcp.planar_pose(b.p[0, t], b.p[1, t], 0.0), CLEARANCE)
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.a[t] @ b.a[t]))
     b.initialize(p=lambda t: [t / 2, 0.4 * np.sin(np.pi * t / 4)])
     return m
@@ -115,13 +108,8 @@ def in_two_phases() -> Any:
         b.turning = rcp.Control(bounds=(-4, 4))
         b.ode(lambda b, t: {b.x: pyo.cos(b.heading[t]), b.y: pyo.sin(b.heading[t]), b.heading: b.turning[t]})
     m.link = rcp.Link(m.turn, m.along)
-    m.along.avoid = rcp.ObstacleAvoidanceBlock(
-        m.along.time,
-        body=rcp.Polytope.box(0.2, 0.1),
-        pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t], b.heading[t]),
-        obstacles={"post": rcp.Polytope.box(0.3, 0.3, center=(1.2, 0.35))},
-        clearance=CLEARANCE,
-    )
+    square = {"post": rcp.Polytope.box(0.3, 0.3, center=(1.2, 0.35))}
+    keep_clear(m.along, BODY, square, along_its_heading, CLEARANCE)
     m.end = pyo.Constraint(expr=m.along.y[m.along.final_time] == 0.6)
     cost = sum(b.integral(lambda b, t: b.turning[t] ** 2) for b in (m.turn, m.along))
     m.cost = pyo.Objective(expr=cost)

@@ -13,6 +13,8 @@ import numpy as np
 import pyomo.environ as pyo
 import pytest
 from harness.phases import cart
+from harness.scenes import keep_clear
+from harness.small_problems import corner
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -23,14 +25,6 @@ from pyrobocop_pyomo.solving.least_violation import Least, LeastViolation, least
 from pyrobocop_pyomo.solving.result_text import CLEAR_START, MOST_CHARACTERS, MOST_LINES
 
 pytestmark = pytest.mark.ipopt
-
-
-def pair(goal: float) -> Any:
-    m = pyo.ConcreteModel(name="pair")
-    m.x, m.y = pyo.Var(bounds=(0, None), initialize=1), pyo.Var(bounds=(0, None), initialize=1)
-    m.c = rcp.Complementarity(expr=rcp.complements(m.x >= 0, m.y >= 0))
-    m.cost = pyo.Objective(expr=(m.x - 1) ** 2 + (m.y - goal) ** 2)
-    return m
 
 
 def test_success_is_one_line_with_the_errors_of_equations_and_mesh() -> None:
@@ -61,7 +55,7 @@ def test_where_no_error_of_the_mesh_is_known_the_report_says_what_to_write() -> 
 
 
 def test_pairs_are_counted_and_certified_in_a_second_line() -> None:
-    _, line = str(rcp.solve(pair(2.0))).splitlines()
+    _, line = str(rcp.solve(corner((1, 2)))).splitlines()
     assert line == "1 complementarity pair exact, no better choice of zero sides nearby"
 
 
@@ -170,13 +164,7 @@ def too_far() -> Any:
     b.u = rcp.Control(bounds=(-9, 9))
     b.ode(lambda b, t: {b.x: b.v[t], b.y: b.w[t], b.v: b.u[t]})
     b.initialize_straight_lines()
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time,
-        body=rcp.Polytope.box(0.4, 0.4),
-        pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t]),
-        obstacles={"wall": rcp.Polytope.box(1, 2, center=(2, 0.8))},
-        clearance=0.1,
-    )
+    keep_clear(b, rcp.Polytope.box(0.4, 0.4), {"wall": rcp.Polytope.box(1, 2, center=(2, 0.8))}, clearance=0.1)
     m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2 + b.w[t] ** 2))
     return m
 
@@ -203,13 +191,13 @@ def test_what_a_motion_lacks_is_not_cut_off() -> None:
 
 
 def test_neither_side_of_a_pair_can_be_zero_is_proven_and_says_which_bounds_keep_it_from_zero() -> None:
-    m = pair(2.0)
+    m = corner((1, 2))
     m.x.setlb(1)
     m.y.setlb(4)
     result = rcp.solve(m, progress=False)
     first, unmet, _, *against, remedy = str(result).splitlines()
     assert "proven to have no solution" in first
-    assert unmet.startswith("not met: pair 'c': its sides are ")
+    assert unmet.startswith("not met: pair 'pair': its sides are ")
     assert unmet.endswith("at the best point found, and one of them has to be 0")
     assert sorted(against) == ["- 'x' >= 1", "- 'y' >= 4"]
     assert remedy == "Try first to widen the bound 'x' >= 1 by 1 or more."

@@ -7,6 +7,7 @@ import signal
 import pyomo.environ as pyo
 import pytest
 from harness.routes import BACKENDS, every_backend
+from harness.small_problems import corner
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ComplementarityError, SolverNotFoundError
@@ -16,16 +17,6 @@ from pyrobocop_pyomo.solving import in_process_session
 from pyrobocop_pyomo.solving.iterates import Iterate
 
 RELAX = pyo.TransformationFactory("pyrobocop.relax_complementarity")
-
-
-def corner() -> pyo.ConcreteModel:
-    """min (x - 2)^2 + (y - 1)^2 subject to 0 <= x ⟂ y >= 0: the optimum is (2, 0) with value 1."""
-    m = pyo.ConcreteModel(name="corner")
-    m.x = pyo.Var(bounds=(0, None), initialize=1)
-    m.y = pyo.Var(bounds=(0, None), initialize=1)
-    m.pair = rcp.Complementarity(expr=rcp.complements(m.x >= 0, m.y >= 0))
-    m.cost = pyo.Objective(expr=(m.x - 2) ** 2 + (m.y - 1) ** 2)
-    return m
 
 
 def touching_mass(elements: int = 15) -> pyo.ConcreteModel:
@@ -99,7 +90,7 @@ def test_delta_follows_mu_inside_the_solve(backend: str, factor: float) -> None:
     assert len(mus) == step.iterations + 1
     assert mus[0] == pytest.approx(0.1)
     assert deltas[0] == factor * 0.1
-    # The bound in force during an iteration is that of the barrier parameter one iteration before.
+    # eq-follow: the bound in force during an iteration is that of the barrier parameter one iteration before.
     assert list(deltas[1:]) == [max(1e-8, factor * mu) for mu in mus[:-1]]
     assert len(set(deltas)) > 3
     assert deltas[-1] == 1e-8
@@ -108,18 +99,18 @@ def test_delta_follows_mu_inside_the_solve(backend: str, factor: float) -> None:
 
 @pytest.mark.executable
 def test_from_outside_delta_walks_down_with_mu() -> None:
-    result = rcp.solve(
-        touching_mass(),
-        backend="executable",
-        strategies=rcp.Strategy(schedule=rcp.relaxations.FollowBarrier(factor=1.0), polish=False),
-    )
-    deltas = [step.delta for step in result.steps]
-    assert deltas == sorted(deltas, reverse=True)
-    assert deltas[0] == pytest.approx(0.1)
-    assert deltas[-1] == 1e-8
-    assert all(step.mu == pytest.approx(step.delta) for step in result.steps[:-1])
+    """Ipopt's own rule for its barrier parameter, Wächter & Biegler (2006), eq. 7."""
+    schedule = rcp.relaxations.FollowBarrier(factor=2.0)
+    strategy = rcp.Strategy(schedule=schedule, polish=False)
+    steps = rcp.solve(touching_mass(), backend="executable", strategies=strategy).steps
+    mu, expected = 0.1, []
+    for _ in steps:
+        expected.append(max(1e-8, 2 * mu))
+        mu = max(1e-9, min(0.2 * mu, mu**1.5))
+    assert [step.delta for step in steps] == pytest.approx(expected)
+    assert len(steps) > 5
     # Warm in primal and dual values: the steps after the first are short.
-    assert max(step.iterations for step in result.steps[2:]) <= result.steps[0].iterations
+    assert max(step.iterations for step in steps[2:]) <= steps[0].iterations
 
 
 @every_backend

@@ -7,6 +7,7 @@ import signal
 import pyomo.environ as pyo
 import pytest
 from harness.routes import every_backend
+from harness.small_problems import corner
 from hypothesis import given
 from hypothesis import strategies as st
 from known_mpccs import mpcc_problem, mpcc_problems
@@ -31,13 +32,9 @@ KNOWN = ("kth2", "ralph1", "scholtes4", "scale3", "jr1", "only the corner", "non
 INFEASIBLE = [problem for problem in mpcc_problems() if not problem.feasible]
 
 
-def trap(x: float = 0.0, y: float = 0.0) -> pyo.ConcreteModel:
-    """min x^2 + (y - 1)^2 over 0 <= x ⟂ y >= 0: the origin is M-stationary, and y descends from it to (0, 1)."""
-    m = pyo.ConcreteModel(name="trap")
-    m.x, m.y = pyo.Var(bounds=(0, None), initialize=x), pyo.Var(bounds=(0, None), initialize=y)
-    m.pair = rcp.Complementarity(expr=rcp.complements(m.x >= 0, m.y >= 0))
-    m.cost = pyo.Objective(expr=m.x**2 + (m.y - 1) ** 2)
-    return m
+def trap() -> pyo.ConcreteModel:
+    """The origin, where it starts, is M-stationary, and y descends from it to (0, 1)."""
+    return corner((0, 1), (0, 0))
 
 
 def bent() -> pyo.ConcreteModel:

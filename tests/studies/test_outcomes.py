@@ -4,6 +4,7 @@ from typing import Any
 
 import pyomo.environ as pyo
 import pytest
+from harness.phases import integrator
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.studies.outcomes import COMMON_COLUMNS, StudyResult
@@ -12,19 +13,16 @@ pytestmark = pytest.mark.casadi
 
 
 def build() -> Any:
-    m = pyo.ConcreteModel(name="push")
-    m.p = pyo.Param(initialize=1.0, mutable=True)
-    m.leg = b = rcp.PhaseBlock(duration=1.0)
-    b.x, b.u = rcp.State(initial=0), rcp.Control(bounds=(-9, 9))
-    b.ode(lambda b, t: {b.x: b.u[t]})
-    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2) + (b.x[b.final_time] - m.p) ** 2)
+    m, b = integrator(x={"initial": 0}, u={"bounds": (-9, 9)}, elements=10)
+    m.goal = pyo.Param(initialize=1.0, mutable=True)
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2) + (b.x[b.final_time] - m.goal) ** 2)
     return m
 
 
 STUDIES = {
     "multistart": lambda: rcp.studies.multistart(build(), 2),
-    "homotopy": lambda: rcp.studies.homotopy(build(), {"p": (0.5, 1.0)}, steps=1),
-    "sweep": lambda: rcp.sweep(build(), [{"p": 1.1}, {"p": 1.0}]),
+    "homotopy": lambda: rcp.studies.homotopy(build(), {"goal": (0.5, 1.0)}, steps=1),
+    "sweep": lambda: rcp.sweep(build(), [{"goal": 1.1}, {"goal": 1.0}]),
 }
 
 

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.scenes import keep_clear, on_the_line
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ComplementarityError, ModelError
@@ -99,13 +100,7 @@ def crossing(truck: Any) -> pyo.ConcreteModel:
     b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: (b.v[t] - 1) ** 2 + 0.1 * b.u[t] ** 2))
     b.initialize({"x": lambda t: t, "v": 1.0, "u": 0.0})
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time,
-        body=rcp.Polytope.box(0.4, 0.2),
-        pose=lambda b, t: rcp.planar_pose(b.x[t], 0),
-        obstacles={"truck": rcp.Body(rcp.Polytope.box(0.4, 0.4), truck)},
-        clearance=0.1,
-    )
+    keep_clear(b, rcp.Polytope.box(0.4, 0.2), {"truck": rcp.Body(rcp.Polytope.box(0.4, 0.4), truck)}, on_the_line, 0.1)
     return m
 
 

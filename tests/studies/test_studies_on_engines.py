@@ -3,20 +3,19 @@
 import json
 import os
 import signal
-import subprocess
 import sys
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
+from harness.mpi import needs_mpiexec, on_two_ranks, told_by_both
 from test_sweep import PULLS, numbers, spring
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import EngineError, ModelError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.execution.tasks import GIVEN_UP
 
-MPIEXEC = Path(sys.executable).with_name("mpiexec")
 posix = pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL on Windows")
 
 
@@ -85,21 +84,14 @@ def test_the_death_of_a_worker_changes_nothing_and_deaths_without_end_one_case(
 
 @pytest.mark.casadi
 @pytest.mark.slow
-@pytest.mark.skipif(not MPIEXEC.exists(), reason="needs the mpiexec of the wheel of MPICH")
+@needs_mpiexec
 def test_every_rank_of_mpi_has_the_results_of_one_process(serial: list[Any], tmp_path: Path) -> None:
     pytest.importorskip("mpi4py")
-    script = Path(__file__).with_name("mpi_studies.py")
-    command = [str(MPIEXEC), "-n", "2", sys.executable, "-m", "mpi4py", str(script), str(tmp_path)]
-    path = os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
-    subprocess.run(command, env={**os.environ, "PYTHONPATH": path}, timeout=900, check=True)
-    for rank in range(2):
-        told = json.loads((tmp_path / f"rank{rank}.json").read_text())
-        assert told == json.loads(json.dumps([*serial, serial[0]]))
+    assert on_two_ranks(Path(__file__).with_name("mpi_studies.py"), tmp_path) == 0
+    assert told_by_both(tmp_path) == json.loads(json.dumps([*serial, serial[0]]))
     assert len((tmp_path / "outcomes.jsonl").read_text().splitlines()) == 1 + len(PULLS)
 
 
 def test_an_engine_and_a_number_of_workers_are_one_too_many() -> None:
     with pytest.raises(ModelError, match="workers = 3 and an engine: give one of them"):
         rcp.studies.multistart(spring(), 2, workers=3, engine="process")
-    with pytest.raises(EngineError, match="engine = 'ray'; expected 'serial'"):
-        rcp.sweep(spring(), [{"pull": 1.0}], engine="ray")

@@ -7,6 +7,7 @@ from typing import Any
 
 import pyomo.environ as pyo
 import pytest
+from harness.phases import integrator
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import SolveFailed
@@ -33,10 +34,7 @@ def endless(_: Any = None) -> Any:
 
 
 def endless_phase() -> Any:
-    m = pyo.ConcreteModel(name="endless")
-    m.leg = b = rcp.PhaseBlock(duration=1.0)
-    b.x, b.u = rcp.State(initial=0, final=1), rcp.Control()
-    b.ode(lambda b, t: {b.x: b.u[t]})
+    m, b = integrator(x={"initial": 0, "final": 1}, elements=10)
     m.rest = pyo.Var(range(4000), initialize=-1.0)
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2) + slow_cost(m.rest))
     return m
@@ -99,7 +97,7 @@ def test_derivatives(limit: float) -> None:
 
 def test_steps_of_a_receding_horizon() -> None:
     m = endless_phase()
-    controller = rcp.studies.RecedingHorizon(m, m.leg, options=ENDLESS)
+    controller = rcp.studies.RecedingHorizon(m, m.p, options=ENDLESS)
     taken, step = seconds_of(lambda: controller.step({"x": 0.0}, time_limit=1.0))
     assert taken < 1.0 + TOLERATED
     assert not step.solved

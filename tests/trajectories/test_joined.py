@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.phases import mass
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import TrajectoryError
@@ -184,17 +185,15 @@ def _texts(names: Any, boundaries: list[float]) -> list[str]:
 
 
 def cart(*, limit: float = 10.0) -> pyo.ConcreteModel:
-    m = pyo.ConcreteModel(name="cart")
-    m.go = b = rcp.PhaseBlock(duration=1.0, elements=4)
-    b.x, b.v = rcp.State(initial=0, final=1, initial_guess=0), rcp.State(initial=0, final=0, initial_guess=0)
-    b.u = rcp.Control(bounds=(-limit, limit), initial_guess=0)
-    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
+    start = {"initial": 0, "initial_guess": 0}
+    control = {"bounds": (-limit, limit), "initial_guess": 0}
+    m, b = mass(x={**start, "final": 1}, v={**start, "final": 0}, u=control, duration=1.0, elements=4)
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
     return m
 
 
 def test_values_that_no_solve_left_say_so(tmp_path: Path) -> None:
-    guess = cart().go.trajectory()
+    guess = cart().p.trajectory()
     assert "not solved" in repr(guess)
     assert "not solved" in guess._repr_html_()
     assert "not solved" in guess.plot().get_suptitle()
@@ -205,9 +204,9 @@ def test_values_that_no_solve_left_say_so(tmp_path: Path) -> None:
 def test_a_solution_says_so_and_keeps_its_title(tmp_path: Path) -> None:
     m = cart()
     rcp.solve(m)
-    plan = m.go.trajectory()
-    assert "'go', solved," in repr(plan)
-    assert plan.plot().get_suptitle() == "go"
+    plan = m.p.trajectory()
+    assert "'p', solved," in repr(plan)
+    assert plan.plot().get_suptitle() == "p"
     assert rcp.Trajectory.load(plan.save(tmp_path / "plan")).outcome == "solved"
 
 
@@ -215,10 +214,10 @@ def test_a_solution_says_so_and_keeps_its_title(tmp_path: Path) -> None:
 def test_a_failure_is_told_by_repr_and_titles() -> None:
     m = cart(limit=1.0)
     assert not rcp.solve(m).solved
-    plan = m.go.trajectory()
-    assert "'go', infeasible," in repr(plan)
-    assert plan.plot().get_suptitle() == "go (infeasible)"
-    joined = rcp.join_trajectories([plan, m.go])
+    plan = m.p.trajectory()
+    assert "'p', infeasible," in repr(plan)
+    assert plan.plot().get_suptitle() == "p (infeasible)"
+    joined = rcp.join_trajectories([plan, m.p])
     assert "infeasible" in repr(joined)
     assert "infeasible" in joined.plot().get_suptitle()
 
@@ -227,14 +226,14 @@ def test_a_failure_is_told_by_repr_and_titles() -> None:
 def test_what_is_changed_after_a_solve_is_no_solution() -> None:
     m = cart()
     rcp.solve(m)
-    final = m.go.x[m.go.final_time].value
-    m.go.x[0.5].set_value(0.3)
-    assert "changed since" in repr(m.go.trajectory())
-    m.go.remesh(3)
-    assert "changed since" in repr(m.go.trajectory())
+    final = m.p.x[m.p.final_time].value
+    m.p.x[0.5].set_value(0.3)
+    assert "changed since" in repr(m.p.trajectory())
+    m.p.remesh(3)
+    assert "changed since" in repr(m.p.trajectory())
     rcp.solve(m)
-    assert m.go.trajectory().outcome == "solved"
-    assert m.go.x[m.go.final_time].value == pytest.approx(final)
+    assert m.p.trajectory().outcome == "solved"
+    assert m.p.x[m.p.final_time].value == pytest.approx(final)
 
 
 @pytest.mark.ipopt
@@ -242,17 +241,17 @@ def test_clones_and_pickles_remember() -> None:
     m = cart()
     rcp.solve(m)
     for other in (m.clone(), pickle.loads(pickle.dumps(m))):
-        assert other.go.trajectory().outcome == "solved"
+        assert other.p.trajectory().outcome == "solved"
 
 
 @pytest.mark.ipopt
 def test_a_point_that_a_study_loads_is_that_of_its_result() -> None:
     m = cart()
     several = rcp.studies.multistart(m, starts=2)
-    assert m.go.trajectory().outcome == "solved"
-    m.go.x[0.5].set_value(0.3)
+    assert m.p.trajectory().outcome == "solved"
+    m.p.x[0.5].set_value(0.3)
     several.load(1)
-    assert m.go.trajectory().outcome == several.outcomes[1].result.outcome == "solved"
+    assert m.p.trajectory().outcome == several.outcomes[1].result.outcome == "solved"
 
 
 @pytest.mark.ipopt

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.phases import mass
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ComplementarityError, EstimationError, ModelError
@@ -94,14 +95,10 @@ def test_bounds_hold_in_the_window_and_not_beyond_the_last_sample() -> None:
 
 
 def moves_freely(limit: float) -> list[list[float]]:
-    m = pyo.ConcreteModel()
-    m.window = b = rcp.PhaseBlock(duration=2.0, elements=10)
-    b.x = rcp.State(initial=0.0, bounds=(None, limit))
-    b.v = rcp.State(initial=1.0)
-    b.w = rcp.Control(parametrization="piecewise_constant")
-    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.w[t]})
+    held = {"parametrization": "piecewise_constant"}
+    m, b = mass(x={"initial": 0.0, "bounds": (None, limit)}, v={"initial": 1.0}, u=held, duration=2.0, elements=10)
     b.constraint(lambda b, t: b.x[t] + 0.1 * b.v[t] <= limit + 0.1, name="room")
-    moving = rcp.estimation.MovingHorizon(m, m.window, error={"x": 0.1}, prior={"x": 0.1, "v": 1.0}, noise={"w": 0.1})
+    moving = rcp.estimation.MovingHorizon(m, b, error={"x": 0.1}, prior={"x": 0.1, "v": 1.0}, noise={"u": 0.1})
     return [[*moving.step({"x": measured}).state.values()] for measured in (0.0, 0.25, 0.45, 0.6)]
 
 

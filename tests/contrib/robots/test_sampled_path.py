@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.scenes import avoiding, placed, turning_move
+from harness.scenes import avoiding, keep_clear, placed, turning_move
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -193,10 +193,7 @@ def test_an_obstacle_that_moves_by_itself_is_left_out() -> None:
     b = m.reach
     b.del_component("avoid")
     moving = rcp.Body(rcp.Polytope.box(0.1, 0.1), pose=lambda b, t: rcp.planar_pose(5 + t, 0))
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time, bodies={"link": rcp.Body(rcp.Polytope.box(1, 0.1), pose=lambda b, t: rcp.planar_pose(0, 0, b.q0[t]))},
-        obstacles={"cart": moving}, clearance=0.02,
-    )  # fmt: skip
+    keep_clear(b, rcp.Polytope.box(1, 0.1), {"cart": moving}, lambda b, t: rcp.planar_pose(0, 0, b.q0[t]), 0.02)
     with pytest.raises(InitialGuessError, match="nothing that rests"):
         ConfigurationSpace(b)
 

@@ -50,13 +50,6 @@ def test_a_path_is_clear_and_a_shortened_one_is_clear_and_no_longer(seed: int, l
     assert (short[:, 1] > low).any()
 
 
-def test_a_closed_wall_takes_all_samples_and_has_no_path() -> None:
-    found = tree_path(
-        START, GOAL, BOX, wall_with_a_gap(2.0, 3.0), spacing=SPACING, samples=40, generator=np.random.default_rng(0)
-    )
-    assert found == (None, 40)
-
-
 def test_of_several_goals_one_that_can_be_reached_is_reached() -> None:
     goals = np.array([[0.5, 0.02], *GOAL])  # the first is inside the wall's gap, which is closed on both sides
 

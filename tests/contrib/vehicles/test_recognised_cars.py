@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.scenes import keep_clear
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from obstacle_problems.scattered import scattered
@@ -34,9 +35,7 @@ def in_the_street(states: dict[str, tuple[float, float]], pose: Any, ode: Any, s
     b.push = rcp.Control(bounds=(-0.4, 0.4), parametrization="piecewise_constant")
     b.ode(ode)
     b.initialize_straight_lines()
-    b.avoid = rcp.ObstacleAvoidanceBlock(
-        b.time, bodies={"car": rcp.Body(shape, pose=pose)}, obstacles=REVERSE["obstacles"], clearance=0.05
-    )
+    keep_clear(b, shape, REVERSE["obstacles"], pose)
     m.cost = pyo.Objective(expr=b.duration + b.integral(lambda b, t: b.push[t] ** 2 + 0.1 * b.wheel[t] ** 2))
     return m
 
@@ -101,7 +100,7 @@ def test_a_car_is_recognised_and_follows_its_path(kind: str) -> None:
     path = car.path(b.avoid, 1.0, 60.0)
     assert car.follow(path)
     # Poses are on the path, and states and controls drive along it.
-    first, last = (b.avoid.motion.pose_at_node(b.avoid.record.scene.bodies["car"].pose, t) for t in (0.0, 1.0))
+    first, last = (b.avoid.motion.pose_at_node(b.avoid.record.scene.bodies["body"].pose, t) for t in (0.0, 1.0))
     assert first.numbers()[1] == pytest.approx([b.x[0.0].value, b.y[0.0].value])
     assert last.numbers()[1] == pytest.approx([b.x[1.0].value, b.y[1.0].value], abs=1e-6)
     assert max(abs(b.v[t].value) for t in b.time) <= 1.0 + 1e-9
