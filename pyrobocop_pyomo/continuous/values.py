@@ -93,26 +93,6 @@ def families(found: list[Spot], discretisation: Discretisation) -> Iterator[tupl
         yield family, id(next(iter(by_time.values()))) in states, by_time
 
 
-def values_of(found: list[Spot], discretisation: Discretisation) -> dict[Any, tuple[bool, Array]]:
-    """Values per element and node (states) or stage (others) of every variable that has all of them."""
-    read = {}
-    for family, is_state, data in families(found, discretisation):
-        times = discretisation.grid.node_times if is_state else discretisation.grid.stage_times
-        values = [[getattr(data.get(time), "value", None) for time in row] for row in times]
-        if not any(None in row for row in values):
-            read[family] = (is_state, np.array(values, dtype=float))
-    return read
-
-
-def interpolate(discretisation: Discretisation, is_state: bool, values: Array, times: Array) -> Array:
-    """The polynomials of the scheme through these values, at other times."""
-    scheme, boundaries = discretisation.grid.scheme, np.asarray(discretisation.grid.mesh.boundaries)
-    element = np.clip(np.searchsorted(boundaries, times, side="left") - 1, 0, discretisation.grid.mesh.elements - 1)
-    local = np.clip((times - boundaries[element]) / discretisation.grid.mesh.widths[element], 0.0, 1.0)
-    weights = scheme.state_at(local) if is_state else scheme.stage_polynomial_at(local)
-    return np.asarray(np.einsum("tk,tk->t", weights, values[element]), dtype=np.float64)
-
-
 def _rates(found: list[Spot], discretisation: Discretisation) -> Iterator[tuple[str, str, Array]]:
     """Name of the state, name of the derivative, and its values at the collocation points."""
     shown = {id(one.derivative): one.expression for one in discretisation.substitutions}
@@ -165,18 +145,24 @@ class PreviousValues:
     """The values that a discretised set has, for another mesh."""
 
     def __init__(self, found: list[Spot], discretisation: Discretisation) -> None:
-        self._discretisation = Discretisation(discretisation.domain, discretisation.grid, discretisation.points)
-        self._values = values_of(found, discretisation)
+        states: dict[Any, Array] = {}
+        signals: dict[Any, Array] = {}
+        for family, is_state, data in families(found, discretisation):
+            times = discretisation.grid.times if is_state else discretisation.grid.points
+            values = [getattr(data.get(time), "value", None) for time in times]
+            if None not in values:
+                (states if is_state else signals)[family] = np.array(values, dtype=float)
+        self._trajectory = Trajectory(discretisation.domain.name, discretisation.grid, states, signals, {}, {})
 
     def give_to(self, found: list[Spot], discretisation: Discretisation) -> None:
         """Interpolate onto the new mesh; fixed variables keep their values."""
+        interpolated = self._trajectory(list(discretisation.domain))
         for family, _, data in families(found, discretisation):
-            if family in self._values:
-                free = {time: variable for time, variable in data.items() if not variable.fixed}
-                is_state, values = self._values[family]
-                interpolated = interpolate(self._discretisation, is_state, values, np.array(list(free), dtype=float))
-                for variable, number in zip(free.values(), interpolated.tolist(), strict=True):
-                    set_initial_value(variable, number)
+            if family in interpolated:
+                along = dict(zip(discretisation.domain, interpolated[family].tolist(), strict=True))
+                for time, variable in data.items():
+                    if not variable.fixed:
+                        set_initial_value(variable, along[time])
 
 
 def refuse_later_components(discretisation: Discretisation) -> None:
