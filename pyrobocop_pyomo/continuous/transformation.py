@@ -9,17 +9,22 @@ from typing import Any
 
 from pyomo.common.config import ConfigDict, ConfigValue, In, PositiveInt
 from pyomo.common.gc_manager import PauseGC
+from pyomo.common.modeling import unique_component_name
 from pyomo.core.base import Transformation, TransformationFactory
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.var import Var
+from pyomo.core.expr import LinearExpression
 from pyomo.dae import ContinuousSet
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.failures import undone_on_failure
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, find_scheme
+from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
 from .discretisation import discretisations_on, discretise, finalise, rebuild_rows, undo_discretisation
 from .record import discretisation_of
-from .structure import axes_of, continuous_sets, spots
+from .structure import axes_of, axis_on, continuous_sets, spots
 from .values import PreviousValues, refuse_later_components
 
 logger = logging.getLogger(__name__)
@@ -108,6 +113,71 @@ class Collocation(Transformation):
                     scheme.name,
                     ", ".join(map(repr, lost)),
                 )
+
+    def reduce_collocation_points(self, instance: Any, var: Any = None, ncp: int = 1, contset: Any = None) -> Any:
+        """Give a control fewer free values per element than the states have, as in ``dae.collocation``.
+
+        Parameters
+        ----------
+        instance : ConcreteModel or Block
+            The discretised model; a constraint that is named after the variable, ``u_interpolation_constraints``, is
+            added to it.
+        var : Var
+            A control or algebraic that is indexed by the set.
+        ncp : int
+            How many values stay free in each element. With 1 the variable is constant there, with 2 linear. The last
+            points are free, and the others follow by interpolation.
+        contset : ContinuousSet
+            A set that this transformation has discretised.
+
+        Returns
+        -------
+        ConcreteModel or Block
+            The instance.
+
+        Raises
+        ------
+        ModelError
+            When the set is not discretised, the variable is a state or not indexed by it, or ``ncp`` does not fit.
+        """
+        discretisation = discretisation_of(contset) if getattr(contset, "ctype", None) is ContinuousSet else None
+        if discretisation is None:
+            raise ModelError(
+                f"contset: '{getattr(contset, 'name', contset)}' was not discretised by pyrobocop.collocation. Apply "
+                "it first, and pass the ContinuousSet."
+            )
+        axis = axis_on(var, contset) if getattr(var, "ctype", None) is Var else None
+        if axis is None:
+            raise ModelError(f"var: '{getattr(var, 'name', var)}' is no variable that is indexed by '{contset.name}'.")
+        scheme, stages = discretisation.grid.scheme, discretisation.grid.scheme.stages
+        if not isinstance(ncp, int) or not 1 <= ncp <= stages:
+            raise ModelError(
+                f"'{var.name}': ncp = {ncp!r}, but '{contset.name}' has {stages} points in each element. Give a "
+                f"whole number from 1 to {stages}."
+            )
+        if ncp == stages:
+            return instance
+        if discretisation.grid.elements_share_points:
+            raise ModelError(
+                f"'{var.name}': with {scheme.name} neighbouring elements share a point, so that no element has values "
+                "of its own. Choose radau or gauss."
+            )
+        if not discretisation.state_ids().isdisjoint(map(id, var.values())):
+            raise ModelError(
+                f"'{var.name}': has a derivative with respect to '{contset.name}', whose equations need all of its "
+                "values. Only controls and algebraics can have fewer."
+            )
+        weights = evaluation_matrix(scheme.c[-ncp:], scheme.c[:-ncp]).tolist()
+        rows = Constraint(var.index_set())
+        instance.add_component(unique_component_name(instance, f"{var.local_name}_interpolation_constraints"), rows)
+        first = discretisation.grid.points[0]
+        for others in [axis.others(index) for index in var if axis.time(index) == first]:
+            for times in discretisation.grid.stage_times:
+                free = [var[axis.join(others, time)] for time in times[-ncp:]]
+                for time, row in zip(times[:-ncp], weights, strict=True):
+                    index = axis.join(others, time)
+                    rows.add(index, (LinearExpression(linear_vars=[var[index], *free], linear_coefs=[-1.0, *row]), 0))
+        return instance
 
 
 def _replace(domain: Any, settings: tuple[Any, Any, bool] | None, previous: Any) -> None:

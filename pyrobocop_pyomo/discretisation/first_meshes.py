@@ -17,7 +17,7 @@ from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS, RELATION
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.numerics.further_boundaries import mesh_of_delays, mesh_with
+from pyrobocop_pyomo.numerics.mesh import mesh_of_delays, mesh_with
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.phases.bounds_between_points import changing_places, stated_formulas
 from pyrobocop_pyomo.phases.declarations import FunctionOfTime

@@ -30,10 +30,9 @@ from pyrobocop_pyomo.phases.reintegration import reintegrate
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .estimates import SMALL_MOTION_ERROR, DiscretisationEstimate, PhaseEstimate
-from .integral_weights import integral_weights
 from .lagrangian import PhaseLagrangian
 from .phase_multipliers import PhaseMultipliers, RowMultipliers, phase_multipliers
-from .stated_at_points import motion_beside_phases, stated_at_points
+from .stated_at_points import integral_weights, motion_beside_phases, stated_at_points
 
 logger = logging.getLogger(__name__)
 

@@ -20,8 +20,7 @@ from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader, scaling_fact
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.elastic_rows import ElasticRows
-from pyrobocop_pyomo.programs.missing_rank import missing_rank
-from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, PrimalDualPoint, ShiftedRows
+from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, PrimalDualPoint, ShiftedRows, missing_rank
 from pyrobocop_pyomo.programs.scales import Scales
 
 from .automatic_scaling import automatic_scaling

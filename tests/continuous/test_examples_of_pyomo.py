@@ -10,6 +10,7 @@ import pyomo.environ as pyo
 import pytest
 from catalogue import pyomo_examples
 from catalogue.cart_pole import cart_pole
+from harness.dae import driven_tank
 from pyomo.contrib import mpc
 from pyomo.contrib.doe.examples import reactor_experiment
 from pyomo.contrib.mpc.examples.cstr import model as mpc_cstr
@@ -19,6 +20,7 @@ from pyomo.contrib.sensitivity_toolbox.examples import HIV_Transmission, feedbac
 from pyomo.dae.simulator import Simulator
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import ModelError
 
 OURS, THEIRS = "pyrobocop.collocation", "dae.collocation"
 
@@ -47,6 +49,23 @@ def test_optimum_is_that_of_dae_collocation(name, elements):
 
 
 @pytest.mark.casadi
+@pytest.mark.parametrize("points", [1, 2])
+@pytest.mark.parametrize("name", ["optimal_control", "path_constraint"])
+def test_fewer_points_of_a_control(name, points):
+    found = []
+    for transformation in (OURS, THEIRS):
+        m = getattr(pyomo_examples, name)()
+        discretiser = pyo.TransformationFactory(transformation)
+        discretiser.apply_to(m, nfe=5, ncp=4)
+        assert discretiser.reduce_collocation_points(m, var=m.u, ncp=points, contset=m.t) is m
+        found.append(optimum(m))
+    assert found[0] == pytest.approx(found[1], abs=1e-6)
+    if points == 1:
+        first = [m.u[t].value for t in m.t if 0 < t <= 0.2]
+        assert first == pytest.approx([first[0]] * 4)
+
+
+@pytest.mark.casadi
 def test_two_scenarios_of_a_gas_pipe():
     """Differences in space, collocation in time; a steady start, and one decision until the scenarios part."""
     found = []
@@ -57,6 +76,27 @@ def test_two_scenarios_of_a_gas_pipe():
         found.append((optimum(m), [m.p[k, 4, z].value for k in m.scenario for z in m.z]))
     assert found[0][0] == pytest.approx(found[1][0], rel=1e-6)
     assert found[0][1] == pytest.approx(found[1][1], rel=1e-5)
+
+
+def test_fewer_points_that_cannot_be():
+    m = pyomo_examples.optimal_control()
+    discretiser = pyo.TransformationFactory(OURS)
+    with pytest.raises(ModelError, match="contset: 't' was not discretised by pyrobocop.collocation"):
+        discretiser.reduce_collocation_points(m, var=m.u, ncp=1, contset=m.t)
+    discretiser.apply_to(m, nfe=2, ncp=3)
+    for variable, points, match in (
+        (m.x1, 1, "'x1': has a derivative with respect to 't'"),
+        (m.u, 4, "'u': ncp = 4, but 't' has 3 points in each element"),
+        (m.cost, 1, "var: 'cost' is no variable that is indexed by 't'"),
+    ):
+        with pytest.raises(ModelError, match=match):
+            discretiser.reduce_collocation_points(m, var=variable, ncp=points, contset=m.t)
+    assert discretiser.reduce_collocation_points(m, var=m.u, ncp=3, contset=m.t) is m
+    assert m.find_component("u_interpolation_constraints") is None
+    m = driven_tank(initialize=0)
+    discretiser.apply_to(m, nfe=2, scheme="lobatto")
+    with pytest.raises(ModelError, match="neighbouring elements share a point"):
+        discretiser.reduce_collocation_points(m, var=m.u, ncp=1, contset=m.t)
 
 
 @pytest.mark.casadi

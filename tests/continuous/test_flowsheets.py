@@ -100,6 +100,22 @@ def test_initialisation_in_time_by_idaes() -> None:
     assert solved_output("reactor", m)[2] == pytest.approx(guess, rel=1e-6)
 
 
+def test_a_control_with_fewer_points_by_its_reference() -> None:
+    """Units show variables of their control volumes as references."""
+    m = flowsheet_of("reactor").build()
+    discretiser = pyo.TransformationFactory(OURS)
+    discretiser.apply_to(m, wrt=m.fs.time, nfe=6, ncp=3)
+    flowsheet_of("reactor").fix(m)
+    m.fs.r.heat_duty.unfix()
+    off = [(m.fs.r.outlet.temperature[t] - 300) ** 2 for t in m.fs.time]
+    m.cost = pyo.Objective(expr=sum(off) + 1e-14 * sum(heat**2 for heat in m.fs.r.heat_duty.values()))
+    discretiser.reduce_collocation_points(m, var=m.fs.r.heat_duty, ncp=1, contset=m.fs.time)
+    rcp.solve(m, progress=False).raise_for_status()
+    times = [t for t in m.fs.time if 0 < t <= 1]
+    assert [m.fs.r.heat_duty[t].value for t in times] == pytest.approx([m.fs.r.heat_duty[1].value] * 3)
+    assert abs(m.fs.r.heat_duty[2].value - m.fs.r.heat_duty[1].value) > 1e5
+
+
 def test_scaling_factors_of_idaes_are_used() -> None:
     """They stand in suffixes of each block, for derivatives that an expression replaces as well."""
     m = discretised("reactor", OURS)

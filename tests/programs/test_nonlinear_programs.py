@@ -16,8 +16,7 @@ from hypothesis import strategies as st
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import EvaluationError, ModelError
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.missing_rank import missing_rank
-from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint, ShiftedRows
+from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint, ShiftedRows, missing_rank
 from pyrobocop_pyomo.programs.stationarity import stationarity
 
 

@@ -5,7 +5,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from pyrobocop_pyomo.numerics import Mesh
-from pyrobocop_pyomo.numerics.further_boundaries import mesh_of_delays
+from pyrobocop_pyomo.numerics.mesh import mesh_of_delays
 
 
 @given(
