@@ -6,6 +6,7 @@ it. Whatever else the law needs is named after it: ``phase.wall_pairs``, ``phase
 
 from __future__ import annotations
 
+import copy
 import math
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
@@ -15,7 +16,7 @@ from typing import Any, ClassVar, NamedTuple, Union
 
 from pyomo.core.base.units_container import _PyomoUnit
 from pyomo.core.base.units_container import units as pyomo_units
-from pyomo.core.expr.numvalue import native_numeric_types, value
+from pyomo.core.expr.numvalue import native_numeric_types, native_types, value
 from pyomo.core.expr.visitor import identify_mutable_parameters
 
 from pyrobocop_pyomo.errors import ModelError
@@ -103,15 +104,12 @@ class SignalLaw(Law):
         ModelError
             When a name is taken, or a rule gives no number and no expression.
         """
-        first = Moment(self, name, phase, phase.points.first())
-        unknowns = self.unknowns()
-        for field in self._asked_fields():
-            given = getattr(self, field)
-            for one in given if isinstance(given, tuple) else (given,):
-                if _is_of_model(one):
-                    _check_component(one, phase, f"{self._what}: {field}")
+        law = self._with_rules(phase)
+        first = Moment(law, name, phase, phase.points.first())
+        unknowns = law.unknowns()
+        for field in law._asked_fields():
             first.ask(field)
-        guesses = self._guesses(name, phase)
+        guesses = law._guesses(name, phase)
         with_units = phase.record.time_units is not None or any(
             declaration.units is not None for declaration in phase.record.declarations.values()
         )
@@ -126,12 +124,12 @@ class SignalLaw(Law):
                     declared_at=self.declared_at,
                 ),
             )
-        formula = self.expression_of(name)
+        formula = law.expression_of(name)
         if formula is not None:
             add_expression(phase, Statement("expression", name, RuleTemplate(formula)))
-        if self.equations(first) is not None:
-            phase.residual(LawRule(self, name, "equations"))
-        phase.complementarity(LawRule(self, name, "pairs"))
+        if law.equations(first) is not None:
+            phase.residual(LawRule(law, name, "equations"))
+        phase.complementarity(LawRule(law, name, "pairs"))
 
     def _asked_fields(self) -> list[str]:
         """Fields that hold numbers or rules."""
@@ -158,6 +156,16 @@ class SignalLaw(Law):
     @property
     def _what(self) -> str:
         return f"{type(self).__name__} (declared at {self.declared_at})"
+
+    def _with_rules(self, phase: Any) -> SignalLaw:
+        """This law with rules in place of components: a clone of the model, and a verification, read their own."""
+        law = copy.copy(self)
+        for name in self._asked_fields():
+            given, what = getattr(self, name), f"{self._what}: {name}"
+            many = isinstance(given, tuple)
+            rules = tuple(_as_rule(one, phase, what) for one in (given if many else (given,)))
+            object.__setattr__(law, name, rules if many else rules[0])
+        return law
 
     def _guesses(self, name: str, phase: Any) -> dict[str, Any]:
         """Initial guesses of the unknowns over the points."""
@@ -229,9 +237,7 @@ class Moment:
         return [float(number) for number in numbers] if isinstance(asked, list) else float(numbers[0])
 
     def _one(self, field: str, given: Any) -> Any:
-        if _is_of_model(given):
-            return given[self._time] if getattr(given, "is_indexed", bool)() else given
-        if not callable(given):
+        if _is_of_model(given) or not callable(given):
             return given
         result = plain_entry(given(self._phase, self._time))
         if result.__class__ in native_numeric_types:
@@ -279,23 +285,28 @@ def _is_of_model(given: Any) -> bool:
     return hasattr(given, "ctype") or hasattr(given, "is_expression_type")
 
 
-def _check_component(given: Any, phase: Any, label: str) -> None:
-    """Refuse what is not on the model of a phase, or belongs to one point of it alone."""
+def _as_rule(given: Any, phase: Any, label: str) -> Any:
+    """A number or rule as it is, a component as a rule that reads it."""
+    if given.__class__ in native_types or not _is_of_model(given):
+        return given
     if not hasattr(given, "ctype") or given is not given.parent_component():
         mutable = [each for each in identify_mutable_parameters(given) if not isinstance(each, _PyomoUnit)]
         if not given.is_potentially_variable() and not mutable:
-            return  # a number with units
+            return given  # a number with units
         raise ModelError(
             f"{label} = {given}, which belongs to this model alone, and to one point of it. Write it as a rule: "
             "lambda phase, t: ..."
         )
     if given.model() is not phase.model():
         raise ModelError(f"{label} = {given}, which is not on the model of phase '{phase.name}'. Add it first.")
-    if given.is_indexed() and phase.points.first() not in given:
+    if not given.is_indexed():
+        return lambda phase, time: given
+    if phase.points.first() not in given:
         raise ModelError(
             f"{label} = {given}, which is not indexed by the times of phase '{phase.name}'. Write it as a rule: "
             "lambda phase, t: ..."
         )
+    return lambda phase, time: given[time]
 
 
 def part_name(name: str, part: str) -> str:
