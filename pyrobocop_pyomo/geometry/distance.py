@@ -127,7 +127,9 @@ def distance_of_points(
         nowhere = np.full(p.shape[1], np.nan)
         return SignedDistance(-np.inf, nowhere, nowhere, nowhere)
     normal = directions[best]
-    # Two corners this close give no normal that is accurate enough for its gap to be the distance.
+    # Two corners this close give no normal that is accurate enough for its gap to be the distance; and a gap far below
+    # zero says that rounding alone has kept bodies apart that overlap.
+    is_apart = is_apart and bool(widths[-1] > -TOUCHING * scale)
     distance = max(nearest.norm if is_apart else -np.inf, float(widths[best]))
     on_second = _point_of_contact(p, q, rays, of_first, normal, scale) + origin
     return SignedDistance(distance, normal, on_second + distance * normal, on_second)

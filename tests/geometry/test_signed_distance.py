@@ -232,6 +232,17 @@ def random_wedge(random: np.random.Generator, dimension: int) -> Polytope:
     return Polytope.from_halfspaces(random.normal(size=(count, dimension)), random.normal(size=count), bounded=False)
 
 
+def test_rounding_keeps_nobody_apart_who_overlaps() -> None:
+    """Of a body and a wedge whose corner is far away, however the corners of the body are rounded."""
+    random = np.random.default_rng(214204)
+    wedge = random_wedge(random, 3)
+    body = random_body(random, 3).placed(random_pose(random, 3, 3.0))
+    for seed in range(60):
+        rounded = 1.0 + 1e-15 * np.random.default_rng(seed).integers(-3, 4, size=body.vertices.shape)
+        found = signed_distance(Polytope.from_vertices(body.vertices * rounded, radius=body.radius), wedge)
+        assert found.distance == pytest.approx(-2.6257766437, abs=1e-8)
+
+
 @given(seed=seeds, dimension=dimensions, turned_around=some.booleans())
 @example(seed=214204, dimension=3, turned_around=False)  # two planes that meet far away
 def test_bodies_without_end(seed: int, dimension: int, turned_around: bool) -> None:

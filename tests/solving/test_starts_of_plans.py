@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,11 +10,14 @@ import pytest
 from harness.scenes import through_a_wall
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE
 from pyrobocop_pyomo.planning.recovery import Recovery
 
 
 class Fails:
     """A planning in which nothing is ever feasible, and which writes down what it was asked to solve."""
+
+    deadline = NO_DEADLINE
 
     def __init__(self, model: pyo.ConcreteModel) -> None:
         self.model = model
@@ -31,9 +33,6 @@ class Fails:
 
     def may_go_on(self, result: Any) -> bool:
         return True
-
-    def seconds_left(self) -> float:
-        return math.inf
 
     def solve_without_obstacles(self) -> bool:
         return False
