@@ -6,7 +6,7 @@ not known.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -47,14 +47,14 @@ def refuse_asked_by_point(phase: Any, statement: Statement, *more: Any) -> None:
         raise TrajectoryError(_in_words(phase, statement))
 
 
-def known_history(phase: Any, name: str, times: Iterable[float], slack: float) -> list[float]:
+def known_history(phase: Any, name: str, times: Sequence[float], slack: float) -> list[float]:
     """Times before the start, or those beside them for which a history by a function has said something.
 
     Parameters
     ----------
     phase : PhaseBlock
     name : str
-    times : iterable of float
+    times : sequence of float
     slack : float
         What may be between these.
 
@@ -66,12 +66,9 @@ def known_history(phase: Any, name: str, times: Iterable[float], slack: float) -
     history = getattr(phase.record.declarations[name], "history", None)
     if not isinstance(history, FunctionOfTime) or not history.is_asked_by_point:
         return list(times)
-    known: list[float] = []
-    for time in times:
-        said = history.known_time(time, slack)
-        if said is None:
-            raise TrajectoryError(_of_function(phase, name, "history"))
-        known.append(said)
+    known = [said for time in times if (said := history.known_time(time, slack)) is not None]
+    if len(known) < len(times):
+        raise TrajectoryError(_of_function(phase, name, "history"))
     return known
 
 

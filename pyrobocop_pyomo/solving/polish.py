@@ -23,6 +23,7 @@ from pyrobocop_pyomo.mpcc.branch import nearest_branch, restricted
 from pyrobocop_pyomo.mpcc.linearisation import Linearisation
 from pyrobocop_pyomo.mpcc.multipliers import STATIONARY, MultiplierProblem, classify, strong_multipliers
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
+from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
 from pyrobocop_pyomo.programs.stationarity import stationarity
@@ -234,6 +235,7 @@ class Polish:
         if not self._exploration.may_go_on(pairs, iterations) or self._settings.deadline.has_passed:
             return iterate
         work = self._exploration.work_within(pairs, iterations)
+        _ = scipy.optimize.milp  # loaded before the time counts: else a new process would explore less than an old one
         deadline = self._settings.deadline.within(self._exploration.budget(pairs))
         self._settings.progress.live(f"exploring other branches, at most {deadline.left:.1f} s")
         started = time.perf_counter()
