@@ -16,6 +16,7 @@ from obstacle_problems.scattered import scattered
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.contrib.vehicles.recognised_car import _axle, recognised_car
+from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE
 from pyrobocop_pyomo.planning.recovery import Recovery
 from pyrobocop_pyomo.solving.second_tries import SIDE_ITERATIONS
 
@@ -193,7 +194,7 @@ IN_VAIN = SimpleNamespace(
 PLANNING = SimpleNamespace(
     solve=lambda purpose, **_: IN_VAIN,
     may_go_on=lambda result: True,
-    seconds_left=lambda: math.inf,
+    deadline=NO_DEADLINE,
     solve_without_obstacles=lambda: False,
 )
 
