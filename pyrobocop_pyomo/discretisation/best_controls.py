@@ -38,7 +38,7 @@ def least_integrand(instants: Any, here: Values, starts: Sequence[Values]) -> Ar
 
     Parameters
     ----------
-    instants : InstantsInside
+    instants : ElementInstants
         With the integrand and the limits of controls, and without rows that these can meet.
     here : dict of name to array, shape (q, N)
         Controls of the answer.
@@ -70,7 +70,7 @@ def least_integrand_within_rows(instants: Any, here: Values) -> Array:
 
     Parameters
     ----------
-    instants : InstantsInside
+    instants : ElementInstants
         With the integrand, and the limits and rows of controls.
     here : dict of name to array, shape (q, N)
         Controls of the answer.

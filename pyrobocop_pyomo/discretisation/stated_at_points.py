@@ -142,8 +142,10 @@ def integral_weights(model: Any, phases: Sequence[Any], found: RowMultipliers) -
     if not wanted:
         return {id(phase): [] for phase in phases}
     terms = [(1.0, data.expr) for data in model.component_data_objects(Objective, active=True)]
-    terms += [(-found.of_row(row), row.body) for row in _rows_that_read(wanted, model, phases, found)]
-    reading = [(weight, expression) for weight, expression in terms if _reads(wanted, [expression])]
+    rows = (row for _, active in rows_beside(model, phases) for row in active if found.of_row(row) != 0.0)
+    terms += [(-found.of_row(row), row.body) for row in rows]
+    # What is in other integrals is not looked through.
+    reading = [term for term in terms if not wanted.isdisjoint(variables_in_any([term[1]], leaves=wanted))]
     slopes = [(weight, _slopes(expression, members)) for weight, expression in reading]
     return {
         key: [sum(weight * of[id(member)] for weight, of in slopes) for member in of_phase]
@@ -168,16 +170,3 @@ def _slopes(expression: Any, members: Mapping[int, Sequence[Any]]) -> dict[int, 
         return (above - below) / (2.0 * step)
 
     return {member: slope(member) for member in here}
-
-
-def _rows_that_read(wanted: set[int], model: Any, phases: Sequence[Any], found: RowMultipliers) -> Iterator[Any]:
-    """Rows that no phase has stated, and that restrain something, of constraints in which one of some nodes occurs."""
-    for _, active in rows_beside(model, phases):
-        rows = [row for row in active if found.of_row(row) != 0.0]
-        if _reads(wanted, [row.body for row in rows]):
-            yield from rows
-
-
-def _reads(wanted: set[int], expressions: Sequence[Any]) -> bool:
-    """Whether one of the expressions holds one of some nodes; what is in other integrals is not looked through."""
-    return not wanted.isdisjoint(variables_in_any(expressions, leaves=wanted))

@@ -121,17 +121,21 @@ class InProcessIpopt(SolverBase):
         results.solver_version = library.version
         results.extra_info.ipopt_library = library.path
         StaleFlagManager.mark_all_as_stale()
+        timer.start("write_and_build")
         try:
-            timer.start("write_and_build")
             compiled = _compiled(model, config.derivatives)
-            timer.stop("write_and_build")
         except InfeasibleConstraintException as error:
+            compiled = None
             _report_proven_infeasible(results, model, str(error))
-        else:
+        finally:
+            timer.stop("write_and_build")
+        if compiled is not None:
             logger.info("'%s': %s, derivatives by %s", model.name, library, compiled.nlp.derivatives)
             timer.start("ipopt")
-            outcome = _run(compiled, config)
-            timer.stop("ipopt")
+            try:
+                outcome = _run(compiled, config)
+            finally:
+                timer.stop("ipopt")
             _report(results, compiled, outcome)
         _raise_or_load(results, config)
         results.timing_info.timer = timer

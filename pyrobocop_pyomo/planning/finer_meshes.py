@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.discretisation import DiscretisationEstimate
 from pyrobocop_pyomo.discretisation.estimates import SMALL_MOTION_ERROR
 from pyrobocop_pyomo.discretisation.first_meshes import MOST_ELEMENTS, MOST_TIMES
 from pyrobocop_pyomo.errors import PyRobocopError
@@ -47,11 +46,10 @@ _TRUST = 10.0
 
 @dataclass(frozen=True, eq=False)
 class MeshStep:
-    """The answer on one mesh: elements of all phases, the result, and its errors."""
+    """The answer on one mesh: elements of all phases, and the result."""
 
     elements: int
     result: SolveResult
-    errors: DiscretisationEstimate
 
     @property
     def is_optimal(self) -> bool:
@@ -87,7 +85,7 @@ class MeshLoop:
         self._model, self._phases = model, phases_of(model)
         self._settings, self._start, self._tolerance = settings, start, tolerance
         self._boundaries = {phase.name: frozenset(phase.grid.mesh.boundaries) for phase in self._phases}
-        self.steps = [MeshStep(elements_of(model), first, first.discretisation)]
+        self.steps = [MeshStep(elements_of(model), first)]
         self._most = min(max(MOST_TIMES * self.steps[0].elements, SMALL_ELEMENTS), MOST_ELEMENTS)
         self._left = max(SMALL_EFFORT, EFFORT * self.steps[0].elements * first.iterations)
         self.remark = ""
@@ -122,13 +120,13 @@ class MeshLoop:
     def _next(self, best: MeshStep, halved: bool) -> dict[str, Mesh] | None:
         """The next meshes; None where it ends."""
         now = {phase.name: phase.grid.mesh for phase in self._phases}
-        if best.is_optimal and not best.errors.ratio(self._tolerance) > 1.0:  # or not known
+        if best.is_optimal and not best.result.discretisation.ratio(self._tolerance) > 1.0:  # or not known
             return None
         if halved:
             meshes = {name: halves_of(mesh) for name, mesh in now.items()}
         else:
             trajectories = {phase.name: phase.trajectory() for phase in self._phases}
-            meshes = best.errors.finer(now, trajectories, AIMED * self._tolerance, keep=self._boundaries)
+            meshes = best.result.discretisation.finer(now, trajectories, AIMED * self._tolerance, keep=self._boundaries)
         at_an_end = (
             best.result.stop_reason is StopReason.INTERRUPTED
             or self._settings.deadline.has_passed
@@ -152,7 +150,7 @@ class MeshLoop:
             most = max(1, min(ITERATIONS_OF_ONE, int(self._left / count)))
             strategies = (replace(SOLVE, name="finer mesh", options={**options, "max_iter": most}),)
         result = solve_model(self._model, replace(self._settings, strategies=strategies, exploration=0.0))
-        self.steps.append(MeshStep(count, result, result.discretisation))
+        self.steps.append(MeshStep(count, result))
         self._left -= count * result.iterations
         logger.info("'%s' on %d elements: %s", self._model.name, count, result.one_line())
         return self.steps[-1]
@@ -164,11 +162,13 @@ def _replaces(finer: MeshStep, before: MeshStep) -> bool:
         return finer.is_optimal
     explained = 0.0
     for step in (finer, before):
-        error = step.errors.relative_objective_error
-        error = step.errors.largest_known_motion_error if error is None else error
+        error = step.result.discretisation.relative_objective_error
+        error = step.result.discretisation.largest_known_motion_error if error is None else error
         explained += float(np.nan_to_num(error)) * abs(step.result.objective)
     worse = finer.result.standing.cost - before.result.standing.cost
-    return before.errors.largest_known_motion_error > SMALL_MOTION_ERROR or not worse > _TRUST * explained
+    return (
+        before.result.discretisation.largest_known_motion_error > SMALL_MOTION_ERROR or not worse > _TRUST * explained
+    )
 
 
 def solve_on_finer_meshes(model: Any, tolerance: float, settings: Settings) -> SolveResult:

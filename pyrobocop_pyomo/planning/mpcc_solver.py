@@ -109,16 +109,18 @@ class Mpcc(SolverBase):
         results.solver_name, results.solver_version, results.solver_config = self.name, self.version(), config
         before = PlanningPoint(model)
         timer.start("solve")
-        with multipliers_imported(model):
-            answer = solve(
-                model,
-                options=dict(config.solver_options.value()),
-                tee=config.tee,
-                time_limit=config.time_limit,
-                **{name: config[name] for name in CHOICES},
-            )
-            results.solution_loader = FoundPoint(model)
-        timer.stop("solve")
+        try:
+            with multipliers_imported(model):
+                answer = solve(
+                    model,
+                    options=dict(config.solver_options.value()),
+                    tee=config.tee,
+                    time_limit=config.time_limit,
+                    **{name: config[name] for name in CHOICES},
+                )
+                results.solution_loader = FoundPoint(model)
+        finally:
+            timer.stop("solve")
         _report(results, answer)
         results.timing_info.timer = timer
         results.timing_info.wall_time = answer.seconds
