@@ -299,9 +299,15 @@ class DiscretisationEstimate(Presented):
             parts.append(f"objective {error:.1e} ({self._objective_error_in_words(relative)})")
         elif self.phases:
             parts.append("objective not known")
-        worst = max((p for p in self.phases.values() if p.relative is not None), key=_relative, default=None)
+        worst = max(
+            (p for p in self.phases.values() if p.relative is not None),
+            key=lambda phase: phase.relative or 0.0,
+            default=None,
+        )
         if worst is not None:
-            parts.append(f"motion {worst.largest:.1e} at '{worst.name}.{worst.state}' ({percent(_relative(worst))})")
+            parts.append(
+                f"motion {worst.largest:.1e} at '{worst.name}.{worst.state}' ({percent(worst.relative or 0.0)})"
+            )
         elif self.phases:
             parts.append("motion not known")
         if self.excess is not None and self.excess > WORTH_A_SENTENCE:
@@ -332,7 +338,3 @@ class DiscretisationEstimate(Presented):
     def __str__(self) -> str:
         advice = f"The mesh is coarse: take {self._finer()}." if self.is_large else ""
         return "\n".join(line for line in (self.sentence(), advice, *self.remarks) if line)
-
-
-def _relative(phase: PhaseEstimate) -> float:
-    return phase.relative or 0.0

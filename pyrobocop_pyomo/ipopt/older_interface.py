@@ -12,8 +12,17 @@ from pyomo.core.base.PyomoModel import ModelSolution
 from pyomo.core.base.suffix import Suffix
 from pyomo.core.base.var import Var
 from pyomo.opt.base.solvers import OptSolver
+from pyomo.opt.results.container import ScalarData
 
 logger = logging.getLogger(__name__)
+
+
+class _Text(ScalarData):
+    """An entry of the older results whose text may be made when it is written."""
+
+    def get_value(self) -> str:
+        """Plain text, as files need it."""
+        return str(self.value)
 
 
 class OlderInterface(LegacySolverWrapper):
@@ -37,7 +46,8 @@ class OlderInterface(LegacySolverWrapper):
             1 for _ in model.component_data_objects(Constraint, active=True, descend_into=True)
         )
         older.solver.name = self.name
-        older.solver.message = older.solver.termination_message = results.extra_info.solver_message
+        for name in ("Message", "Termination message"):
+            dict.__setitem__(older.solver[0], name, _Text(results.extra_info.solver_message))
         older.solver.wallclock_time = results.timing_info.wall_time
         return older, solution
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import inspect
 import re
+from collections import UserString
 from typing import Any
 
 from pyomo.common.config import ConfigValue
@@ -159,6 +160,22 @@ def _report(results: Results, answer: SolveResult) -> None:
         results.incumbent_objective = answer.objective
     results.extra_info.add("result", ConfigValue(answer))
     results.extra_info.iteration_count = answer.iterations
-    motion = None if answer.safety is None else f"The motion: {answer.safety.word}"
-    said = (answer.stop_reason.value, answer.quality.value, motion, answer.errors_of_answer.in_short())
-    results.extra_info.solver_message = " ".join(filter(None, said))
+    results.extra_info.solver_message = _Message(answer)
+
+
+class _Message(UserString):
+    """What is said of an answer; made when it is read, since the error of the mesh takes as long as a short solve."""
+
+    def __init__(self, answer: SolveResult) -> None:
+        self._answer = answer
+
+    def __reduce__(self) -> Any:
+        return str, (self.data,)
+
+    @property
+    def data(self) -> str:  # type: ignore[override]
+        """The text."""
+        answer = self._answer
+        motion = None if answer.safety is None else f"The motion: {answer.safety.word}"
+        said = (answer.stop_reason.value, answer.quality.value, motion, answer.errors_of_answer.in_short())
+        return " ".join(filter(None, said))

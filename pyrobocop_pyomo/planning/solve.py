@@ -12,7 +12,7 @@ from pyrobocop_pyomo.diagnosis.diagnose import doubts_before_solve, is_renamed
 from pyrobocop_pyomo.diagnosis.findings import Finding, Severity, Subject
 from pyrobocop_pyomo.diagnosis.statements import refuse_inconsistent_units, refuse_misplaced
 from pyrobocop_pyomo.discretisation.first_meshes import mesh_from_statement
-from pyrobocop_pyomo.discretisation.stepped_over import stepped_over
+from pyrobocop_pyomo.discretisation.probe import stepped_over
 from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import Backend, available_backends, best_backend
 from pyrobocop_pyomo.ipopt.c_output import standard_output

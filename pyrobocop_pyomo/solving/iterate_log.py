@@ -20,9 +20,8 @@ from pyrobocop_pyomo.complementarity.residuals import part_of_side
 from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan, relation_violation
 from pyrobocop_pyomo.modeling.rows_by_rule import bounds_of, content_of, follows_rule, rows_by_component
-from pyrobocop_pyomo.modeling.variable_bounds import VariableBounds
 from pyrobocop_pyomo.numerics.rounding import ROUNDING
-from pyrobocop_pyomo.programs.row_values import RowTerms, RowValues, SumValue
+from pyrobocop_pyomo.programs.row_values import RowTerms, RowValues, SumValue, VariableBounds
 
 from .iterates import Iterate, Tolerances
 from .progress import Progress

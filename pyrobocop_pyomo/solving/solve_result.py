@@ -383,11 +383,12 @@ def _draw_history(title: str, steps: Sequence[Iterate], best: int, figure: Any) 
     """The runs of a result, one after the other."""
     ends = np.cumsum([float(step.iterations) for step in steps])
     starts = np.concatenate([[0.0], ends[:-1]])
-    mu, delta = [], []
-    for start, end, step in zip(starts, ends, steps, strict=True):
-        mu.append(_line(start, end, [mu_now for mu_now, _ in step.path], step.mu))
-        delta.append(_line(start, end, [delta_now for _, delta_now in step.path], step.delta))
-    lines = {name: _joined_lines(parts) for name, parts in (("delta", delta), ("mu", mu))}
+    lines: dict[str, Any] = {}
+    for place, name in ((1, "delta"), (0, "mu")):  # of the path of a step
+        facts = ([now[place] for now in step.path] for step in steps), (getattr(step, name) for step in steps)
+        x, y = map(np.concatenate, zip(*map(_line, starts, ends, *facts), strict=True))
+        if np.isfinite(y).any():
+            lines[name] = x, y
     has_pairs = any(step.delta is not None for step in steps)
     dots = {
         "largest product": np.array([step.largest_product for step in steps]),
@@ -398,7 +399,7 @@ def _draw_history(title: str, steps: Sequence[Iterate], best: int, figure: Any) 
         ends,
         [step.label for step in steps],
         np.array([step.objective for step in steps]),
-        {name: line for name, line in lines.items() if np.isfinite(line[1]).any()},
+        lines,
         dots if has_pairs else {},
         best,
         figure=figure,
@@ -411,7 +412,3 @@ def _line(start: float, end: float, path: list[float], last: float | None) -> tu
         return [*np.linspace(start, end, len(path)).tolist(), end], [*path, np.nan]
     number = np.nan if last is None else last
     return [start, end, end], [number, number, np.nan]
-
-
-def _joined_lines(parts: list[tuple[list[float], list[float]]]) -> tuple[np.ndarray, np.ndarray]:
-    return np.concatenate([x for x, _ in parts]), np.concatenate([y for _, y in parts])

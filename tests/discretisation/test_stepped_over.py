@@ -10,7 +10,7 @@ import pytest
 from harness.phases import bryson_denham
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.discretisation.stepped_over import stepped_over
+from pyrobocop_pyomo.discretisation.probe import stepped_over
 
 Rule = Callable[[Any, float], Any]
 

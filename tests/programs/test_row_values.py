@@ -12,11 +12,10 @@ from hypothesis import strategies as st
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.row_violations import bound_violation, number_or_nan
-from pyrobocop_pyomo.modeling.variable_bounds import VariableBounds
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.expression_codes import decoded
 from pyrobocop_pyomo.programs.model_terms import Terms, collect_terms
-from pyrobocop_pyomo.programs.row_values import MANY_TERMS, RowValues, SumValue
+from pyrobocop_pyomo.programs.row_values import MANY_TERMS, RowValues, SumValue, VariableBounds
 from pyrobocop_pyomo.programs.term_groups import Columns
 
 FORMS = {

@@ -25,6 +25,7 @@ from pyrobocop_pyomo.ipopt import backends
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
 from pyrobocop_pyomo.planning.solve import RETIRED_WORDS
+from pyrobocop_pyomo.solving import SolveResult
 
 pytestmark = pytest.mark.casadi
 ITERATION_LIMIT = {"max_iter": 1}
@@ -202,6 +203,18 @@ def test_an_objective_without_end_is_told_as_unbounded():
     m.cost = pyo.Objective(expr=m.x + m.y**2)
     results = solver().solve(m, raise_exception_on_nonoptimal_result=False)
     assert results.termination_condition is TerminationCondition.unbounded
+
+
+def test_the_error_of_the_mesh_is_estimated_when_the_message_is_read(monkeypatch):
+    """It takes as long as a short solve."""
+    estimates, errors = [], SolveResult.errors_of_answer
+    monkeypatch.setattr(SolveResult, "errors_of_answer", property(lambda of: estimates.append(of) or errors.fget(of)))
+    for results in (solver().solve(two_corners()), legacy().solve(two_corners())):
+        assert not estimates
+        message = results.solver.message if hasattr(results, "solver") else results.extra_info.solver_message
+        assert "ran to its end" in str(message)
+        assert estimates
+        estimates.clear()
 
 
 def test_a_time_limit_is_kept_and_reported():
