@@ -102,8 +102,8 @@ class Limits:
         Most branches solved by `ActiveSetSearch.exchange`.
     lpec_seconds : float
         For one linear program with complementarity constraints.
-    exploring_radii : tuple of float
-        Trust radii for the search beyond a B-stationary point.
+    exploring_radii, polishing_radii : tuple of float
+        Trust radii for the search beyond a B-stationary point, and for a branch at a point that was made exact.
     exploring_nodes : int
         Of the search tree, for one linear program of that search: its answer is not to depend on the machine.
     exploring_gap : float
@@ -127,6 +127,7 @@ class Limits:
     exchanges: int = 40
     lpec_seconds: float = 5.0
     exploring_radii: tuple[float, ...] = (1.0, 1e1, 1e2, 1e3)
+    polishing_radii: tuple[float, ...] = (1e-4, 1e-3, 1e-2, 1e-1)
     exploring_nodes: int = 200
     exploring_gap: float = 1e-2
     descent_gap: float = 0.3
@@ -193,6 +194,7 @@ class ActiveSetSearch:
     linear_seconds: float = 0.0
     work_left: float = np.inf
     undecided: int = 0
+    _last: IpoptOutcome | None = None
     _refused: list[BranchPoint] = field(default_factory=list)
     _tried_from: tuple[BranchPoint | None, set[bytes]] = (None, set())
 
@@ -207,13 +209,45 @@ class ActiveSetSearch:
         self._refused.clear()
         branch = nearest_branch(self.program, start.x)
         found = self._go("polish", branch, start, start.x)
-        if found is None and not only_nearest and not self._late():
-            radius = max(1e-2, 10.0 * start.natural_residual)
-            point = Linearisation.at(self.program.nlp, start.x)
-            nearby = self._steepest(point, radius, elastic=1e3 * point.slope)
-            if nearby is not None and nearby.branch != branch:
-                found = self._go("polish", nearby.branch, start, start.x + nearby.step)
+        if found is None and not only_nearest:
+            found = self._polish_restored(start)
         return found or min(self._refused, key=lambda refused: refused.objective, default=start)
+
+    def _polish_restored(self, start: BranchPoint) -> BranchPoint | None:
+        """Lead the point to where rows and pairs hold, and solve the branches that look best from there.
+
+        Where none of them can be solved, as degenerate ones may not, that point is left: all is met exactly there.
+        """
+        x = self._restored(start)
+        if x is None:
+            return None
+        for radius in self.limits.polishing_radii:
+            nearby = self._steepest(Linearisation.at(self.program.nlp, x), radius)
+            if nearby is not None and not self._late():
+                found = self._go("polish", nearby.branch, start, x + nearby.step)
+                if found is not None:
+                    return found
+        exact = BranchPoint.at(self.program, replace(start.point, x=x))
+        if not (exact.natural_residual < start.natural_residual and self._no_worse(exact, start)):
+            return None
+        if self.on_solve is not None and self._last is not None:
+            self.on_solve("restored", replace(self._last, x=x, iterations=0, seconds=0.0), exact, True)
+        return exact
+
+    def _restored(self, start: BranchPoint) -> FloatArray | None:
+        """The nearest point at which rows and pairs hold: each linear program looks less far than the one before.
+
+        So what is left of the rows falls with its square, and the sides of pairs are chosen anew where that leads to
+        rows that hold. None where some are left.
+        """
+        x, radius = start.x, max(1e-2, 10.0 * start.natural_residual)
+        while radius >= self.limits.feasibility:
+            point = Linearisation.at(self.program.nlp, x)
+            nearby = self._steepest(point, radius, elastic=1e3 * point.slope)
+            if nearby is None:
+                return None
+            x, radius = np.clip(x + nearby.step, self.program.nlp.x_lower, self.program.nlp.x_upper), 1e-2 * radius
+        return x if violation(self.program.nlp, x) <= self.limits.feasibility else None
 
     def explore(
         self, start: BranchPoint, explored: ExploredBranches, deadline: Deadline, work: float = np.inf
@@ -366,6 +400,7 @@ class ActiveSetSearch:
         iterations = limits.exploring_iterations if purpose == "explore" else limits.polishing_iterations
         iterations = int(min(iterations, self.work_left))
         outcome = self.solve(nlp, replace(start.point, x=np.clip(x, nlp.x_lower, nlp.x_upper)), iterations)
+        self._last = outcome
         self._count_work(outcome.iterations)
         self.interrupted |= outcome.status is IpoptStatus.INTERRUPTED
         if not np.isfinite(outcome.x).all():

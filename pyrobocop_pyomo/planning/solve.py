@@ -118,10 +118,14 @@ def solve(
     With pairs, strategies follow each other until one gives a certified point, and the best point of all wins:
 
     * "barrier": delta follows Ipopt's barrier parameter in one solve, ``FollowBarrier(factor=2)``;
-    * "tight": one solve at delta = 1e-8 from the user's initial guess, as a cross-check of up to 100 pairs;
     * "continuation": delta from 1 to 1e-8 by factors of 0.1, warm in primal and dual values; also a second opinion
-      on certified points where there are more than 100 pairs, or where the strategies so far do not agree on one;
-    * "elastic": the products below a variable with a penalty term in the objective.
+      on certified points;
+    * "elastic": the products below a variable with a penalty term in the objective; also a second opinion where there
+      are up to 100 pairs;
+    * "tight", which runs only where it is chosen: one solve at delta = 1e-8.
+
+    Where all of them end at worse points than the initial guess, and rows and pairs hold there, the initial guess is
+    polished itself.
 
     Every strategy ends with a *polish*: the nonlinear program of the nearest branch is solved, so that each pair is met
     exactly; other branches through the point are followed as long as they descend; and the multipliers that are left,

@@ -8,12 +8,11 @@ from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
 from .iterates import Iterate, StopReason
 from .settings import Settings
-from .strategies import BARRIER_TO_THE_END, CONTINUATION, OTHER_STARTS, TIGHT, Strategy
+from .strategies import BARRIER_TO_THE_END, CONTINUATION, ELASTIC, OTHER_STARTS, Strategy
 
 logger = logging.getLogger(__name__)
 
-# Up to here a second solve from the user's initial guess costs little, and finds the better optimum now and then.
-# Where it does, it is quick; where it is not, it rarely does.
+# Up to here further solves from the user's initial guess cost little.
 CROSS_CHECKED_PAIRS = 100
 # Objectives that differ by less, relative to their size, are those of one solution.
 SAME_OBJECTIVE = 1e-4
@@ -129,22 +128,11 @@ class FoundPoints:
             return not self.best.excess(settings.tolerances) <= 1.0
         small = pairs <= CROSS_CHECKED_PAIRS
         if not self.is_certified(self.best):
-            return strategy is not BARRIER_TO_THE_END or (not small and self._was_cut_short())
-        if strategy is TIGHT:
-            return small or settings.strategies is not None
-        # A certified point is a local solution. In large problems, which tend to have many, and where two solves have
-        # disagreed or the second one failed, the slow way down from delta = 1 is worth its time: it finds the better
-        # solution more often than not.
-        return strategy is CONTINUATION and (not small or self._disagree()) and settings.polish
+            return strategy is not BARRIER_TO_THE_END or self._was_cut_short()
+        # A certified point is a local solution: another way down finds a better one now and then, and ends at once
+        # where its relaxed points are no better.
+        return settings.polish and (strategy is CONTINUATION or (small and strategy is ELASTIC))
 
     def _was_cut_short(self) -> bool:
         """Whether the first strategy used all of its share of iterations."""
         return self.first is not None and self.first.stop_reason is StopReason.ITERATION_LIMIT
-
-    def _disagree(self) -> bool:
-        """Whether the strategies so far have found different solutions, or one of them none."""
-        tolerances = self._settings.tolerances
-        feasible = [iterate.objective for iterate in self._all if iterate.excess(tolerances) <= 1.0]
-        if len(feasible) < len(self._all):
-            return True
-        return len(feasible) > 1 and max(feasible) - min(feasible) > SAME_OBJECTIVE * max(1.0, *map(abs, feasible))

@@ -203,6 +203,17 @@ class Polish:
         """Whether Ctrl-C ended the search."""
         return self._search.interrupted
 
+    @functools.cached_property
+    def has_linear_rows(self) -> bool:
+        """Whether all rows but those of a relaxation are linear: their second derivatives are zero at two points."""
+        nlp = self._program.nlp
+        x, weights = self._compiled.current_point(), np.cos(np.arange(nlp.m))  # so that no two rows cancel out
+        beside = np.clip(x + np.sin(np.arange(nlp.n)), nlp.x_lower, nlp.x_upper)
+        try:
+            return not any(nlp.hessian(point, 0.0, weights).any() for point in (x, beside))
+        except EvaluationError:
+            return False
+
     def improve(self, iterate: Iterate, point: PrimalDualPoint) -> Iterate:
         """Solve the nearest branch, follow descending ones, and certify where that ends.
 

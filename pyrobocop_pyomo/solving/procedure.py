@@ -41,7 +41,6 @@ from .strategies import (
     OTHER_STARTS_WITHOUT_PAIRS,
     OTHER_WAYS,
     SOLVE,
-    TIGHT,
     StartingPoint,
     Strategy,
 )
@@ -57,6 +56,11 @@ logger = logging.getLogger(__name__)
 
 # Exploring ends after so many other ways and starts in a row that led to nothing better: by default, and on request.
 PATIENCE, REQUESTED_PATIENCE = 3, 8
+MIXED_INTEGER_ROUTE = (
+    "A local optimum: no choice of zero sides nearby is better. All rows are linear but for the pairs, so that a "
+    "mixed-integer solver finds the best of all choices: "
+    "TransformationFactory('pyrobocop.complementarity_to_disjunctions') states the model for it."
+)
 # Without pairs and by default one start may take a third of what all may, but so many in any case; with less, few come
 # to an end.
 FEW_ITERATIONS = 50
@@ -122,6 +126,7 @@ class _Procedure(Runner):
         with self.places:
             if self.has_pairs:
                 self._go_through_those_for_pairs()
+                self.go_back_to_start()
             else:
                 self._go_through_those_without_pairs()
             self.explore()
@@ -137,8 +142,6 @@ class _Procedure(Runner):
 
     def _go_through_those_for_pairs(self) -> None:
         for strategy in self._first_strategies((*DEFAULT_SEQUENCE, *OTHER_STARTS)):
-            if strategy not in (TIGHT, *OTHER_STARTS):
-                self.explore()
             if not self.found.need(strategy, self.places.pairs):
                 continue
             self._try(strategy)
@@ -208,9 +211,7 @@ class _Procedure(Runner):
     def _go_through_those_without_pairs(self) -> None:
         """One run; where it fails, what else may lead to a solution."""
         chosen = self.settings.strategies
-        # A long first run is cut short where others follow.
-        first = replace(SOLVE, small_problem_iterations=ITERATIONS_OF_ONE) if self.settings.second_tries else SOLVE
-        for strategy in self._first_strategies((first,)):
+        for strategy in self._first_strategies((SOLVE,)):
             self._try(strategy)
             if self.found.are_enough():
                 return
@@ -319,6 +320,8 @@ class _Procedure(Runner):
         if best.diverged and self.found.unbounded is None and (growing := growing_variables(self.values, GROWING)):
             said.append(f"What grows: {growing}.")
         said += remarks_on_phases_with_pairs(self.model) if quality is Quality.INFEASIBLE else []
+        if self.has_linear_rows and quality is Quality.OPTIMAL:
+            said.append(MIXED_INTEGER_ROUTE)
         # A run that reached its limit of iterations is a sign of them, even where another one found a solution.
         stalled = any(step.stop_reason is StopReason.ITERATION_LIMIT for step in self.log.steps)
         if (stalled or quality is not Quality.OPTIMAL) and not best.stop_reason.is_final:

@@ -19,11 +19,12 @@ from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.modeling.variable_values import Values, VariableValues
 from pyrobocop_pyomo.mpcc.active_set import Certificate
+from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 from pyrobocop_pyomo.programs.scaled_program import ScaledProgram
 from pyrobocop_pyomo.programs.scales import Scales
 
 from .curvature import direction_of_descent
-from .found_points import CROSS_CHECKED_PAIRS, SAME_OBJECTIVE, FoundPoints
+from .found_points import SAME_OBJECTIVE, FoundPoints
 from .initial_guess import InitialGuess
 from .ipopt_options import ITERATIONS_OF_ONE, NEARLY_THERE, IpoptOptions, inexact, warm_continuation
 from .iterate_log import IterateLog, ModelCheck
@@ -42,6 +43,7 @@ from .strategies import (
     OTHER_OPTIMUM,
     SIMULATED,
     SOLVE,
+    TO_THE_END,
     StartingPoint,
     Strategy,
 )
@@ -50,6 +52,8 @@ from .workplaces import Workplace, Workplaces
 
 logger = logging.getLogger(__name__)
 
+# The strategy that found an answer which is the user's own point, or the solution nearest to it.
+START = "initial guess"
 # What a unit of violation costs with elastic rows, in slopes of the objective: above what multipliers may be expected
 # to be.
 PENALTY = 1e3
@@ -313,6 +317,8 @@ class Runner:
     found : FoundPoints
     places : Workplaces
     exploration : Exploration
+    has_linear_rows : bool
+        Whether a polish has seen that all rows are linear but for the pairs.
     """
 
     def __init__(self, model: Any, settings: Settings, solve_copy: Callable[[Any, Settings], SolveResult]) -> None:
@@ -325,6 +331,7 @@ class Runner:
         self.found = FoundPoints(settings, self.check.sign)
         self.places = Workplaces(model, settings, self.guess)
         self.exploration = Exploration(settings.exploration, self.started, settings.explored_work)
+        self.has_linear_rows = False
         self._copies = SolvedCopies(self, solve_copy)
 
     def run(self, strategy: Strategy) -> Iterate | None:
@@ -353,6 +360,30 @@ class Runner:
         self.found.keep(iterate)
         if self.places.place is not None:
             self.guess.note(iterate, self.places.place.session)
+
+    def go_back_to_start(self) -> None:
+        """Polish the point that all strategies started from, where rows and pairs hold there and none led to a better.
+
+        They go through relaxed points, and an interior-point method leaves a start that lies on bounds.
+        """
+        place, best = self.places.place, self.found.best
+        if place is None or not place.relaxed.pairs or best is None or self.found.are_cut():
+            return
+        place.values.write(place.start)
+        place.relaxed.start_lifted()
+        start = self.log.checked(Iterate(START, strategy=START, stop_reason=StopReason.ITERATION_LIMIT))
+        tolerances = self.settings.tolerances
+        if not start.is_exact(tolerances) or not self.found.is_better(start, best):
+            return
+        start = replace(self.log.add(start), values=self.values.read())
+        polish, compiled = self._polish(place)
+        if polish is None or compiled is None:
+            self.keep(start)
+            return
+        try:
+            self.keep(polish.improve(start, PrimalDualPoint(compiled.current_point())))
+        finally:
+            self._note_end(polish)
 
     def explore(self) -> None:
         """Look for better optima beyond the best point, if that is certified and there is time for it."""
@@ -548,6 +579,7 @@ class Runner:
         return Polish(settings, place.relaxed, compiled, self.log, self.values, self.exploration), compiled
 
     def _note_end(self, polish: Polish) -> None:
+        self.has_linear_rows = polish.has_linear_rows
         for diverged in polish.diverged:
             self.found.note_diverged(diverged)
         if polish.interrupted:
@@ -555,9 +587,8 @@ class Runner:
 
     def _options(self, place: Workplace, strategy: Strategy) -> IpoptOptions:
         options: Mapping[str, Any] = strategy.options
-        small = len(place.relaxed.pairs) <= CROSS_CHECKED_PAIRS
-        share = strategy.small_problem_iterations if small else strategy.large_problem_iterations
-        if self.settings.strategies is None and share is not None:
-            # A problem that takes longer rarely gets anywhere; the next strategy does.
-            options = {"max_iter": share, **options}
+        others_follow = bool(place.relaxed.pairs) or (self.settings.second_tries and not self.has_pairs)
+        if self.settings.strategies is None and others_follow and strategy not in TO_THE_END:
+            # What takes longer rarely gets anywhere; the next strategy does.
+            options = {"max_iter": ITERATIONS_OF_ONE, **options}
         return place.options(self.settings).with_strategy(options, strategy.most_iterations)

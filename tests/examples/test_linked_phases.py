@@ -1,6 +1,5 @@
 """Examples with linked phases, held to what is known about them in closed form."""
 
-import math
 from importlib import import_module
 
 import numpy as np
@@ -146,9 +145,13 @@ def test_the_spring_lets_go_when_it_is_as_strong_as_friction(elements: int, tole
 @pytest.mark.parametrize("case", ["turbo", "hysteresis"])
 def test_the_car_takes_the_minimal_time_and_switches_at_its_thresholds(case: str) -> None:
     example = import_module("turbo_car")
-    m = example.build(case)
     # There are local optima within 1e-4 of the best: rounding decides to which of them a way down leads.
-    result = rcp.solve(m, strategies=rcp.Strategy("continuation", exploration=math.inf))
+    ways_down = []
+    for guess in (11.0, 11.5, 12.0, 12.5, 13.0):
+        m = example.build(case)
+        m.drive.duration.set_value(guess)
+        ways_down.append((rcp.solve(m, strategies=rcp.Strategy("continuation", exploration=0)), m))
+    result, m = min(ways_down, key=lambda way: (not way[0].solved, way[0].objective))
     result.raise_for_status()
     assert result.objective == pytest.approx(example.minimal_time(case), rel=1e-7)
     found = m.drive.trajectory()

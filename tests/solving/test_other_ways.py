@@ -15,9 +15,9 @@ from mpcc_catalogue.point_check import PointCheck
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.mpcc.active_set import Certificate
-from pyrobocop_pyomo.solving import found_points, procedure
+from pyrobocop_pyomo.solving import procedure
 from pyrobocop_pyomo.solving.iterates import StopReason
-from pyrobocop_pyomo.solving.strategies import BARRIER, BARRIER_TO_THE_END, DEFAULT_SEQUENCE
+from pyrobocop_pyomo.solving.strategies import BARRIER, BARRIER_TO_THE_END, DEFAULT_SEQUENCE, StartingPoint
 
 pytestmark = pytest.mark.casadi
 
@@ -98,7 +98,7 @@ def test_ctrl_c_on_another_way_keeps_the_certified_point(monkeypatch: pytest.Mon
 
 
 def test_a_strategy_that_is_cut_short_leaves_the_solve_to_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    short = replace(BARRIER, small_problem_iterations=3, large_problem_iterations=3)
+    short = replace(BARRIER, most_iterations=3)
     monkeypatch.setattr(procedure, "DEFAULT_SEQUENCE", (short, *DEFAULT_SEQUENCE[1:]))
     model = made("traffic", 100)
     check, result = PointCheck(model), solve(model, strategies=rcp.Strategy(exploration=0))
@@ -108,9 +108,8 @@ def test_a_strategy_that_is_cut_short_leaves_the_solve_to_the_others(monkeypatch
 
 
 def test_what_nothing_else_solved_is_taken_up_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    short = replace(BARRIER, small_problem_iterations=3, large_problem_iterations=3)
+    short = replace(BARRIER, most_iterations=3)
     monkeypatch.setattr(procedure, "DEFAULT_SEQUENCE", (short, BARRIER_TO_THE_END))
-    monkeypatch.setattr(found_points, "CROSS_CHECKED_PAIRS", 0)
     model = made("traffic", 101)
     check, result = PointCheck(model), solve(model, strategies=rcp.Strategy(exploration=0))
     assert result.strategy == "barrier to the end"
@@ -136,3 +135,77 @@ def test_fresh_problems_end_at_what_is_known(problem: Any) -> None:
     assert point.violation <= 1e-6
     assert point.natural <= 1e-6
     assert point.as_good_as(problem.best, check.maximise)
+
+
+def carts(elements: int = 20, *, apart: float = 5.0) -> Any:
+    """The middle one of three carts is driven, and has to push the outer ones apart; all of them stand at the start."""
+    h, start, goal = 0.15, (-3.0, 0.0, 3.0), (-apart, 0.0, apart)
+    m = pyo.ConcreteModel(name="carts")
+    times, steps = range(elements + 1), range(elements)
+    m.q = pyo.Var(times, range(3), initialize=lambda m, k, i: start[i])
+    m.v = pyo.Var(times, range(3), initialize=0.0)
+    m.force = pyo.Var(steps, range(2), bounds=(0, None), initialize=0.0)
+    m.drive = pyo.Var(steps, bounds=(-30, 30), initialize=0.0)
+    for i in range(3):
+        m.q[0, i].fix()
+        m.v[0, i].fix()
+
+    def push(m: Any, k: int, i: int) -> Any:
+        return (-m.force[k, 0], m.drive[k] + m.force[k, 0] - m.force[k, 1], m.force[k, 1])[i]
+
+    m.speeds = pyo.Constraint(steps, range(3), rule=lambda m, k, i: m.v[k + 1, i] == m.v[k, i] + h * push(m, k, i))
+    m.places = pyo.Constraint(steps, range(3), rule=lambda m, k, i: m.q[k + 1, i] == m.q[k, i] + h * m.v[k + 1, i])
+
+    def contact(m: Any, k: int, c: int) -> Any:
+        return rcp.complements(m.q[k + 1, c + 1] - m.q[k + 1, c] - 1.0 >= 0, m.force[k, c] >= 0)
+
+    m.contacts = rcp.Complementarity(steps, range(2), rule=contact)
+    far = sum(
+        (10.0, 0.001, 10.0)[i] * (m.q[elements, i] - goal[i]) ** 2 + 0.1 * m.v[elements, i] ** 2 for i in range(3)
+    )
+    m.cost = pyo.Objective(expr=100 * far + 0.001 * sum(m.drive[k] ** 2 for k in steps))
+    return m
+
+
+@pytest.mark.parametrize("apart", [5.0, 8.0])
+def test_carts_that_stand_apart_learn_to_push(apart: float) -> None:
+    """To do nothing is a local optimum that every branch nearby shares: the cost of the start."""
+    m = carts(apart=apart)
+    nothing = pyo.value(m.cost)
+    check, result = PointCheck(m), solve(m)
+    assert result.solved
+    assert result.objective < 0.01 * nothing
+    assert check.point().violation <= 1e-6
+    assert check.point().natural <= 1e-6
+
+
+@pytest.mark.parametrize("drag", [0.0, 0.1])
+def test_with_linear_rows_the_mixed_integer_route_is_named(drag: float) -> None:
+    m = carts(5)
+    m.slow = pyo.Constraint(expr=m.drive[0] + drag * m.v[5, 1] ** 2 <= 20)
+    result = solve(m, strategies=rcp.Strategy("elastic", exploration=0))
+    assert ("complementarity_to_disjunctions" in result.report()) == (drag == 0.0)
+
+
+@pytest.mark.parametrize("strategies", [None, "barrier", "tight", "continuation", "elastic"])
+def test_the_answer_costs_no_more_than_an_exact_start(strategies: str | None) -> None:
+    """Ways down through relaxed points leave the start, and may end at "do nothing" although a push was given."""
+    m = carts()
+    solve(m, strategies=rcp.Strategy("elastic", exploration=0))
+    start = pyo.value(m.cost)
+    again = solve(m, strategies=None if strategies is None else rcp.Strategy(strategies, exploration=0))
+    assert again.solved
+    assert again.objective <= start + 1e-6 * abs(start)
+
+
+def test_a_way_down_that_ends_at_a_worse_point_goes_back_to_the_start() -> None:
+    """The user's point is exact, and is polished itself: here a run is cut off on its way from random values."""
+    m = carts()
+    solve(m)
+    known = pyo.value(m.cost)
+    fixed, cut = rcp.relaxations.Fixed(1e-8), {"max_iter": 3}
+    away = rcp.Strategy("away", fixed, start=StartingPoint.RANDOM, draw=1, options=cut, exploration=0)
+    result = solve(m, strategies=away)
+    assert result.strategy == "initial guess"
+    assert result.solved
+    assert result.objective == pytest.approx(known, rel=1e-6)

@@ -74,7 +74,7 @@ def test_each_strategy_alone_reaches_the_known_answer(name: str, strategy: str) 
 
 
 def test_an_unknown_strategy_is_refused() -> None:
-    with pytest.raises(ValueError, match="unknown strategy 'stairs'. Known: 'barrier', 'tight'"):
+    with pytest.raises(ValueError, match="unknown strategy 'stairs'. Known: 'barrier', 'continuation'"):
         rcp.solve(trap(), strategies=["barrier", "stairs"])
     with pytest.raises(ValueError, match="unknown strategy 'stairs'"):
         rcp.solve(trap(), strategies=rcp.Strategy("stairs"))

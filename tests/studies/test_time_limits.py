@@ -11,11 +11,13 @@ from harness.phases import integrator
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import SolveFailed
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 
 pytestmark = [pytest.mark.casadi, pytest.mark.slow]
 
-# A function or a derivative of these models takes milliseconds; what is left is tidying up, and a busy machine.
-TOLERATED = 1.0
+# What follows a limit, in units of one compilation of a model with 8,000 variables on the same machine. A function or
+# a derivative of these models takes milliseconds; what is left is the check of the point, and tidying up.
+TOLERATED_COMPILATIONS = 4.0
 ENDLESS = {"tol": 1e-300, "dual_inf_tol": 1e-300, "acceptable_iter": 0, "acceptable_tol": 1e-300, "max_iter": 10**6}
 
 
@@ -49,9 +51,12 @@ def many_parameters(count: int) -> tuple[Any, Any]:
     return m, rcp.solve(m, progress=False)
 
 
-@pytest.fixture(scope="module", autouse=True)
-def what_is_imported_once() -> None:
+@pytest.fixture(scope="module")
+def tolerated() -> float:
+    """Processor time after the limit of each solve; what is imported once is imported by the first solve."""
     rcp.solve(endless(), time_limit=0.1)
+    m = endless()
+    return TOLERATED_COMPILATIONS * max(seconds_of(lambda: CompiledModel(m))[0] for _ in range(3))
 
 
 def seconds_of(study: Any, most: float = math.inf) -> tuple[float, Any]:
@@ -67,16 +72,16 @@ def seconds_of(study: Any, most: float = math.inf) -> tuple[float, Any]:
 
 @pytest.mark.parametrize("workers", [1, 2])
 @pytest.mark.parametrize("limit", [1.0, 3.0])
-def test_sweeps(limit: float, workers: int) -> None:
+def test_sweeps(limit: float, workers: int, tolerated: float) -> None:
     solve = partial(rcp.sweep, endless, [1, 2, 3], start_from=None, workers=workers, options=ENDLESS)
-    taken, found = seconds_of(lambda: solve(time_limit=limit), limit + TOLERATED)
-    assert taken < limit + TOLERATED
+    taken, found = seconds_of(lambda: solve(time_limit=limit), limit + tolerated)
+    assert taken < limit + tolerated
     assert len(found) + len(found.remaining) == 3
 
 
-def test_one_case() -> None:
+def test_one_case(tolerated: float) -> None:
     solve = partial(rcp.sweep, endless, [1, 2], start_from=None, options=ENDLESS)
-    most = 2 * (0.5 + TOLERATED)
+    most = 2 * (0.5 + tolerated)
     taken, found = seconds_of(lambda: solve(time_limit_per_case=0.5), most)
     assert taken < most
     assert [outcome.cut_short for outcome in found] == [True, True]
@@ -84,20 +89,20 @@ def test_one_case() -> None:
 
 
 @pytest.mark.parametrize("limit", [0.05, 0.5])
-def test_derivatives(limit: float) -> None:
+def test_derivatives(limit: float, tolerated: float) -> None:
     m, result = many_parameters(5000)
 
     def unfinished() -> None:
         with pytest.raises(SolveFailed, match="Raise time_limit"):
             rcp.studies.sensitivity(m, result, m.p, time_limit=limit)
 
-    taken, _ = seconds_of(unfinished, limit + TOLERATED)
-    assert taken < limit + TOLERATED
+    taken, _ = seconds_of(unfinished, limit + tolerated)
+    assert taken < limit + tolerated
 
 
-def test_steps_of_a_receding_horizon() -> None:
+def test_steps_of_a_receding_horizon(tolerated: float) -> None:
     m = endless_phase()
     controller = rcp.studies.RecedingHorizon(m, m.p, options=ENDLESS)
     taken, step = seconds_of(lambda: controller.step({"x": 0.0}, time_limit=1.0))
-    assert taken < 1.0 + TOLERATED
+    assert taken < 1.0 + tolerated
     assert not step.solved
