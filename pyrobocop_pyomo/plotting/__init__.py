@@ -4,7 +4,7 @@ from .animation_files import AnimationFile, animation_file
 from .clearances import plot_clearances
 from .scenes import BodyPath, animate_scene, draw_scene
 from .signals import mark_phases, plot_signals
-from .solve_results import plot_history
+from .solve_results import plot_history, plot_result
 
 __all__ = [
     "AnimationFile",
@@ -15,5 +15,6 @@ __all__ = [
     "mark_phases",
     "plot_clearances",
     "plot_history",
+    "plot_result",
     "plot_signals",
 ]

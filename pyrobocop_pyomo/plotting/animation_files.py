@@ -52,15 +52,13 @@ def animation_file(path: str | Path | None) -> AnimationFile:
     Raises
     ------
     ObstacleError
-        For MP4 without the program that writes it, and for HTML.
+        For MP4 without the program that writes it.
     """
     if path is None:
         folder = tempfile.mkdtemp(prefix="pyrobocop_")
         made = AnimationFile(Path(folder) / "animation.gif")
         weakref.finalize(made, shutil.rmtree, folder, ignore_errors=True)
         return made
-    if Path(path).suffix.lower() == ".html":
-        raise ObstacleError(f"'{path}': pages are not written any more. Name a .gif or an .mp4 file.")
     if not is_film(Path(path)):
         return AnimationFile(Path(path).with_suffix(".gif"))
     if not animation.FFMpegWriter.isAvailable():

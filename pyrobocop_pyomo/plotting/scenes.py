@@ -304,24 +304,21 @@ class BodyPath:
 
     def __post_init__(self) -> None:
         parts = (self.parts,) if isinstance(self.parts, Polytope) else tuple(self.parts)
-        rotation, translation = np.asarray(self.rotation, float), np.asarray(self.translation, float)
-        d = translation.shape[-1] if translation.ndim == 2 else 0
-        if rotation.shape != (len(translation), d, d) or any(part.dimension != d for part in parts):
+        object.__setattr__(self, "parts", parts)
+        for name in ("rotation", "translation", "force", "contact"):
+            given = getattr(self, name)
+            object.__setattr__(self, name, None if given is None else np.asarray(given, float))
+        size, d = self.translation.shape, self.translation.shape[-1] if self.translation.ndim == 2 else 0
+        if self.rotation.shape != (*size, d) or any(part.dimension != d for part in parts):
             raise ObstacleError(
                 f"body '{self.name}': parts of dimension {[part.dimension for part in parts]}, rotations of shape "
-                f"{rotation.shape}, translations of shape {translation.shape}; expected are (T, d, d) and (T, d)."
+                f"{self.rotation.shape}, translations of shape {size}; expected are (T, d, d) and (T, d)."
             )
-        for name in ("force", "contact"):
-            value = getattr(self, name)
-            if value is not None and np.shape(value) != translation.shape:
+        for name, given in (("force", self.force), ("contact", self.contact)):
+            if given is not None and given.shape != size:
                 raise ObstacleError(
-                    f"body '{self.name}': {name} of shape {np.shape(value)}; expected is that of the translations, "
-                    f"{translation.shape}."
+                    f"body '{self.name}': {name} of shape {given.shape}; expected is that of the translations, {size}."
                 )
-            object.__setattr__(self, name, None if value is None else np.asarray(value, float))
-        object.__setattr__(self, "parts", parts)
-        object.__setattr__(self, "rotation", rotation)
-        object.__setattr__(self, "translation", translation)
 
     @classmethod
     def planar(cls, parts: Any, x: Any, y: Any, theta: Any, name: str = "body") -> BodyPath:

@@ -8,8 +8,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
 from pyrobocop_pyomo.complementarity import PairResidual
 from pyrobocop_pyomo.diagnosis import Diagnosis, Finding, Severity, Subject, diagnose
 from pyrobocop_pyomo.discretisation import DiscretisationEstimate, DiscretisationProbe
@@ -19,8 +17,7 @@ from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers
 from pyrobocop_pyomo.optional_imports import pandas
-from pyrobocop_pyomo.plotting import draw_scene, plot_history
-from pyrobocop_pyomo.plotting.figures import figure_or_new
+from pyrobocop_pyomo.plotting import plot_result
 from pyrobocop_pyomo.presentation import Presented, disclosed_text, paragraph
 from pyrobocop_pyomo.trajectories.trajectory import SOLVED
 
@@ -326,9 +323,7 @@ class SolveResult(Presented):
         Where there are obstacles or regions: the scene, then the clearances that are required and proven over time.
         Last, and otherwise alone: objective, delta, mu and residuals over the iterations of all runs.
         """
-        if self.safety is None:
-            return _draw_history(self.name, self.steps, self.best_step, figure)
-        return _draw_plan(self, figure)
+        return plot_result(self, figure)
 
     def raise_for_status(self) -> None:
         """Do nothing when the point is optimal.
@@ -362,53 +357,3 @@ def with_steps_of_all(result: SolveResult, results: Sequence[SolveResult]) -> So
             best = replace(result.best, number=len(steps) + result.best.number)
         steps += [replace(step, number=len(steps) + k) for k, step in enumerate(each.steps)]
     return replace(result, steps=steps, best=best)
-
-
-def _draw_plan(result: Any, figure: Any) -> Any:
-    """The scene of each avoidance block of a result, the clearances over time, and the runs."""
-    title, scenes, is_safe = result.name, result.scenes, result.was_safe is not False
-    columns = len(scenes) + 1
-    figure = figure_or_new(figure, 5.6 * columns + 1.2, 7.2)
-    *places, right = np.ravel(figure.subfigures(1, columns, width_ratios=[5.0] * len(scenes) + [6.0]))
-    for place, (time, bodies, obstacles) in zip(places, scenes, strict=True):
-        draw_scene(time, bodies, obstacles, figure=place)
-    upper, lower = right.subfigures(2, 1)
-    result.safety.plot(upper)
-    _draw_history("", result.steps, result.best_step, lower)
-    figure.suptitle(title if is_safe else f"NOT SAFE: {title}", color="0.1" if is_safe else "C3")
-    return figure
-
-
-def _draw_history(title: str, steps: Sequence[Iterate], best: int, figure: Any) -> Any:
-    """The runs of a result, one after the other."""
-    ends = np.cumsum([float(step.iterations) for step in steps])
-    starts = np.concatenate([[0.0], ends[:-1]])
-    lines: dict[str, Any] = {}
-    for place, name in ((1, "delta"), (0, "mu")):  # of the path of a step
-        facts = ([now[place] for now in step.path] for step in steps), (getattr(step, name) for step in steps)
-        x, y = map(np.concatenate, zip(*map(_line, starts, ends, *facts), strict=True))
-        if np.isfinite(y).any():
-            lines[name] = x, y
-    has_pairs = any(step.delta is not None for step in steps)
-    dots = {
-        "largest product": np.array([step.largest_product for step in steps]),
-        "largest |min(first, second)|": np.array([step.largest_natural_residual for step in steps]),
-    }
-    return plot_history(
-        title,
-        ends,
-        [step.label for step in steps],
-        np.array([step.objective for step in steps]),
-        lines,
-        dots if has_pairs else {},
-        best,
-        figure=figure,
-    )
-
-
-def _line(start: float, end: float, path: list[float], last: float | None) -> tuple[list[float], list[float]]:
-    """One value per iteration where they are known, else the last one throughout; a gap after it."""
-    if path:
-        return [*np.linspace(start, end, len(path)).tolist(), end], [*path, np.nan]
-    number = np.nan if last is None else last
-    return [start, end, end], [number, number, np.nan]

@@ -17,9 +17,9 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.presentation import (
     Html,
     Presented,
+    as_html,
     disclosed_text,
     facts_table,
-    page,
     table,
 )
 from pyrobocop_pyomo.solving import StopReason
@@ -56,9 +56,8 @@ def cart() -> Any:
 
 @given(NAMES, NUMBERS)
 def test_cells_hold_names_and_numbers_and_escape_them(name: str, number: float) -> None:
-    html = page(
-        name, table(("what", "value"), [(name, number)]), facts_table({name: number}), disclosed_text("x", name)
-    )
+    parts = table(("what", "value"), [(name, number)]), facts_table({name: number}), disclosed_text("x", name)
+    html = as_html(name, "", parts)
     texts = in_order(html)
     assert "".join(texts).count(name) >= 4
     assert texts.count(f"{number:.6g}") == 2
