@@ -9,18 +9,18 @@ from pyomo.core.base.block import Block, BlockData
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.var import Var
 
-from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.errors import ContradictionError, ModelError
-from pyrobocop_pyomo.phases import Control, phases_of
+from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.phases.structure import HIGHER_INDEX_REMEDY, PointStructure, describe_higher_index
 
-from .determinacy import appearance_findings, dependence_findings, excess_findings, freedom_findings
-from .difficult_forms import form_findings
+from .determinacy import appearance_findings, dependence_findings, excess_findings, freedom_findings, stated_pairs
 from .findings import DegreesOfFreedom, Diagnosis, Finding, Severity, Subject, error_about, quoted, warning_about
 from .joining import joining_findings
 from .linearised_rows import Equations
 from .statements import (
     foreign_findings,
+    form_findings,
+    free_controls,
     misplaced_findings,
     objective_findings,
     scaled_pair_findings,
@@ -36,7 +36,6 @@ from .values import (
     discretised_start_findings,
     parameter_findings,
     undefined_findings,
-    values_missing,
 )
 
 
@@ -74,7 +73,8 @@ def diagnose(model: Any) -> Diagnosis:
         if without := without_objective(model):
             findings += freedom_findings(model, equations, without)
     findings += [*form_findings(model), *(finding for phase in phases for finding in structural_findings(phase))]
-    missing = values_missing(model)
+    variables = model.component_data_objects(Var, active=True, descend_into=Block)
+    missing = sorted({data.parent_component().name for data in variables if data.value is None})
     if missing:
         remarks.append(f"rows that hold a variable without a value: {', '.join(missing)}")
     findings += [*parameter_findings(model), *undefined_findings(model), *decided_findings(model)]
@@ -223,29 +223,12 @@ def degrees_of_freedom(block: Any) -> DegreesOfFreedom:
     variables = {id(data): data for data in block.component_data_objects(Var, active=True, descend_into=Block)}
     rows = list(block.component_data_objects(Constraint, active=True, descend_into=Block))
     equalities = sum(row.equality for row in rows)
-    # Relaxed pairs are deactivated, but still pairs; those on deactivated blocks are not counted.
-    pairs = sum(
-        len(component)
-        for part in block.block_data_objects(active=True, descend_into=Block)
-        for ctype in PAIR_TYPES
-        for component in part.component_objects(ctype, descend_into=False)
-    )
     return DegreesOfFreedom(
         name=block.name,
         variables=len(variables),
         fixed=sum(data.fixed for data in variables.values()),
         equalities=equalities,
         inequalities=len(rows) - equalities,
-        pairs=pairs,
-        controls=len(_controls(block)),
+        pairs=len(stated_pairs(block)),
+        controls=len(set[int]().union(*free_controls(block).values())),
     )
-
-
-def _controls(block: Any) -> set[int]:
-    return {
-        id(data)
-        for phase in phases_of(block)
-        for name in phase.record.names(Control)
-        for data in phase.record.nodes(name).variables(phase)
-        if not data.fixed
-    }

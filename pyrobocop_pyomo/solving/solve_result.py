@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import weakref
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -29,23 +28,8 @@ from .result_text import first_line, long_report, pair_table, short_text, verdic
 from .violations import Violation
 
 
-class ModelReference:
-    """The model of a result, as long as somebody else keeps it; a pickle or a copy holds none.
-
-    Parameters
-    ----------
-    model : Block or None
-    """
-
-    def __init__(self, model: Any = None) -> None:
-        self._reference = None if model is None else weakref.ref(model)
-
-    def __call__(self) -> Any:
-        """The model; None where it is gone."""
-        return None if self._reference is None else self._reference()
-
-    def __reduce__(self) -> Any:
-        return ModelReference, ()
+def no_model() -> None:
+    """What a pickle or a copy of a result holds in place of the reference to its model."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +88,8 @@ class SolveResult(Presented):
         From which `discretisation` is estimated.
     fingerprint : int or None
         Checksum of the values of the model when a motion was judged: with others `safe` is not known.
-    model : ModelReference
-        Called, it gives the model, as long as somebody else keeps it; see `diagnose`.
+    model : callable
+        It gives the model, as long as somebody else keeps it; see `diagnose`.
     rounding : IntegerRounding or None
         What became of integer controls: both objectives, and how far their integrals moved.
     """
@@ -134,7 +118,10 @@ class SolveResult(Presented):
     probe: DiscretisationProbe | None = field(default=None, repr=False)
     rounding: Any = None
     fingerprint: int | None = field(default=None, repr=False)
-    model: ModelReference = field(default_factory=ModelReference, repr=False)
+    model: Callable[[], Any] = field(default=no_model, repr=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "model": no_model}
 
     @property
     def objective(self) -> float:
@@ -165,19 +152,17 @@ class SolveResult(Presented):
             unpickling, there is nothing else.
         """
         model, least = self.model(), self.least_violation
-        known = None if model is None else diagnose(model)
-        of_model = () if known is None else known.findings
-        said = {f"{finding.message} {finding.remedy}" for finding in of_model}
+        gone = Diagnosis(self.name, (), (), ("the model, which no longer exists",))
+        known = gone if model is None else diagnose(model)
+        said = {f"{finding.message} {finding.remedy}" for finding in known.findings}
         remarks = (*(() if least is None else (str(least),)), *self.remarks)
         own = [] if self.solved else [Finding(Severity.ERROR, Subject.OUTCOME, f"{verdict(self)}.", (), "")]
         for violation in self.violations:
             message, remedy = f"not met: {violation}.", "Relax it, or what drives it there."
             own.append(Finding(Severity.ERROR, Subject.OUTCOME, message, (violation.name,), remedy))
         own += [Finding(Severity.ADVICE, Subject.OUTCOME, remark, (), "") for remark in remarks if remark not in said]
-        findings = sorted([*own, *of_model], key=lambda finding: list(Severity).index(finding.severity))
-        if known is None:
-            return Diagnosis(self.name, tuple(findings), (), ("the model, which no longer exists",))
-        return Diagnosis(self.name, tuple(findings), known.degrees_of_freedom, known.remarks)
+        findings = sorted([*own, *known.findings], key=lambda finding: list(Severity).index(finding.severity))
+        return replace(known, name=self.name, findings=tuple(findings))
 
     @property
     def discretisation(self) -> DiscretisationEstimate:
@@ -209,11 +194,6 @@ class SolveResult(Presented):
     def strategy(self) -> str:
         """Which strategy found the point."""
         return self.best.strategy
-
-    @property
-    def best_step(self) -> int:
-        """Place among the steps of the one that gave the point."""
-        return self.best.number
 
     @property
     def safe(self) -> bool | None:
@@ -283,9 +263,10 @@ class SolveResult(Presented):
         """The pairs as a data frame, indexed by name."""
         facts = ("component", "index", "first", "second", "product", "natural", "active")
         columns = [*facts, "first_multiplier", "second_multiplier"]
-        rows = [{name: getattr(pair, name) for name in columns} | {"active": pair.active.value} for pair in self.pairs]
         index = pandas.Index([pair.name for pair in self.pairs], name="pair", dtype=object)
-        return pandas.DataFrame(rows, index=index, columns=columns)
+        rows = [[getattr(pair, name) for name in columns] for pair in self.pairs]
+        frame = pandas.DataFrame(rows, index=index, columns=columns)
+        return frame.assign(active=[pair.active.value for pair in self.pairs])
 
     def steps_table(self) -> str:
         """The runs as a table in text."""
@@ -298,14 +279,11 @@ class SolveResult(Presented):
 
     def steps_to_pandas(self) -> Any:
         """The runs as a data frame, numbered from 1."""
-        columns = ("label", "delta", "mu", "status", "iterations", "seconds", "objective")
-        residuals = ("constraint_violation", "largest_product", "largest_natural_residual")
-        rows = [
-            {name: getattr(step, name) for name in (*columns, *residuals)}
-            | {"status": "" if step.status is None else step.status.name}
-            for step in self.steps
-        ]
-        return pandas.DataFrame(rows, index=pandas.RangeIndex(1, len(rows) + 1, name="step"))
+        columns = ["label", "delta", "mu", "status", "iterations", "seconds", "objective", "constraint_violation"]
+        columns += ["largest_product", "largest_natural_residual"]
+        rows = [[getattr(step, name) for name in columns] for step in self.steps]
+        frame = pandas.DataFrame(rows, pandas.RangeIndex(1, len(rows) + 1, name="step"), columns)
+        return frame.assign(status=["" if step.status is None else step.status.name for step in self.steps])
 
     def report(self, worst: int = 5) -> str:
         """All that is known: verdict, errors of the mesh, residuals, runs; of pairs, counts, certificate and the worst.

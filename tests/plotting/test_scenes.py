@@ -160,9 +160,7 @@ def test_without_a_name_an_animation_is_there_as_long_as_its_object(
 
 
 def test_a_temporary_animation_is_removed_when_python_ends(tmp_path: Path) -> None:
-    code = (
-        "from pyrobocop_pyomo.plotting import animation_file; f = animation_file(None); f.write_bytes(b'.'); print(f)"
-    )
+    code = "from pyrobocop_pyomo.plotting import scenes; f = scenes.animation_file(None); f.write_bytes(b'.'); print(f)"
     environment = {**os.environ, "TMPDIR": str(tmp_path), "TEMP": str(tmp_path), "TMP": str(tmp_path)}
     command = [sys.executable, "-c", code]
     ended = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
