@@ -171,14 +171,12 @@ def doubts_before_solve(model: Any) -> tuple[Finding, ...]:
 
 def structural_findings(phase: Any) -> Iterator[Finding]:
     """What the statements and the structure of one instant say, the first point at which it shows."""
-    refused = None
     try:
         phase.check()
     except ModelError as error:
-        refused = str(error)
-    if refused is not None and "index is higher" not in refused:
-        yield error_about(Subject.STATEMENT, refused, (phase.name,), "rcp.solve refuses this phase until then.")
-        return
+        if "index is higher" not in str(error):
+            yield error_about(Subject.STATEMENT, str(error), (phase.name,), "rcp.solve refuses this phase until then.")
+            return
     structures = [PointStructure(phase, time) for time in phase.record.grid.points]
     higher = next((point for point in structures if point.has_higher_index), None)
     if higher is not None:

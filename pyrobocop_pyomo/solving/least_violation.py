@@ -548,12 +548,9 @@ def _obstruction(some: list[ObstructingData]) -> Obstruction:
         return Obstruction(first.data.name, place_in_words(first.data), influence)
     times = [time for time in (time_of(one.data) for one in some) if time is not None]
     name = first.data.name if len(some) == 1 else component.name
-    words = f"'{component.name if times else name}'"
+    kind = "" if first.sign else "pairs of " if component.ctype in PAIR_TYPES else "constraint "
     limit = _bound(some) if first.sign else ""
-    if limit:
-        words += f" {limit}"
-    else:
-        words = f"{'pairs of' if component.ctype in PAIR_TYPES else 'constraint'} {words}"
+    words = " ".join([f"{kind}'{component.name if times else name}'", *filter(None, [limit])])
     if len(some) > 1:
         words += f" at {len(some)} of {len(component)} {'points,' if times else 'indices'}"
     return Obstruction(name, f"{words} {_span(times)}" if times else words, influence, limit)

@@ -88,16 +88,12 @@ def violations_of_pairs(
 
 def worst_of_each_component(violations: Iterable[Violation]) -> tuple[Violation, ...]:
     """One violation per component, the worst first."""
-    worst: dict[str, Violation] = {}
+    groups: dict[str, list[Violation]] = {}
     for violation in violations:
         component = violation.name.rpartition("[")[0] if violation.name.endswith("]") else violation.name
-        other = worst.get(component)
-        if other is None:
-            worst[component] = violation
-        else:
-            larger = violation if violation.amount > other.amount else other
-            worst[component] = replace(larger, others=other.others + violation.others + 1)
-    return tuple(sorted(worst.values(), key=lambda violation: -violation.amount))
+        groups.setdefault(component, []).append(violation)
+    worst = [replace(max(some, key=lambda one: one.amount), others=len(some) - 1) for some in groups.values()]
+    return tuple(sorted(worst, key=lambda violation: -violation.amount))
 
 
 def _wanted(number: float, lower: float | None, upper: float | None) -> str:
