@@ -109,31 +109,6 @@ def shared_findings(model: Any, remarks: list[str], rows_of_each: int | None = N
         yield from joining_findings(model)
 
 
-def findings_before_solve(model: Any) -> Iterator[Finding]:
-    """What is wrong with a model, by checks whose costs are small beside those of a solve.
-
-    Parameters
-    ----------
-    model : Block
-
-    Yields
-    ------
-    Finding
-        An error where the model has no solution or cannot mean what it says; a warning where it may be meant.
-    """
-    yield from bound_findings(model)
-    # One row tells of most components; a variable that is met elsewhere is refused when the model is compiled.
-    yield from shared_findings(model, [], rows_of_each=1)
-    if is_renamed(model):
-        return
-    yield from objective_findings(model)
-    without = without_objective(model)
-    if without:
-        equations = Equations(model)
-        yield from freedom_findings(model, equations, without)
-        yield from excess_findings(model, equations, without)
-
-
 def is_renamed(model: Any) -> bool:
     """Whether a transformation has renamed variables of phases, as scaling does: the records are of another model."""
     return any(phase.component(name) is None for phase in phases_of(model) for name in phase.record.declarations)
@@ -141,6 +116,8 @@ def is_renamed(model: Any) -> bool:
 
 def doubts_before_solve(model: Any) -> tuple[Finding, ...]:
     """Refuse a model that has no solution or cannot mean what it says; give what is doubtful about another one.
+
+    The costs of its checks are small beside those of a solve.
 
     Parameters
     ----------
@@ -158,7 +135,13 @@ def doubts_before_solve(model: Any) -> tuple[Finding, ...]:
     ModelError
         When the model says something that nothing is done with.
     """
-    findings = list(findings_before_solve(model))
+    # One row tells of most components; a variable that is met elsewhere is refused when the model is compiled.
+    findings = [*bound_findings(model), *shared_findings(model, [], rows_of_each=1)]
+    if not is_renamed(model):
+        findings += objective_findings(model)
+        if without := without_objective(model):
+            equations = Equations(model)
+            findings += [*freedom_findings(model, equations, without), *excess_findings(model, equations, without)]
     errors = [finding for finding in findings if finding.severity is Severity.ERROR]
     if errors:
         said = " ".join(f"{finding.message} {finding.remedy}" for finding in errors)

@@ -286,7 +286,7 @@ def form_findings(model: Any) -> Iterator[Finding]:
     ----------
     model : Block
     """
-    for component, argument in _absolute_values(model):
+    for component, argument in absolute_values_in(model):
         text = f"'{argument}'"
         parts = (
             "In an objective that falls with it, split the quantity: two controls with bounds=(0, None) whose "
@@ -314,12 +314,7 @@ def form_findings(model: Any) -> Iterator[Finding]:
             )
 
 
-def holds_absolute_value(model: Any) -> bool:
-    """Whether `form_findings` would name an absolute value of a model."""
-    return any(True for _ in _absolute_values(model))
-
-
-def _absolute_values(model: Any) -> Iterator[tuple[Any, Any]]:
+def absolute_values_in(model: Any) -> Iterator[tuple[Any, Any]]:
     """Components with the argument of their first absolute value that may pass zero."""
     for component in model.component_objects((Constraint, Objective), active=True, descend_into=Block):
         arguments = (_absolute_value(as_read(row).expr) for row in islice(component.values(), _ROWS) if row.active)

@@ -13,7 +13,7 @@ from pyomo.core.base import TransformationFactory
 from pyomo.core.base.suffix import Suffix
 
 from pyrobocop_pyomo.complementarity import BarrierSchedule, Schedule, active_sources, pairs_of, without_penalty
-from pyrobocop_pyomo.diagnosis.statements import holds_absolute_value
+from pyrobocop_pyomo.diagnosis.statements import absolute_values_in
 from pyrobocop_pyomo.errors import EvaluationError, PyRobocopError
 from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
@@ -243,7 +243,7 @@ class SolvedCopies:
         Iterate or None
             None where there are no absolute values, or the model is part of another one.
         """
-        if self._model.model() is not self._model or not holds_absolute_value(self._model):
+        if self._model.model() is not self._model or not any(absolute_values_in(self._model)):
             return None
         split = TransformationFactory("pyrobocop.absolute_values_to_complementarity")
         copy = split.create_using(self._model)

@@ -29,7 +29,7 @@ from .violations import Violation
 
 
 def no_model() -> None:
-    """What a pickle or a copy of a result holds in place of the reference to its model."""
+    """What a pickle of a result holds in place of the reference to its model."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +122,9 @@ class SolveResult(Presented):
 
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "model": no_model}
+
+    def __copy__(self) -> SolveResult:
+        return replace(self)
 
     @property
     def objective(self) -> float:
