@@ -80,7 +80,7 @@ def main() -> None:
                     result.largest_product,
                     result.constraint_violation,
                     result.seconds,
-                    result.steps[result.best_step].status.name,
+                    result.steps[result.best.number].status.name,
                 )
 
 

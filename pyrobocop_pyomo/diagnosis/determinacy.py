@@ -12,8 +12,10 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
 
-from pyrobocop_pyomo.complementarity import active_sources, pairs_of
+from pyrobocop_pyomo.complementarity import active_sources
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
+from pyrobocop_pyomo.complementarity.record import records_above, records_below
+from pyrobocop_pyomo.modeling.activity import is_inside
 from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.numerics import Array, maximum_matching
@@ -105,13 +107,19 @@ def _undetermined(block: Any, equations: Equations) -> list[Any]:
         if not data.fixed
     }
     column = {key: i for i, key in enumerate(variables)}
-    sources = {id(source): source for source in (*active_sources(block), *(pair.source for pair in pairs_of(block)))}
     held = [[equations.variables[j] for j in own] for own in equations.incidence]
-    held += [list(variables_in_any(sides_of(source)).values()) for source in sources.values()]
+    held += [list(variables_in_any(sides_of(source)).values()) for source in stated_pairs(block)]
     incidence = [sorted((column[id(v)] for v in own if id(v) in column), reverse=True) for own in held]
     left = maximum_matching(incidence, len(column)).unmatched_columns
     read = set(chain.from_iterable(incidence)).intersection(left)
     return [variable for i, variable in enumerate(variables.values()) if i in read]
+
+
+def stated_pairs(block: Any) -> list[Any]:
+    """The component data of pairs, relaxed or not."""
+    records = (*records_below(block), *records_above(block))
+    relaxed = (source for record in records for source in record.statements if is_inside(source, block))
+    return list({id(source): source for source in (*active_sources(block), *relaxed)}.values())
 
 
 def _chosen(block: Any) -> Iterator[Any]:

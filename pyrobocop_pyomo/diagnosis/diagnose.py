@@ -9,18 +9,18 @@ from pyomo.core.base.block import Block, BlockData
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.var import Var
 
-from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.errors import ContradictionError, ModelError
-from pyrobocop_pyomo.phases import Control, phases_of
+from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.phases.structure import HIGHER_INDEX_REMEDY, PointStructure, describe_higher_index
 
-from .determinacy import appearance_findings, dependence_findings, excess_findings, freedom_findings
-from .difficult_forms import form_findings
+from .determinacy import appearance_findings, dependence_findings, excess_findings, freedom_findings, stated_pairs
 from .findings import DegreesOfFreedom, Diagnosis, Finding, Severity, Subject, error_about, quoted, warning_about
 from .joining import joining_findings
 from .linearised_rows import Equations
 from .statements import (
     foreign_findings,
+    form_findings,
+    free_controls,
     misplaced_findings,
     objective_findings,
     scaled_pair_findings,
@@ -36,7 +36,6 @@ from .values import (
     discretised_start_findings,
     parameter_findings,
     undefined_findings,
-    values_missing,
 )
 
 
@@ -74,7 +73,8 @@ def diagnose(model: Any) -> Diagnosis:
         if without := without_objective(model):
             findings += freedom_findings(model, equations, without)
     findings += [*form_findings(model), *(finding for phase in phases for finding in structural_findings(phase))]
-    missing = values_missing(model)
+    variables = model.component_data_objects(Var, active=True, descend_into=Block)
+    missing = sorted({data.parent_component().name for data in variables if data.value is None})
     if missing:
         remarks.append(f"rows that hold a variable without a value: {', '.join(missing)}")
     findings += [*parameter_findings(model), *undefined_findings(model), *decided_findings(model)]
@@ -109,31 +109,6 @@ def shared_findings(model: Any, remarks: list[str], rows_of_each: int | None = N
         yield from joining_findings(model)
 
 
-def findings_before_solve(model: Any) -> Iterator[Finding]:
-    """What is wrong with a model, by checks whose costs are small beside those of a solve.
-
-    Parameters
-    ----------
-    model : Block
-
-    Yields
-    ------
-    Finding
-        An error where the model has no solution or cannot mean what it says; a warning where it may be meant.
-    """
-    yield from bound_findings(model)
-    # One row tells of most components; a variable that is met elsewhere is refused when the model is compiled.
-    yield from shared_findings(model, [], rows_of_each=1)
-    if is_renamed(model):
-        return
-    yield from objective_findings(model)
-    without = without_objective(model)
-    if without:
-        equations = Equations(model)
-        yield from freedom_findings(model, equations, without)
-        yield from excess_findings(model, equations, without)
-
-
 def is_renamed(model: Any) -> bool:
     """Whether a transformation has renamed variables of phases, as scaling does: the records are of another model."""
     return any(phase.component(name) is None for phase in phases_of(model) for name in phase.record.declarations)
@@ -141,6 +116,8 @@ def is_renamed(model: Any) -> bool:
 
 def doubts_before_solve(model: Any) -> tuple[Finding, ...]:
     """Refuse a model that has no solution or cannot mean what it says; give what is doubtful about another one.
+
+    The costs of its checks are small beside those of a solve.
 
     Parameters
     ----------
@@ -158,7 +135,13 @@ def doubts_before_solve(model: Any) -> tuple[Finding, ...]:
     ModelError
         When the model says something that nothing is done with.
     """
-    findings = list(findings_before_solve(model))
+    # One row tells of most components; a variable that is met elsewhere is refused when the model is compiled.
+    findings = [*bound_findings(model), *shared_findings(model, [], rows_of_each=1)]
+    if not is_renamed(model):
+        findings += objective_findings(model)
+        if without := without_objective(model):
+            equations = Equations(model)
+            findings += [*freedom_findings(model, equations, without), *excess_findings(model, equations, without)]
     errors = [finding for finding in findings if finding.severity is Severity.ERROR]
     if errors:
         said = " ".join(f"{finding.message} {finding.remedy}" for finding in errors)
@@ -171,14 +154,12 @@ def doubts_before_solve(model: Any) -> tuple[Finding, ...]:
 
 def structural_findings(phase: Any) -> Iterator[Finding]:
     """What the statements and the structure of one instant say, the first point at which it shows."""
-    refused = None
     try:
         phase.check()
     except ModelError as error:
-        refused = str(error)
-    if refused is not None and "index is higher" not in refused:
-        yield error_about(Subject.STATEMENT, refused, (phase.name,), "rcp.solve refuses this phase until then.")
-        return
+        if "index is higher" not in str(error):
+            yield error_about(Subject.STATEMENT, str(error), (phase.name,), "rcp.solve refuses this phase until then.")
+            return
     structures = [PointStructure(phase, time) for time in phase.record.grid.points]
     higher = next((point for point in structures if point.has_higher_index), None)
     if higher is not None:
@@ -223,29 +204,12 @@ def degrees_of_freedom(block: Any) -> DegreesOfFreedom:
     variables = {id(data): data for data in block.component_data_objects(Var, active=True, descend_into=Block)}
     rows = list(block.component_data_objects(Constraint, active=True, descend_into=Block))
     equalities = sum(row.equality for row in rows)
-    # Relaxed pairs are deactivated, but still pairs; those on deactivated blocks are not counted.
-    pairs = sum(
-        len(component)
-        for part in block.block_data_objects(active=True, descend_into=Block)
-        for ctype in PAIR_TYPES
-        for component in part.component_objects(ctype, descend_into=False)
-    )
     return DegreesOfFreedom(
         name=block.name,
         variables=len(variables),
         fixed=sum(data.fixed for data in variables.values()),
         equalities=equalities,
         inequalities=len(rows) - equalities,
-        pairs=pairs,
-        controls=len(_controls(block)),
+        pairs=len(stated_pairs(block)),
+        controls=len(set[int]().union(*free_controls(block).values())),
     )
-
-
-def _controls(block: Any) -> set[int]:
-    return {
-        id(data)
-        for phase in phases_of(block)
-        for name in phase.record.names(Control)
-        for data in phase.record.nodes(name).variables(phase)
-        if not data.fixed
-    }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 from typing import Any
@@ -81,16 +80,7 @@ class Equations(LinearisedRows):
     @property
     def residuals(self) -> Array:
         """Bodies less right-hand sides; NaN where there is no value."""
-        return np.array([residual_of(row) for row in self.rows])
-
-
-def residual_of(row: Any) -> float:
-    """Body less right-hand side of an equality, violation of an inequality; NaN without a value."""
-    body = number_or_nan(row.body)
-    lower, upper = number_or_nan(row.lower, -math.inf), number_or_nan(row.upper, math.inf)
-    if math.isnan(lower) or math.isnan(upper):
-        return NAN
-    return body - upper if row.equality else max(lower - body, body - upper, 0.0 * body)
+        return np.array([number_or_nan(row.body) - number_or_nan(row.upper) for row in self.rows])
 
 
 def gradient(body: Any, variables: Iterable[Any]) -> Iterator[tuple[Any, float]]:
@@ -108,21 +98,9 @@ def gradient(body: Any, variables: Iterable[Any]) -> Iterator[tuple[Any, float]]
         yield variable, float(derivative) if real else NAN
 
 
-def equilibrate(matrix: Any, rounds: int = 10) -> tuple[Array, Array]:
-    """Factors of rows and columns that bring the largest entry of each near one.
-
-    References
-    ----------
-    Ruiz, A scaling algorithm to equilibrate both rows and columns norms in matrices, RAL-TR-2001-034
-    """
-    rows, columns = np.ones(matrix.shape[0]), np.ones(matrix.shape[1])
-    if 0 in matrix.shape:
-        return rows, columns
-    magnitude = abs(matrix).tocsr()
-    for _ in range(rounds):
-        scaled = scipy.sparse.diags(rows) @ magnitude @ scipy.sparse.diags(columns)
-        by_row = scaled.max(axis=1).toarray().ravel()
-        by_column = scaled.max(axis=0).toarray().ravel()
-        rows /= np.sqrt(np.where(by_row > 0, by_row, 1.0))
-        columns /= np.sqrt(np.where(by_column > 0, by_column, 1.0))
-    return rows, columns
+def equilibrate(matrix: Any) -> tuple[Array, Array]:
+    """Factors that bring the largest entry of each row to one, then those of each column."""
+    by_row = abs(matrix).max(axis=1).toarray().ravel()
+    rows = 1.0 / np.where(by_row > 0, by_row, 1.0)
+    by_column = (scipy.sparse.diags(rows) @ abs(matrix)).max(axis=0).toarray().ravel()
+    return rows, 1.0 / np.where(by_column > 0, by_column, 1.0)

@@ -1,4 +1,4 @@
-"""Statements that are refused or misread later: objectives, discrete variables, pairs, states, and units."""
+"""Statements that are refused or misread later, or that derivatives cannot follow: objectives, pairs, states, units."""
 
 from __future__ import annotations
 
@@ -17,16 +17,22 @@ from pyomo.gdp import Disjunct, Disjunction
 from pyomo.util.check_units import assert_units_consistent
 
 from pyrobocop_pyomo.complementarity import Complements, canonical_form
+from pyrobocop_pyomo.complementarity.absolute_values import has_kink, is_smooth_product
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES, active_sources
+from pyrobocop_pyomo.complementarity.switched_products import is_zero_product
 from pyrobocop_pyomo.errors import ComplementarityError, ModelError
 from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES
 from pyrobocop_pyomo.modeling.foreign_variables import ONE_MODEL, foreign_read, foreign_variable
-from pyrobocop_pyomo.modeling.shared_nodes import variables_in, variables_in_any
+from pyrobocop_pyomo.modeling.rows_by_rule import as_read, follows_rule
+from pyrobocop_pyomo.modeling.shared_nodes import topmost_nodes, variables_in, variables_in_any
 from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.phases.declarations import Declaration
 from pyrobocop_pyomo.phases.structure import sides_of
 
 from .findings import Finding, Subject, error_about, quoted, warning_about
+
+# Rows of one component come from one rule, which says the same at each time: the first ones are looked at.
+_ROWS = 8
 
 
 def statement_findings(block: Any) -> Iterator[Finding]:
@@ -177,25 +183,30 @@ def objective_findings(model: Any) -> Iterator[Finding]:
                 if held
                 else "A variable that is called, as x(), or read by .value or pyo.value is its present value: write x.",
             )
-    controls = [
-        f"{phase.name}.{name}"
-        for phase in phases_of(model)
-        for name in phase.record.names(Control)
-        if not all(data.fixed for data in phase.record.nodes(name).variables(phase))
-    ]
+    controls = free_controls(model)
     if without and controls and not objectives:
         others = model.model().component_data_objects(Objective, active=True, descend_into=Block)
         elsewhere = next((data.name for data in others), None)
         yield warning_about(
             Subject.STATEMENT,
-            f"{without} in '{model.name}', while {', '.join(map(repr, controls[:3]))} may be chosen: any values that "
+            f"{without} in '{model.name}', while {quoted(controls)} may be chosen: any values that "
             "meet the constraints are an answer.",
-            tuple(controls),
+            controls,
             f"The objective '{elsewhere}' stands outside of it: solve the model that holds both."
             if elsewhere
             else "State what is to be small: m.cost = pyo.Objective(expr=phase.integral(lambda b, t: ...)); where any "
             "values will do, 0.",
         )
+
+
+def free_controls(block: Any) -> dict[str, set[int]]:
+    """Ids of the variables of each control that are not fixed: one that is held has them under several times."""
+    every = ((phase, name) for phase in phases_of(block) for name in phase.record.names(Control))
+    free = {
+        f"{phase.name}.{name}": {id(data) for data in phase.record.nodes(name).variables(phase) if not data.fixed}
+        for phase, name in every
+    }
+    return {name: ids for name, ids in free.items() if ids}
 
 
 def refuse_misplaced(model: Any) -> None:
@@ -266,3 +277,63 @@ def refuse_inconsistent_units(model: Any) -> None:
         if declarations and all(declaration.units is not None for declaration in declarations):
             for finding in unit_findings(phase, rows_of_each=1):
                 raise ModelError(f"phase '{phase.name}': {finding.message} {finding.remedy}")
+
+
+def form_findings(model: Any) -> Iterator[Finding]:
+    """Absolute values and products that are to be zero, one finding per component and kind.
+
+    Parameters
+    ----------
+    model : Block
+    """
+    for component, argument in absolute_values_in(model):
+        text = f"'{argument}'"
+        parts = (
+            "In an objective that falls with it, split the quantity: two controls with bounds=(0, None) whose "
+            "difference it is, and their sum in place of abs(...). "
+        )
+        yield warning_about(
+            Subject.STATEMENT,
+            f"'{component.name}' holds abs(...) of {text if len(text) <= 62 else 'an expression'}, which has no "
+            "derivative at zero, where optima tend to be.",
+            (component.name,),
+            f"{parts if component.ctype is Objective else ''}"
+            "pyo.TransformationFactory('pyrobocop.absolute_values_to_complementarity').apply_to(model) puts two such "
+            "parts in place of every absolute value. On a phase, b.size = "
+            "rcp.mechanics.AbsoluteValue(lambda b, t: ...) states it exactly, and sqrt(x**2 + 1e-6) rounds it off.",
+        )
+    for component in model.component_objects(Constraint, active=True, descend_into=Block):
+        if any(map(is_zero_product, map(as_read, islice(component.values(), _ROWS)))):
+            yield warning_about(
+                Subject.STATEMENT,
+                f"constraint '{component.name}' states that a product is zero; its derivatives vanish where both "
+                "factors do, and solvers stall there.",
+                (component.name,),
+                "State a pair, on a phase under @b.complementarity: rcp.complements(first >= 0, second >= 0), or "
+                "rcp.either_zero(first >= 0, second) where the second factor may have any sign.",
+            )
+
+
+def absolute_values_in(model: Any) -> Iterator[tuple[Any, Any]]:
+    """Components with the argument of their first absolute value that may pass zero."""
+    for component in model.component_objects((Constraint, Objective), active=True, descend_into=Block):
+        arguments = (_absolute_value(as_read(row).expr) for row in islice(component.values(), _ROWS) if row.active)
+        argument = next((argument for argument in arguments if argument is not None), None)
+        if argument is not None:
+            yield component, argument
+
+
+def _absolute_value(expression: Any) -> Any:
+    """The argument of the first absolute value whose argument may be zero; None where there is none."""
+
+    def is_wanted(node: Any) -> bool:
+        return follows_rule(node) or is_smooth_product(node) or has_kink(node)
+
+    for node in topmost_nodes((expression,), is_wanted):
+        argument = node.arg(0) if has_kink(node) else None
+        if follows_rule(node):  # the last summand stands for all
+            repeated = node.repeated()
+            argument = _absolute_value(repeated.expression(len(repeated.rows) - 1))
+        if argument is not None:
+            return argument
+    return None

@@ -1,19 +1,10 @@
-"""Pictures from plain arrays: the only reader of Matplotlib."""
+"""Pictures from arrays, reports and results: the only reader of Matplotlib."""
 
-from .animation_files import AnimationFile, animation_file
-from .clearances import plot_clearances
-from .scenes import BodyPath, animate_scene, draw_scene
-from .signals import mark_phases, plot_signals
-from .solve_results import plot_history
-
-__all__ = [
-    "AnimationFile",
-    "BodyPath",
-    "animate_scene",
-    "animation_file",
-    "draw_scene",
-    "mark_phases",
-    "plot_clearances",
-    "plot_history",
-    "plot_signals",
-]
+from .clearances import plot_clearances as plot_clearances
+from .scenes import AnimationFile as AnimationFile
+from .scenes import BodyPath as BodyPath
+from .scenes import animate_scene as animate_scene
+from .scenes import draw_scene as draw_scene
+from .signals import mark_phases as mark_phases
+from .signals import plot_signals as plot_signals
+from .solve_results import plot_result as plot_result

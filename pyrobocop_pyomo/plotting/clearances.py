@@ -67,14 +67,10 @@ def _spans(pair: Any) -> Array:
 
 def _steps(axis: Any, spans: Array, values: Array, **style: Any) -> None:
     """A level per interval, with a gap where the next one does not follow, or where nothing is known."""
-    times, levels = [], []
-    for k, ((start, end), level) in enumerate(zip(spans.tolist(), values.tolist(), strict=True)):
-        times += [start, end]
-        levels += [level if np.isfinite(level) else np.nan] * 2
-        if k + 1 < len(spans) and spans[k + 1, 0] != end:
-            times.append(end)
-            levels.append(np.nan)
-    axis.plot(times, levels, **style)
+    breaks = 1 + np.flatnonzero(spans[1:, 0] != spans[:-1, 1])
+    times = np.insert(spans.ravel(), 2 * breaks, spans[breaks - 1, 1])
+    levels = np.repeat(np.where(np.isfinite(values), values, np.nan), 2)
+    axis.plot(times, np.insert(levels, 2 * breaks, np.nan), **style)
 
 
 def _limits(pairs: Sequence[Any]) -> tuple[float, float]:

@@ -54,14 +54,12 @@ def faces(shape: Any, view: Array | None = None) -> list[Array]:
         Corners of each face in order. A flat shape has one face, a segment one of two corners, a point one of one.
     """
     points = padded(np.asarray(shape.vertices, dtype=float), float(shape.radius))
-    if view is None and not len(shape.rays):
-        return convex_faces(points)
     frame = _frame(None, points) if view is None else np.asarray(view, dtype=float)
     if len(shape.rays):
         points = _with_rays(points, shape.rays, frame)
-    elif np.all(frame[0] <= points.min(axis=0)) and np.all(points.max(axis=0) <= frame[1]):
-        return convex_faces(points)
     whole = convex_faces(points)
+    if np.all(frame[0] <= points.min(axis=0)) and np.all(points.max(axis=0) <= frame[1]):
+        return whole
     polygons = [_clipped(face, *frame) for face in whole]
     if len(whole) > 1:
         # The corners of the frame that lie in the shape close the cut faces.

@@ -1,7 +1,11 @@
-"""Bodies among obstacles: snapshots over time and animations, in the plane and in space."""
+"""Bodies among obstacles: snapshots over time, and animations with their files, in the plane and in space."""
 
 from __future__ import annotations
 
+import shutil
+import tempfile
+import weakref
+from base64 import b64encode
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +18,6 @@ from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import animation, art3d, matplotlib
 
-from .animation_files import AnimationFile, animation_file, is_film
 from .figures import evenly_moved, figure_or_new, time_colours
 from .outlines import faces, outline
 
@@ -65,7 +68,7 @@ def draw_scene(
     colours = time_colours(scene.time)
     chosen = evenly_moved(np.concatenate([body.places() for body in bodies], axis=1), snapshots)
     for body in bodies:
-        local = _local_polygons(body)
+        local = body.polygons()
         for layer, i in enumerate(chosen.tolist()):
             colour = colours.to_rgba(scene.time[i])
             for polygon in body.at(i, local):
@@ -99,26 +102,23 @@ class _Scene:
 
     def axis(self, figure: Any, title: str) -> Any:
         """Axes with the obstacles and the paths of the bodies."""
-        if self.dimension == 3:
-            axis = figure.subplots(subplot_kw={"projection": "3d"})
-            for obstacle in self.obstacles:
-                # Facets approximate round shapes, so their edges are faint.
-                edge = (0.4, 0.4, 0.4, 0.1 if obstacle.radius else 0.8)
-                for polygon in faces(obstacle, self.window):
-                    _add_polygon(axis, polygon, (0.55, 0.55, 0.55, 0.35), edge, 1)
-            axis.set_zlabel("z [m]")
-            axis.set_box_aspect(self.window[1] - self.window[0])
-        else:
-            axis = figure.subplots()
-            # Axes with a fixed aspect may show more than the window.
-            beyond = (self.window[1] - self.window[0]).max() * np.array([[-3.0], [3.0]])
-            for obstacle in self.obstacles:
-                corners = outline(obstacle, self.window + beyond if self.is_fitted else self.window)
-                if len(corners):
-                    _add_polygon(axis, corners, (0.72, 0.72, 0.72, 1.0), (0.45, 0.45, 0.45, 1.0), 1)
+        width, is_flat = self.window[1] - self.window[0], self.dimension == 2
+        axis = figure.subplots(subplot_kw={} if is_flat else {"projection": "3d"})
+        # Axes with a fixed aspect may show more than the window.
+        beyond = width.max() * np.array([[-3.0], [3.0]]) if is_flat and self.is_fitted else 0.0
+        for obstacle in self.obstacles:
+            face = (0.72, 0.72, 0.72, 1.0) if is_flat else (0.55, 0.55, 0.55, 0.35)
+            # Facets approximate round shapes, so their edges are faint.
+            edge = (0.45, 0.45, 0.45, 1.0) if is_flat else (0.4, 0.4, 0.4, 0.1 if obstacle.radius else 0.8)
+            for polygon in _polygons(obstacle, self.window + beyond):
+                _add_polygon(axis, polygon, face, edge, 1)
+        if is_flat:
             axis.set_aspect("equal", adjustable="datalim" if self.is_fitted else "box")
             axis.grid(alpha=0.25)
             axis.set_axisbelow(True)
+        else:
+            axis.set_zlabel("z [m]")
+            axis.set_box_aspect(width)
         for body in self.bodies:
             _draw_path(axis, body, named=len(self.bodies) > 1)
         axis.set_xlabel("x [m]")
@@ -136,11 +136,10 @@ class _Scene:
             axis.set_zlim(*self.window[:, 2])
 
 
-def _local_polygons(body: BodyPath) -> list[Array]:
-    """What is drawn of a body, in its own frame."""
-    if body.dimension == 3:
-        return [polygon for part in body.parts for polygon in faces(part)]  # type: ignore[union-attr]
-    return [outline(part) for part in body.parts]  # type: ignore[union-attr]
+def _polygons(shape: Polytope, view: Array | None = None) -> list[Array]:
+    """What is drawn of a shape, as far as it is in the view."""
+    polygons = faces(shape, view) if shape.dimension == 3 else [outline(shape, view)]
+    return [polygon for polygon in polygons if len(polygon)]
 
 
 def _add_polygon(axis: Any, corners: Array, face: Any, edge: Any, layer: float) -> Any:
@@ -237,7 +236,7 @@ def animate_scene(
     figure = matplotlib.figure.Figure(figsize=size, dpi=100, layout="constrained")
     axis = scene.axis(figure, title)
     scene.set_limits(axis)
-    polygons = [_local_polygons(body) for body in bodies]
+    polygons = [body.polygons() for body in bodies]
     write = axis.text2D if scene.dimension == 3 else axis.text
     label = write(0.02, 0.97, "", transform=axis.transAxes, verticalalignment="top", fontsize="small")
 
@@ -304,24 +303,21 @@ class BodyPath:
 
     def __post_init__(self) -> None:
         parts = (self.parts,) if isinstance(self.parts, Polytope) else tuple(self.parts)
-        rotation, translation = np.asarray(self.rotation, float), np.asarray(self.translation, float)
-        d = translation.shape[-1] if translation.ndim == 2 else 0
-        if rotation.shape != (len(translation), d, d) or any(part.dimension != d for part in parts):
+        object.__setattr__(self, "parts", parts)
+        for name in ("rotation", "translation", "force", "contact"):
+            given = getattr(self, name)
+            object.__setattr__(self, name, None if given is None else np.asarray(given, float))
+        size, d = self.translation.shape, self.translation.shape[-1] if self.translation.ndim == 2 else 0
+        if self.rotation.shape != (*size, d) or any(part.dimension != d for part in parts):
             raise ObstacleError(
                 f"body '{self.name}': parts of dimension {[part.dimension for part in parts]}, rotations of shape "
-                f"{rotation.shape}, translations of shape {translation.shape}; expected are (T, d, d) and (T, d)."
+                f"{self.rotation.shape}, translations of shape {size}; expected are (T, d, d) and (T, d)."
             )
-        for name in ("force", "contact"):
-            value = getattr(self, name)
-            if value is not None and np.shape(value) != translation.shape:
+        for name, given in (("force", self.force), ("contact", self.contact)):
+            if given is not None and given.shape != size:
                 raise ObstacleError(
-                    f"body '{self.name}': {name} of shape {np.shape(value)}; expected is that of the translations, "
-                    f"{translation.shape}."
+                    f"body '{self.name}': {name} of shape {given.shape}; expected is that of the translations, {size}."
                 )
-            object.__setattr__(self, name, None if value is None else np.asarray(value, float))
-        object.__setattr__(self, "parts", parts)
-        object.__setattr__(self, "rotation", rotation)
-        object.__setattr__(self, "translation", translation)
 
     @classmethod
     def planar(cls, parts: Any, x: Any, y: Any, theta: Any, name: str = "body") -> BodyPath:
@@ -340,7 +336,74 @@ class BodyPath:
         corners = np.concatenate([part.vertices for part in self.parts])  # type: ignore[union-attr]
         return corners @ self.rotation.transpose(0, 2, 1) + self.translation[:, None, :]
 
+    def polygons(self) -> list[Array]:
+        """What is drawn of it, in its own frame."""
+        return [polygon for part in self.parts for polygon in _polygons(part)]  # type: ignore[union-attr]
+
     def at(self, i: int, polygons: Sequence[Array]) -> Iterator[Array]:
         """Polygons of the body's frame, moved to where the body is at the i-th time."""
         for polygon in polygons:
             yield polygon @ self.rotation[i].T + self.translation[i]
+
+
+class AnimationFile(type(Path())):  # type: ignore[misc]  # PosixPath, or WindowsPath
+    """Path of a GIF or MP4 file; at the end of a notebook cell, its animation plays.
+
+    The notebook holds a copy of the animation, and needs the file no longer. A temporary file is there as long as this
+    object, and is removed with it, at the latest when Python ends; `save` keeps it.
+    """
+
+    def save(self, path: str | Path) -> AnimationFile:
+        """Copy the animation to another file, and return its path.
+
+        Parameters
+        ----------
+        path : str or Path
+            Its suffix is made that of this file: films are written by ``animate(path)``.
+
+        Raises
+        ------
+        FileNotFoundError
+            When the file of this animation is gone.
+        """
+        target = AnimationFile(Path(path).with_suffix(self.suffix))
+        if not (target.exists() and target.samefile(self)):
+            shutil.copyfile(self, target)
+        return target
+
+    def _repr_html_(self) -> str | None:
+        if not self.is_file():
+            return None
+        data = b64encode(self.read_bytes()).decode("ascii")
+        if is_film(self):
+            return f'<video controls autoplay loop muted src="data:video/mp4;base64,{data}"></video>'
+        return f'<img alt="animation" src="data:image/gif;base64,{data}"/>'
+
+
+def animation_file(path: str | Path | None) -> AnimationFile:
+    """Where an animation goes: ``.mp4`` as named, any other as ``.gif``; None: a temporary file.
+
+    Raises
+    ------
+    ObstacleError
+        For MP4 without the program that writes it.
+    """
+    if path is None:
+        folder = tempfile.mkdtemp(prefix="pyrobocop_")
+        made = AnimationFile(Path(folder) / "animation.gif")
+        weakref.finalize(made, shutil.rmtree, folder, ignore_errors=True)
+        return made
+    if not is_film(Path(path)):
+        return AnimationFile(Path(path).with_suffix(".gif"))
+    if not animation.FFMpegWriter.isAvailable():
+        raise ObstacleError(
+            f"'{path}': MP4 files are written by the program ffmpeg, and Matplotlib does not find it. Install it (apt "
+            "install ffmpeg, brew install ffmpeg, conda install ffmpeg), set matplotlib.rcParams['animation."
+            "ffmpeg_path'], or write a file that ends in .gif, which needs nothing."
+        )
+    return AnimationFile(path)
+
+
+def is_film(path: Path) -> bool:
+    """Whether a file is written by ffmpeg; others are GIFs."""
+    return path.suffix.lower() == ".mp4"

@@ -108,20 +108,10 @@ def mark_phases(figure: Any, boundaries: Array, names: Sequence[str]) -> None:
         if top - place.y1 > 1e-9:
             continue
         points_per_second = 0.85 * place.width * figure.bbox.width * 72 / figure.dpi / (boundaries[-1] - boundaries[0])
-        room = [points_per_second * (end - start) for start, end in spans]
-        for (start, end), name in zip(spans, _that_fit(names, room), strict=True):
+        for (start, end), name in zip(spans, names, strict=True):
+            # The name, or only its index where it is wider than its phase, or nothing where the index is too wide.
+            most = points_per_second * (end - start) / _POINTS_PER_LETTER
+            index = name[name.index("[") + 1 : -1] if name.endswith("]") else name
+            shown = next((text for text in (name, index) if len(text) <= most), "")
             above = {"transform": axis.get_xaxis_transform(), "horizontalalignment": "center"}
-            axis.text((start + end) / 2, 1.03, name, fontsize="small", color="0.35", **above)
-
-
-def _that_fit(names: Sequence[str], room: Sequence[float]) -> list[str]:
-    """The names, or only their indices where a name is wider than its phase, or nothing where an index is too wide."""
-
-    def fits(name: str, width: float) -> bool:
-        return len(name) * _POINTS_PER_LETTER <= width
-
-    indices = [name[name.index("[") + 1 : -1] if name.endswith("]") else name for name in names]
-    for chosen in (list(names), indices):
-        if all(fits(name, width) for name, width in zip(chosen, room, strict=True)):
-            return chosen
-    return [name if fits(name, width) else "" for name, width in zip(indices, room, strict=True)]
+            axis.text((start + end) / 2, 1.03, shown, fontsize="small", color="0.35", **above)

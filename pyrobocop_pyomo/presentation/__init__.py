@@ -23,11 +23,6 @@ class Html(str):
     __slots__ = ()
 
 
-def page(title: str, *parts: str) -> Html:
-    """A heading in bold, and below it what was made by the other functions here."""
-    return Html(f"<div><div><strong>{escape(title)}</strong></div>{''.join(parts)}</div>")
-
-
 def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> Html:
     """A table with a header; the first column is text, and so are the cells that are `Html`."""
     listed = list(rows)
@@ -40,12 +35,8 @@ def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> Html:
 
 def facts_table(facts: Mapping[str, object]) -> Html:
     """A table of two columns: what, and its value. What is None is left out."""
-    rows = "".join(
-        f'<tr><th scope="row" style="{CELL_STYLE}">{escape(name)}</th>{_cell(value)}</tr>'
-        for name, value in facts.items()
-        if value is not None
-    )
-    return Html(f"<table><tbody>{rows}</tbody></table>")
+    rows = [(Html(f"<strong>{escape(name)}</strong>"), value) for name, value in facts.items() if value is not None]
+    return table((), rows)
 
 
 def paragraph(text: str) -> Html:
@@ -102,9 +93,10 @@ def one_line(kind: str, summary: str) -> str:
     return f"<{text if len(text) <= MOST_CHARACTERS else text[: MOST_CHARACTERS - 4] + ' ...'}>"
 
 
-def as_html(kind: str, summary: str, parts: list[str]) -> Html:
-    """The same as a page: kind and summary, then the parts."""
-    return page(f"{kind}: {summary}" if summary else kind, *parts)
+def as_html(kind: str, summary: str, parts: Iterable[str]) -> Html:
+    """The same in bold, and below it what was made by the other functions here."""
+    title = f"{kind}: {summary}" if summary else kind
+    return Html(f"<div><div><strong>{escape(title)}</strong></div>{''.join(parts)}</div>")
 
 
 # What is smaller is not worth more digits.

@@ -2,8 +2,7 @@
 
 from .automatic_scaling import ScalingRecord
 from .iterates import Iterate, Quality, Standing, StopReason
-from .least_violation import LeastViolation
-from .obstructions import Obstruction, Relief
+from .least_violation import LeastViolation, Obstruction, Relief
 from .pair_report import ActiveSide, PairReport
 from .persistent_nlp import PersistentNLP
 from .solve_result import SolveResult

@@ -6,7 +6,7 @@ import logging
 import math
 from typing import Any
 
-from pyrobocop_pyomo.diagnosis.undefined_rows import named_undefined_rows, undefined_rows
+from pyrobocop_pyomo.diagnosis.values import named_undefined_rows, undefined_rows
 from pyrobocop_pyomo.modeling.variable_values import Values, VariableValues
 
 from .iterates import Iterate

@@ -1,10 +1,10 @@
-"""The least violation of a model's rows near a point, by linear programs, and what holds it there."""
+"""The least violation of a model's rows near a point, by linear programs, and which bounds, values and rows hold it."""
 
 from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -15,6 +15,7 @@ from pyomo.core.base.constraint import Constraint
 from pyrobocop_pyomo.complementarity import CanonicalPair, SidePart, pairs_of
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.diagnosis.linearised_rows import LinearisedRows, gradient
+from pyrobocop_pyomo.diagnosis.places import is_equation_of_a_phase, place_in_words, separation_of, time_of
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
 from pyrobocop_pyomo.modeling.row_violations import largest_violation, number_or_nan
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
@@ -22,8 +23,6 @@ from pyrobocop_pyomo.modeling.variable_values import put_values, values_restored
 from pyrobocop_pyomo.mpcc.linear_programs import LinearProgram, LinearStatus
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
-
-from .obstructions import MET, SHOWN, ObstructingData, Obstruction, Relief, grouped
 
 # Each round differentiates every row. Models with more rows are left alone; with so many there are three rounds, which
 # linear rows need at most. Time itself depends on what else runs.
@@ -33,12 +32,83 @@ MOST_SECONDS = 120.0
 STATIONARY = 1e-3
 # A step is taken where it takes away at least this share of what is predicted.
 SUFFICIENT = 0.1
+# So many are named in a sentence.
+SHOWN = 5
+# What linear programs leave of zero: of violations and their sums, of sides and distances from bounds in their sizes,
+# and of multipliers beside the largest possible one.
+MET = 1e-6
 # Relaxing one of them may not be enough: its multiplier only says that the violation falls.
 STANDS_AGAINST = "What stands against it, of which at least one must give way:"
 
 
-@dataclass(frozen=True, eq=False)
-class LinearStep:
+class ObstructingData(NamedTuple):
+    """One bound, fixed value or row that has a multiplier.
+
+    Attributes
+    ----------
+    data : component data
+        A variable or a row.
+    sign : str
+        ``"<="``, ``">="``, or ``"="`` where it is fixed; empty for a row.
+    value : float
+        The bound, or the fixed value.
+    influence : float
+        By how much the least violation falls where it gives way by its own size.
+    """
+
+    data: Any
+    sign: str
+    value: float
+    influence: float
+
+
+@dataclass(frozen=True)
+class Obstruction:
+    """The bounds of one side, fixed values or rows of one component.
+
+    Attributes
+    ----------
+    name : str
+        Of the component, or of its only data.
+    words : str
+        What it is, with its number and where in time.
+    influence : float
+        By how much the least violation falls where they give way by their own size, in sum.
+    limit : str
+        The sign and number of its bound, or its fixed value; empty for rows.
+    """
+
+    name: str
+    words: str
+    influence: float
+    limit: str = ""
+
+    @property
+    def is_fixed(self) -> bool:
+        """Whether it is a fixed value."""
+        return self.limit.startswith("fixed")
+
+    def __str__(self) -> str:
+        return self.words
+
+
+@dataclass(frozen=True)
+class Relief:
+    """How far the bounds or rows of one component have to give way for everything else to be met.
+
+    Attributes
+    ----------
+    name : str
+        Of the obstruction.
+    amount : float
+        In its units; infinite where it is not enough, however far it gives way.
+    """
+
+    name: str
+    amount: float
+
+
+class LinearStep(NamedTuple):
     """What a linear program finds.
 
     Attributes
@@ -169,26 +239,20 @@ class ViolatedRows(LinearisedRows):
         float or None
             Infinite where that is not enough; None where the linear program did not end.
         """
-        n = self.jacobian.shape[1]
         giving = set(map(id, parts))
         moved = np.array([id(variable) in giving for variable in self.variables], dtype=bool)
-        yielding = np.array([[float(id(row.data) in giving)] for row in self.rows])
-        to_lower, to_upper = self._lower - self._x, self._upper - self._x
-        of_moved = scipy.sparse.identity(n, format="csr")[np.flatnonzero(moved)]
-        ones = np.ones((of_moved.shape[0], 1))
-        rows = [
-            (scipy.sparse.hstack([matrix, sign * column], format="csr"), *sides)
-            for matrix, column, lower, upper in (
-                (self.jacobian, yielding, self._to_lower, self._to_upper),
-                (of_moved, ones, to_lower[moved], to_upper[moved]),
-            )
-            for sign, sides in ((1.0, (lower, np.inf)), (-1.0, (-np.inf, upper)))
-        ]
+        n, to_lower, to_upper = len(moved), self._lower - self._x, self._upper - self._x
+        matrix = scipy.sparse.vstack([self.jacobian, scipy.sparse.identity(n, format="csr")[moved]])
+        gives = np.array([[id(row.data) in giving] for row in self.rows] + [[True]] * int(moved.sum()), dtype=float)
+        lower, upper = np.append(self._to_lower, to_lower[moved]), np.append(self._to_upper, to_upper[moved])
         program = LinearProgram(
             np.append(np.zeros(n), 1.0),
             np.append(np.where(moved, -np.inf, to_lower), 0.0),
             np.append(np.where(moved, np.inf, to_upper), np.inf),
-            rows,
+            [
+                (scipy.sparse.hstack([matrix, gives], format="csr"), lower, np.inf),
+                (scipy.sparse.hstack([matrix, -gives], format="csr"), -np.inf, upper),
+            ],
         )
         answer = program.solve(deadline)
         if answer.status is LinearStatus.INFEASIBLE:
@@ -271,6 +335,36 @@ class LeastViolation:
         kind = Least.LOCAL if self.kind is Least.PROVEN else self.kind
         said = kind.value.partition(":")[0]
         return said[0].lower() + said[1:]
+
+    def first_try(self, *, has_given_time: bool) -> str:
+        """What to relax first, with all bounds of that component, and how far; empty where nothing is known of it.
+
+        Parameters
+        ----------
+        has_given_time : bool
+            Whether more time may help, too.
+        """
+        if not self.obstructions:
+            return ""
+        first, far = self.obstructions[0], ""
+        if self.relief is not None:
+            first = next(one for one in self.obstructions if one.name == self.relief.name and not one.is_fixed)
+            far = self._how_far(self.relief.amount)
+        time = ", or give it more time" if has_given_time else ""
+        if not first.limit or first.is_fixed:
+            return f"Try first to {'change' if first.limit else 'relax'} {first}{far}{time}."
+        same = (one for one in self.obstructions if one.name == first.name and not one.is_fixed)
+        limits = [one.limit for one in same if one.limit]
+        bounds = " and ".join(f"'{first.name}' {limit}" for limit in limits)
+        return f"Try first to widen the bound{'s' if len(limits) > 1 else ''} {bounds}{far}{time}."
+
+    def _how_far(self, amount: float) -> str:
+        """A positive amount in words, with three digits that are not too small."""
+        if math.isinf(amount):
+            return ", which is not enough alone"
+        unit = 10.0 ** (math.floor(math.log10(amount)) - 2)
+        digits = f"{math.ceil(amount / unit * (1.0 - MET)) * unit:.3g}"
+        return f" by {digits} or more" if self.is_proof else f" by about {digits}"
 
     def __str__(self) -> str:
         first, *others = self.lines(indent="")
@@ -412,3 +506,62 @@ def _first_relief(
             if math.isfinite(amount):
                 return tried[-1]
     return next(iter(tried), None)
+
+
+def grouped(data: Iterable[ObstructingData]) -> list[tuple[Obstruction, list[ObstructingData]]]:
+    """Obstructions by component and side: bounds, rows, pairs, fixed values, the most influential of each first.
+
+    Equations of phases carry what is required at one time to the next: they are left out wherever there is anything
+    else.
+    """
+    groups: dict[Hashable, list[ObstructingData]] = {}
+    for one in data:
+        groups.setdefault(_label(one), []).append(one)
+    stated = [some for some in groups.values() if some[0].sign or not is_equation_of_a_phase(some[0].data)]
+    # A bound is a number that can be widened. Ends are fixed, and contact is stated, in almost every problem.
+    ranked = [(_rank(some[0]), _obstruction(some), some) for some in stated or groups.values()]
+    return [(one, some) for _, one, some in sorted(ranked, key=lambda each: (each[0], -each[1].influence))]
+
+
+def _label(one: ObstructingData) -> Hashable:
+    if not one.sign and (separation := separation_of(one.data)) is not None:
+        return separation[:3]
+    return id(one.data.parent_component()), one.sign, one.value if one.sign == "=" else None
+
+
+def _rank(one: ObstructingData) -> int:
+    if one.sign:
+        return 3 if one.sign == "=" else 0
+    return 2 if one.data.parent_component().ctype in PAIR_TYPES else 1
+
+
+def _obstruction(some: list[ObstructingData]) -> Obstruction:
+    influence, first, component = sum(one.influence for one in some), some[0], some[0].data.parent_component()
+    separations = [] if first.sign else [found for one in some if (found := separation_of(one.data)) is not None]
+    if separations:
+        block, one_shape, other_shape, _ = separations[0]
+        span = _span([start for *_, start in separations])
+        return Obstruction(
+            block, f"the clearance between '{one_shape}' and '{other_shape}' of '{block}' {span}", influence
+        )
+    if len(some) == 1 and not first.sign:
+        return Obstruction(first.data.name, place_in_words(first.data), influence)
+    times = [time for time in (time_of(one.data) for one in some) if time is not None]
+    name = first.data.name if len(some) == 1 else component.name
+    kind = "" if first.sign else "pairs of " if component.ctype in PAIR_TYPES else "constraint "
+    limit = _bound(some) if first.sign else ""
+    words = " ".join([f"{kind}'{component.name if times else name}'", *filter(None, [limit])])
+    if len(some) > 1:
+        words += f" at {len(some)} of {len(component)} {'points,' if times else 'indices'}"
+    return Obstruction(name, f"{words} {_span(times)}" if times else words, influence, limit)
+
+
+def _span(times: list[float]) -> str:
+    first, last = min(times), max(times)
+    return f"at t = {first:g}" if first == last else f"t = {first:g} to {last:g}"
+
+
+def _bound(some: list[ObstructingData]) -> str:
+    sign, values = some[0].sign, [one.value for one in some]
+    least, most = min(values), max(values)
+    return f"{'fixed at' if sign == '=' else sign} {least:.6g}" + ("" if least == most else f" .. {most:.6g}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,6 +11,8 @@ from pyrobocop_pyomo.complementarity import PairResidual
 from pyrobocop_pyomo.complementarity.canonical import PAIR_ROLES
 from pyrobocop_pyomo.mpcc.lpec import ZERO_SIDE
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
+
+_NAME = rf"(.*?)(?:\[([^[]*)\])?( \((?:{'|'.join(PAIR_ROLES)})\))?"
 
 
 class ActiveSide(enum.Enum):
@@ -86,9 +89,5 @@ def pair_reports(residuals: Sequence[PairResidual], multipliers: Multipliers | N
 
 def split_name(name: str) -> tuple[str, str]:
     """Split ``block.pair[1,a] (lower)`` into ``block.pair (lower)`` and ``1,a``; names of blocks keep their indices."""
-    role = next((f" ({word})" for word in PAIR_ROLES if name.endswith(f" ({word})")), "")
-    stem = name[: len(name) - len(role)]
-    if not stem.endswith("]"):
-        return name, ""
-    start = stem.rfind("[")
-    return stem[:start] + role, stem[start + 1 : -1]
+    stem, index, role = re.fullmatch(_NAME, name, re.DOTALL).groups(default="")  # type: ignore[union-attr]
+    return stem + role, index

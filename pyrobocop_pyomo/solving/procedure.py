@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+import weakref
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
@@ -12,7 +13,7 @@ from pyomo.common.errors import InfeasibleConstraintException
 
 from pyrobocop_pyomo.complementarity import CanonicalPair
 from pyrobocop_pyomo.diagnosis import Finding, Severity, Subject
-from pyrobocop_pyomo.diagnosis.difficult_forms import form_findings
+from pyrobocop_pyomo.diagnosis.statements import form_findings
 from pyrobocop_pyomo.diagnosis.values import boundary_findings, decided_findings
 from pyrobocop_pyomo.discretisation import DiscretisationProbe
 from pyrobocop_pyomo.errors import ComplementarityError, ContradictionError, EvaluationError, PyRobocopError
@@ -32,7 +33,7 @@ from .relaxed_model import forget_removed
 from .runner import Runner
 from .second_tries import second_tries
 from .settings import Settings
-from .solve_result import ModelReference, SolveResult
+from .solve_result import SolveResult
 from .strategies import (
     ABSOLUTE_VALUES,
     DEFAULT_SEQUENCE,
@@ -302,7 +303,7 @@ class _Procedure(Runner):
             derivatives=places.derivatives,
             scaling=places.scaling,
             checking_seconds=self.log.seconds,
-            model=ModelReference(self.model),
+            model=weakref.ref(self.model),
             probe=DiscretisationProbe(self.model, best.row_multipliers, best.objective),
             seconds=time.perf_counter() - self.started,
         )

@@ -9,8 +9,6 @@ from typing import Any, TextIO
 
 # Work that ends sooner leaves nothing behind in a notebook, whose outputs are kept.
 NOTEBOOK_DELAY = 2.0
-# So many lines stay in a notebook; on a terminal all do.
-NOTEBOOK_LINES = 12
 
 
 class Progress:
@@ -54,7 +52,7 @@ class Progress:
     def line(self, text: str) -> None:
         """Write a line that stays."""
         if self._notebook is not None:
-            self._lines = [*self._lines, text][-NOTEBOOK_LINES:]
+            self._lines.append(text)
             self._replace()
         elif self._shown:
             self._stream.write("\r" + text.ljust(self._live) + "\n")
@@ -68,12 +66,11 @@ class Progress:
             self.line(text)
 
     def _replace(self, *live: str) -> None:
-        if time.monotonic() - self._start < NOTEBOOK_DELAY:
-            return
         shown = {"text/plain": "\n".join([*self._lines, *filter(None, live)])}
+        is_empty = self._area is None and not shown["text/plain"]
+        if is_empty or time.monotonic() - self._start < NOTEBOOK_DELAY:
+            return
         if self._area is None:
-            if not shown["text/plain"]:
-                return
             assert self._notebook is not None
             self._area = self._notebook(shown, raw=True, display_id=True, metadata={"progress": True})
         else:

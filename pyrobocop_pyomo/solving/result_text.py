@@ -12,8 +12,7 @@ from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.phases import phases_of
 
 from .iterates import Quality, StopReason
-from .least_violation import STANDS_AGAINST, Least
-from .obstructions import SHOWN, first_try
+from .least_violation import SHOWN, STANDS_AGAINST, Least
 from .pair_report import ActiveSide, PairReport
 
 MOST_LINES = 8
@@ -52,7 +51,9 @@ def short_text(result: Any) -> str:
         lines += _failure(result)
     elif not result.solved:
         lines += _suggestion(result)
-    return "\n".join(shorten(line, MOST_CHARACTERS, placeholder=" ...") for line in lines[:MOST_LINES])
+    if len(lines) > MOST_LINES:  # the last line is what helps
+        lines[MOST_LINES - 1 :] = lines[-1:]
+    return "\n".join(shorten(line, MOST_CHARACTERS, placeholder=" ...") for line in lines)
 
 
 def first_line(result: Any) -> str:
@@ -154,39 +155,30 @@ def _is_in_the_way(result: Any) -> bool:
 def _failure(result: Any) -> Iterable[str]:
     """What is not met, what stands against a solution, and one thing to do."""
     least = result.least_violation
-    # What helps is the last line, and must not be cut off by what is said of a motion.
-    is_long = result.was_safe is False and least is not None and bool(least.obstructions)
     overlaps = _is_in_the_way(result)
     unmet = [one for one in result.violations if not (overlaps and one.where.startswith("clearance between"))]
-    unmet = unmet[: 1 if is_long else SHOWN_VIOLATIONS]
-    for violation in unmet:
+    for violation in (unmet := unmet[:SHOWN_VIOLATIONS]):
         yield f"not met: {violation}"
     if least is not None and least.obstructions:
         yield STANDS_AGAINST if least.is_proof else f"Not proven to be impossible. {IN_THE_WAY}"
-        shown = list(least.obstructions[: SHOWN - max(len(unmet), 1)])
-        fixed = [obstruction for obstruction in least.obstructions if obstruction.is_fixed]
-        if fixed and not any(obstruction.is_fixed for obstruction in shown):
-            shown[-1] = fixed[0]  # an end that was given wrongly is what a user looks for
+        # Of a motion that is not safe another line tells.
+        shown = list(least.obstructions[: SHOWN - max(len(unmet), 1) - (result.was_safe is False)])
+        if not any(obstruction.is_fixed for obstruction in shown):  # an end that was given wrongly is looked for
+            shown[-1] = next((obstruction for obstruction in least.obstructions if obstruction.is_fixed), shown[-1])
         left = len(least.obstructions) - len(shown)
         for obstruction in shown:
             yield f"- {obstruction}{f', and {left} more' if left and obstruction is shown[-1] else ''}"
     yield from _suggestion(result)
 
 
-def _has_given_time(result: Any) -> bool:
-    """Whether a phase of the model lasts as long as a number says: no bound in the model stands for it."""
-    model = result.model()
-    return model is not None and any(not phase.has_free_duration for phase in phases_of(model))
-
-
 def _suggestion(result: Any) -> Iterable[str]:
     """One thing to do: what was noticed on the way, or what helps against how it ended."""
     noticed = [remark for remark in result.remarks if not remark.startswith(KEPT_MESH)]
     remedy, least = result.stop_reason.remedy, result.least_violation
-    against = ""
-    if least is not None and least.obstructions:
-        time = _has_given_time(result)
-        against = first_try(least.obstructions, least.relief, time, exactly=least.is_proof)
+    # No bound in the model stands for the time of a phase that lasts as long as a number says.
+    phases = [] if result.model() is None else phases_of(result.model())
+    has_given_time = any(not phase.has_free_duration for phase in phases)
+    against = "" if least is None else least.first_try(has_given_time=has_given_time)
     if least is not None and least.is_proof:
         yield from filter(None, [against])
     elif result.stop_reason is StopReason.DIVERGED:
@@ -266,20 +258,16 @@ def _on_pairs(result: Any, worst: int) -> Iterable[str]:
 
 def pair_table(pairs: Sequence[PairReport], most: int | None = None) -> str:
     """A line per pair; beyond `most` lines, the number of those left out."""
-    shown = list(pairs) if most is None else list(pairs[:most])
-    width = max([len("pair"), *(len(pair.name) for pair in shown)])
-    lines = [
-        f"{'pair':<{width}} {'first':>12} {'second':>12} {'product':>9} {'min':>9}  {'zero':<8} "
-        f"{'mult. first':>12} {'mult. second':>12}"
-    ]
-    lines += [
-        f"{pair.name:<{width}} {pair.first:>12.6g} {pair.second:>12.6g} {pair.product:>9.1e} {pair.natural:>9.1e}  "
-        f"{pair.active.value:<8} {_number(pair.first_multiplier):>12} {_number(pair.second_multiplier):>12}"
-        for pair in shown
-    ]
-    if len(shown) < len(pairs):
-        lines.append(f"... and {len(pairs) - len(shown)} more")
-    return "\n".join(lines)
+    header = ("pair", "first", "second", "product", "min", "zero", "mult. first", "mult. second")
+    rows = list(map(_cells, pairs[:most]))
+    left = len(pairs) - len(rows)
+    return "\n".join([*_aligned(header, rows), *([f"... and {left} more"] if left else [])])
+
+
+def _cells(pair: PairReport) -> tuple[str, ...]:
+    sides = f"{pair.first:.6g}", f"{pair.second:.6g}", f"{pair.product:.1e}", f"{pair.natural:.1e}"
+    multipliers = ("-" if each is None else f"{each:.5g}" for each in (pair.first_multiplier, pair.second_multiplier))
+    return pair.name, *sides, pair.active.value, *multipliers
 
 
 def component_table(pairs: Sequence[PairReport]) -> str:
@@ -287,19 +275,20 @@ def component_table(pairs: Sequence[PairReport]) -> str:
     groups: dict[str, list[PairReport]] = {}
     for pair in pairs:
         groups.setdefault(pair.component, []).append(pair)
-    width = max([len("component"), *map(len, groups)])
-    words = [side.value for side in ActiveSide]
-    lines = [f"{'component':<{width}} {'pairs':>6} {' '.join(f'{word:>8}' for word in words)} {'max |min|':>9}"]
+    rows = []
     for name, members in groups.items():
         counts = Counter(pair.active for pair in members)
-        numbers = " ".join(f"{counts[side]:>8}" for side in ActiveSide)
-        lines.append(f"{name:<{width}} {len(members):>6} {numbers} {max(abs(pair.natural) for pair in members):>9.1e}")
-    return "\n".join(lines)
+        numbers = [str(counts[side]) for side in ActiveSide]
+        rows.append((name, str(len(members)), *numbers, f"{max(abs(pair.natural) for pair in members):.1e}"))
+    header = ("component", "pairs", *(side.value for side in ActiveSide), "max |min|")
+    return "\n".join(_aligned(header, rows))
+
+
+def _aligned(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of columns, of which the first begins at the left."""
+    widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
+    return ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in (header, *rows)]
 
 
 def _least_multiplier(pair: PairReport) -> float:
     return min(pair.first_multiplier or 0.0, pair.second_multiplier or 0.0)
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.5g}"

@@ -13,7 +13,7 @@ from pyomo.core.base import TransformationFactory
 from pyomo.core.base.suffix import Suffix
 
 from pyrobocop_pyomo.complementarity import BarrierSchedule, Schedule, active_sources, pairs_of, without_penalty
-from pyrobocop_pyomo.diagnosis.difficult_forms import holds_absolute_value
+from pyrobocop_pyomo.diagnosis.statements import absolute_values_in
 from pyrobocop_pyomo.errors import EvaluationError, PyRobocopError
 from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
@@ -230,7 +230,7 @@ class SolvedCopies:
         first = result.steps[0]
         gain = abs(first.objective - result.objective) > SAME_OBJECTIVE * max(1.0, abs(first.objective))
         # Of two solutions the copy has kept the better one.
-        if result.quality is not Quality.OPTIMAL or result.best_step == 0 or not (gain or not first.converged):
+        if result.quality is not Quality.OPTIMAL or result.best.number == 0 or not (gain or not first.converged):
             return False
         take_values_of_copy(self._model, copy)
         return True
@@ -243,7 +243,7 @@ class SolvedCopies:
         Iterate or None
             None where there are no absolute values, or the model is part of another one.
         """
-        if self._model.model() is not self._model or not holds_absolute_value(self._model):
+        if self._model.model() is not self._model or not any(absolute_values_in(self._model)):
             return None
         split = TransformationFactory("pyrobocop.absolute_values_to_complementarity")
         copy = split.create_using(self._model)
@@ -255,7 +255,7 @@ class SolvedCopies:
             result.best,
             label=ABSOLUTE_VALUES.name,
             strategy=ABSOLUTE_VALUES.name,
-            number=len(self._log.steps) - len(result.steps) + result.best_step,
+            number=len(self._log.steps) - len(result.steps) + result.best.number,
             delta=None,
             values=self._values.read(),
             load_suffixes=lambda: _take_suffixes(self._model, copy),

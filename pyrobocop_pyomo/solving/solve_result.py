@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import weakref
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
-
-import numpy as np
 
 from pyrobocop_pyomo.complementarity import PairResidual
 from pyrobocop_pyomo.diagnosis import Diagnosis, Finding, Severity, Subject, diagnose
@@ -19,8 +16,7 @@ from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers
 from pyrobocop_pyomo.optional_imports import pandas
-from pyrobocop_pyomo.plotting import draw_scene, plot_history
-from pyrobocop_pyomo.plotting.figures import figure_or_new
+from pyrobocop_pyomo.plotting import plot_result
 from pyrobocop_pyomo.presentation import Presented, disclosed_text, paragraph
 from pyrobocop_pyomo.trajectories.trajectory import SOLVED
 
@@ -32,23 +28,8 @@ from .result_text import first_line, long_report, pair_table, short_text, verdic
 from .violations import Violation
 
 
-class ModelReference:
-    """The model of a result, as long as somebody else keeps it; a pickle or a copy holds none.
-
-    Parameters
-    ----------
-    model : Block or None
-    """
-
-    def __init__(self, model: Any = None) -> None:
-        self._reference = None if model is None else weakref.ref(model)
-
-    def __call__(self) -> Any:
-        """The model; None where it is gone."""
-        return None if self._reference is None else self._reference()
-
-    def __reduce__(self) -> Any:
-        return ModelReference, ()
+def no_model() -> None:
+    """What a pickle of a result holds in place of the reference to its model."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,8 +88,8 @@ class SolveResult(Presented):
         From which `discretisation` is estimated.
     fingerprint : int or None
         Checksum of the values of the model when a motion was judged: with others `safe` is not known.
-    model : ModelReference
-        Called, it gives the model, as long as somebody else keeps it; see `diagnose`.
+    model : callable
+        It gives the model, as long as somebody else keeps it; see `diagnose`.
     rounding : IntegerRounding or None
         What became of integer controls: both objectives, and how far their integrals moved.
     """
@@ -137,7 +118,13 @@ class SolveResult(Presented):
     probe: DiscretisationProbe | None = field(default=None, repr=False)
     rounding: Any = None
     fingerprint: int | None = field(default=None, repr=False)
-    model: ModelReference = field(default_factory=ModelReference, repr=False)
+    model: Callable[[], Any] = field(default=no_model, repr=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "model": no_model}
+
+    def __copy__(self) -> SolveResult:
+        return replace(self)
 
     @property
     def objective(self) -> float:
@@ -168,19 +155,17 @@ class SolveResult(Presented):
             unpickling, there is nothing else.
         """
         model, least = self.model(), self.least_violation
-        known = None if model is None else diagnose(model)
-        of_model = () if known is None else known.findings
-        said = {f"{finding.message} {finding.remedy}" for finding in of_model}
+        gone = Diagnosis(self.name, (), (), ("the model, which no longer exists",))
+        known = gone if model is None else diagnose(model)
+        said = {f"{finding.message} {finding.remedy}" for finding in known.findings}
         remarks = (*(() if least is None else (str(least),)), *self.remarks)
         own = [] if self.solved else [Finding(Severity.ERROR, Subject.OUTCOME, f"{verdict(self)}.", (), "")]
         for violation in self.violations:
             message, remedy = f"not met: {violation}.", "Relax it, or what drives it there."
             own.append(Finding(Severity.ERROR, Subject.OUTCOME, message, (violation.name,), remedy))
         own += [Finding(Severity.ADVICE, Subject.OUTCOME, remark, (), "") for remark in remarks if remark not in said]
-        findings = sorted([*own, *of_model], key=lambda finding: list(Severity).index(finding.severity))
-        if known is None:
-            return Diagnosis(self.name, tuple(findings), (), ("the model, which no longer exists",))
-        return Diagnosis(self.name, tuple(findings), known.degrees_of_freedom, known.remarks)
+        findings = sorted([*own, *known.findings], key=lambda finding: list(Severity).index(finding.severity))
+        return replace(known, name=self.name, findings=tuple(findings))
 
     @property
     def discretisation(self) -> DiscretisationEstimate:
@@ -212,11 +197,6 @@ class SolveResult(Presented):
     def strategy(self) -> str:
         """Which strategy found the point."""
         return self.best.strategy
-
-    @property
-    def best_step(self) -> int:
-        """Place among the steps of the one that gave the point."""
-        return self.best.number
 
     @property
     def safe(self) -> bool | None:
@@ -286,9 +266,10 @@ class SolveResult(Presented):
         """The pairs as a data frame, indexed by name."""
         facts = ("component", "index", "first", "second", "product", "natural", "active")
         columns = [*facts, "first_multiplier", "second_multiplier"]
-        rows = [{name: getattr(pair, name) for name in columns} | {"active": pair.active.value} for pair in self.pairs]
         index = pandas.Index([pair.name for pair in self.pairs], name="pair", dtype=object)
-        return pandas.DataFrame(rows, index=index, columns=columns)
+        rows = [[getattr(pair, name) for name in columns] for pair in self.pairs]
+        frame = pandas.DataFrame(rows, index=index, columns=columns)
+        return frame.assign(active=[pair.active.value for pair in self.pairs])
 
     def steps_table(self) -> str:
         """The runs as a table in text."""
@@ -301,14 +282,11 @@ class SolveResult(Presented):
 
     def steps_to_pandas(self) -> Any:
         """The runs as a data frame, numbered from 1."""
-        columns = ("label", "delta", "mu", "status", "iterations", "seconds", "objective")
-        residuals = ("constraint_violation", "largest_product", "largest_natural_residual")
-        rows = [
-            {name: getattr(step, name) for name in (*columns, *residuals)}
-            | {"status": "" if step.status is None else step.status.name}
-            for step in self.steps
-        ]
-        return pandas.DataFrame(rows, index=pandas.RangeIndex(1, len(rows) + 1, name="step"))
+        columns = ["label", "delta", "mu", "status", "iterations", "seconds", "objective", "constraint_violation"]
+        columns += ["largest_product", "largest_natural_residual"]
+        rows = [[getattr(step, name) for name in columns] for step in self.steps]
+        frame = pandas.DataFrame(rows, pandas.RangeIndex(1, len(rows) + 1, name="step"), columns)
+        return frame.assign(status=["" if step.status is None else step.status.name for step in self.steps])
 
     def report(self, worst: int = 5) -> str:
         """All that is known: verdict, errors of the mesh, residuals, runs; of pairs, counts, certificate and the worst.
@@ -326,9 +304,7 @@ class SolveResult(Presented):
         Where there are obstacles or regions: the scene, then the clearances that are required and proven over time.
         Last, and otherwise alone: objective, delta, mu and residuals over the iterations of all runs.
         """
-        if self.safety is None:
-            return _draw_history(self.name, self.steps, self.best_step, figure)
-        return _draw_plan(self, figure)
+        return plot_result(self, figure)
 
     def raise_for_status(self) -> None:
         """Do nothing when the point is optimal.
@@ -362,53 +338,3 @@ def with_steps_of_all(result: SolveResult, results: Sequence[SolveResult]) -> So
             best = replace(result.best, number=len(steps) + result.best.number)
         steps += [replace(step, number=len(steps) + k) for k, step in enumerate(each.steps)]
     return replace(result, steps=steps, best=best)
-
-
-def _draw_plan(result: Any, figure: Any) -> Any:
-    """The scene of each avoidance block of a result, the clearances over time, and the runs."""
-    title, scenes, is_safe = result.name, result.scenes, result.was_safe is not False
-    columns = len(scenes) + 1
-    figure = figure_or_new(figure, 5.6 * columns + 1.2, 7.2)
-    *places, right = np.ravel(figure.subfigures(1, columns, width_ratios=[5.0] * len(scenes) + [6.0]))
-    for place, (time, bodies, obstacles) in zip(places, scenes, strict=True):
-        draw_scene(time, bodies, obstacles, figure=place)
-    upper, lower = right.subfigures(2, 1)
-    result.safety.plot(upper)
-    _draw_history("", result.steps, result.best_step, lower)
-    figure.suptitle(title if is_safe else f"NOT SAFE: {title}", color="0.1" if is_safe else "C3")
-    return figure
-
-
-def _draw_history(title: str, steps: Sequence[Iterate], best: int, figure: Any) -> Any:
-    """The runs of a result, one after the other."""
-    ends = np.cumsum([float(step.iterations) for step in steps])
-    starts = np.concatenate([[0.0], ends[:-1]])
-    lines: dict[str, Any] = {}
-    for place, name in ((1, "delta"), (0, "mu")):  # of the path of a step
-        facts = ([now[place] for now in step.path] for step in steps), (getattr(step, name) for step in steps)
-        x, y = map(np.concatenate, zip(*map(_line, starts, ends, *facts), strict=True))
-        if np.isfinite(y).any():
-            lines[name] = x, y
-    has_pairs = any(step.delta is not None for step in steps)
-    dots = {
-        "largest product": np.array([step.largest_product for step in steps]),
-        "largest |min(first, second)|": np.array([step.largest_natural_residual for step in steps]),
-    }
-    return plot_history(
-        title,
-        ends,
-        [step.label for step in steps],
-        np.array([step.objective for step in steps]),
-        lines,
-        dots if has_pairs else {},
-        best,
-        figure=figure,
-    )
-
-
-def _line(start: float, end: float, path: list[float], last: float | None) -> tuple[list[float], list[float]]:
-    """One value per iteration where they are known, else the last one throughout; a gap after it."""
-    if path:
-        return [*np.linspace(start, end, len(path)).tolist(), end], [*path, np.nan]
-    number = np.nan if last is None else last
-    return [start, end, end], [number, number, np.nan]

@@ -11,7 +11,7 @@ import numpy as np
 from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.diagnosis.diagnose import is_renamed
-from pyrobocop_pyomo.diagnosis.undefined_rows import move_into_domain, named_undefined_rows
+from pyrobocop_pyomo.diagnosis.values import move_into_domain, named_undefined_rows
 from pyrobocop_pyomo.errors import ModelError, PyRobocopError
 from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
 from pyrobocop_pyomo.modeling.variable_values import VariableValues, within_bounds

@@ -88,16 +88,12 @@ def violations_of_pairs(
 
 def worst_of_each_component(violations: Iterable[Violation]) -> tuple[Violation, ...]:
     """One violation per component, the worst first."""
-    worst: dict[str, Violation] = {}
+    groups: dict[str, list[Violation]] = {}
     for violation in violations:
         component = violation.name.rpartition("[")[0] if violation.name.endswith("]") else violation.name
-        other = worst.get(component)
-        if other is None:
-            worst[component] = violation
-        else:
-            larger = violation if violation.amount > other.amount else other
-            worst[component] = replace(larger, others=other.others + violation.others + 1)
-    return tuple(sorted(worst.values(), key=lambda violation: -violation.amount))
+        groups.setdefault(component, []).append(violation)
+    worst = [replace(max(some, key=lambda one: one.amount), others=len(some) - 1) for some in groups.values()]
+    return tuple(sorted(worst, key=lambda violation: -violation.amount))
 
 
 def _wanted(number: float, lower: float | None, upper: float | None) -> str:
@@ -128,22 +124,17 @@ def growing_variables(values: VariableValues, least: float = GROWN) -> str:
     return ", ".join(f"'{name}' ({largest[name][1]:.1e})" for name in named)
 
 
-def remarks_on_phases_with_pairs(model: Any) -> list[str]:
+def remarks_on_phases_with_pairs(model: Any) -> Iterator[str]:
     """What to say of phases with pairs of which nothing can be chosen, or whose elements have several stages."""
-    phases = [p for p in phases_of(model) if any(True for _ in p.component_data_objects(PAIR_TYPES, active=True))]
-    several = [phase for phase in phases if phase.grid.scheme.stages > 1]
-    unfree = [p for p in phases if not (p.record.names(Control) or p.record.names(Parameter) or p.has_normalised_time)]
-    remarks = (
-        (
-            several,
-            "pairs and several stages per element, whose forces cannot make a velocity jump. If there are impacts, "
-            "take stages=1, or two phases with a jump between them.",
-        ),
-        (
-            unfree,
-            "nothing to choose, and pairs: simulate() finds its motion element by element. "
-            "phase.initialize(phase.simulate()) makes it the initial guess.",
-        ),
-    )
-    named = [(", ".join(f"'{phase.name}'" for phase in found), said) for found, said in remarks if found]
-    return [f"Phase {names} has {said}" for names, said in named]
+    with_pairs = [p for p in phases_of(model) if any(True for _ in p.component_data_objects(PAIR_TYPES, active=True))]
+    if several := [f"'{phase.name}'" for phase in with_pairs if phase.grid.scheme.stages > 1]:
+        yield (
+            f"Phase {', '.join(several)} has pairs and several stages per element, whose forces cannot make a velocity "
+            "jump. If there are impacts, take stages=1, or two phases with a jump between them."
+        )
+    for phase in with_pairs:
+        if not (phase.record.names(Control) or phase.record.names(Parameter) or phase.has_normalised_time):
+            yield (
+                f"Phase '{phase.name}' has nothing to choose, and pairs: simulate() finds its motion element by "
+                "element. phase.initialize(phase.simulate()) makes it the initial guess."
+            )

@@ -14,7 +14,7 @@ import numpy as np
 from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.complementarity import active_sources
-from pyrobocop_pyomo.diagnosis.undefined_rows import named_undefined_rows
+from pyrobocop_pyomo.diagnosis.values import named_undefined_rows
 from pyrobocop_pyomo.errors import ComplementarityError, ModelError, PyRobocopError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
 from pyrobocop_pyomo.modeling.deadline import Deadline

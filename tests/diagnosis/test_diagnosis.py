@@ -27,27 +27,11 @@ def pushing(**options: Any) -> pyo.ConcreteModel:
     b.x, b.v = rcp.State(initial=0, final=1), rcp.State(initial=0)
     b.stop = rcp.Algebraic(bounds=(0, None))
     b.u = rcp.Control(bounds=(-50, 50))
-    b.ode(motion)
-    b.complementarity(wall)
-    b.constraint(strong)
-    m.cost = pyo.Objective(expr=b.integral(effort))
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] - b.stop[t]})
+    b.complementarity(lambda b, t: rcp.complements(2 - b.x[t] >= 0, b.stop[t] >= 0))
+    b.constraint(lambda b, t: 1e7 * b.u[t] <= 4e8)
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
     return m
-
-
-def motion(b: Any, t: float) -> Any:
-    return {b.x: b.v[t], b.v: b.u[t] - b.stop[t]}
-
-
-def wall(b: Any, t: float) -> Any:
-    return rcp.complements(2 - b.x[t] >= 0, b.stop[t] >= 0)
-
-
-def strong(b: Any, t: float) -> Any:
-    return 1e7 * b.u[t] <= 4e8
-
-
-def effort(b: Any, t: float) -> Any:
-    return b.u[t] ** 2
 
 
 def test_counts_are_those_of_the_model() -> None:

@@ -10,7 +10,7 @@ from mechanism_pictures import draw_linkage, draw_planar_pushing
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.plotting import plot_history, plot_signals
+from pyrobocop_pyomo.plotting import plot_signals
 from pyrobocop_pyomo.plotting.figures import evenly_moved
 
 pytest.importorskip("matplotlib")
@@ -103,7 +103,7 @@ def test_the_history_has_every_run_and_marks_the_returned_one(result):
     assert list(objective.get_xdata()) == list(ends)
     assert list(objective.get_ydata()) == [step.objective for step in result.steps]
     (marked,) = [line for line in upper.lines if line.get_label() == "returned point"]
-    assert marked.get_xdata()[0] == ends[result.best_step]
+    assert marked.get_xdata()[0] == ends[result.best.number]
     names = {line.get_label() for line in lower.lines}
     assert {"delta", "mu", "largest product", "largest |min(first, second)|"} <= names
     delta = next(line for line in lower.lines if line.get_label() == "delta")
@@ -111,19 +111,6 @@ def test_the_history_has_every_run_and_marks_the_returned_one(result):
     assert list(delta.get_ydata())[: len(path)] == path
     assert lower.get_yscale() == "log"
     figure.canvas.draw()
-
-
-def test_runs_of_one_kind_share_a_line_of_the_list():
-    labels = ["a", "a", "b", "a"]
-    figure = plot_history("t", np.arange(1.0, 5.0), labels, np.arange(4.0), {}, {}, 3)
-    texts = [text.get_text() for text in figure.axes[0].texts]
-    assert "1-2 a\n3 b\n4 a" in texts
-
-
-def test_many_kinds_of_runs_are_cut_short():
-    labels = [f"kind {i}" for i in range(20)]
-    figure = plot_history("t", np.arange(1.0, 21.0), labels, np.arange(20.0), {}, {}, 0)
-    assert figure.axes[0].texts[-1].get_text().endswith("... 20 runs")
 
 
 # --------------------------------------------------------------------

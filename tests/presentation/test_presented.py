@@ -17,9 +17,9 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.presentation import (
     Html,
     Presented,
+    as_html,
     disclosed_text,
     facts_table,
-    page,
     table,
 )
 from pyrobocop_pyomo.solving import StopReason
@@ -56,9 +56,8 @@ def cart() -> Any:
 
 @given(NAMES, NUMBERS)
 def test_cells_hold_names_and_numbers_and_escape_them(name: str, number: float) -> None:
-    html = page(
-        name, table(("what", "value"), [(name, number)]), facts_table({name: number}), disclosed_text("x", name)
-    )
+    parts = table(("what", "value"), [(name, number)]), facts_table({name: number}), disclosed_text("x", name)
+    html = as_html(name, "", parts)
     texts = in_order(html)
     assert "".join(texts).count(name) >= 4
     assert texts.count(f"{number:.6g}") == 2
@@ -168,34 +167,25 @@ def test_a_subclass_that_is_a_dataclass_keeps_the_short_line() -> None:
 # Variables over time and declarations show themselves by what the user knows of them.
 
 
-def model() -> pyo.ConcreteModel:
-    m = pyo.ConcreteModel()
-    m.go = b = rcp.PhaseBlock(duration=2.0, elements=3)
-    b.x = rcp.State(initial=-1.0, final=3.0)
-    b.arm = rcp.State(index=2, initial=0.0)
-    b.u = rcp.Control(parametrization="piecewise_linear")
-    return m
-
-
 def test_a_variable_over_time_shows_its_range() -> None:
-    m = model()  # a block does not keep its model alive
-    b = m.go
-    b.force = rcp.Control()
-    b.force.set_values(dict.fromkeys(b.force))
-    assert repr(b.force).endswith("times, no values yet>")
-    for t in b.x:
-        b.x[t].set_value(2.0 * t - 1.0, skip_validation=True)
-    assert repr(b.x) == f"<SignalVar: 'go.x' at {len(b.x)} times, -1 .. 3>"
-    assert str(b.x) == "go.x"
+    m = cart()  # a block does not keep its model alive
+    b = m.cart
+    b.push = rcp.Control()
+    b.push.set_values(dict.fromkeys(b.push))
+    assert repr(b.push).endswith("times, no values yet>")
+    for t in b.position:
+        b.position[t].set_value(2.0 * t - 1.0, skip_validation=True)
+    assert repr(b.position) == f"<SignalVar: 'cart.position' at {len(b.position)} times, -1 .. 3>"
+    assert str(b.position) == "cart.position"
 
 
 def test_all_that_a_phase_holds_shows_itself() -> None:
-    m = model()  # a block does not keep its model alive
-    b = m.go
+    m = cart()  # a block does not keep its model alive
+    b = m.cart
     for variable in b.component_objects(pyo.Var):
         assert len(repr(variable)) < 200
-    assert "'go.u'" in repr(b.u)
-    assert "<strong>" in b.u._repr_html_()
+    assert "'cart.force'" in repr(b.force)
+    assert "<strong>" in b.force._repr_html_()
 
 
 @given(st.dictionaries(st.sampled_from(["initial", "final", "initial_guess"]), st.floats(-9, 9), min_size=1))

@@ -43,7 +43,7 @@ def test_three_digits_are_right_and_the_result_says_on_which_mesh(exact: float) 
     assert not result.discretisation.is_large
     assert m.p.grid.mesh.elements > 4
     assert any(f"{m.p.grid.mesh.elements} elements" in remark for remark in result.remarks)
-    assert result.best_step == len(result.steps) - 1
+    assert result.best.number == len(result.steps) - 1
     assert [step.number for step in result.steps] == list(range(len(result.steps)))
 
 

@@ -90,5 +90,5 @@ def test_motion_without_choice_is_told_to_be_simulated():
     rcp.solve(m, progress=False).raise_for_status()
     chosen = dropped(push=rcp.Control())
     chosen.fall.complementarity(lambda b, t: rcp.complements(b.height[t] >= 0, b.force[t] >= 0), name="floor")
-    assert not remarks_on_phases_with_pairs(chosen)
-    assert not remarks_on_phases_with_pairs(dropped())  # no pairs
+    assert not list(remarks_on_phases_with_pairs(chosen))
+    assert not list(remarks_on_phases_with_pairs(dropped()))  # no pairs

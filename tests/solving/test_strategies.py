@@ -225,7 +225,7 @@ def test_an_interrupted_climb_keeps_the_best_point_and_the_model(backend: str, m
     assert not result.solved
     values = {each.name: each for each in result.residuals}
     assert max(each.product for each in values.values()) == pytest.approx(
-        result.steps[result.best_step].largest_product
+        result.steps[result.best.number].largest_product
     )
 
 
