@@ -11,8 +11,7 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 from pyomo.core.expr.numvalue import native_types
 
-from pyrobocop_pyomo.complementarity.absolute_values import has_kink, is_smooth_product
-from pyrobocop_pyomo.complementarity.switched_products import is_zero_product
+from pyrobocop_pyomo.complementarity.absolute_values import has_kink, is_smooth_product, is_zero_product
 from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, as_read, follows_rule
 
 from .findings import Finding, Subject, warning_about
