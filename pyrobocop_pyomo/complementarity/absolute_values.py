@@ -1,9 +1,13 @@
-"""The transformation `pyrobocop.absolute_values_to_complementarity`: absolute values become two parts, reversibly."""
+"""The transformation `pyrobocop.absolute_values_to_complementarity`: absolute values become two parts, reversibly.
+
+What a product says by its factors, and where it is zero or smooth, is found by structure.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any
 
 from pyomo.core.base import TransformationFactory
@@ -21,13 +25,13 @@ from pyomo.core.expr.numeric_expr import (
 from pyomo.core.expr.numvalue import native_types, value
 from pyomo.core.expr.visitor import replace_expressions
 
+from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
 from pyrobocop_pyomo.modeling.expressions import holds_variable, is_plain_variable, same_expression
 from pyrobocop_pyomo.modeling.shared_nodes import nodes_of
 
 from .component import Complementarity, index_without_time
 from .replaced_rows import RowReplacement
 from .statement import complements
-from .switched_products import interval_of, without_number
 
 
 @dataclass
@@ -181,3 +185,44 @@ def _sign_of(factor: Any) -> int:
     """1 where a factor is never negative, -1 where it is never positive, 0 where nothing is known."""
     least, most = interval_of(factor)
     return 1 if least >= 0.0 else -1 if most <= 0.0 else 0
+
+
+def is_zero_product(row: Any) -> bool:
+    """Whether a row says that the product of two factors with variables is zero.
+
+    Such are ``a * b == 0`` and, where no factor is negative by the bounds of its variables, ``a * b <= 0``. Numbers
+    before the product are left out.
+    """
+    lower, upper = (_finite(bound) for bound in (row.lower, row.upper))
+    body = without_number(row.body)
+    if upper != 0.0 or lower not in (0.0, None) or not isinstance(body, ProductExpression):
+        return False
+    if lower is None and not (body is row.body and all(interval_of(factor)[0] >= 0.0 for factor in body.args)):
+        return False
+    first, second = map(without_number, body.args)
+    return holds_variable(first) and holds_variable(second) and first is not second
+
+
+def interval_of(expression: Any) -> tuple[float, float]:
+    """By interval arithmetic, from the declared bounds of variables: fixed ones may be freed again."""
+    return ExpressionBounds(use_fixed_var_values_as_bounds=False).walk_expression(expression)
+
+
+def without_number(expression: Any) -> Any:
+    """An expression without its sign and the number before it; as it is where that number is zero or unknown."""
+    while expression.__class__ not in native_types and expression.is_expression_type():
+        if isinstance(expression, NegationExpression):
+            expression = expression.arg(0)
+        elif isinstance(expression, ProductExpression) and _finite(expression.arg(0)):
+            expression = expression.arg(1)
+        else:
+            break
+    return expression
+
+
+def _finite(number: Any) -> float | None:
+    """The value of what holds no variable, where it is finite."""
+    if number is None or holds_variable(number):
+        return None
+    known = value(number, exception=False)
+    return None if known is None or not isfinite(known) else float(known)

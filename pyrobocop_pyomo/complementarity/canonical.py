@@ -31,10 +31,6 @@ class CanonicalPair:
         Nonnegative where the sides hold; a bare variable where its bound is zero.
     a_row, b_row : relational expression or None
         The constraint that keeps the side nonnegative; None where a variable's own bound does it.
-    group : hashable or None
-        Label of the group that the pair belongs to.
-    weight : number or Pyomo expression
-        Measure of the pair in a penalty.
     b_part : SidePart
         Which part of ``b`` belongs to the pair. Of a range ``l <= F <= u ⟂ H``, the first pair couples F - l with the
         positive part of H, the second u - F with the negative one. ``b`` is H in both, of any sign.
@@ -49,11 +45,19 @@ class CanonicalPair:
     b: Any
     a_row: Any
     b_row: Any
-    group: Hashable
-    weight: Any
     b_part: SidePart = SidePart.WHOLE
     role: str = ""
     a_part: SidePart = SidePart.WHOLE
+
+    @property
+    def group(self) -> Hashable | None:
+        """Label of the group that the pair belongs to, as it was declared."""
+        return getattr(self.source, "group", None)
+
+    @property
+    def weight(self) -> Any:
+        """Measure of the pair in a penalty, as it was declared: a number or an expression of parameters."""
+        return getattr(self.source, "weight", 1)
 
     @property
     def name(self) -> str:

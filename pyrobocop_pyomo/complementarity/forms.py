@@ -6,7 +6,6 @@ side is free. More or fewer bounds are refused.
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from typing import Any
 
 from pyomo.core.expr import EqualityExpression
@@ -25,8 +24,6 @@ def form_of(
     first: Any,
     second: Any,
     choices: tuple[str | None, str | None] = (None, None),
-    group: Hashable = None,
-    weight: Any = 1,
 ) -> CanonicalForm:
     """Bring two sides into canonical form.
 
@@ -38,27 +35,23 @@ def form_of(
         The sides as the user wrote them.
     choices : pair of {None, "lower", "upper", "free"}
         Which bound of a plain variable is meant.
-    group : hashable, optional
-        Label of the group that the pairs belong to.
-    weight : number or Pyomo expression, optional
-        Measure of the pairs in a penalty.
 
     Raises
     ------
     ComplementarityError
         If the sides do not have two finite bounds together, or bounds that nothing can meet.
     """
+    check_sides(first, second, choices, source)
     a, b = read_side(first, choices[0], source), read_side(second, choices[1], source)
     if choices[1] == ANY_SIGN:
-        return _any_sign(a, b, source, group, weight)
+        return _any_sign(a, b, source)
     if a.bounds == b.bounds == 1:
         _refuse_contradiction(a, b, source)
         row = _decided_row(a, b)
         if row is not None:
             return CanonicalForm(source, (), (row,))
-        pair = CanonicalPair(source, *_columns(_only(a), _only(b)), group, weight)
+        pair = CanonicalPair(source, *_columns(_only(a), _only(b)))
         return CanonicalForm(source, (pair,))
-    check_sides(first, second, choices, source)
     bounded, other = (b, a) if second.__class__ is EqualityExpression or a.bounds < b.bounds else (a, b)
     if bounded.given.__class__ is EqualityExpression:
         return CanonicalForm(source, (), (bounded.given,))
@@ -69,11 +62,11 @@ def form_of(
         raise four_bounds(a.given, b.given, source)
     _refuse_crossed(bounded, source)
     if other.bounds == 1:
-        return _implied_side(bounded, other, source, group, weight)
-    return _range(bounded, other.body, source, group, weight)
+        return _implied_side(bounded, other, source)
+    return _range(bounded, other.body, source)
 
 
-def _range(side: ParsedSide, free: Any, source: Any, group: Hashable, weight: Any) -> CanonicalForm:
+def _range(side: ParsedSide, free: Any, source: Any) -> CanonicalForm:
     """``l <= F <= u ⟂ H``: F is at l where H > 0 and at u where H < 0."""
     if all(bound.__class__ in native_numeric_types for bound in (side.lower, side.upper)) and side.lower == side.upper:
         # Not for parameters, which may move apart.
@@ -83,14 +76,14 @@ def _range(side: ParsedSide, free: Any, source: Any, group: Hashable, weight: An
     return CanonicalForm(
         source,
         (
-            CanonicalPair(source, lower, free, lower_row, None, group, weight, SidePart.POSITIVE, "lower"),
-            CanonicalPair(source, upper, free, upper_row, None, group, weight, SidePart.NEGATIVE, "upper"),
+            CanonicalPair(source, lower, free, lower_row, None, SidePart.POSITIVE, "lower"),
+            CanonicalPair(source, upper, free, upper_row, None, SidePart.NEGATIVE, "upper"),
         ),
         between=(side.lower, side.body, side.upper),
     )
 
 
-def _any_sign(side: ParsedSide, free: ParsedSide, source: Any, group: Hashable, weight: Any) -> CanonicalForm:
+def _any_sign(side: ParsedSide, free: ParsedSide, source: Any) -> CanonicalForm:
     """``F >= l`` and ``(F - l) H = 0``, with both parts of H: only where one of these is zero are they its parts."""
     if side.bounds == 0:
         raise _too_few(side, source)
@@ -104,14 +97,14 @@ def _any_sign(side: ParsedSide, free: ParsedSide, source: Any, group: Hashable, 
     return CanonicalForm(
         source,
         (
-            CanonicalPair(source, a, h, row, None, group, weight, positive, "positive"),
-            CanonicalPair(source, a, h, row, None, group, weight, negative, "negative"),
-            CanonicalPair(source, h, h, None, None, group, weight, negative, "sign", positive),
+            CanonicalPair(source, a, h, row, None, positive, "positive"),
+            CanonicalPair(source, a, h, row, None, negative, "negative"),
+            CanonicalPair(source, h, h, None, None, negative, "sign", positive),
         ),
     )
 
 
-def _implied_side(side: ParsedSide, signed: ParsedSide, source: Any, group: Hashable, weight: Any) -> CanonicalForm:
+def _implied_side(side: ParsedSide, signed: ParsedSide, source: Any) -> CanonicalForm:
     """``l <= F <= u ⟂ H >= 0``: the sign of H says that only the lower bound can be the one that is met."""
     if side.is_variable:
         raise ComplementarityError(
@@ -131,7 +124,7 @@ def _implied_side(side: ParsedSide, signed: ParsedSide, source: Any, group: Hash
         met, far = above_lower(side), below_upper(side)
     else:
         met, far = below_upper(side), above_lower(side)
-    pair = CanonicalPair(source, *_columns(met, _only(signed)), group, weight)
+    pair = CanonicalPair(source, *_columns(met, _only(signed)))
     return CanonicalForm(source, (pair,), () if far[1] is None else (far[1],))
 
 

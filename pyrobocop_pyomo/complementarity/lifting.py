@@ -12,8 +12,7 @@ from pyrobocop_pyomo.modeling.expressions import is_plain_variable
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan
 
 from .canonical import CanonicalForm, CanonicalPair, SidePart
-from .generated import GeneratedBlock
-from .record import RelaxedPair
+from .record import RelaxationRecord, RelaxedPair
 from .units import without_units
 
 
@@ -91,10 +90,10 @@ def part_values(side: Any) -> tuple[float, float]:
     return (number if number > 0 else 0.0), (-number if number < 0 else 0.0)
 
 
-def relaxed_pairs(place: GeneratedBlock, form: CanonicalForm) -> list[RelaxedPair]:
+def relaxed_pairs(record: RelaxationRecord, form: CanonicalForm) -> list[RelaxedPair]:
     """Choose the expressions of the sides of a statement, and state the rows that keep their signs."""
     for row in form.rows:
-        place.put_row("sides", row, [form.source])
+        record.put_row("sides", row, [form.source])
     parts: dict[SidePart, Any] = {}
     found: list[RelaxedPair] = []
     for pair in form.pairs:
@@ -103,29 +102,29 @@ def relaxed_pairs(place: GeneratedBlock, form: CanonicalForm) -> list[RelaxedPai
         elif found and pair.a is found[0].pair.a:
             a = found[0].a
         else:
-            a = _side(place, form, pair.a, pair.a_row)
+            a = _side(record, form, pair.a, pair.a_row)
         if pair.b_part is SidePart.WHOLE:
-            b = _side(place, form, pair.b, pair.b_row)
+            b = _side(record, form, pair.b, pair.b_row)
         else:
-            parts = parts or _parts(place, form, pair.b)
+            parts = parts or _parts(record, form, pair.b)
             b = parts[pair.b_part]
         found.append(RelaxedPair(pair, a, b))
     return found
 
 
-def _side(place: GeneratedBlock, form: CanonicalForm, side: Any, row: Any) -> Any:
+def _side(record: RelaxationRecord, form: CanonicalForm, side: Any, row: Any) -> Any:
     """Return the expression of one side in the generated rows."""
-    if place.record.lift and side_variable(side) is None:
-        variable = place.put_variable(part_values(side)[0])
-        place.put_row("definitions", variable == without_units(side), [form.source])
+    if record.lift and side_variable(side) is None:
+        variable = record.put_variable(part_values(side)[0])
+        record.put_row("definitions", variable == without_units(side), [form.source])
         return variable
     if row is not None:
-        place.put_row("sides", row, [form.source])
+        record.put_row("sides", row, [form.source])
     return side
 
 
-def _parts(place: GeneratedBlock, form: CanonicalForm, side: Any) -> dict[SidePart, Any]:
+def _parts(record: RelaxationRecord, form: CanonicalForm, side: Any) -> dict[SidePart, Any]:
     """Two variables for the parts of a free side, whatever the option `lift`: no expression is smooth at zero."""
-    positive, negative = map(place.put_variable, part_values(side))
-    place.put_row("definitions", positive - negative == without_units(side), [form.source])
+    positive, negative = map(record.put_variable, part_values(side))
+    record.put_row("definitions", positive - negative == without_units(side), [form.source])
     return {SidePart.POSITIVE: positive, SidePart.NEGATIVE: negative}

@@ -38,7 +38,7 @@ def canonical_form(source: Any) -> CanonicalForm:
     """
     if source.ctype is Complementarity:
         first, second = source.args
-        return form_of(source, first, second, source.bounds, source.group, source.weight)
+        return form_of(source, first, second, source.bounds)
     # The sides of pyomo.mpec have no public name; its own standard form would change the block.
     sides = getattr(source, "_args", None)
     if sides is None:

@@ -14,7 +14,7 @@ from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES, outermost_inactive
 from pyrobocop_pyomo.modeling.expressions import new_leaves
 
 from .canonical import CanonicalForm
-from .pairs import as_targets
+from .pairs import as_targets, home_of
 from .record import records_above, records_below
 
 
@@ -72,6 +72,19 @@ def refuse_second_delta(model: Any) -> None:
             raise ComplementarityError(
                 f"'{model.name}': pairs of '{record.main.parent_block().name}' are relaxed already, with a delta "
                 f"of their own on '{record.main.name}'. {remedy}"
+            )
+
+
+def refuse_disjuncts(model: Any, sources: Iterable[Any]) -> None:
+    """Refuse pairs that hold only where a disjunct is chosen."""
+    blocks = {id(source.parent_block()): source for source in sources}  # looked up once for each block
+    for source in blocks.values():
+        home = home_of(source.parent_block(), model)
+        if home is not model:
+            raise ComplementarityError(
+                f"'{source.name}': lies in the disjunct '{home.name}', and the rows of a relaxation hold whether or "
+                "not it is chosen. Choose first, by gdp.fix_disjuncts, or make the pair a choice in it, by "
+                "pyrobocop.complementarity_to_disjunctions."
             )
 
 

@@ -9,9 +9,12 @@ from typing import Any
 from pyomo.common.autoslots import AutoSlots
 from pyomo.common.collections import ComponentMap
 from pyomo.core.base.block import Block
+from pyomo.core.base.constraint import ConstraintData
+from pyomo.core.base.var import VarData
 
 from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES, enclosing_blocks
+from pyrobocop_pyomo.modeling.bulk_parts import new_row, new_variable, put_part
 
 from .canonical import CanonicalForm, CanonicalPair
 
@@ -39,13 +42,10 @@ class PairGroup:
 
     Attributes
     ----------
-    home : Block
-        The model or a disjunct.
     rows : sequence of ConstraintData
         Relax the products, in their order; none where the products are in the penalty term.
     """
 
-    home: Any
     pairs: Sequence[RelaxedPair]
     rows: Sequence[Any]
 
@@ -68,9 +68,7 @@ class RelaxationRecord(AutoSlots.Mixin):
     Attributes
     ----------
     main : Block or None
-        The generated block that holds delta; None on a block that this package did not generate.
-    blocks : ComponentMap
-        From the model, and from each disjunct with pairs of its own, to the generated block there.
+        The generated block; None on a block that this package did not generate.
     penalises_products : bool
         The objective has the products themselves as a term.
     shifts : bool
@@ -92,9 +90,30 @@ class RelaxationRecord(AutoSlots.Mixin):
         self.lift = False
         self.objective: Any = None
         self.groups: list[PairGroup] = []
-        self.blocks = ComponentMap()
         self.statements = ComponentMap()
         self.origins: dict[tuple[str, int], list[Any]] = {}
+
+    @property
+    def bound(self) -> Any:
+        """Bound of the products: delta, or the variable of the penalty term."""
+        return self.main.delta if self.main.component("excess") is None else self.main.excess
+
+    def put_row(self, name: str, expression: Any, sources: list[Any]) -> ConstraintData:
+        """Make a row, put it into its component, and remember its sources."""
+        component = self.main.component(name)
+        position = len(component)
+        row = new_row(component, position, expression)
+        self.origins[name, position] = sources
+        for source in sources:
+            self.statements[source].rows += (row,)
+        return row
+
+    def put_variable(self, start: float) -> VarData:
+        """Make a nonnegative variable that stands for a side."""
+        lifted = self.main.lifted
+        variable = new_variable(lifted, 0, start)
+        put_part(lifted, len(lifted), variable)
+        return variable
 
     @property
     def relaxed_pairs(self) -> Iterator[RelaxedPair]:
@@ -116,7 +135,7 @@ def record_on(block: Any) -> RelaxationRecord | None:
         # The name is looked at first so that no private data appear on blocks of the user.
         if component.local_name.startswith(BLOCK_NAME) and not component.is_indexed():
             record = record_of(component)
-            if record.main is component:
+            if record.main is not None:
                 return record
     return None
 

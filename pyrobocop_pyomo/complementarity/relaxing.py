@@ -20,12 +20,12 @@ from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.modeling.activity import deactivate, is_inside, outermost_inactive
 
 from .canonical import CanonicalPair
-from .group_rows import crossings
 from .grouping import Grouping, as_grouping
 from .lifting import LiftedPair, SideVariable, side_variable
 from .pairs import active_sources, canonical_form
 from .preconditions import (
     only_objective,
+    refuse_disjuncts,
     refuse_foreign_token,
     refuse_leaves,
     refuse_nothing,
@@ -43,7 +43,7 @@ from .record import (
 )
 from .relaxations import ObjectiveTerm, Relaxation, as_relaxation
 from .residuals import PairResidual, pair_residuals
-from .rows import new_record, state_rows
+from .rows import all_products, new_record, state_rows
 
 logger = logging.getLogger(__name__)
 
@@ -111,6 +111,7 @@ def relax(
         refuse_second_delta(model)
         objective = only_objective(model) if isinstance(chosen, ObjectiveTerm) else None
         forms = [canonical_form(source) for source in sources]
+        refuse_disjuncts(model, sources)
         refuse_leaves(forms)
         record = new_record(delta, chosen, groups, bool(lift), objective)
         state_rows(record, model, forms)
@@ -139,8 +140,7 @@ def revert(model: Any, token: RelaxationToken | None = None) -> None:
     if record is None or (token is not None and record.main is not token.block):
         raise ComplementarityError(f"'{model.name}': nothing to revert; it is not relaxed, or was reverted before.")
     with PauseGC():
-        for block in record.blocks.values():
-            block.parent_block().del_component(block)
+        model.del_component(record.main)
         if record.objective is not None:
             record.objective.activate()
         for source in record.statements:
@@ -180,8 +180,8 @@ def crossed_pairs_of(model: Any) -> list[tuple[CanonicalPair, CanonicalPair]]:
     return [
         (product.a_pair.pair, product.b_pair.pair)
         for record in records_below(model)
-        for group in record.groups
-        for product in crossings(record, group.pairs)
+        for product in all_products(record)
+        if product.a_pair is not product.b_pair
     ]
 
 
@@ -261,17 +261,16 @@ def _as_variable(side: Any) -> SideVariable:
 
 
 def _rows_seen(record: RelaxationRecord, model: Any) -> Iterator[Any]:
-    """The active rows of products whose generated block a solver sees."""
-    active = model.active
-    seen = {id(home) for home, block in record.blocks.items() if active and outermost_inactive(block, model) is None}
-    return (row for group in record.groups if id(group.home) in seen for row in group.rows if row.active)
+    """The active rows of products, where a solver sees their generated block."""
+    seen = model.active and outermost_inactive(record.main, model) is None
+    return (row for group in record.groups if seen for row in group.rows if row.active)
 
 
 def _record_of_row(row: Any) -> RelaxationRecord | None:
     if not row.parent_block().local_name.startswith(BLOCK_NAME):
         return None  # no private data appear on blocks of the user
-    block = record_of(row.parent_block()).main
-    return None if block is None else record_of(block)
+    record = record_of(row.parent_block())
+    return None if record.main is None else record
 
 
 @TransformationFactory.register(
@@ -281,8 +280,8 @@ class RelaxComplementarity(Transformation):
     """Replace complementarity pairs by rows ``a * b <= delta`` that any nonlinear solver can hold.
 
     Pairs of this package and of `pyomo.mpec` are taken. They are deactivated and never changed. What is
-    generated sits on one block with the mutable parameter ``delta``; only the rows of pairs inside a
-    `Disjunct` sit on a block in that disjunct, so that they hold only where it is chosen.
+    generated sits on one block with the mutable parameter ``delta``. Pairs inside a `Disjunct` are refused: its rows
+    would hold whether or not it is chosen.
 
     Options of ``apply_to`` and ``create_using``: ``relaxation`` (a name such as "scholtes" or "penalty", or an
     object), ``grouping`` ("pair", "element" or an object), ``delta`` (first value, 1e-2), ``lift`` (False) and

@@ -1,23 +1,44 @@
-"""Building the generated rows of a relaxed model."""
+"""Building the generated block of a relaxed model: rows that bound products, rows of sides, and the penalty term."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from pyomo.common.modeling import unique_component_name
-from pyomo.core import Block, NonNegativeReals, Param, Var
+from pyomo.core import Block, Constraint, Objective, Param, Var, minimize, quicksum
+from pyomo.core.base.set import NonNegativeIntegers, NonNegativeReals
 
 from pyrobocop_pyomo.errors import ComplementarityError
 
 from .canonical import CanonicalForm
-from .generated import GeneratedBlock
-from .group_rows import objective_with_penalty, rows_of_group
 from .lifting import relaxed_pairs
-from .pairs import home_of
 from .record import BLOCK_NAME, PairGroup, RelaxationRecord, RelaxedPair, RelaxedStatement, record_of
 from .relaxations import ObjectiveTerm
+from .units import in_units_of, without_units
+
+
+class Product(NamedTuple):
+    """A product of a side of one pair and a side of another one; nearly always of the two sides of one pair."""
+
+    a_pair: RelaxedPair
+    b_pair: RelaxedPair
+
+    @property
+    def a(self) -> Any:
+        """First factor."""
+        return without_units(self.a_pair.a)
+
+    @property
+    def b(self) -> Any:
+        """Second factor."""
+        return without_units(self.b_pair.b)
+
+    @property
+    def weight(self) -> Any:
+        """Weight of the pair; of two, the mean."""
+        first, second = self.a_pair.pair.weight, self.b_pair.pair.weight
+        return first if self.a_pair is self.b_pair else (first + second) / 2
 
 
 def new_record(delta: float, relaxation: Any, grouping: Any, lift: bool, objective: Any) -> RelaxationRecord:
@@ -28,6 +49,10 @@ def new_record(delta: float, relaxation: Any, grouping: Any, lift: bool, objecti
     excess = getattr(relaxation, "excess_bound", None)
     if excess is not None:
         block.excess = Var(bounds=(0, excess), initialize=min(1.0, excess), doc="bound of the products, paid for")
+    block.rows = Constraint(NonNegativeIntegers, doc="bound the products")
+    block.sides = Constraint(NonNegativeIntegers, doc="keep the signs of the sides")
+    block.lifted = Var(NonNegativeIntegers, dense=False, doc="stand for sides that are no variables")
+    block.definitions = Constraint(NonNegativeIntegers, doc="define the lifted variables")
     record = record_of(block)
     record.main = block
     record.relaxation = relaxation
@@ -44,36 +69,16 @@ def new_record(delta: float, relaxation: Any, grouping: Any, lift: bool, objecti
 def state_rows(record: RelaxationRecord, model: Any, forms: Sequence[CanonicalForm]) -> None:
     """State the rows of the statements, or terms of the objective.
 
-    All that can fail is done on blocks that are no part of the model yet.
+    All that can fail is done on a block that is no part of the model yet.
     """
-    by_home: dict[int, tuple[Any, list[RelaxedStatement]]] = {id(model): (model, [])}
-    homes: dict[int, Any] = {}  # by the block of a statement: looking it up each time would take as long as a row
     for form in forms:
         statement = record.statements[form.source] = RelaxedStatement(form)
-        parent = form.source.parent_block()
-        if id(parent) not in homes:
-            homes[id(parent)] = home_of(parent, model)
-        home = homes[id(parent)]
-        by_home.setdefault(id(home), (home, []))[1].append(statement)
-    counts: Counter[str] = Counter()
-    for home, statements in by_home.values():
-        block = record.blocks[home] = record.main if home is model else Block(concrete=True)
-        record_of(block).main = record.main
-        place = GeneratedBlock(record, block, counts)
-        for statement in statements:
-            statement.pairs = relaxed_pairs(place, statement.form)
-        members = [pair for statement in statements for pair in statement.pairs]
-        if members and home is not model and record.penalises_products:
-            raise ComplementarityError(
-                f"'{members[0].pair.name}': lies in the disjunct '{home.name}', and a term of the objective would "
-                "count whether or not the disjunct is chosen. Bound the products instead, for example by 'scholtes'."
-            )
-        for pairs in _grouped(record, model, members):
-            record.groups.append(PairGroup(home, pairs, rows_of_group(place, pairs)))
+        statement.pairs = relaxed_pairs(record, form)
+    for pairs in _grouped(record, model, list(record.relaxed_pairs)):
+        record.groups.append(PairGroup(pairs, _rows_of_group(record, pairs)))
     if isinstance(record.relaxation, ObjectiveTerm):
-        record.main.objective = objective_with_penalty(record)
-    for home, block in record.blocks.items():
-        home.add_component(unique_component_name(home, BLOCK_NAME), block)
+        record.main.objective = _objective_with_penalty(record)
+    model.add_component(unique_component_name(model, BLOCK_NAME), record.main)
     if record.objective is not None:
         record.objective.deactivate()
 
@@ -90,3 +95,67 @@ def _grouped(record: RelaxationRecord, model: Any, members: list[RelaxedPair]) -
             f"of {len(members)} pairs. A grouping returns every pair once."
         )
     return ([relaxed[id(pair)] for pair in pairs] for _, pairs in groups)
+
+
+def _products(record: RelaxationRecord, pairs: Sequence[RelaxedPair]) -> list[list[Product]]:
+    """The products of a group, in lists that share one bound each."""
+    formed = getattr(record.grouping, "products", None)
+    if formed is None:
+        return [[Product(pair, pair) for pair in pairs]]
+    known = {id(pair.pair): pair for pair in pairs}
+    try:
+        return [[Product(known[id(a)], known[id(b)])] for a, b in formed([pair.pair for pair in pairs])]
+    except KeyError:
+        raise ComplementarityError(
+            f"{record.grouping} formed a product of a pair that is not in the group. "
+            "products(pairs) returns a list of (pair of the first factor, pair of the second), of its own pairs."
+        ) from None
+
+
+def all_products(record: RelaxationRecord) -> Iterator[Product]:
+    """The products of all groups."""
+    return (product for group in record.groups for shared in _products(record, group.pairs) for product in shared)
+
+
+def _rows_of_group(record: RelaxationRecord, pairs: Sequence[RelaxedPair]) -> list[Any]:
+    """State the rows that bound the products of a group; none where these are in the penalty term."""
+    if record.penalises_products:
+        return []
+    return [row for shared in _products(record, pairs) for row in _bounds(record, shared)]
+
+
+def _bounds(record: RelaxationRecord, shared: list[Product]) -> Iterator[Any]:
+    relaxation, bound = record.relaxation, record.bound
+    shift = relaxation.shift(bound)
+    if shift is not None:
+        # The shift is the bound of the row and not a term of its body. So the body stays a plain product, which is
+        # quicker to write, and delta moves inside a solve by moving one bound.
+        residuals = [relaxation.residual(product.a, product.b, 0) for product in shared]
+        body = residuals[0] if len(residuals) == 1 else quicksum(residuals)
+        yield record.put_row("rows", body <= shift, _sources(shared))
+        return
+    # Residuals without a shift cannot be added up: each product is bounded by itself.
+    for product in shared:
+        yield record.put_row("rows", relaxation.residual(product.a, product.b, bound) <= 0, _sources([product]))
+
+
+def _sources(shared: list[Product]) -> list[Any]:
+    """The statements that products came from, each once."""
+    sources = [relaxed.pair.source for product in shared for relaxed in product]
+    return list({id(source): source for source in sources}.values())
+
+
+def _objective_with_penalty(record: RelaxationRecord) -> Objective:
+    """The user's objective with the penalty term of all groups."""
+    users, main = record.objective, record.main
+    if record.penalises_products:
+        # A factor of one is dropped by Pyomo itself.
+        amount = quicksum([product.weight * (product.a * product.b) for product in all_products(record)])
+    else:
+        amount = main.excess
+    term = record.relaxation.coefficient(main.delta) * amount
+    if users is None:
+        return Objective(expr=term, sense=minimize)
+    term = in_units_of(term, users)
+    # The user's objective enters by name: what is later assigned to it is followed.
+    return Objective(expr=users + term if users.is_minimizing() else users - term, sense=users.sense)

@@ -187,18 +187,17 @@ class ParsedSide(NamedTuple):
 
 
 def read_side(side: Any, choice: str | None, pair: Any) -> ParsedSide:
-    """Read one side as the user wrote it; `choice` says which bound of a plain variable is meant.
+    """Read one side that `check_sides` accepts; `choice` says which bound of a plain variable is meant.
 
     Raises
     ------
     ComplementarityError
-        If it cannot be a side, if a bound is NaN, has no value or can never be met, or if the chosen bound of a
+        If a bound is NaN, has no value or can never be met, or if the chosen bound of a
         plain variable does not exist.
     """
     kind = side.__class__
-    if kind is InequalityExpression and choice is None and not side.strict:
+    if kind is InequalityExpression:
         return _read_relation(side, pair)
-    check_side(side, choice, pair)
     if kind is EqualityExpression:
         return ParsedSide(side, side.arg(0) - side.arg(1), 0, 0)
     if kind is RangedExpression:
@@ -218,11 +217,8 @@ def _read_relation(side: Any, pair: Any) -> ParsedSide:
     if right_varies:
         bound = _bound(left, "lower", side, pair)
         return ParsedSide(side, right, bound, None, -math.inf if bound is None else None, _own(right))
-    if left_varies:
-        bound = _bound(right, "upper", side, pair)
-        return ParsedSide(side, left, None, bound, math.inf if bound is None else None, _own(left))
-    check_side(side, None, pair)
-    raise AssertionError("check_side refuses a relation without variables")
+    bound = _bound(right, "upper", side, pair)
+    return ParsedSide(side, left, None, bound, math.inf if bound is None else None, _own(left))
 
 
 def _read_variable(variable: Any, choice: str | None, pair: Any) -> ParsedSide:

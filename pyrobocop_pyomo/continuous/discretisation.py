@@ -25,8 +25,7 @@ from .derivatives import (
     substitute_derivatives,
 )
 from .expansion import Family, declaration_of, expand, refuse_what_cannot_grow
-from .holding_rows import HoldingRows
-from .point_values import undecided_parts
+from .holding_rows import HoldingRows, undecided_parts
 from .record import Discretisation, DiscretisationRecord, discretisation_record_of, discretisations_of
 from .shown_values import add_shown_values, clear, find_definitions, find_shown_values
 from .structure import Spot, axis_on, continuous_sets, spots

@@ -17,9 +17,8 @@ from pyomo.gdp import Disjunct, Disjunction
 from pyomo.util.check_units import assert_units_consistent
 
 from pyrobocop_pyomo.complementarity import Complements, canonical_form
-from pyrobocop_pyomo.complementarity.absolute_values import has_kink, is_smooth_product
+from pyrobocop_pyomo.complementarity.absolute_values import has_kink, is_smooth_product, is_zero_product
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES, active_sources
-from pyrobocop_pyomo.complementarity.switched_products import is_zero_product
 from pyrobocop_pyomo.errors import ComplementarityError, ModelError
 from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES
 from pyrobocop_pyomo.modeling.foreign_variables import ONE_MODEL, foreign_read, foreign_variable

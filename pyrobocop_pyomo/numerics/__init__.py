@@ -3,11 +3,6 @@
 from .arrays import Array as Array
 from .arrays import BoolArray as BoolArray
 from .arrays import Indices as Indices
-from .families import explicit as explicit
-from .families import find_scheme as find_scheme
-from .families import gauss_legendre as gauss_legendre
-from .families import lobatto as lobatto
-from .families import radau as radau
 from .lagrange import barycentric_weights as barycentric_weights
 from .lagrange import differentiation_matrix as differentiation_matrix
 from .lagrange import evaluation_matrix as evaluation_matrix
@@ -18,3 +13,8 @@ from .mesh import Grid as Grid
 from .mesh import Mesh as Mesh
 from .remeshing import remesh as remesh
 from .schemes import Scheme as Scheme
+from .schemes import explicit as explicit
+from .schemes import find_scheme as find_scheme
+from .schemes import gauss_legendre as gauss_legendre
+from .schemes import lobatto as lobatto
+from .schemes import radau as radau

@@ -75,8 +75,8 @@ def _reached(unmatched: list[int], incidence: Incidence, partner: Sequence[int])
     return sorted(nodes), sorted(others)
 
 
-def maximum_matching(incidence: Incidence, columns: int, first_come: bool = False) -> Matching:
-    """Match as many rows as possible with a column each that they hold.
+def maximum_matching(incidence: Incidence, columns: int) -> Matching:
+    """Match as many rows as possible with a column each that they hold; of several, those that come first.
 
     Parameters
     ----------
@@ -84,46 +84,31 @@ def maximum_matching(incidence: Incidence, columns: int, first_come: bool = Fals
         The columns that each row holds.
     columns : int
         Number of columns.
-    first_come : bool
-        A row is left over only where the rows before it leave it no column.
 
     Notes
     -----
-    Augmenting paths, shortest first, from each row that a greedy pass leaves over.
+    Shortest augmenting paths from one row after the other: a row is left over only where the rows before it leave it
+    no column.
     """
     column_of = [-1] * len(incidence)
     row_of = [-1] * columns
-    for row, own_columns in enumerate(incidence):
-        free = next((column for column in own_columns if row_of[column] < 0), -1)
-        if free >= 0:
-            column_of[row], row_of[free] = free, row
-        elif first_come:
-            _augment(row, incidence, column_of, row_of)
-    for row in [row for row, column in enumerate(column_of) if column < 0]:
+    for row in range(len(incidence)):
         _augment(row, incidence, column_of, row_of)
     return Matching(incidence, tuple(column_of), tuple(row_of))
 
 
 def _augment(start: int, incidence: Incidence, column_of: list[int], row_of: list[int]) -> None:
     came_from: dict[int, int] = {}  # column -> row that reached it
-    frontier = [start]
-    while frontier:
-        reached = []
-        for row in frontier:
-            for column in incidence[row]:
-                if column in came_from:
-                    continue
-                came_from[column] = row
-                if row_of[column] < 0:
-                    _flip(column, came_from, column_of, row_of)
-                    return
+    reached = [start]
+    for row in reached:  # it grows
+        for column in incidence[row]:
+            if column in came_from:
+                continue
+            came_from[column] = row
+            if row_of[column] >= 0:
                 reached.append(row_of[column])
-        frontier = reached
-
-
-def _flip(column: int, came_from: dict[int, int], column_of: list[int], row_of: list[int]) -> None:
-    while column >= 0:
-        row = came_from[column]
-        before = column_of[row]
-        column_of[row], row_of[column] = column, row
-        column = before
+                continue
+            while column >= 0:  # the path back to the start: each row gives its column to the one before
+                row = came_from[column]
+                column_of[row], row_of[column], column = column, row, column_of[row]
+            return

@@ -163,7 +163,7 @@ class InstantEquations:
     def _match(self, equations: list[_Equation], columns: list[str]) -> Matching:
         position = {name: column for column, name in enumerate(columns)}
         incidence = [sorted(position[name] for name in of.reads if name in position) for of in equations]
-        return maximum_matching(incidence, len(columns), first_come=True)
+        return maximum_matching(incidence, len(columns))
 
     def _only_ties_controls(self, equation: _Equation) -> bool:
         """Whether controls alone stand in it, so that what holds at the points holds between them, or is a choice."""

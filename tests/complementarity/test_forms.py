@@ -8,7 +8,6 @@ import pyomo.mpec as mpec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pyomo.gdp import Disjunct
 
 from pyrobocop_pyomo.complementarity import (
     Complementarity,
@@ -270,7 +269,7 @@ def mixed() -> Any:
         m.part[i].cc = mpec.ComplementarityList(
             rule=[mpec.complements(m.f == m.y[i], m.h), mpec.complements(pyo.inequality(0, m.f, i), m.h)]
         )
-    m.maybe = Disjunct()
+    m.maybe = pyo.Block()
     m.maybe.cc = Complementarity(expr=complements(pyo.inequality(0, m.f, 1), m.h))
     m.maybe.equal = Complementarity(expr=complements(m.f == 1, m.h))
     return m
@@ -289,8 +288,7 @@ def test_every_form_is_relaxed_and_reverted():
         *("family[1]", "family[2]", "range", "signed", "single"),
         *("part[1].cc[2]", "part[2].cc[2]", "maybe.cc"),
     }
-    (equal,) = relax.rows_of(m.maybe.equal)
-    assert equal.parent_block().parent_block() is m.maybe
+    assert len(relax.rows_of(m.maybe.equal)) == 1
 
 
 @pytest.mark.parametrize("options", [{"relaxation": "penalty"}, {"grouping": "element"}, {"lift": True}], ids=str)

@@ -35,17 +35,17 @@ def choice():
     return m
 
 
-def test_a_relaxed_disjunct_can_be_reformulated(choice, relax):
-    relax.apply_to(choice)
-    pyo.TransformationFactory("gdp.bigm").apply_to(choice, bigM=1e3)
-    nl_text(choice)
-
-
-def test_a_penalty_cannot_enter_a_disjunct(choice, relax):
+def test_pairs_in_a_disjunct_are_refused_until_it_is_chosen(choice, relax):
     before = state(choice)
     with pytest.raises(ComplementarityError, match=r"'left\.cc': lies in the disjunct 'left'"):
-        relax.apply_to(choice, relaxation="penalty")
+        relax.apply_to(choice)
     assert state(choice) == before
+    choice.left.indicator_var.fix(True)
+    choice.right.indicator_var.fix(False)
+    pyo.TransformationFactory("gdp.fix_disjuncts").apply_to(choice)
+    relax.apply_to(choice)
+    assert len(relax.shifted_rows_of(choice)) == 2
+    nl_text(choice)
 
 
 @pytest.mark.parametrize(
@@ -91,14 +91,6 @@ def test_the_kkt_conditions_of_pyomo_are_taken(relax):
 
 
 @dataclass(frozen=True)
-class Together:
-    """One name for all pairs."""
-
-    def groups(self, pairs):
-        return [("all", list(pairs))]
-
-
-@dataclass(frozen=True)
 class Forgetful:
     """Loses all pairs but the first."""
 
@@ -106,19 +98,14 @@ class Forgetful:
         return [("first", list(pairs[:1]))]
 
 
-def test_a_group_never_reaches_over_the_edge_of_a_disjunct(choice, relax):
-    choice.right.cc = Complementarity(expr=complements(choice.x, choice.y <= 5, first_bound="lower"))
-    relax.apply_to(choice, grouping=Together())
-    assert len(relax.shifted_rows_of(choice)) == 3
-    assert relax.rows_of(choice.right.cc)[0] is not relax.rows_of(choice.left.cc)[0]
-
-
-def test_a_grouping_that_loses_pairs_is_refused(choice, relax):
-    choice.more = Complementarity(expr=complements(choice.x >= 0, choice.y <= 9))
-    before = state(choice)
+def test_a_grouping_that_loses_pairs_is_refused(relax):
+    m = pyo.ConcreteModel()
+    m.x, m.y = pyo.Var(bounds=(0, None)), pyo.Var(bounds=(0, None))
+    m.pairs = Complementarity([1, 2], rule=lambda m, i: complements(m.x >= 0, m.y <= i))
+    before = state(m)
     with pytest.raises(ComplementarityError, match=r"Forgetful\(\) put 1 pairs into groups, of 2 pairs"):
-        relax.apply_to(choice, grouping=Forgetful())
-    assert state(choice) == before
+        relax.apply_to(m, grouping=Forgetful())
+    assert state(m) == before
 
 
 # --------------------------------------------------------------------

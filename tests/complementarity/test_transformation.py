@@ -8,7 +8,6 @@ import pyomo.mpec as mpec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pyomo.gdp import Disjunct, Disjunction
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.complementarity import (
@@ -415,25 +414,6 @@ def test_there_and_back(choice, grouping):
         part.stop = mpec.Complementarity(m.I, rule=stop)
     lift = (CHOICES.index(choice) + GROUPING_CHOICES.index(grouping)) % 2 == 0
     round_trip(m, relaxation=choice, grouping=grouping, lift=lift, delta=0.1)
-
-
-@pytest.mark.parametrize(("choice", "grouping"), [pair for pair in COVERING if pair[0] != "penalty"])
-def test_pairs_of_a_disjunct_are_relaxed_there(choice, grouping):
-    m = two_elements()
-    m.one, m.two = Disjunct(), Disjunct()
-    m.one.contact = Complementarity(m.I, rule=lambda _, i: complements(m.gap[i, 1] >= 0, m.force[i, 1] + m.top >= 1))
-    m.either = Disjunction(expr=[m.one, m.two])
-    before = state(m)
-    relax = relaxation()
-    token = relax.apply_to(m, relaxation=choice, grouping=grouping, lift=True)
-    inside = relax.rows_of(m.one.contact[1])
-    assert all(row.parent_block().parent_block() is m.one for row in inside)
-    assert not any(row.parent_block().parent_block() is m.one for row in relax.rows_of(m.contact[1, 1]))
-    m.one.deactivate()
-    assert not set(map(id, inside)) & set(map(id, relax.relaxation_rows_of(m)))
-    m.one.activate()
-    relax.revert(m, token)
-    assert state(m) == before
 
 
 @pytest.mark.asl

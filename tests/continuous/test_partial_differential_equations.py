@@ -154,9 +154,9 @@ def test_exchanger_from_a_cold_start():
 
 @given(st.lists(st.lists(st.integers(0, 5), min_size=1, max_size=3, unique=True), max_size=8))
 @settings(max_examples=50, deadline=None)
-def test_first_come_matching_prefers_the_rows_before(incidence):
+def test_a_matching_prefers_the_rows_before(incidence):
     """As many rows as any matching; and each prefix of the rows is matched as well as it can be alone."""
-    matching = maximum_matching(incidence, 6, first_come=True)
+    matching = maximum_matching(incidence, 6)
     for count in range(len(incidence) + 1):
         alone = maximum_matching(incidence[:count], 6)
         assert sum(c >= 0 for c in matching.column_of[:count]) == count - len(alone.unmatched_rows)
