@@ -16,7 +16,7 @@ from pyomo.core.base.set import Set
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.modeling.blocks import Rule
+from pyrobocop_pyomo.modeling.blocks import Rule, blocks_of_kind
 from pyrobocop_pyomo.motion.clearance_proof import verify_clearance
 from pyrobocop_pyomo.motion.safety_report import SafetyReport
 from pyrobocop_pyomo.presentation import table
@@ -307,6 +307,11 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
                 f"{self._what}: there is no separation {index}. Its separations are in '{self.name}.separations'."
             )
         return self.record.segments[index]
+
+
+def avoidance_blocks(model: Any) -> list[ObstacleAvoidanceBlockData]:
+    """The active avoidance blocks of a model, wherever they are."""
+    return blocks_of_kind(model, ObstacleAvoidanceBlockData)
 
 
 @ModelComponentFactory.register("Bodies that keep clear of obstacles and of each other.")

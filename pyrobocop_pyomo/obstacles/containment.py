@@ -18,7 +18,7 @@ from pyomo.core.expr.numvalue import value
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, Pose
 from pyrobocop_pyomo.geometry.poses import dot
-from pyrobocop_pyomo.modeling.blocks import Rule
+from pyrobocop_pyomo.modeling.blocks import Rule, blocks_of_kind
 from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.motion.clearance_proof import verify_clearance
 from pyrobocop_pyomo.motion.safety_report import BodyPairSafety, SafetyReport
@@ -165,6 +165,11 @@ class ContainmentData(MotionBlockData):
             if moved
             else report
         )
+
+
+def containments(model: Any) -> list[ContainmentData]:
+    """The active containments of a model, wherever they are."""
+    return blocks_of_kind(model, ContainmentData)
 
 
 @ModelComponentFactory.register("A body that stays inside a convex region.")

@@ -1,28 +1,14 @@
-"""One round of planning around obstacles: what was done, what came out, how safe it is, and the way back to it."""
+"""One round of planning around obstacles: what was done, what came out, and how safe it is."""
 
 from __future__ import annotations
 
-import logging
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
-from pyomo.core.expr.numvalue import value
-
-from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.motion import SafetyReport
-from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
-from pyrobocop_pyomo.solving.iterates import Quality, Standing
+from pyrobocop_pyomo.solving.iterates import Quality
 from pyrobocop_pyomo.solving.solve_result import SolveResult
-
-from .planning_point import PlanningPoint
-
-logger = logging.getLogger(__name__)
-
-
-def _cannot_restore() -> None:
-    raise RuntimeError("only rounds of a plan that is being made can be gone back to")
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,10 +32,6 @@ class PlanningRound:
         As `SafetyReport.safe`; False as well where nobody looked.
     seconds : float
         Of the solve.
-    result : SolveResult
-        Of the solve, with its safety; None in the list that a result keeps.
-    restore : callable
-        Puts the point back, with the margins and norms of this round.
     """
 
     purpose: str
@@ -60,8 +42,6 @@ class PlanningRound:
     worst: str
     safe: bool | None
     seconds: float
-    result: Any = field(default=None, repr=False)
-    restore: Callable[[], None] = field(default=_cannot_restore, repr=False)
 
     HEADER: ClassVar[str] = (
         f"{'quality':<10} {'objective':>13} {'iter':>6} {'shortfall':>10} {'safe':>5} {'seconds':>8}  "
@@ -69,61 +49,20 @@ class PlanningRound:
     )
 
     @classmethod
-    def now(
-        cls,
-        purpose: str,
-        model: Any,
-        blocks: list[ObstacleAvoidanceBlockData],
-        regions: list[ContainmentData],
-        result: SolveResult,
-        report: SafetyReport | None,
-    ) -> PlanningRound:
-        """The round that has just been solved, and verified unless there is no report."""
-        safe, worst = (False, None) if report is None else (report.safe, report.worst)
-        shortfall = worst.shortfall if worst is not None else 0.0
-        # A motion that is not proven stands behind every one that is, also where no instant of it is too close, and one
-        # that is clear but not replayed behind those that are.
-        unproven = max(shortfall, worst.tolerance) if worst is not None and safe is False else 0.0
-        lacking = math.ulp(0.0) if safe is None else unproven
-        standing = replace(result.standing, shortfall=lacking)
+    def of(cls, purpose: str, result: SolveResult) -> PlanningRound:
+        """The round that ended with a result, which was verified unless it has no report."""
+        report = result.safety
+        worst = None if report is None else report.worst
         return cls(
-            purpose=purpose,
-            quality=result.quality,
-            objective=result.objective,
-            iterations=result.iterations,
-            shortfall=shortfall,
-            worst=f"{worst.first} - {worst.second}" if worst is not None else "",
-            safe=safe,
-            seconds=result.seconds,
-            result=replace(result, safety=report, standing=standing),
-            restore=way_back(model, blocks, regions),
+            purpose,
+            result.quality,
+            result.objective,
+            result.iterations,
+            0.0 if worst is None else worst.shortfall,
+            "" if worst is None else f"{worst.first} - {worst.second}",
+            False if report is None else report.safe,
+            result.seconds,
         )
-
-    @property
-    def standing(self) -> Standing:
-        """What decides between this round and another one."""
-        return self.result.standing
-
-    @property
-    def is_settled(self) -> bool:
-        """Whether it is a plan to go by, as far as can be known."""
-        safety = self.result.safety
-        return safety is not None and safety.safe is not False and self.quality is not Quality.INFEASIBLE
-
-    @property
-    def is_nearly_safe(self) -> bool:
-        """Whether it is feasible, and too close by its clearance at most: what margins or a finer mesh make safe.
-
-        What was not verified is taken to be: a plan on a finer mesh starts from there.
-        """
-        safety = self.result.safety
-        worst = None if safety is None else safety.worst
-        is_near = safety is None or (worst is not None and worst.shortfall <= worst.clearance)
-        return is_near and self.quality is not Quality.INFEASIBLE
-
-    def record(self) -> PlanningRound:
-        """The same without its result and the way back: what a result keeps, and a pickle can hold."""
-        return replace(self, result=None, restore=_cannot_restore)
 
     def __str__(self) -> str:
         # What was done takes as much room as it needs, at the end.
@@ -134,34 +73,24 @@ class PlanningRound:
         )
 
 
-def _start_at_point(block: ObstacleAvoidanceBlockData) -> None:
-    """Start values of separations that are new since the round; the point itself counts without them."""
-    try:
-        block.initialize()
-    except ObstacleError as error:
-        logger.warning("the separations of '%s' have no start values at the best point: %s", block.name, error)
+def with_safety(result: SolveResult, report: SafetyReport | None) -> SolveResult:
+    """A result with the report on its motion, if any, and what the motion lacks in its standing."""
+    safe, worst = (False, None) if report is None else (report.safe, report.worst)
+    # A motion that is not proven stands behind every one that is, also where no instant of it is too close, and one
+    # that is clear but not replayed behind those that are.
+    unproven = max(worst.shortfall, worst.tolerance) if worst is not None and safe is False else 0.0
+    lacking = math.ulp(0.0) if safe is None else unproven
+    return replace(result, safety=report, standing=replace(result.standing, shortfall=lacking))
 
 
-def way_back(
-    model: Any, blocks: list[ObstacleAvoidanceBlockData], regions: list[ContainmentData]
-) -> Callable[[], None]:
-    """What puts back the point, meshes, margins and norms of now; planes that are new by then start at the point."""
-    point = PlanningPoint(model)
-    margins = [{index: value(block.margin[index]) for index in block.separations} for block in blocks]
-    norms = [block.record.norm_now for block in blocks]
-    room = [{time: value(region.margin[time]) for time in region.times} for region in regions]
+def is_settled(result: SolveResult) -> bool:
+    """Whether it is a plan to go by, as far as can be known."""
+    return result.safety is not None and result.was_safe is not False
 
-    def restore() -> None:
-        moved = point.restore()
-        for block, own_margins, norm in zip(blocks, margins, norms, strict=True):
-            for index in block.separations:
-                block.margin[index] = own_margins.get(index, 0.0)
-            if set(block.separations) == set(own_margins) and not moved:
-                if block.record.norm_now != norm:
-                    block.set_norm(norm)
-            else:
-                _start_at_point(block)
-        for region, own_room in zip(regions, room, strict=True):
-            region.margin.store_values(own_room)
 
-    return restore
+def is_near(report: SafetyReport | None) -> bool:
+    """Whether a motion is too close by its clearance at most: what margins or a finer mesh make safe.
+
+    What was not verified is taken to be: a plan on a finer mesh starts from there.
+    """
+    return report is None or (report.worst is not None and report.worst.shortfall <= report.worst.clearance)

@@ -17,7 +17,7 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
+from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData, avoidance_blocks, containments
 from pyrobocop_pyomo.obstacles.rerouting import overlaps_deeply, reroute, runs_into_several
 from pyrobocop_pyomo.obstacles.tightening import split_violated
 from pyrobocop_pyomo.solving.iterates import StopReason
@@ -40,8 +40,6 @@ class Recovery:
     ----------
     model : Block
         Its values are the user's initial guess.
-    blocks : list of ObstacleAvoidanceBlockData
-    regions : list of ContainmentData
     planning : SafePlanning
 
     Attributes
@@ -53,12 +51,11 @@ class Recovery:
         a long search for another start.
     """
 
-    def __init__(
-        self, model: Any, blocks: list[ObstacleAvoidanceBlockData], regions: list[ContainmentData], planning: Any
-    ) -> None:
-        self._model, self._blocks, self._regions, self._planning = model, blocks, regions, planning
+    def __init__(self, model: Any, planning: Any) -> None:
+        self._model, self._planning = model, planning
+        self._blocks, self._regions = avoidance_blocks(model), containments(model)
         self._initial = PlanningPoint(model)
-        self._directions = {block: dict(block.record.directions) for block in blocks}
+        self._directions = {block: dict(block.record.directions) for block in self._blocks}
         self._was_cut_short = False
         self.why_no_path, self.is_for_a_start = "", False
 

@@ -19,11 +19,10 @@ from pyrobocop_pyomo.discretisation.estimates import SMALL_MOTION_ERROR, SMALL_O
 from pyrobocop_pyomo.discretisation.jump_times import jump_fractions
 from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.modeling.activity import is_inside
-from pyrobocop_pyomo.modeling.failures import undone_on_failure
 from pyrobocop_pyomo.numerics import Array, Mesh
 from pyrobocop_pyomo.numerics.remeshing import halves_of
 from pyrobocop_pyomo.phases import Control, phases_of
-from pyrobocop_pyomo.phases.remeshing import free_element_widths, put_on_meshes, remesh_phases
+from pyrobocop_pyomo.phases.remeshing import free_element_widths, put_on_meshes
 from pyrobocop_pyomo.solving.ipopt_options import NEARLY_THERE
 from pyrobocop_pyomo.solving.iterates import Quality
 from pyrobocop_pyomo.solving.procedure import solve_model
@@ -33,7 +32,7 @@ from pyrobocop_pyomo.solving.solve_result import SolveResult, with_steps_of_all
 from pyrobocop_pyomo.solving.starts import take_values_of_copy
 from pyrobocop_pyomo.solving.strategies import BARRIER, TIGHT
 
-from .planning_point import PlanningPoint
+from .mesh_loop import MeshLoop, MeshPlan
 
 logger = logging.getLogger(__name__)
 
@@ -109,17 +108,14 @@ class SwitchesAtBoundaries:
             return first
         remark, doubts = "", (self._doubt(switches),) if switches else ()
         if self._may_try():
-            point = PlanningPoint(self._model)
             try:
-                with undone_on_failure(point.restore):
-                    moved = self._on_moved_boundaries(first)
+                moved = self._on_moved_boundaries(first)
                 if isinstance(moved, SolveResult):
                     return moved
                 remark = moved
             except PyRobocopError as error:
                 logger.info("'%s': no answer on moved element boundaries: %s", self._model.name, error)
                 remark = f"Element boundaries cannot be moved to the switches here: {error}"
-            point.restore()
         remarks = (*first.remarks, remark) if remark and switches else first.remarks
         return replace(first, doubts=(*first.doubts, *doubts), remarks=remarks)
 
@@ -145,9 +141,9 @@ class SwitchesAtBoundaries:
             "order of the elements' width, and an optimiser can gain by it."
         )
         remedy = (
-            "Let the boundaries move: PhaseBlock(..., free_element_widths=(0.2, 3)) and rcp.solve(m, "
-            'grouping=rcp.relaxations.Crossed(left_end="first")), with the side that is continuous in time first in '
-            "each pair; or compare with more elements."
+            "Let the boundaries move: PhaseBlock(..., free_element_widths=(0.2, 3)) and rcp.solve(m, strategies="
+            'rcp.Strategy(grouping=rcp.relaxations.Crossed(left_end="first"))), with the side that is continuous in '
+            "time first in each pair; or compare with more elements."
         )
         return Finding(Severity.WARNING, Subject.OUTCOME, message, (family[0],), remedy)
 
@@ -187,12 +183,20 @@ class SwitchesAtBoundaries:
         found = results[-1]
         if not self._inside() and _difference(found, first) < SMALL_OBJECTIVE_ERROR / 10.0:
             return first  # other elements bring nothing
-        remesh_phases({phase: _moved(phase, twin) for phase, twin in zip(self._phases, twins, strict=True)})
-        take_values_of_copy(self._model, copy)
+        plan = MeshPlan({p: _moved(p, twin) for p, twin in zip(self._phases, twins, strict=True)}, "switches")
         again = replace(TIGHT, name="switches at boundaries", options=AT_THE_ANSWER)
-        result = self._solved(self._model, replace(settings, strategies=(again,)))
-        if result.quality is not Quality.OPTIMAL or _difference(result, found) > SMALL_OBJECTIVE_ERROR:
-            return "Boundaries that were moved to the switches could not be kept."
+
+        def solve() -> SolveResult:
+            take_values_of_copy(self._model, copy)
+            return self._solved(self._model, replace(settings, strategies=(again,)))
+
+        def is_the_same(result: SolveResult) -> bool:
+            return result.quality is Quality.OPTIMAL and not _difference(result, found) > SMALL_OBJECTIVE_ERROR
+
+        loop = MeshLoop(self._model)
+        result = loop.solve_on(plan, solve, is_the_same)
+        if result is None:
+            return loop.remark or "Boundaries that were moved to the switches could not be kept."
         remark = (
             f"Pairs changed sides inside of elements, where the first answer, {first.objective:.6g}, has an error of "
             "the order of their width. The boundaries of the elements have moved to the switches, and the elements "
