@@ -43,12 +43,15 @@ from .initial_checks import (
     warn_about_quaternions,
 )
 from .initial_separations import set_start_values
-from .planes import SeparationIndex, declare_planes, normal_of, set_norm, unit_normal_of
-from .scene import BodyPair
+from .scene import BodyPair, SeparationIndex
 from .separation_rows import (
     add_poses,
     add_separation,
+    declare_planes,
+    normal_of,
     remove_separations,
+    set_norm,
+    unit_normal_of,
 )
 from .snapshot import Snapshot, proven_gap
 

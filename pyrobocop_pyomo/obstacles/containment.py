@@ -160,11 +160,7 @@ class ContainmentData(MotionBlockData):
             scene[beyond.name] = Body(beyond)
         pairs = {("body", name): asked + moved for name in scene if name != "body"}
         report = verify_clearance(self.motion, scene, pairs, tolerance=tolerance, equations=equations)
-        return (
-            replace(report, body_pairs=tuple(_moved_back(pair, moved) for pair in report.body_pairs))
-            if moved
-            else report
-        )
+        return replace(report, body_pairs=tuple(_moved_back(pair, moved) for pair in report.body_pairs))
 
 
 def containments(model: Any) -> list[ContainmentData]:

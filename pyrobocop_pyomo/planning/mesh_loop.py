@@ -24,7 +24,7 @@ from pyrobocop_pyomo.motion.equations_motion import needed_reductions
 from pyrobocop_pyomo.numerics import Array, Mesh
 from pyrobocop_pyomo.numerics.remeshing import halves_of, remesh
 from pyrobocop_pyomo.phases import phases_of
-from pyrobocop_pyomo.phases.reintegration import Reintegration, reintegrate
+from pyrobocop_pyomo.phases.reintegration import SMALLEST_SCALE, Reintegration, reintegrate
 from pyrobocop_pyomo.phases.remeshing import remesh_phases, why_its_mesh_is_stated
 from pyrobocop_pyomo.solving.ipopt_options import FINER_MESH
 from pyrobocop_pyomo.solving.iterates import Quality, StopReason
@@ -36,7 +36,7 @@ from pyrobocop_pyomo.solving.solve_result import SolveResult, with_steps_of_all
 from pyrobocop_pyomo.solving.starts import EXPLORED_ELEMENTS, elements_of
 from pyrobocop_pyomo.solving.strategies import ABSOLUTE_VALUES, SOLVE
 
-from .planning_point import PlanningPoint
+from .planning_point import PlanningPoint, RoundPoint
 
 logger = logging.getLogger(__name__)
 
@@ -103,8 +103,6 @@ class MeshLoop:
         plan: MeshPlan,
         solve: Callable[[], SolveResult | None],
         is_better: Callable[[SolveResult], bool],
-        *,
-        back: PlanningPoint | None = None,
         start: PlanningPoint | None = None,
     ) -> SolveResult | None:
         """The answer on the meshes of a plan; None where it is not better, and the model is as it was before then.
@@ -116,12 +114,10 @@ class MeshLoop:
             Solves the model, whose values are those of the motion before on the meshes of the plan.
         is_better : callable
             Whether an answer replaces the one before.
-        back : PlanningPoint, optional
-            What the model holds now, where it is more than values and meshes.
         start : PlanningPoint, optional
             Whose motion it is, where it is not the one on the model.
         """
-        back = PlanningPoint(self._model) if back is None else back
+        back = RoundPoint(self._model)
         logger.info("'%s': %s, for %s", self._model.name, plan, plan.why)
         try:
             with undone_on_failure(back.restore):
@@ -342,7 +338,7 @@ def _reduction(report: SafetyReport) -> float:
 def _errors_inside(motion: Reintegration) -> Array:
     """Largest difference inside each element, integrated from its own start, each state relative to its size."""
     inside = [
-        np.abs(motion.local[name] - planned).max(axis=1) / (1e-3 + np.abs(planned).max())
+        np.abs(motion.local[name] - planned).max(axis=1) / (SMALLEST_SCALE + np.abs(planned).max())
         for name, planned in motion.planned.items()
     ]
     errors = np.max(inside, axis=0)

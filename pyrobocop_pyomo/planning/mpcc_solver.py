@@ -257,7 +257,7 @@ def multipliers_imported(model: BlockData) -> Iterator[None]:
     present = {suffix.local_name for suffix in imported_suffixes(model)}
     added = []
     for name in _ALWAYS_IMPORTED:
-        if name not in present and model.component(name) is None and not hasattr(model, name):
+        if name not in present and not hasattr(model, name):
             model.add_component(name, Suffix(direction=Suffix.IMPORT))
             added.append(name)
     try:

@@ -9,10 +9,11 @@ no feasible point at all, see `recovery`.
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 from pyrobocop_pyomo.errors import ModelError, ObstacleError, PyRobocopError
 from pyrobocop_pyomo.modeling.deadline import Deadline
@@ -36,8 +37,7 @@ from pyrobocop_pyomo.solving.starts import EXPLORED_ELEMENTS, coarser_copy, elem
 
 from .mesh_loop import MeshLoop, plan_for_safety
 from .planning_point import RoundPoint
-from .planning_round import PlanningRound, is_near, is_settled, with_safety
-from .recovery import Recovery, clear_margins
+from .recovery import Recovery
 
 logger = logging.getLogger(__name__)
 
@@ -46,10 +46,94 @@ logger = logging.getLogger(__name__)
 LEAST_SEPARATIONS, LEAST_PAIRS = 500, 5000
 # From one start. A motion that is not safe by then passes through an obstacle between the nodes, and stays there.
 MOST_ROUNDS = 7
-# Rounds without a feasible point, one after the other, until another start is tried.
+# Rounds without a feasible point, one after the other, until another start is tried; and rounds until planes of which
+# margins alone did not make a safe plan are split.
 MOST_IN_VAIN = 3
-# From this round on, planes of which margins alone did not make a safe plan are split.
-FIRST_SPLIT = 3
+
+
+@dataclass(frozen=True, eq=False)
+class PlanningRound:
+    """One solve with the verification of the motion that came out.
+
+    Attributes
+    ----------
+    purpose : str
+        What was changed before it.
+    quality : Quality
+    objective : float
+    iterations : int
+        Of Ipopt, in all steps of the solve.
+    shortfall : float
+        By how much the motion comes closer than its clearance, at worst, that of the equations included; negative where
+        there is room left.
+    worst : str
+        The two bodies for which that is so.
+    safe : bool or None
+        As `SafetyReport.safe`; False as well where nobody looked.
+    seconds : float
+        Of the solve.
+    """
+
+    purpose: str
+    quality: Quality
+    objective: float
+    iterations: int
+    shortfall: float
+    worst: str
+    safe: bool | None
+    seconds: float
+
+    HEADER: ClassVar[str] = (
+        f"{'quality':<10} {'objective':>13} {'iter':>6} {'shortfall':>10} {'safe':>5} {'seconds':>8}  "
+        f"{'worst pair':<28} round"
+    )
+
+    @classmethod
+    def of(cls, purpose: str, result: SolveResult) -> PlanningRound:
+        """The round that ended with a result, which was verified unless it has no report."""
+        report = result.safety
+        worst = None if report is None else report.worst
+        return cls(
+            purpose,
+            result.quality,
+            result.objective,
+            result.iterations,
+            0.0 if worst is None else worst.shortfall,
+            "" if worst is None else f"{worst.first} - {worst.second}",
+            False if report is None else report.safe,
+            result.seconds,
+        )
+
+    def __str__(self) -> str:
+        # What was done takes as much room as it needs, at the end.
+        safe = "clear" if self.safe is None else "yes" if self.safe else "no"
+        return (
+            f"{self.quality.name:<10} {self.objective:>13.6g} {self.iterations:>6} {self.shortfall:>10.2e} "
+            f"{safe:>5} {self.seconds:>8.2f}  {self.worst:<28} {self.purpose}"
+        )
+
+
+def _with_safety(result: SolveResult, report: SafetyReport | None) -> SolveResult:
+    """A result with the report on its motion, if any, and what the motion lacks in its standing."""
+    safe, worst = (False, None) if report is None else (report.safe, report.worst)
+    # A motion that is not proven stands behind every one that is, also where no instant of it is too close, and one
+    # that is clear but not replayed behind those that are.
+    unproven = max(worst.shortfall, worst.tolerance) if worst is not None and safe is False else 0.0
+    lacking = math.ulp(0.0) if safe is None else unproven
+    return replace(result, safety=report, standing=replace(result.standing, shortfall=lacking))
+
+
+def _is_settled(result: SolveResult) -> bool:
+    """Whether it is a plan to go by, as far as can be known."""
+    return result.safety is not None and result.was_safe is not False
+
+
+def _is_near(report: SafetyReport | None) -> bool:
+    """Whether a motion is too close by its clearance at most: what margins or a finer mesh make safe.
+
+    What was not verified is taken to be: a plan on a finer mesh starts from there.
+    """
+    return report is None or (report.worst is not None and report.worst.shortfall <= report.worst.clearance)
 
 
 class SafePlanning:
@@ -178,14 +262,11 @@ class SafePlanning:
         most_iterations : int, optional
             Of Ipopt, where the user has not set ``max_iter``.
         """
-        settings = self._settings
-        if again:
-            default = NEARLY_SAFE if self._is_nearly_safe else NEARLY_THERE
-            settings = replace(settings, options=settings.options.with_default(default))
-        if most_iterations is not None:
-            settings = replace(settings, options=settings.options.with_default({"max_iter": most_iterations}))
+        nearly = NEARLY_SAFE if self._is_nearly_safe else NEARLY_THERE
+        limit = {} if most_iterations is None else {"max_iter": most_iterations}
+        options = self._settings.options.with_default({**(nearly if again else {}), **limit})
         self._began = VariableValues.of_free(self._model)
-        result = solve_model(self._model, replace(settings, deadline=self.deadline))
+        result = solve_model(self._model, replace(self._settings, options=options, deadline=self.deadline))
         # A plan that is not feasible is not integrated: its equations do not hold.
         equations = not self._is_start and result.quality is not Quality.INFEASIBLE
         # What is only a start, at any feasible point, is not verified.
@@ -195,13 +276,13 @@ class SafePlanning:
         )
         spent = time.perf_counter() - started
         self._seconds_per_element = max(self._seconds_per_element, spent / max(elements_of(self._model), 1))
-        result = with_safety(result, None if unseen else joined_report(self._reports))
+        result = _with_safety(result, None if unseen else joined_report(self._reports))
         made = PlanningRound.of(purpose, result)
         self.rounds.append(made)
         self.results.append(result)
         if len(self.rounds) == 1:
-            settings.progress.line(made.HEADER)
-        settings.progress.line(str(made))
+            self._settings.progress.line(made.HEADER)
+        self._settings.progress.line(str(made))
         logger.info("'%s': %s", self._model.name, made)
         if self._best is None or result.standing.is_better_than(self._best[0].standing):
             self._best = result, RoundPoint(self._model)
@@ -211,7 +292,7 @@ class SafePlanning:
     def _is_nearly_safe(self) -> bool:
         """Whether the last round found a plan that is too close by its clearance at most."""
         last = self.results[-1] if self.results else None
-        return last is not None and last.quality is not Quality.INFEASIBLE and is_near(last.safety)
+        return last is not None and last.quality is not Quality.INFEASIBLE and _is_near(last.safety)
 
     def solve_without_obstacles(self) -> bool:
         """Put the best motion without obstacles on the model, where it is found at once; else nothing changes.
@@ -270,15 +351,13 @@ class SafePlanning:
                     break  # finer meshes took what was left
                 pairs = zip(self._blocks, reports[: len(self._blocks)], strict=True)
                 goes_back = can_go_back and any(ran_through_what_was_left_out(*pair) for pair in pairs)
-                purpose = self._tightened(reports, split=number >= FIRST_SPLIT or result.quality is Quality.INFEASIBLE)
+                purpose = self._tightened(reports, split=number >= MOST_IN_VAIN or result.quality is Quality.INFEASIBLE)
                 if not purpose:
                     break
                 if goes_back:
                     # The way out of an obstacle may be on its wrong side; the start was far from it.
                     start.restore()
-                    for block in self._blocks:
-                        clear_margins(block)  # they are those of the motion that is given up
-                        block.initialize()
+                    self._recovery.initialize_separations()
                 result = self.solve(purpose, again=True, most_iterations=ITERATIONS_OF_ONE)
             if result.quality is Quality.INFEASIBLE:
                 in_vain += 1
@@ -312,23 +391,23 @@ class SafePlanning:
             self._meshes.has_ended = finer.quality is Quality.INFEASIBLE
             return not self._meshes.has_ended
 
-        return self._meshes.solve_on(plan, solve, is_feasible, back=RoundPoint(self._model)) if plan.meshes else None
+        return self._meshes.solve_on(plan, solve, is_feasible) if plan.meshes else None
 
     @property
     def _is_good_enough(self) -> bool:
         """As safe as is known; or feasible, where only points were asked for, or another plan starts from this one."""
         assert self._best is not None
         best = self._best[0]
-        if is_settled(best) or best.quality is Quality.INFEASIBLE:
-            return is_settled(best)
+        if _is_settled(best) or best.quality is Quality.INFEASIBLE:
+            return _is_settled(best)
         if self._is_start and not self._is_any_start:
-            return is_near(best.safety)
+            return _is_near(best.safety)
         asked = bool(self._regions) or any(block.record.per_interval for block in self._blocks)
         return self._is_any_start or not asked
 
     def _is_clear_enough(self, report: SafetyReport) -> bool:
         """As safe as is known; or nearly clear, where another plan starts from this one."""
-        return report.safe is not False or (self._is_start and is_near(report))
+        return report.safe is not False or (self._is_start and _is_near(report))
 
     def _tightened(self, reports: Sequence[SafetyReport], *, split: bool) -> str:
         """Ask for more where the motion was not safe; returns what was done, or nothing if nothing can be."""
@@ -344,7 +423,7 @@ class SafePlanning:
         assert self._best is not None
         self._restore_best()
         best = with_steps_of_all(self._best[0], self.results)
-        why_no_path = "" if is_settled(best) else self._recovery.why_no_path
+        why_no_path = "" if _is_settled(best) else self._recovery.why_no_path
         return replace(
             best,
             stop_reason=self._stop_reason(best),
@@ -366,7 +445,7 @@ class SafePlanning:
         last = self.results[-1].stop_reason
         if self._interrupted:
             return StopReason.INTERRUPTED
-        if is_settled(best):
+        if _is_settled(best):
             return best.stop_reason
         if last.is_final:
             return last
