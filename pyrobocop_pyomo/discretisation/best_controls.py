@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.phases.reintegration import SMALLEST_SCALE
 
 # Of differences, relative to what changes; and below which part of the integrand a curvature counts as none.
 STEP, _FLAT = 1e-4, 1e-6
-_SMALLEST = 1e-3
 _SWEEPS = 12
 # Newton's steps from one start, each followed by a look whether it made the integrand smaller.
 _STEPS = 3
@@ -121,7 +121,7 @@ def _least_change(
 
 
 def _sizes(values: Values) -> list[float]:
-    return [_SMALLEST + float(np.abs(of).max()) for of in values.values()]
+    return [SMALLEST_SCALE + float(np.abs(of).max()) for of in values.values()]
 
 
 def _model(instants: Any, values: Values, *, apart: bool) -> _Model:

@@ -1,7 +1,7 @@
 """Obstacles: bodies that keep clear of them or inside a region, as rows of an ordinary Pyomo block."""
 
-from .avoidance_block import ObstacleAvoidanceBlock, ObstacleAvoidanceBlockData
-from .containment import Containment, ContainmentData
+from .avoidance_block import ObstacleAvoidanceBlock, ObstacleAvoidanceBlockData, avoidance_blocks
+from .containment import Containment, ContainmentData, containments
 from .motion_verification import verify_motion
 from .pictures import animate_avoidance, draw_avoidance
 from .waypoint_initial_guess import waypoint_initial_guess
@@ -12,6 +12,8 @@ __all__ = [
     "ObstacleAvoidanceBlock",
     "ObstacleAvoidanceBlockData",
     "animate_avoidance",
+    "avoidance_blocks",
+    "containments",
     "draw_avoidance",
     "verify_motion",
     "waypoint_initial_guess",

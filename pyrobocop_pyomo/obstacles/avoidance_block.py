@@ -16,7 +16,7 @@ from pyomo.core.base.set import Set
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.modeling.blocks import Rule
+from pyrobocop_pyomo.modeling.blocks import Rule, blocks_of_kind
 from pyrobocop_pyomo.motion.clearance_proof import verify_clearance
 from pyrobocop_pyomo.motion.safety_report import SafetyReport
 from pyrobocop_pyomo.presentation import table
@@ -43,12 +43,15 @@ from .initial_checks import (
     warn_about_quaternions,
 )
 from .initial_separations import set_start_values
-from .planes import SeparationIndex, declare_planes, normal_of, set_norm, unit_normal_of
-from .scene import BodyPair
+from .scene import BodyPair, SeparationIndex
 from .separation_rows import (
     add_poses,
     add_separation,
+    declare_planes,
+    normal_of,
     remove_separations,
+    set_norm,
+    unit_normal_of,
 )
 from .snapshot import Snapshot, proven_gap
 
@@ -307,6 +310,11 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
                 f"{self._what}: there is no separation {index}. Its separations are in '{self.name}.separations'."
             )
         return self.record.segments[index]
+
+
+def avoidance_blocks(model: Any) -> list[ObstacleAvoidanceBlockData]:
+    """The active avoidance blocks of a model, wherever they are."""
+    return blocks_of_kind(model, ObstacleAvoidanceBlockData)
 
 
 @ModelComponentFactory.register("Bodies that keep clear of obstacles and of each other.")

@@ -15,8 +15,7 @@ from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.motion.motion import Motion
 
 from .clearances import ClearanceRule, asked_clearances
-from .planes import SeparationIndex
-from .scene import BodyPair, Scene, make_scene
+from .scene import BodyPair, Scene, SeparationIndex, make_scene
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from pyrobocop_pyomo.numerics import Array, BoolArray
 from pyrobocop_pyomo.optional_imports import scipy
 
 from .avoidance_record import AvoidanceRecord, MotionSegment
-from .planes import SeparationIndex
+from .scene import SeparationIndex
 from .separation_rows import add_separation, remove_separations
 from .snapshot import Snapshot
 

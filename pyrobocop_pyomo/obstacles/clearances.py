@@ -125,10 +125,8 @@ def asked_at(block: Any, pair: BodyPair, time: Hashable) -> Any:
 
 def verified_clearances(block: Any) -> dict[BodyPair, Any]:
     """The clearances that `verify_clearance` takes: numbers, expressions and rules."""
-    found = {}
-    for pair, asked in block.record.asked.items():
-        found[pair] = asked if isinstance(asked, ClearanceRule) else asked_at(block, pair, None)
-    return found
+    asked = block.record.asked.items()
+    return {pair: of if isinstance(of, ClearanceRule) else asked_at(block, pair, None) for pair, of in asked}
 
 
 def clearance_values(block: Any, pair: BodyPair) -> list[float]:

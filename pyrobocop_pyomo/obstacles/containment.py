@@ -18,7 +18,7 @@ from pyomo.core.expr.numvalue import value
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, Pose
 from pyrobocop_pyomo.geometry.poses import dot
-from pyrobocop_pyomo.modeling.blocks import Rule
+from pyrobocop_pyomo.modeling.blocks import Rule, blocks_of_kind
 from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.motion.clearance_proof import verify_clearance
 from pyrobocop_pyomo.motion.safety_report import BodyPairSafety, SafetyReport
@@ -160,11 +160,12 @@ class ContainmentData(MotionBlockData):
             scene[beyond.name] = Body(beyond)
         pairs = {("body", name): asked + moved for name in scene if name != "body"}
         report = verify_clearance(self.motion, scene, pairs, tolerance=tolerance, equations=equations)
-        return (
-            replace(report, body_pairs=tuple(_moved_back(pair, moved) for pair in report.body_pairs))
-            if moved
-            else report
-        )
+        return replace(report, body_pairs=tuple(_moved_back(pair, moved) for pair in report.body_pairs))
+
+
+def containments(model: Any) -> list[ContainmentData]:
+    """The active containments of a model, wherever they are."""
+    return blocks_of_kind(model, ContainmentData)
 
 
 @ModelComponentFactory.register("A body that stays inside a convex region.")

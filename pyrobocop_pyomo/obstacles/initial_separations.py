@@ -18,8 +18,8 @@ from pyrobocop_pyomo.numerics import Array, BoolArray
 
 from .avoidance_record import MotionSegment
 from .broad_phase import swept_distances
-from .planes import start_plane, unit_normal_of
 from .scene import BodyPair
+from .separation_rows import start_plane, unit_normal_of
 from .snapshot import Snapshot, gap_along
 
 LOGGER = logging.getLogger(__name__)

@@ -19,6 +19,7 @@ from pyrobocop_pyomo.geometry.poses import is_number
 from pyrobocop_pyomo.modeling.variable_values import within_bounds
 from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.optional_imports import scipy
 
 from .scene import Scene
 
@@ -299,9 +300,7 @@ def _along(path: Array, before: Array) -> Array:
     fine = np.linspace(0.0, 1.0, 20 * len(before) + 1)
     line = np.stack([np.interp(fine * passed[-1], passed, column) for column in path.T], axis=1)
     width = max(int(ROUNDED * len(fine)) // 2, 1)
-    padded = np.vstack([np.repeat(line[:1], width, axis=0), line, np.repeat(line[-1:], width, axis=0)])
-    window = np.ones(2 * width + 1) / (2 * width + 1)
-    smooth = np.stack([np.convolve(column, window, mode="valid") for column in padded.T], axis=1)
+    smooth = scipy.ndimage.uniform_filter1d(line, 2 * width + 1, axis=0, mode="nearest")
     return np.stack([np.interp(shares, fine, column) for column in smooth.T], axis=1)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Hashable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
@@ -15,6 +15,8 @@ from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.motion.bodies import Body
 
 BodyPair = tuple[str, str]
+# Two convex parts, and where their segment of motion starts.
+SeparationIndex = tuple[str, str, Hashable]
 
 
 @dataclass(frozen=True)

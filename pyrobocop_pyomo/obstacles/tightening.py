@@ -21,7 +21,8 @@ from pyrobocop_pyomo.numerics import Array
 from .avoidance_record import MotionSegment
 from .broad_phase import places_of
 from .clearances import ClearanceRule
-from .planes import SeparationIndex, unit_normal_of
+from .scene import SeparationIndex
+from .separation_rows import unit_normal_of
 
 logger = logging.getLogger(__name__)
 

@@ -81,10 +81,8 @@ class _Choice:
 
     name: str
     variables: list[list[Any]]
-    levels: tuple[float, ...]
+    declaration: Control
     widths: Array
-    max_switches: int | None
-    min_dwell: float
 
     @property
     def one_of(self) -> bool:
@@ -101,7 +99,7 @@ class _Choice:
             values = np.clip(values, 0.0, 1.0)
             total = values.sum(axis=0)
             return np.where(total > 0.0, values / np.where(total > 0.0, total, 1.0), 1.0 / len(values))
-        levels = np.array(self.levels)
+        levels = np.array(self.declaration.levels)
         held = np.clip(values[0], levels[0], levels[-1])
         lower = np.clip(np.searchsorted(levels, held, side="right") - 1, 0, len(levels) - 2)
         share = (held - levels[lower]) / (levels[lower + 1] - levels[lower])
@@ -114,20 +112,22 @@ class _Choice:
         weights = self.weights()
         if len(weights) == 1:
             return IntegralApproximation(np.zeros(len(self.widths), dtype=int), 0.0, 0.0)
-        if self.max_switches is None and not self.min_dwell:
+        most, least = self.declaration.max_switches, self.declaration.min_dwell or 0.0
+        if most is None and not least:
             return sum_up_rounding(weights, self.widths)
-        found = limited_approximation(weights, self.widths, max_switches=self.max_switches, min_dwell=self.min_dwell)
+        found = limited_approximation(weights, self.widths, max_switches=most, min_dwell=least)
         if found is not None:
             return found
-        most = np.full(len(self.widths), int((weights @ self.widths).argmax()))  # never switches
-        return IntegralApproximation(most, integral_gap(weights, most, self.widths), None)
+        constant = np.full(len(self.widths), int((weights @ self.widths).argmax()))
+        return IntegralApproximation(constant, integral_gap(weights, constant, self.widths), None)
 
     def hold(self, choice: Array) -> None:
         """Fix every variable at what was chosen."""
+        values = np.array(self.declaration.levels).tolist()
         for i, of in enumerate(self.variables):
             for variable, chosen in zip(of, choice.tolist(), strict=True):
                 if not variable.fixed:
-                    variable.fix(float(chosen == i) if self.one_of else self.levels[chosen], skip_validation=True)
+                    variable.fix(float(chosen == i) if self.one_of else values[chosen], skip_validation=True)
 
 
 def open_choices(model: Any) -> list[_Choice]:
@@ -149,10 +149,8 @@ def open_choices(model: Any) -> list[_Choice]:
             choice = _Choice(
                 f"{phase.name}.{name if family is None else family.name}",
                 [record.nodes(member).variables(phase) for member in members],
-                declaration.levels,
+                declaration,
                 np.diff(times),
-                declaration.max_switches,
-                declaration.min_dwell or 0.0,
             )
             if choice.open_variables:
                 found.append(choice)
@@ -171,29 +169,23 @@ def _held(choices: list[_Choice], approximations: list[IntegralApproximation]) -
             variable.unfix()
 
 
-def solve_with_integer_controls(
-    model: Any, choices: list[_Choice], solve: Callable[[], SolveResult], deadline: Deadline
-) -> SolveResult:
+def solve_with_integer_controls(model: Any, solve: Callable[[], SolveResult], deadline: Deadline) -> SolveResult:
     """Solve relaxed, round, and solve again with the controls held; they are free again afterwards.
 
     Parameters
     ----------
     model : Block
-    choices : list
-        Of `open_choices`.
     solve : callable
         Solves the model as it stands.
     deadline : Deadline
     """
     relaxed = solve()
+    why_not = "the time was over" if deadline.has_passed else ""
     if not relaxed.standing.feasible or not math.isfinite(relaxed.objective):
-        remark = "integer controls: not rounded, since not even the relaxed problem was solved"
-        return replace(relaxed, remarks=(*relaxed.remarks, remark))
-    if deadline.has_passed:
-        remark = "integer controls: not rounded, since the time was over"
-        return replace(relaxed, remarks=(*relaxed.remarks, remark))
-    # The durations that the relaxed plan has found are those of the intervals.
-    choices = [choice for choice in open_choices(model) if choice.name in {one.name for one in choices}]
+        why_not = "not even the relaxed problem was solved"
+    if why_not:
+        return replace(relaxed, remarks=(*relaxed.remarks, f"integer controls: not rounded, since {why_not}"))
+    choices = open_choices(model)  # the durations that the relaxed plan has found are those of the intervals
     approximations = [choice.rounded() for choice in choices]
     with _held(choices, approximations):
         result = solve()

@@ -6,16 +6,23 @@ import datetime
 import inspect
 import re
 from collections import UserString
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
+from pyomo.common.collections import ComponentMap
 from pyomo.common.config import ConfigValue
 from pyomo.common.timing import HierarchicalTimer
 from pyomo.contrib.solver.common.base import Availability, SolverBase
 from pyomo.contrib.solver.common.config import SolverConfig
 from pyomo.contrib.solver.common.factory import SolverFactory
 from pyomo.contrib.solver.common.results import Results, SolutionStatus, TerminationCondition
-from pyomo.contrib.solver.common.util import NoOptimalSolutionError
+from pyomo.contrib.solver.common.solution_loader import SolutionLoader
+from pyomo.contrib.solver.common.util import NoOptimalSolutionError, NoSolutionError
 from pyomo.core.base.block import BlockData
+from pyomo.core.base.constraint import ConstraintData
+from pyomo.core.base.suffix import Suffix
+from pyomo.core.base.var import VarData
 
 from pyrobocop_pyomo._version import __version__
 from pyrobocop_pyomo.errors import KeywordError
@@ -23,10 +30,11 @@ from pyrobocop_pyomo.ipopt.backends import available_backends
 from pyrobocop_pyomo.ipopt.in_process import CONDITIONS
 from pyrobocop_pyomo.ipopt.older_interface import OlderInterface
 from pyrobocop_pyomo.modeling.keywords import check_keywords
+from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.solving.iterates import STOP_REASONS, Quality, StopReason
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 
-from .planning_point import FoundPoint, PlanningPoint, multipliers_imported
+from .planning_point import PlanningPoint, imported_suffixes
 from .solve import OTHER_WORDS, RETIRED_WORDS, solve
 
 # Every Pyomo solver has these, some under another name.
@@ -39,6 +47,9 @@ CHOICES = {
     for name, parameter in inspect.signature(solve).parameters.items()
     if name not in _OF_EVERY_SOLVER
 }
+
+# Asked for even where the user declares no suffix, so that the loader can be asked for them.
+_ALWAYS_IMPORTED = ("dual", "rc")
 
 _CONDITIONS = {
     **{reason: CONDITIONS[status] for status, reason in STOP_REASONS.items()},
@@ -179,3 +190,82 @@ class _Message(UserString):
         motion = None if answer.safety is None else f"The motion: {answer.safety.word}"
         said = (answer.stop_reason.value, answer.quality.value, motion, answer.errors_of_answer.in_short())
         return " ".join(filter(None, said))
+
+
+class FoundPoint(SolutionLoader):
+    """A point with its multipliers, loaded into the model when it is requested.
+
+    Parameters
+    ----------
+    model : Block
+        Holds the point now.
+    """
+
+    def __init__(self, model: BlockData) -> None:
+        self._pyomo_model = model
+        self._values = VariableValues.of_free(model).by_variable
+        # Of several with one name, that nearest to the root.
+        found = reversed(imported_suffixes(model))
+        self._suffixes = {suffix.local_name: ComponentMap(suffix.items()) for suffix in found}
+
+    def get_number_of_solutions(self) -> int:
+        """Always one: the best point exists whatever stopped the procedure."""
+        return 1
+
+    def get_vars(self, vars_to_load: Sequence[VarData] | None = None) -> Mapping[VarData, float]:
+        """Values of variables."""
+        return _selected(self._values, vars_to_load)
+
+    def get_duals(self, cons_to_load: Sequence[ConstraintData] | None = None) -> Mapping[ConstraintData, float]:
+        """Multipliers of the user's constraints, in the sign of Pyomo's ``dual``.
+
+        Raises
+        ------
+        NoSolutionError
+            Where a component of the name ``dual`` is on the model that is no suffix for import.
+        """
+        return self._multipliers("dual", cons_to_load)
+
+    def get_reduced_costs(self, vars_to_load: Sequence[VarData] | None = None) -> Mapping[VarData, float]:
+        """Multipliers of bounds, in the sign of Pyomo's ``rc``.
+
+        Raises
+        ------
+        NoSolutionError
+            Where a component of the name ``rc`` is on the model that is no suffix for import.
+        """
+        return self._multipliers("rc", vars_to_load)
+
+    def load_import_suffixes(self) -> None:
+        """Fill the suffixes that the model declares for import."""
+        for name, suffix in self._collect_and_clear_import_suffixes().items():
+            suffix.update(self._suffixes.get(name, {}))
+
+    def _multipliers(self, name: str, wanted: Sequence[Any] | None) -> Mapping[Any, float]:
+        entries = self._suffixes.get(name)
+        if entries is None:
+            raise NoSolutionError(
+                f"'{self._pyomo_model.name}': multipliers were not kept, since '{name}' is taken. Make it a "
+                "Suffix(direction=Suffix.IMPORT), or free the name."
+            )
+        return _selected(entries, wanted)
+
+
+@contextmanager
+def multipliers_imported(model: BlockData) -> Iterator[None]:
+    """Declare the usual import suffixes where nothing has their names; afterwards they are gone."""
+    present = {suffix.local_name for suffix in imported_suffixes(model)}
+    added = []
+    for name in _ALWAYS_IMPORTED:
+        if name not in present and not hasattr(model, name):
+            model.add_component(name, Suffix(direction=Suffix.IMPORT))
+            added.append(name)
+    try:
+        yield
+    finally:
+        for name in added:
+            model.del_component(name)
+
+
+def _selected(entries: ComponentMap, wanted: Sequence[Any] | None) -> ComponentMap:
+    return entries if wanted is None else ComponentMap((component, entries[component]) for component in wanted)

@@ -3,30 +3,41 @@
 Normals on a wrong side or in contradiction, a plane for too long an interval, or an initial guess deep inside
 an obstacle end in a point of local infeasibility. None of the steps below is trusted by itself: all end with the full
 clearance and hard planes.
+
+Starts that know one kind of model stand in folders of `contrib`. A folder with a module `start_provider` is found by
+its name, so that nothing here imports one, and its starts are gone where the folder is.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
+from functools import cache, partial
+from importlib import import_module
+from importlib.util import find_spec
 from itertools import islice
-from typing import Any
+from pkgutil import iter_modules
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import InitialGuessError
+from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
+from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData, avoidance_blocks, containments
 from pyrobocop_pyomo.obstacles.rerouting import overlaps_deeply, reroute, runs_into_several
+from pyrobocop_pyomo.obstacles.separation_rows import normal_of
 from pyrobocop_pyomo.obstacles.tightening import split_violated
 from pyrobocop_pyomo.solving.iterates import StopReason
 from pyrobocop_pyomo.solving.second_tries import ITERATIONS_OF_ONE, SIDE_ITERATIONS
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 
 from .planning_point import PlanningPoint
-from .start_providers import StartProvider, fitting_providers
 
+CONTRIB = "pyrobocop_pyomo.contrib"
+# Clearances that a provider's path keeps: a second path, farther from everything, is another start.
+PATH_CLEARANCES = (1.0, 2.0)
+_REGISTERED: list[StartProvider] = []
 # Degrees by which the way past an obstacle is turned: to its other side, then across.
 TURNS = (180.0, 90.0, -90.0)
 # What violates its rows by no more is about to get there, and may go on.
@@ -40,8 +51,6 @@ class Recovery:
     ----------
     model : Block
         Its values are the user's initial guess.
-    blocks : list of ObstacleAvoidanceBlockData
-    regions : list of ContainmentData
     planning : SafePlanning
 
     Attributes
@@ -53,12 +62,11 @@ class Recovery:
         a long search for another start.
     """
 
-    def __init__(
-        self, model: Any, blocks: list[ObstacleAvoidanceBlockData], regions: list[ContainmentData], planning: Any
-    ) -> None:
-        self._model, self._blocks, self._regions, self._planning = model, blocks, regions, planning
+    def __init__(self, model: Any, planning: Any) -> None:
+        self._model, self._planning = model, planning
+        self._blocks, self._regions = avoidance_blocks(model), containments(model)
         self._initial = PlanningPoint(model)
-        self._directions = {block: dict(block.record.directions) for block in blocks}
+        self._directions = {block: dict(block.record.directions) for block in self._blocks}
         self._was_cut_short = False
         self.why_no_path, self.is_for_a_start = "", False
 
@@ -125,7 +133,7 @@ class Recovery:
         for region in self._regions:
             region.margin.store_values(dict.fromkeys(region.times, 0.0))
         for block in self._blocks:
-            clear_margins(block)
+            block.margin.store_values(dict.fromkeys(block.separations, 0.0))
             block.initialize(directions=(directions or {}).get(block))
 
     def _from_initial_guess(self, most_iterations: int | None = None, *, is_at_start: bool = False) -> SolveResult:
@@ -156,9 +164,7 @@ class Recovery:
 
     def _from_here(self, purpose: str) -> SolveResult:
         """From the values on the model."""
-        for block in self._blocks:
-            clear_margins(block)
-            block.initialize()
+        self.initialize_separations()
         # A start that is clear of everything needs no detour over the middle of all bounds.
         clear = not any(block.record.overlapping for block in self._blocks)
         return self._planning.solve(purpose, again=clear, most_iterations=ITERATIONS_OF_ONE)
@@ -184,22 +190,13 @@ class Recovery:
             for index, gap in block.separation_gaps().items()
         }
         block, (first, second, start) = min(gaps, key=gaps.__getitem__)
-        at_last_point = _normal(block, first, second, start)
+        normal = normal_of(block, (first, second, start))
         self.start()
         # The broad phase may leave out at the initial guess what is in the way now.
-        normal = _normal(block, first, second, start) if (first, second, start) in block.separations else at_last_point
+        if (first, second, start) in block.separations:
+            normal = normal_of(block, (first, second, start))
         parts = block.record.scene.parts
         return block, (parts[first].body, parts[second].body), normal
-
-
-def _normal(block: ObstacleAvoidanceBlockData, first: str, second: str, start: Any) -> Array:
-    return np.array([value(block.normal[first, second, start, axis]) for axis in block.axes])
-
-
-def clear_margins(block: ObstacleAvoidanceBlockData) -> None:
-    """Forget what another motion asked for."""
-    for index in block.separations:
-        block.margin[index] = 0.0
 
 
 def _turned(direction: Array, degrees: float) -> Array:
@@ -210,3 +207,60 @@ def _turned(direction: Array, degrees: float) -> Array:
     turned[i] = np.cos(angle) * direction[i] - np.sin(angle) * direction[j]
     turned[j] = np.sin(angle) * direction[i] + np.cos(angle) * direction[j]
     return turned
+
+
+# --------------------------------------------------- starts that know one kind of model: paths of cars, or of arms
+
+
+class Fit(NamedTuple):
+    """How starts of one kind stand to those that a plan has anyway.
+
+    Attributes
+    ----------
+    comes_first : bool
+        The initial guess is so far off that solving from it would be in vain.
+    may_be_led_around : bool
+        Whether the guess is a start too when a path on a grid leads it around obstacles.
+    obeys_equations : bool
+        The starts are motions that the model can make; providers that only know its shapes are not asked then.
+    """
+
+    comes_first: bool = False
+    may_be_led_around: bool = True
+    obeys_equations: bool = False
+
+
+class StartProvider(Protocol):
+    """Knows starts for models of one kind."""
+
+    def fits(self, model: Any) -> Fit | None:
+        """How its starts fit a model, whose values are the user's initial guess; None for models of other kinds."""
+
+    def propose(self, model: Any, deadline: Deadline) -> Iterator[str]:
+        """Put one start after another on the model, and say in words what each is.
+
+        Each is made from the user's initial guess, which is on the model whenever this goes on. Where there is no start
+        at all, and no plan either, an InitialGuessError says why.
+        """
+
+
+def register_starts(provider: StartProvider) -> None:
+    """Let plans start from what a provider proposes."""
+    _REGISTERED.append(provider)
+
+
+@cache
+def _loaded() -> None:
+    """Import what registers itself."""
+    contrib = find_spec(CONTRIB)
+    for folder in iter_modules(contrib.submodule_search_locations if contrib is not None else ()):
+        if folder.ispkg and find_spec(f"{CONTRIB}.{folder.name}.start_provider") is not None:
+            import_module(f"{CONTRIB}.{folder.name}.start_provider")
+
+
+def fitting_providers(model: Any) -> list[tuple[StartProvider, Fit]]:
+    """The providers that know starts for a model."""
+    _loaded()
+    found = [(provider, provider.fits(model)) for provider in _REGISTERED]
+    fitting = [(provider, fit) for provider, fit in found if fit is not None]
+    return [(provider, fit) for provider, fit in fitting if fit.obeys_equations] or fitting

@@ -9,19 +9,19 @@ no feasible point at all, see `recovery`.
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 from pyrobocop_pyomo.errors import ModelError, ObstacleError, PyRobocopError
-from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.failures import undone_on_failure
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.motion.safety_report import joined_report
-from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
+from pyrobocop_pyomo.obstacles import avoidance_blocks, containments
 from pyrobocop_pyomo.obstacles.broad_phase import ran_through_what_was_left_out
 from pyrobocop_pyomo.obstacles.pictures import scene_of
 from pyrobocop_pyomo.obstacles.tightening import tighten, tighten_containment
@@ -35,9 +35,9 @@ from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult, with_steps_of_all
 from pyrobocop_pyomo.solving.starts import EXPLORED_ELEMENTS, coarser_copy, elements_of, take_values_of_copy
 
-from .planning_round import PlanningRound, way_back
-from .recovery import Recovery, clear_margins
-from .safety_meshes import SafetyMeshes
+from .mesh_loop import MeshLoop, plan_for_safety
+from .planning_point import RoundPoint
+from .recovery import Recovery
 
 logger = logging.getLogger(__name__)
 
@@ -46,20 +46,94 @@ logger = logging.getLogger(__name__)
 LEAST_SEPARATIONS, LEAST_PAIRS = 500, 5000
 # From one start. A motion that is not safe by then passes through an obstacle between the nodes, and stays there.
 MOST_ROUNDS = 7
-# Rounds without a feasible point, one after the other, until another start is tried.
+# Rounds without a feasible point, one after the other, until another start is tried; and rounds until planes of which
+# margins alone did not make a safe plan are split.
 MOST_IN_VAIN = 3
-# From this round on, planes of which margins alone did not make a safe plan are split.
-FIRST_SPLIT = 3
 
 
-def avoidance_blocks(model: Any) -> list[ObstacleAvoidanceBlockData]:
-    """The active `ObstacleAvoidanceBlock` of a model, wherever they are."""
-    return blocks_of_kind(model, ObstacleAvoidanceBlockData)
+@dataclass(frozen=True, eq=False)
+class PlanningRound:
+    """One solve with the verification of the motion that came out.
+
+    Attributes
+    ----------
+    purpose : str
+        What was changed before it.
+    quality : Quality
+    objective : float
+    iterations : int
+        Of Ipopt, in all steps of the solve.
+    shortfall : float
+        By how much the motion comes closer than its clearance, at worst, that of the equations included; negative where
+        there is room left.
+    worst : str
+        The two bodies for which that is so.
+    safe : bool or None
+        As `SafetyReport.safe`; False as well where nobody looked.
+    seconds : float
+        Of the solve.
+    """
+
+    purpose: str
+    quality: Quality
+    objective: float
+    iterations: int
+    shortfall: float
+    worst: str
+    safe: bool | None
+    seconds: float
+
+    HEADER: ClassVar[str] = (
+        f"{'quality':<10} {'objective':>13} {'iter':>6} {'shortfall':>10} {'safe':>5} {'seconds':>8}  "
+        f"{'worst pair':<28} round"
+    )
+
+    @classmethod
+    def of(cls, purpose: str, result: SolveResult) -> PlanningRound:
+        """The round that ended with a result, which was verified unless it has no report."""
+        report = result.safety
+        worst = None if report is None else report.worst
+        return cls(
+            purpose,
+            result.quality,
+            result.objective,
+            result.iterations,
+            0.0 if worst is None else worst.shortfall,
+            "" if worst is None else f"{worst.first} - {worst.second}",
+            False if report is None else report.safe,
+            result.seconds,
+        )
+
+    def __str__(self) -> str:
+        # What was done takes as much room as it needs, at the end.
+        safe = "clear" if self.safe is None else "yes" if self.safe else "no"
+        return (
+            f"{self.quality.name:<10} {self.objective:>13.6g} {self.iterations:>6} {self.shortfall:>10.2e} "
+            f"{safe:>5} {self.seconds:>8.2f}  {self.worst:<28} {self.purpose}"
+        )
 
 
-def containments(model: Any) -> list[ContainmentData]:
-    """The active `Containment` of a model, wherever they are."""
-    return blocks_of_kind(model, ContainmentData)
+def _with_safety(result: SolveResult, report: SafetyReport | None) -> SolveResult:
+    """A result with the report on its motion, if any, and what the motion lacks in its standing."""
+    safe, worst = (False, None) if report is None else (report.safe, report.worst)
+    # A motion that is not proven stands behind every one that is, also where no instant of it is too close, and one
+    # that is clear but not replayed behind those that are.
+    unproven = max(worst.shortfall, worst.tolerance) if worst is not None and safe is False else 0.0
+    lacking = math.ulp(0.0) if safe is None else unproven
+    return replace(result, safety=report, standing=replace(result.standing, shortfall=lacking))
+
+
+def _is_settled(result: SolveResult) -> bool:
+    """Whether it is a plan to go by, as far as can be known."""
+    return result.safety is not None and result.was_safe is not False
+
+
+def _is_near(report: SafetyReport | None) -> bool:
+    """Whether a motion is too close by its clearance at most: what margins or a finer mesh make safe.
+
+    What was not verified is taken to be: a plan on a finer mesh starts from there.
+    """
+    return report is None or (report.worst is not None and report.worst.shortfall <= report.worst.clearance)
 
 
 class SafePlanning:
@@ -68,32 +142,23 @@ class SafePlanning:
     Parameters
     ----------
     model : Block
-    blocks : list of ObstacleAvoidanceBlockData
-        Its active ones.
-    regions : list of ContainmentData
-        Its active ones.
     settings : Settings
     """
 
-    def __init__(
-        self,
-        model: Any,
-        blocks: list[ObstacleAvoidanceBlockData],
-        regions: list[ContainmentData],
-        settings: Settings,
-    ) -> None:
-        self._model, self._blocks, self._regions = model, blocks, regions
+    def __init__(self, model: Any, settings: Settings) -> None:
+        self._model, self._blocks, self._regions = model, avoidance_blocks(model), containments(model)
         # Rounds in which margins alone have changed have the same program.
         self._settings = replace(settings, program=KeptProgram())
         self.rounds: list[PlanningRound] = []
+        self.results: list[SolveResult] = []  # of the rounds
         self._reports: list[SafetyReport]  # of each block, then of each region
-        self._best: PlanningRound | None = None
+        self._best: tuple[SolveResult, RoundPoint] | None = None
         self._seconds_per_element = 0.0  # of the longest verification so far
         self._interrupted = False
-        self._meshes = SafetyMeshes([*blocks, *regions])
+        self._meshes = MeshLoop(model)
         self._is_start = self._is_any_start = False
         self._began = VariableValues.of_free(model)
-        self._recovery = Recovery(model, blocks, regions, self)
+        self._recovery = Recovery(model, self)
 
     def is_for_a_start(self, *, any_point: bool) -> None:
         """Be content with a plan that is nearly clear, or with any feasible point, on the mesh as it is.
@@ -101,7 +166,7 @@ class SafePlanning:
         The equations of so coarse a mesh lead elsewhere than those of the user's: they are not looked at.
         """
         self._is_start, self._is_any_start, self._recovery.is_for_a_start = True, any_point, True
-        self._meshes.stay()
+        self._meshes.has_ended = True
 
     def plan(self) -> SolveResult:
         """Solve from one start after the other until the motion is proven to be safe; the best point is kept.
@@ -128,7 +193,7 @@ class SafePlanning:
 
     def _restore_best(self) -> None:
         if self._best is not None:
-            self._best.restore()
+            self._best[1].restore()
 
     def _plan(self) -> None:
         recovery = self._recovery
@@ -158,7 +223,7 @@ class SafePlanning:
             return False
         left = self._settings.deadline.left
         shorter = replace(self._settings, deadline=Deadline.after(None if left is None else 0.5 * left))
-        planning = SafePlanning(copy, avoidance_blocks(copy), containments(copy), shorter)
+        planning = SafePlanning(copy, shorter)
         # Among few separations margins are cheaper on the user's mesh, among many on the coarse one.
         planning.is_for_a_start(any_point=not many)
         try:
@@ -174,6 +239,7 @@ class SafePlanning:
         if not found:
             return False
         self.rounds += [replace(made, purpose=f"fewer elements: {made.purpose}") for made in planning.rounds]
+        self.results += planning.results
         self._recovery.initialize_separations()
         result = self.solve(
             f"from a plan on {elements_of(copy)} elements", again=True, most_iterations=ITERATIONS_OF_ONE
@@ -196,14 +262,11 @@ class SafePlanning:
         most_iterations : int, optional
             Of Ipopt, where the user has not set ``max_iter``.
         """
-        settings = self._settings
-        if again:
-            nearly = self.rounds and self.rounds[-1].is_nearly_safe
-            settings = replace(settings, options=settings.options.with_default(NEARLY_SAFE if nearly else NEARLY_THERE))
-        if most_iterations is not None:
-            settings = replace(settings, options=settings.options.with_default({"max_iter": most_iterations}))
+        nearly = NEARLY_SAFE if self._is_nearly_safe else NEARLY_THERE
+        limit = {} if most_iterations is None else {"max_iter": most_iterations}
+        options = self._settings.options.with_default({**(nearly if again else {}), **limit})
         self._began = VariableValues.of_free(self._model)
-        result = solve_model(self._model, replace(settings, deadline=self.deadline))
+        result = solve_model(self._model, replace(self._settings, options=options, deadline=self.deadline))
         # A plan that is not feasible is not integrated: its equations do not hold.
         equations = not self._is_start and result.quality is not Quality.INFEASIBLE
         # What is only a start, at any feasible point, is not verified.
@@ -213,16 +276,23 @@ class SafePlanning:
         )
         spent = time.perf_counter() - started
         self._seconds_per_element = max(self._seconds_per_element, spent / max(elements_of(self._model), 1))
-        report = None if unseen else joined_report(self._reports)
-        made = PlanningRound.now(purpose, self._model, self._blocks, self._regions, result, report)
+        result = _with_safety(result, None if unseen else joined_report(self._reports))
+        made = PlanningRound.of(purpose, result)
         self.rounds.append(made)
+        self.results.append(result)
         if len(self.rounds) == 1:
-            settings.progress.line(made.HEADER)
-        settings.progress.line(str(made))
+            self._settings.progress.line(made.HEADER)
+        self._settings.progress.line(str(made))
         logger.info("'%s': %s", self._model.name, made)
-        if self._best is None or made.standing.is_better_than(self._best.standing):
-            self._best = made
+        if self._best is None or result.standing.is_better_than(self._best[0].standing):
+            self._best = result, RoundPoint(self._model)
         return result
+
+    @property
+    def _is_nearly_safe(self) -> bool:
+        """Whether the last round found a plan that is too close by its clearance at most."""
+        last = self.results[-1] if self.results else None
+        return last is not None and last.quality is not Quality.INFEASIBLE and _is_near(last.safety)
 
     def solve_without_obstacles(self) -> bool:
         """Put the best motion without obstacles on the model, where it is found at once; else nothing changes.
@@ -267,9 +337,8 @@ class SafePlanning:
 
     def _made_safe(self, result: SolveResult) -> SolveResult:
         """Tighten and solve again until the motion is safe, or it does not seem to become so."""
-        start, can_go_back = self._began, True
-        point = VariableValues.of_free(self._model)
-        reports, in_vain = self._reports, 0
+        start, can_go_back, in_vain = self._began, True, 0
+        point, reports = VariableValues.of_free(self._model), self._reports
         for number in range(1, MOST_ROUNDS):
             if self._is_clear_enough(joined_report(reports)) or not self.may_go_on(result):
                 break
@@ -277,69 +346,68 @@ class SafePlanning:
             if finer is not None:
                 # The start stands on another mesh than the plan now.
                 result, can_go_back = finer, False
-                point, reports = VariableValues.of_free(self._model), self._reports
-                if self.rounds[-1].is_nearly_safe:
-                    start, can_go_back = point, True
-                continue
-            if not self.may_go_on(result):
-                break  # finer meshes took what was left
-            pairs = zip(self._blocks, reports[: len(self._blocks)], strict=True)
-            goes_back = can_go_back and any(ran_through_what_was_left_out(*pair) for pair in pairs)
-            purpose = self._tightened(reports, split=number >= FIRST_SPLIT or result.quality is Quality.INFEASIBLE)
-            if not purpose:
-                break
-            if goes_back:
-                # The way out of an obstacle may be on its wrong side; the start was far from it.
-                start.restore()
-                for block in self._blocks:
-                    clear_margins(block)  # they are those of the motion that is given up
-                    block.initialize()
-            result = self.solve(purpose, again=True, most_iterations=ITERATIONS_OF_ONE)
-            in_vain = in_vain + 1 if result.quality is Quality.INFEASIBLE else 0
-            if in_vain == MOST_IN_VAIN:
-                break
+            else:
+                if not self.may_go_on(result):
+                    break  # finer meshes took what was left
+                pairs = zip(self._blocks, reports[: len(self._blocks)], strict=True)
+                goes_back = can_go_back and any(ran_through_what_was_left_out(*pair) for pair in pairs)
+                purpose = self._tightened(reports, split=number >= MOST_IN_VAIN or result.quality is Quality.INFEASIBLE)
+                if not purpose:
+                    break
+                if goes_back:
+                    # The way out of an obstacle may be on its wrong side; the start was far from it.
+                    start.restore()
+                    self._recovery.initialize_separations()
+                result = self.solve(purpose, again=True, most_iterations=ITERATIONS_OF_ONE)
             if result.quality is Quality.INFEASIBLE:
+                in_vain += 1
+                if in_vain == MOST_IN_VAIN:
+                    break
                 # Margins may ask too much of a plane that a whole interval shares: its halves get planes of their own.
                 point.restore()
-            else:
-                point, reports = VariableValues.of_free(self._model), self._reports
-                if self.rounds[-1].is_nearly_safe:
-                    # Where the next round leaves what is nearly safe, it starts again from there.
-                    start, can_go_back = point, True
+                continue
+            in_vain, point, reports = 0, VariableValues.of_free(self._model), self._reports
+            if self._is_nearly_safe:
+                # Where the next round leaves what is nearly safe, it starts again from there.
+                start, can_go_back = point, True
         return result
 
     def _on_a_finer_mesh(self, result: SolveResult, reports: Sequence[SafetyReport]) -> SolveResult | None:
         """Solve again on a finer mesh where the plan is clear and its equations are not; or None."""
-        if result.quality is Quality.INFEASIBLE or any(pair.violated for pair in joined_report(reports).body_pairs):
+        is_clear = not any(pair.violated for pair in joined_report(reports).body_pairs)
+        if self._meshes.has_ended or result.quality is Quality.INFEASIBLE or not is_clear:
             return None
-        back = way_back(self._model, self._blocks, self._regions)
-        refined = self._meshes.refine(reports)
-        if not refined:
+        try:
+            plan = plan_for_safety([*self._blocks, *self._regions], reports)
+        except PyRobocopError as error:
+            self._meshes.keep_meshes(error)
             return None
-        if not self.may_go_on(result):
-            back()
-            return None
-        result = self.solve(refined, again=True)
-        if result.quality is Quality.INFEASIBLE:
-            back()
-            self._meshes.stay()
-            return None
-        return result
+        purpose = str(plan)
+
+        def solve() -> SolveResult | None:
+            return self.solve(purpose, again=True) if self.may_go_on(result) else None
+
+        def is_feasible(finer: SolveResult) -> bool:
+            self._meshes.has_ended = finer.quality is Quality.INFEASIBLE
+            return not self._meshes.has_ended
+
+        return self._meshes.solve_on(plan, solve, is_feasible) if plan.meshes else None
 
     @property
     def _is_good_enough(self) -> bool:
         """As safe as is known; or feasible, where only points were asked for, or another plan starts from this one."""
         assert self._best is not None
-        asked = bool(self._regions) or any(block.record.per_interval for block in self._blocks)
+        best = self._best[0]
+        if _is_settled(best) or best.quality is Quality.INFEASIBLE:
+            return _is_settled(best)
         if self._is_start and not self._is_any_start:
-            return self._best.is_settled or self._best.is_nearly_safe
-        enough = self._is_any_start or not asked
-        return self._best.is_settled or (self._best.quality is not Quality.INFEASIBLE and enough)
+            return _is_near(best.safety)
+        asked = bool(self._regions) or any(block.record.per_interval for block in self._blocks)
+        return self._is_any_start or not asked
 
     def _is_clear_enough(self, report: SafetyReport) -> bool:
         """As safe as is known; or nearly clear, where another plan starts from this one."""
-        worst = report.worst
-        return report.safe is not False or (self._is_start and worst is not None and worst.shortfall <= worst.clearance)
+        return report.safe is not False or (self._is_start and _is_near(report))
 
     def _tightened(self, reports: Sequence[SafetyReport], *, split: bool) -> str:
         """Ask for more where the motion was not safe; returns what was done, or nothing if nothing can be."""
@@ -353,15 +421,15 @@ class SafePlanning:
     def _best_of_all(self) -> SolveResult:
         """The best round, its point on the model, with the steps of all."""
         assert self._best is not None
-        self._best.restore()
-        best = with_steps_of_all(self._best.result, [made.result for made in self.rounds])
-        why_no_path = "" if self._best.is_settled else self._recovery.why_no_path
+        self._restore_best()
+        best = with_steps_of_all(self._best[0], self.results)
+        why_no_path = "" if _is_settled(best) else self._recovery.why_no_path
         return replace(
             best,
-            stop_reason=self._stop_reason(),
+            stop_reason=self._stop_reason(best),
             remarks=(*filter(None, [why_no_path]), *best.remarks, *filter(None, [self._meshes.remark])),
-            checking_seconds=sum(made.result.checking_seconds for made in self.rounds),
-            rounds=tuple(made.record() for made in self.rounds),
+            checking_seconds=sum(result.checking_seconds for result in self.results),
+            rounds=tuple(self.rounds),
             scenes=self._scenes(),
         )
 
@@ -372,14 +440,13 @@ class SafePlanning:
         except ModelError:
             return ()
 
-    def _stop_reason(self) -> StopReason:
+    def _stop_reason(self, best: SolveResult) -> StopReason:
         """What ended the rounds: a limit, where it did; else what the best round says."""
-        assert self._best is not None
-        last = self.rounds[-1].result.stop_reason
+        last = self.results[-1].stop_reason
         if self._interrupted:
             return StopReason.INTERRUPTED
-        if self._best.is_settled:
-            return self._best.result.stop_reason
+        if _is_settled(best):
+            return best.stop_reason
         if last.is_final:
             return last
-        return StopReason.TIME_LIMIT if self.deadline.has_passed else self._best.result.stop_reason
+        return StopReason.TIME_LIMIT if self.deadline.has_passed else best.stop_reason

@@ -20,6 +20,7 @@ from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.keywords import keywords_checked
 from pyrobocop_pyomo.modeling.rare_collections import rare_collections
 from pyrobocop_pyomo.modeling.variable_values import checksum_of_model
+from pyrobocop_pyomo.obstacles import avoidance_blocks, containments
 from pyrobocop_pyomo.obstacles.initial_checks import check_block, check_clocks, check_region
 from pyrobocop_pyomo.phases import note_outcome, phases_of
 from pyrobocop_pyomo.solving.ipopt_options import IpoptOptions
@@ -31,9 +32,9 @@ from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 from pyrobocop_pyomo.solving.strategies import Choices, settings_of
 
-from .finer_meshes import solve_on_finer_meshes
 from .integer_controls import open_choices, solve_with_integer_controls
-from .safe_planning import SafePlanning, avoidance_blocks, containments
+from .mesh_loop import solve_on_finer_meshes
+from .safe_planning import SafePlanning
 from .switches_at_boundaries import SwitchesAtBoundaries
 
 # What earlier versions call it.
@@ -221,14 +222,13 @@ def solve(
     for region in regions:
         check_region(region, limits.feasibility)
 
-    choices = open_choices(model)
+    has_choices = bool(open_choices(model))
 
     def as_it_stands() -> SolveResult:
         if blocks or regions:
             # Where no plan is found, the recovery has other starts.
-            without = replace(settings, second_tries=False)
-            return SafePlanning(model, blocks, regions, without).plan()
-        if mesh_tolerance is None or choices or is_renamed(model):
+            return SafePlanning(model, replace(settings, second_tries=False)).plan()
+        if mesh_tolerance is None or has_choices or is_renamed(model):
             return solve_model(model, settings)
         first = mesh_from_statement(phases_of(model))
         result = solve_on_finer_meshes(model, mesh_tolerance, settings)
@@ -236,8 +236,8 @@ def solve(
             result = SwitchesAtBoundaries(model, settings).improved(result)
         return replace(result, remarks=(*first, *result.remarks))
 
-    if choices:
-        result = solve_with_integer_controls(model, choices, as_it_stands, settings.deadline)
+    if has_choices:
+        result = solve_with_integer_controls(model, as_it_stands, settings.deadline)
     else:
         result = as_it_stands()
     # Controls that were rounded are free again: without their values the rows would be those of the relaxed problem.
@@ -246,12 +246,8 @@ def solve(
     if result.quality is not Quality.INFEASIBLE and not is_renamed(model):
         result = replace(result, doubts=(*result.doubts, *_missed_between_points(phases_of(model))))
     fingerprint = None if result.safety is None else checksum_of_model(model)
-    result = replace(
-        result,
-        doubts=(*doubts, *result.doubts),
-        seconds=time.perf_counter() - started,
-        fingerprint=fingerprint,
-    )
+    seconds = time.perf_counter() - started
+    result = replace(result, doubts=(*doubts, *result.doubts), seconds=seconds, fingerprint=fingerprint)
     note_outcome(model, result.outcome)
     return result
 
@@ -282,19 +278,15 @@ def _backends(choice: Backend | str | None) -> tuple[Backend, tuple[Backend, ...
         # The executable has the derivatives of ASL as well, and nothing that the others lack.
         return best, tuple(backend for backend in present if backend not in (best, Backend.EXECUTABLE))
     words = {
+        "in process": next((of for of in present if of is not Backend.EXECUTABLE), Backend.IN_PROCESS_VECTORISED),
         "asl": Backend.IN_PROCESS_ASL,
         "casadi": Backend.IN_PROCESS_CASADI,
         "vectorised": Backend.IN_PROCESS_VECTORISED,
         "executable": Backend.EXECUTABLE,
     }
-    if choice == "in process":
-        wanted = next((b for b in present if b is not Backend.EXECUTABLE), Backend.IN_PROCESS_VECTORISED)
-    elif isinstance(choice, Backend):
-        wanted = choice
-    elif choice in words:
-        wanted = words[choice]
-    else:
-        raise ValueError(f"backend = {choice!r}; choose 'in process', {', '.join(map(repr, words))} or a Backend.")
+    wanted = choice if isinstance(choice, Backend) else words.get(choice)
+    if wanted is None:
+        raise ValueError(f"backend = {choice!r}; choose {', '.join(map(repr, words))} or a Backend.")
     if wanted not in present:
         found = "; ".join(backend.value for backend in present) or "none"
         raise SolverNotFoundError(

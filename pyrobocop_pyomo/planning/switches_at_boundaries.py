@@ -17,13 +17,12 @@ from pyrobocop_pyomo.complementarity.grouping import PerPair, as_grouping
 from pyrobocop_pyomo.diagnosis import Finding, Severity, Subject
 from pyrobocop_pyomo.discretisation.estimates import SMALL_MOTION_ERROR, SMALL_OBJECTIVE_ERROR, ZERO_OBJECTIVE
 from pyrobocop_pyomo.discretisation.jump_times import jump_fractions
-from pyrobocop_pyomo.errors import PyRobocopError
+from pyrobocop_pyomo.errors import PyRobocopError, SolveFailed
 from pyrobocop_pyomo.modeling.activity import is_inside
-from pyrobocop_pyomo.modeling.failures import undone_on_failure
 from pyrobocop_pyomo.numerics import Array, Mesh
 from pyrobocop_pyomo.numerics.remeshing import halves_of
 from pyrobocop_pyomo.phases import Control, phases_of
-from pyrobocop_pyomo.phases.remeshing import free_element_widths, put_on_meshes, remesh_phases
+from pyrobocop_pyomo.phases.remeshing import free_element_widths, put_on_meshes
 from pyrobocop_pyomo.solving.ipopt_options import NEARLY_THERE
 from pyrobocop_pyomo.solving.iterates import Quality
 from pyrobocop_pyomo.solving.procedure import solve_model
@@ -33,7 +32,7 @@ from pyrobocop_pyomo.solving.solve_result import SolveResult, with_steps_of_all
 from pyrobocop_pyomo.solving.starts import take_values_of_copy
 from pyrobocop_pyomo.solving.strategies import BARRIER, TIGHT
 
-from .planning_point import PlanningPoint
+from .mesh_loop import MeshLoop, MeshPlan
 
 logger = logging.getLogger(__name__)
 
@@ -109,17 +108,11 @@ class SwitchesAtBoundaries:
             return first
         remark, doubts = "", (self._doubt(switches),) if switches else ()
         if self._may_try():
-            point = PlanningPoint(self._model)
             try:
-                with undone_on_failure(point.restore):
-                    moved = self._on_moved_boundaries(first)
-                if isinstance(moved, SolveResult):
-                    return moved
-                remark = moved
+                return self._on_moved_boundaries(first)
             except PyRobocopError as error:
                 logger.info("'%s': no answer on moved element boundaries: %s", self._model.name, error)
-                remark = f"Element boundaries cannot be moved to the switches here: {error}"
-            point.restore()
+                remark = f"Element boundaries were not moved to the switches: {error}"
         remarks = (*first.remarks, remark) if remark and switches else first.remarks
         return replace(first, doubts=(*first.doubts, *doubts), remarks=remarks)
 
@@ -145,9 +138,9 @@ class SwitchesAtBoundaries:
             "order of the elements' width, and an optimiser can gain by it."
         )
         remedy = (
-            "Let the boundaries move: PhaseBlock(..., free_element_widths=(0.2, 3)) and rcp.solve(m, "
-            'grouping=rcp.relaxations.Crossed(left_end="first")), with the side that is continuous in time first in '
-            "each pair; or compare with more elements."
+            "Let the boundaries move: PhaseBlock(..., free_element_widths=(0.2, 3)) and rcp.solve(m, strategies="
+            'rcp.Strategy(grouping=rcp.relaxations.Crossed(left_end="first"))), with the side that is continuous in '
+            "time first in each pair; or compare with more elements."
         )
         return Finding(Severity.WARNING, Subject.OUTCOME, message, (family[0],), remedy)
 
@@ -164,17 +157,24 @@ class SwitchesAtBoundaries:
             and not settings.deadline.has_passed
         )
 
-    def _on_moved_boundaries(self, first: SolveResult) -> SolveResult | str:
-        """The answer on the model with other boundaries, or why there is none."""
+    def _on_moved_boundaries(self, first: SolveResult) -> SolveResult:
+        """The answer on the model with other boundaries.
+
+        Raises
+        ------
+        PyRobocopError
+            Saying why there is none.
+        """
         copy = self._model.clone()
         twins = [copy.find_component(phase) for phase in self._phases]
         free_element_widths(twins, FACTORS)
         grouping = CrossedBySides({family: sides.left_end for family, sides in self._families.items()})
         settings = replace(self._settings, grouping=grouping, exploration=0.0)
         results, change = [self._solved(copy, settings)], np.inf
-        while (reason := self._reason_against(results[-1], first)) is None and change > SMALL_OBJECTIVE_ERROR:
+        while change > SMALL_OBJECTIVE_ERROR:
+            self._refuse_worse(results[-1], first)
             if len(results) > MOST_MESHES:
-                return "With equal elements between the switches, no solution was found that meshes agree on."
+                raise SolveFailed("with equal elements between them, meshes agree on no solution.", results[-1])
             if len(results) > 1:
                 copy.del_component(EQUAL_WIDTHS)
                 put_on_meshes({twin: halves_of(twin.grid.mesh) for twin in twins})
@@ -182,17 +182,24 @@ class SwitchesAtBoundaries:
             _keep_equal_widths(copy, twins)
             results.append(self._solved(copy, replace(settings, strategies=(WARM,))))
             change = _difference(results[-1], results[-2])
-        if reason is not None:
-            return reason
         found = results[-1]
+        self._refuse_worse(found, first)
         if not self._inside() and _difference(found, first) < SMALL_OBJECTIVE_ERROR / 10.0:
             return first  # other elements bring nothing
-        remesh_phases({phase: _moved(phase, twin) for phase, twin in zip(self._phases, twins, strict=True)})
-        take_values_of_copy(self._model, copy)
+        plan = MeshPlan({p: _moved(p, twin) for p, twin in zip(self._phases, twins, strict=True)}, "switches")
         again = replace(TIGHT, name="switches at boundaries", options=AT_THE_ANSWER)
-        result = self._solved(self._model, replace(settings, strategies=(again,)))
-        if result.quality is not Quality.OPTIMAL or _difference(result, found) > SMALL_OBJECTIVE_ERROR:
-            return "Boundaries that were moved to the switches could not be kept."
+
+        def solve() -> SolveResult:
+            take_values_of_copy(self._model, copy)
+            return self._solved(self._model, replace(settings, strategies=(again,)))
+
+        def is_the_same(result: SolveResult) -> bool:
+            return result.quality is Quality.OPTIMAL and not _difference(result, found) > SMALL_OBJECTIVE_ERROR
+
+        loop = MeshLoop(self._model)
+        result = loop.solve_on(plan, solve, is_the_same)
+        if result is None:
+            raise SolveFailed(loop.remark or "the model has another solution there than its copy.", found)
         remark = (
             f"Pairs changed sides inside of elements, where the first answer, {first.objective:.6g}, has an error of "
             "the order of their width. The boundaries of the elements have moved to the switches, and the elements "
@@ -206,18 +213,17 @@ class SwitchesAtBoundaries:
         logger.info("'%s' with elements that end at switches: %s", model.name, result.one_line())
         return result
 
-    def _reason_against(self, found: SolveResult, first: SolveResult) -> str | None:
-        where = "With element boundaries that move to the switches,"
+    def _refuse_worse(self, found: SolveResult, first: SolveResult) -> None:
+        """Raise SolveFailed where an answer on moved boundaries does not replace the first one."""
         if found.quality is not Quality.OPTIMAL:
-            return f"{where} no solution was found ({found.stop_reason.value})."
+            raise SolveFailed(f"no solution was found there ({found.stop_reason.value}).", found)
         motion, before = found.discretisation.motion_error, first.discretisation.motion_error
         if motion is not None and motion > max(SMALL_MOTION_ERROR, before or 0.0):
-            return f"{where} the motion is not that of the equations ({motion:.1e} of a state's size)."
+            raise SolveFailed(f"the motion there is not that of the equations ({motion:.1e} of a state's size).", found)
         elements = max(phase.grid.mesh.elements for phase in self._phases)
         worse = found.standing.cost - first.standing.cost
         if worse > FLATTERED / elements * max(abs(first.objective), abs(found.objective)):
-            return f"{where} a worse local optimum was found, {found.objective:.6g}."
-        return None
+            raise SolveFailed(f"a worse local optimum was found there, {found.objective:.6g}.", found)
 
 
 class _Sides:

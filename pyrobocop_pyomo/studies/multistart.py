@@ -14,7 +14,7 @@ from pyrobocop_pyomo.execution.engine import Engine
 from pyrobocop_pyomo.modeling.variable_values import checksum_of_model
 from pyrobocop_pyomo.motion.equations_motion import PLAN_ALONE
 from pyrobocop_pyomo.motion.safety_report import joined_report
-from pyrobocop_pyomo.planning.safe_planning import avoidance_blocks, containments
+from pyrobocop_pyomo.obstacles import avoidance_blocks, containments
 from pyrobocop_pyomo.solving import SolveResult
 from pyrobocop_pyomo.solving.starts import RandomStarts
 

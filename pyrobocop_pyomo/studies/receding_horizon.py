@@ -20,10 +20,10 @@ from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.motion.safety_report import SafetyReport, joined_report
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.obstacles import avoidance_blocks, containments
 from pyrobocop_pyomo.obstacles.initial_checks import warn_of_clocks_that_start_anew
 from pyrobocop_pyomo.phases import Control, Parameter, PhaseBlockData
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
-from pyrobocop_pyomo.planning.safe_planning import avoidance_blocks, containments
 from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoint
 from pyrobocop_pyomo.solving.exact_pairs import ExactPairs

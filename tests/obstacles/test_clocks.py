@@ -10,8 +10,8 @@ import pytest
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.obstacles import avoidance_blocks
 from pyrobocop_pyomo.obstacles.initial_checks import check_clocks
-from pyrobocop_pyomo.planning.safe_planning import avoidance_blocks
 
 BOX = rcp.Polytope.box(1, 1)
 

@@ -13,7 +13,7 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import check_pose
 from pyrobocop_pyomo.planning import recovery
-from pyrobocop_pyomo.planning.planning_round import way_back
+from pyrobocop_pyomo.planning.planning_point import RoundPoint
 
 
 def flight() -> pyo.ConcreteModel:
@@ -38,14 +38,14 @@ def test_poses_between_nodes_are_not_judged_when_a_round_is_restored() -> None:
     m = flight()
     block = m.fly.avoid
     block.initialize()
-    restore = way_back(m, [block], [])
+    point = RoundPoint(m)
     first, second, start = next(iter(block.separations))
     _, right = block.split(first, second, start)
     between = block.record.poses[first, right[2]]
     with pytest.raises(ObstacleError, match="differs from the identity"):
         check_pose(between, "body")
     m.fly.x[0.0] = 7.0
-    restore()
+    point.restore()
     assert m.fly.x[0.0].value == 0.0
     assert all(variable.value is not None for variable in block.component_data_objects(pyo.Var))
     block.initialize()

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import EvaluationError
-from pyrobocop_pyomo.planning.finer_meshes import MeshLoop
+from pyrobocop_pyomo.planning import mesh_loop
 
 pytestmark = pytest.mark.ipopt
 
@@ -133,7 +133,8 @@ def test_what_cannot_be_solved_on_a_finer_mesh_leaves_the_answer(monkeypatch: py
     def fails(*_: Any) -> Any:
         raise EvaluationError("no value there")
 
-    monkeypatch.setattr(MeshLoop, "_on", fails)
+    solves = iter([mesh_loop.solve_model, fails])
+    monkeypatch.setattr(mesh_loop, "solve_model", lambda *given: next(solves)(*given))
     result = rcp.solve(m)
     assert result.solved
     assert m.p.grid.mesh.elements == 5

@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.motion.equations_motion import needed_reductions
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
-from pyrobocop_pyomo.planning import safety_meshes
+from pyrobocop_pyomo.planning import mesh_loop
 from pyrobocop_pyomo.planning.planning_point import PlanningPoint
 
 pytestmark = [pytest.mark.ipopt]
@@ -183,7 +183,7 @@ def test_a_round_that_could_not_be_verified_in_time_is_not_begun(limit: float, m
         return slowly
 
     monkeypatch.setattr(ObstacleAvoidanceBlockData, "verify", slow(ObstacleAvoidanceBlockData.verify))
-    monkeypatch.setattr(safety_meshes, "reintegrate", slow(safety_meshes.reintegrate))
+    monkeypatch.setattr(mesh_loop, "reintegrate", slow(mesh_loop.reintegrate))
     result = rcp.solve(m, time_limit=limit)
     assert clock[0] <= limit
     assert result.safe or result.stop_reason is rcp.StopReason.TIME_LIMIT

@@ -40,7 +40,7 @@ class Fails:
 
 def told(model: pyo.ConcreteModel) -> dict[str, float]:
     planning = Fails(model)
-    recovery = Recovery(model, [model.move.avoid], [], planning)
+    recovery = Recovery(model, planning)
     recovery.start()
     for step in recovery.steps():
         step()
@@ -59,7 +59,7 @@ def test_the_guess_comes_first_then_one_that_is_led_around_and_others_start_from
 def test_margins_of_another_motion_are_forgotten() -> None:
     m = through_a_wall(end=(2, 0, 0))
     index = m.move.avoid.separations.first()
-    recovery = Recovery(m, [m.move.avoid], [], Fails(m))
+    recovery = Recovery(m, Fails(m))
     m.move.avoid.set_margin(*index, 0.3)
     recovery.start()
     for step, _ in zip(recovery.steps(), range(2), strict=False):

@@ -10,10 +10,10 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import InitialGuessError, ObstacleError
 from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.obstacles import avoidance_blocks
 from pyrobocop_pyomo.obstacles.rerouting import can_be_rerouted, overlaps_deeply
 from pyrobocop_pyomo.phases import phases_of
-from pyrobocop_pyomo.planning.safe_planning import avoidance_blocks
-from pyrobocop_pyomo.planning.start_providers import PATH_CLEARANCES, Fit, register_starts
+from pyrobocop_pyomo.planning.recovery import PATH_CLEARANCES, Fit, register_starts
 
 from .configuration_space import ConfigurationSpace
 from .sampled_path import sampled_path

@@ -8,9 +8,9 @@ from typing import Any
 
 from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.obstacles import avoidance_blocks
 from pyrobocop_pyomo.obstacles.rerouting import can_turn_at_both_ends, overlaps_deeply
-from pyrobocop_pyomo.planning.safe_planning import avoidance_blocks
-from pyrobocop_pyomo.planning.start_providers import PATH_CLEARANCES, Fit, register_starts
+from pyrobocop_pyomo.planning.recovery import PATH_CLEARANCES, Fit, register_starts
 
 from .recognised_car import RecognisedCar, recognised_car
 

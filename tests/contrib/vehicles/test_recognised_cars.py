@@ -204,7 +204,7 @@ def test_no_path_is_searched_twice_in_vain(is_for_a_start: bool, monkeypatch: py
     """Not farther from obstacles where there is none near them, and not for a start that another mesh improves."""
     m = scattered("unicycle", 6, 100, 20)
     m.move.avoid.initialize()
-    recovery = Recovery(m, [m.move.avoid], [], PLANNING)
+    recovery = Recovery(m, PLANNING)
     recovery.is_for_a_start = is_for_a_start
     searched: list[float] = []
 
