@@ -7,17 +7,16 @@ study are done, are values of `engine=`. A `Checkpoint` is a file to go on from.
 from pyrobocop_pyomo.distributed.checkpoint import Checkpoint
 from pyrobocop_pyomo.distributed.closing import Closing
 from pyrobocop_pyomo.distributed.hub_method import Hub
-from pyrobocop_pyomo.distributed.rounds import Round
+from pyrobocop_pyomo.distributed.rounds import BarrierPath, Round, TargetedPenalties
 from pyrobocop_pyomo.distributed.sova import Sova
 from pyrobocop_pyomo.distributed.team_horizon import TeamHorizon
 from pyrobocop_pyomo.distributed.team_result import TeamResult
-from pyrobocop_pyomo.distributed.team_schedules import BarrierPath, TargetedPenalties
 from pyrobocop_pyomo.errors import removed_names
 from pyrobocop_pyomo.execution.dask_engine import DaskEngine
 from pyrobocop_pyomo.execution.engine import Engine
+from pyrobocop_pyomo.execution.engines import SerialEngine
 from pyrobocop_pyomo.execution.mpi_engine import MpiEngine
 from pyrobocop_pyomo.execution.process_engine import ProcessEngine
-from pyrobocop_pyomo.execution.serial_engine import SerialEngine
 
 __all__ = [
     "BarrierPath",

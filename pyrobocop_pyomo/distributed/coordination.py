@@ -19,8 +19,7 @@ from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from .agents import KeepApart, Shared
 from .consensus import Consensus
 from .messages import Order, ProblemFacts, Report
-from .rounds import PlanScore, Round
-from .team_schedules import BarrierPath, TargetedPenalties
+from .rounds import BarrierPath, PlanScore, Round, TargetedPenalties
 
 logger = logging.getLogger(__name__)
 

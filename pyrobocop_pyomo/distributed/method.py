@@ -12,8 +12,7 @@ from pyrobocop_pyomo.numerics import Array
 from .closing import Closing
 from .coordination import Coordination, TeamState
 from .messages import Order
-from .rounds import ENDINGS, Round
-from .team_schedules import BarrierPath, TargetedPenalties
+from .rounds import ENDINGS, BarrierPath, Round, TargetedPenalties
 
 FIRST_ITERATIONS = 300  # least limit of a solve without one to go on from
 

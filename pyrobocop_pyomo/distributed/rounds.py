@@ -1,11 +1,14 @@
-"""`Round`: one round of a team, in numbers."""
+"""`Round`: one round of a team, in numbers; how the barrier parameter and the penalties move from round to round."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
+from pyrobocop_pyomo.errors import TeamError
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.presentation import Presented
 
@@ -98,3 +101,109 @@ class Round(Presented):
         return (
             f"{self.number}: objective {self.objective:.6g}, {len(self.reports)} reports, {len(self.failures)} failures"
         )
+
+
+@dataclass(frozen=True)
+class BarrierPath:
+    """mu falls by a factor in each round; below `turn` only as fast as the agents agree.
+
+    The robots' delta is twice as large. With ``start``, ``turn`` and ``floor`` alike mu stays as it is.
+
+    Attributes
+    ----------
+    start : float
+        mu of the first round.
+    factor : float
+        Between 0 and 1, down to `turn`.
+    turn : float
+        From here on mu falls by `fast` where the disagreement of each shared group is below its mark, else by `slow`.
+    fast, slow : float
+    marks : sequence of float or float
+        Of the disagreement, times the square root of mu; one number, or one for each `Shared`.
+    floor : float
+        Least mu.
+    """
+
+    start: float = 0.1
+    factor: float = 0.6
+    turn: float = 1e-3
+    fast: float = 0.5
+    slow: float = 0.9
+    marks: float | Sequence[float] = 1.0
+    floor: float = 1e-5
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that make no falling path."""
+        if not 0 < self.floor <= self.turn <= self.start:
+            raise TeamError(f"{self!r}: expected 0 < floor <= turn <= start.")
+        if not all(0 < factor < 1 for factor in (self.factor, self.fast, self.slow)):
+            raise TeamError(f"{self!r}: factor, fast and slow must lie between 0 and 1.")
+
+    def after(self, mu: float, disagreement: Array) -> float:
+        """Return mu of the next round.
+
+        Parameters
+        ----------
+        mu : float
+            Of the last round.
+        disagreement : float array
+            Largest disagreement of the last round, for each `Shared` in its own unit.
+        """
+        if mu > self.turn:
+            return max(self.turn, mu * self.factor)
+        agreed = bool((disagreement < np.asarray(self.marks) * np.sqrt(mu)).all())
+        return max(self.floor, mu * (self.fast if agreed else self.slow))
+
+
+@dataclass(frozen=True)
+class TargetedPenalties:
+    """A penalty grows while its group disagrees by more than is wanted, and falls back where it agrees far better.
+
+    A penalty that stays high after its quantity agrees holds what the others would have to move: with the object's path
+    held fast, contacts cannot turn, and forces that are a little wrong stay so.
+
+    Attributes
+    ----------
+    accuracy : float
+        Wanted disagreement, times the square root of the penalty as given: square root of the objective's unit. The
+        penalties say by their ratios how well each quantity has to agree.
+    factor : float
+        Of growth in a round, where the disagreement is larger.
+    fall : float
+        Of the way back, where the disagreement is below `ease` times the accuracy.
+    ease : float
+    largest : float
+        Of the factor on the given penalty; never below 1.
+    below : float
+        Penalties move when mu is at most this.
+    """
+
+    accuracy: float = 3e-3
+    factor: float = 1.25
+    fall: float = 0.9
+    ease: float = 0.3
+    largest: float = 60.0
+    below: float = 4e-3
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that move penalties the wrong way."""
+        if not (self.accuracy > 0 and self.factor >= 1 and 0 < self.fall <= 1 and self.largest >= 1):
+            raise TeamError(f"{self!r}: expected accuracy > 0, factor >= 1, 0 < fall <= 1 and largest >= 1.")
+
+    def after(self, factors: Array, mu: float | None, disagreement: Array) -> Array:
+        """Return the factors of the next round.
+
+        Parameters
+        ----------
+        factors : float array
+            On the penalty of each `Shared` in the last round, first 1.
+        mu : float or None
+            Of the last round.
+        disagreement : float array
+            Of the last round, for each `Shared`, times the square root of its penalty as given.
+        """
+        if mu is not None and mu > self.below:
+            return factors
+        up, down = disagreement > self.accuracy, disagreement < self.ease * self.accuracy
+        moved: Array = np.where(up, factors * self.factor, np.where(down, factors * self.fall, factors))
+        return np.clip(moved, 1.0, self.largest)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections import defaultdict, deque
+from collections.abc import Hashable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -100,24 +101,14 @@ class TimeShift:
         return component[index] if index is not None and index in component else variable
 
     def _rows_from(self, rows: Sequence[ConstraintData]) -> np.ndarray:
-        found: dict[tuple[int, frozenset[int]], list[int]] = {}
-        wanted: list[tuple[int, frozenset[int]]] = []
-        moved: dict[int, int] = {}
-        for i, row in enumerate(rows):
-            mine: Iterable[VarData] = list(variables_in(row.body, include_fixed=True))
-            for variable in mine:
-                if id(variable) not in moved:
-                    moved[id(variable)] = id(self.later(variable))
-            where = id(row.parent_component())
-            found.setdefault((where, frozenset(map(id, mine))), []).append(i)
-            wanted.append((where, frozenset(moved[id(variable)] for variable in mine)))
-        # Several rows of one component may have the same variables: they follow each other in their order.
-        taken: dict[tuple[int, frozenset[int]], int] = {}
+        read = [(id(row.parent_component()), list(variables_in(row.body, include_fixed=True))) for row in rows]
+        places: dict[tuple[int, frozenset[int]], deque[int]] = defaultdict(deque)
+        for i, (component, variables) in enumerate(read):
+            places[component, frozenset(map(id, variables))].append(i)
         source = np.arange(len(rows))
-        for i, key in enumerate(wanted):
-            others = found.get(key, [])
-            number = taken.get(key, 0)
-            if number < len(others):
-                source[i] = others[number]
-                taken[key] = number + 1
+        for i, (component, variables) in enumerate(read):
+            # Several rows of one component may have the same variables: they follow each other in their order.
+            found = places[component, frozenset(id(self.later(variable)) for variable in variables)]
+            if found:
+                source[i] = found.popleft()
         return source

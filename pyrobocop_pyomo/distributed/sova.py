@@ -13,8 +13,7 @@ from .coordination import Coordination, TeamState
 from .local_problem import DELTA
 from .messages import Order
 from .method import Method
-from .rounds import Round
-from .team_schedules import BarrierPath
+from .rounds import BarrierPath, Round
 
 
 @dataclass(frozen=True)

@@ -319,9 +319,8 @@ def find_method(method: Method | str, team: Team) -> Method:
 
 @dataclass(frozen=True)
 class _BestPlan:
-    """A plan, the round that it is from, and what it is worth."""
+    """A plan, and what it is worth."""
 
-    round: int
     score: PlanScore | None
     plans: dict[str, Any]
     objective: float
@@ -389,7 +388,7 @@ class _Rounds:
         if score is None:
             return
         # Later plans agree better and are cheaper as a rule.
-        found = _BestPlan(len(self._work.rounds) - 1, score, dict(plans), objective, self._keeps_apart(plans))
+        found = _BestPlan(score, dict(plans), objective, self._keeps_apart(plans))
         if self._best is None or found.rank >= self._best.rank:
             self._best = found
 
@@ -418,7 +417,7 @@ class _Rounds:
         best = self._best
         if best is None:
             plans = work.plans if work.physics is not None else work.all_values()
-            best = _BestPlan(len(work.rounds) - 1, None, dict(plans), work.rounds[-1].objective, keeps_apart=False)
+            best = _BestPlan(None, dict(plans), work.rounds[-1].objective, keeps_apart=False)
         agreement = bool(work.rounds) and work.rounds[-1].agrees(self._method.tolerance)
         source = work.hub or work.robots[0]
         target = state.target if work.hub else work.consensus.of_agent(source, state.target)
@@ -428,7 +427,7 @@ class _Rounds:
             agreed[quantity.name] = target[first : first + len(quantity.keys)]
             first += len(quantity.keys)
         return TeamResult(
-            best.plans, dict(state.values), agreed, work.rounds, best.round, best.score, agreement, names,
+            best.plans, dict(state.values), agreed, work.rounds, best.score, agreement, names,
             dict(work.frozen), dict(work.engine.deaths), best.objective, self._closings,
             self._team.physics, rule, None if rule is None else rule.least_distance(best.plans, self._team.names),
         )  # fmt: skip

@@ -19,10 +19,9 @@ from .agents import Shared
 from .coordination import TeamState
 from .hub_method import Hub
 from .method import Method
-from .rounds import Round, is_success
+from .rounds import BarrierPath, Round, is_success
 from .sova import Sova
 from .team import Team, find_method, start_team
-from .team_schedules import BarrierPath
 
 Measured = Mapping[str, Mapping[str, float]]
 

@@ -35,8 +35,6 @@ class TeamResult(Presented):
     agreed : mapping of component to float array
         What the team agreed on in the last round.
     rounds : sequence of Round
-    best_round : int
-        Number of the round that the plans are from.
     score : PlanScore or None
     agreement : bool
         Whether disagreement and change of the last round were within the tolerance.
@@ -61,7 +59,6 @@ class TeamResult(Presented):
     values: Mapping[str, Array]
     agreed: Mapping[str, Array]
     rounds: Sequence[Round]
-    best_round: int
     score: PlanScore | None
     agreement: bool
     shared: tuple[str, ...]

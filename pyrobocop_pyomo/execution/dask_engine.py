@@ -17,8 +17,8 @@ from pyrobocop_pyomo.errors import EngineError
 from pyrobocop_pyomo.optional_imports import distributed, distributed_available
 
 from .homes import EngineWithHomes, Home
+from .process_engine import UNPROTECTED
 from .worker_host import Answer, HostedSpec, Request, WorkerHost
-from .worker_process import UNPROTECTED
 
 _SECONDS_FOR_HOME = 30.0  # for a worker to appear, and for an actor to be made on it
 _SECONDS_FOR_NEW_WORKER = 3.0  # a nanny starts a new worker in about two
@@ -118,7 +118,7 @@ class DaskEngine(EngineWithHomes[ActorHome]):
     workers : int, optional
         Number of processes on this machine, where neither of these is given. By default one for each agent, but no more
         than there are processors.
-    snapshot_every, deaths_allowed : int
+    deaths_allowed, answer_within
         As of `Engine`.
 
     Raises
@@ -174,7 +174,10 @@ class DaskEngine(EngineWithHomes[ActorHome]):
         if self._given_client is not None:
             self._client = self._given_client
         elif self.address is not None and self._client is None:
-            self._client = self._connect(self.address)
+            try:
+                self._client = distributed.Client(self.address, set_as_default=False, timeout=_SECONDS_FOR_HOME)
+            except (OSError, ValueError, TypeError) as error:
+                raise EngineError(f"engine 'dask': no scheduler answers at {self.address!r}: {error}") from error
 
     def places(self, most: int) -> int:
         """How many agents can solve side by side: one on each worker."""
@@ -182,12 +185,6 @@ class DaskEngine(EngineWithHomes[ActorHome]):
         if self._client is None:
             return super().places(most)
         return min(most, len(self._workers(_SECONDS_FOR_HOME)))
-
-    def _connect(self, address: str) -> Any:
-        try:
-            return distributed.Client(address, set_as_default=False, timeout=_SECONDS_FOR_HOME)
-        except (OSError, ValueError, TypeError) as error:
-            raise EngineError(f"engine 'dask': no scheduler answers at {address!r}: {error}") from error
 
     def _local_cluster(self, count: int) -> Any:
         if getattr(multiprocessing.current_process(), "_inheriting", False):

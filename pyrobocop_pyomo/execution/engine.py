@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import pickle
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -15,7 +14,7 @@ import numpy as np
 from pyrobocop_pyomo.errors import EngineError, PyRobocopError
 from pyrobocop_pyomo.modeling.failures import undone_on_failure
 
-from .worker_host import PROTOCOL, Answer, HostedSpec, Lost, Request
+from .worker_host import Answer, HostedSpec, Lost, Request
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -53,15 +52,13 @@ class Engine(ABC):
     An agent is built where it is solved, and stays there; only orders, reports and states travel. Use an engine as a
     context, or call `stop`: no process outlives it.
 
-    **Death of a worker.** Every `snapshot_every` rounds the state of an agent comes along with its report, and what it
-    was asked since is remembered. When its worker dies, it is built again elsewhere, put into the last state, and asked
-    the same again. Its solves are deterministic, so it goes on as if nothing had happened, bit by bit. Agents whose
-    workers die more than `deaths_allowed` times are given up: each later report of theirs is an `AgentFailure`.
+    **Death of a worker.** The state of an agent comes along with each of its reports. When its worker dies, it is built
+    again elsewhere, put into the last state, and asked again what it had not answered. Its solves are deterministic, so
+    it goes on as if nothing had happened, bit by bit. Agents whose workers die more than `deaths_allowed` times are
+    given up: each later report of theirs is an `AgentFailure`.
 
     Parameters
     ----------
-    snapshot_every : int
-        Rounds between two states of an agent: more is less traffic, and longer to come back.
     deaths_allowed : int
         How often the worker of an agent may die, and of one task of a study.
     answer_within : float
@@ -87,16 +84,12 @@ class Engine(ABC):
     name: str
     writes_files = True
 
-    def __init__(self, *, snapshot_every: int = 16, deaths_allowed: int = 2, answer_within: float = 600.0) -> None:
-        if snapshot_every < 1:
-            raise EngineError(f"engine '{self.name}': snapshot_every = {snapshot_every!r}; expected at least 1.")
+    def __init__(self, *, deaths_allowed: int = 2, answer_within: float = 600.0) -> None:
         if deaths_allowed < 0:
             raise EngineError(f"engine '{self.name}': deaths_allowed = {deaths_allowed!r}; expected 0 or more.")
         if not answer_within > 0:
             raise EngineError(f"engine '{self.name}': answer_within = {answer_within!r}; expected a positive number.")
-        self.answer_within = answer_within
-        self.snapshot_every = snapshot_every
-        self.deaths_allowed = deaths_allowed
+        self.answer_within, self.deaths_allowed = answer_within, deaths_allowed
         self._forget()
 
     def _forget(self) -> None:
@@ -104,9 +97,7 @@ class Engine(ABC):
         self.bytes_down: list[Counter[str]] = []
         self.bytes_up: list[Counter[str]] = []
         self._specs: dict[str, bytes] = {}
-        self._snapshots: dict[str, bytes] = {}
-        self._asked_since: dict[str, list[Request]] = {}
-        self._due: dict[str, int] = {}
+        self._states: dict[str, bytes] = {}
         self._given_up: dict[str, AgentFailure] = {}
         self._returning: dict[str, Lost] = {}  # lost agents that are being built again
 
@@ -177,14 +168,11 @@ class Engine(ABC):
             raise EngineError(f"engine '{self.name}': there are no agents to start.")
         requests = {spec.name: self._build_request(spec) for spec in specs}
         self._specs = {name: request.payload for name, request in requests.items()}
-        # The agents' states come in different rounds, so that traffic is even.
-        first = {name: self.snapshot_every - i % self.snapshot_every for i, name in enumerate(requests)}
-        self._due, self._asked_since = first, {name: [] for name in requests}
         self._new_round()
         with undone_on_failure(self.stop):  # what its workers do then is not known any more
             self._open({spec.name: spec for spec in specs})
             facts = {
-                name: self._value(name, reply, "could not be built") for name, reply in self._ask(requests).items()
+                name: self._answer_of(name, reply, "could not be built") for name, reply in self._ask(requests).items()
             }
             for failure in self._given_up.values():
                 raise EngineError(f"agent '{failure.agent}' could not be built: {failure.reason}")
@@ -204,10 +192,9 @@ class Engine(ABC):
         self._check(orders)
         self._new_round()
         requests = {
-            name: Request.of(name, "solve", order, with_state=self._keeps_snapshots and self._is_due(name))
-            for name, order in orders.items()
+            name: Request.of(name, "solve", order, with_state=self._keeps_states) for name, order in orders.items()
         }
-        return {name: _report(name, reply) for name, reply in self._ask(requests).items()}
+        return {name: self._answer_of(name, reply, None) for name, reply in self._ask(requests).items()}
 
     def states(self) -> dict[str, dict[str, np.ndarray]]:
         """The states of all agents that are not given up."""
@@ -243,8 +230,10 @@ class Engine(ABC):
         EngineError
             When the method raises an exception. Exceptions of this package keep their class.
         """
-        requests = {name: Request.of(name, method, *given) for name, given in arguments.items()}
-        return {name: self._value(name, reply, f"{method}() failed") for name, reply in self._ask(requests).items()}
+        requests = {
+            name: Request.of(name, method, *given, with_state=self._keeps_states) for name, given in arguments.items()
+        }
+        return {name: self._answer_of(name, reply, f"{method}() failed") for name, reply in self._ask(requests).items()}
 
     def end_silent_workers(self) -> None:  # noqa: B027 - an engine without other processes has none
         """Give up workers that owe an answer, such as stopped ones; `wait` then tells which were lost."""
@@ -286,7 +275,7 @@ class Engine(ABC):
 
     # ---------------------------------------------------------------- death and recovery
 
-    _keeps_snapshots = True
+    _keeps_states = True
 
     def _ask(self, requests: Mapping[str, Request]) -> dict[str, Answer | AgentFailure]:
         """Have requests answered, whatever workers die meanwhile."""
@@ -307,7 +296,8 @@ class Engine(ABC):
                 answers, lost = heard
                 for name, answer in answers.items():
                     replies[name] = answer
-                    self._remember(requests[name], answer)
+                    if answer.state is not None:
+                        self._states[name] = answer.state
                 for name in [name for name in lost if name in requests and name not in replies]:
                     if name in self._given_up:
                         replies[name] = self._given_up[name]
@@ -316,8 +306,7 @@ class Engine(ABC):
         return {name: replies[name] for name in requests}
 
     def _bring_back(self, lost: Mapping[str, Lost]) -> dict[str, Lost]:
-        """Begin to build lost agents again, and have them do what they did since their last state; gives those whose
-        workers died too often."""
+        """Begin to build lost agents again, in their last states; gives those whose workers died too often."""
         given_up: dict[str, Lost] = {}
         for name, loss in lost.items():
             if name in self._given_up:
@@ -334,27 +323,8 @@ class Engine(ABC):
         names = [name for name in lost if name in self._returning]
         self.respawn(names)
         for name in names:
-            rebuilt = self._specs[name], self._snapshots.get(name), self._asked_since[name]
-            self._tell(Request.of(name, "rebuild", *rebuilt))
+            self._tell(Request.of(name, "rebuild", self._specs[name], self._states.get(name)))
         return given_up
-
-    def _is_due(self, name: str) -> bool:
-        return len(self._asked_since[name]) + 1 >= self._due[name]
-
-    def _remember(self, request: Request, answer: Answer) -> None:
-        """Remember what has to be asked again; a state makes all that was asked before superfluous."""
-        name, state = request.agent, answer.state
-        if not answer.raised and request.task == "state":
-            state = answer.payload
-        elif not answer.raised and request.task == "restore":
-            (restored,) = pickle.loads(request.payload)
-            state = pickle.dumps(restored, PROTOCOL)
-        if state is not None:
-            self._snapshots[name] = state
-            self._asked_since[name] = []
-            self._due[name] = self.snapshot_every
-        elif self._keeps_snapshots and request.task not in ("state", "build"):
-            self._asked_since[name].append(request)
 
     # ---------------------------------------------------------------- small things
 
@@ -378,20 +348,14 @@ class Engine(ABC):
             raise EngineError(f"no agent '{unknown[0]}'; the agents are {', '.join(self._specs)}.")
 
     @staticmethod
-    def _value(name: str, reply: Answer | AgentFailure, label: str) -> Any:
-        """What an agent gave; what it raised is raised here."""
+    def _answer_of(name: str, reply: Answer | AgentFailure, label: str | None) -> Any:
+        """What an agent gave; what it raised is raised here, or is a failure where nothing is said of it."""
         if isinstance(reply, AgentFailure) or not reply.raised:
             return reply if isinstance(reply, AgentFailure) else reply.value
         raised = reply.value
+        if label is None:
+            return AgentFailure(name, raised.reason, traceback=raised.traceback)
         error = raised.original()
         if not isinstance(error, PyRobocopError):
             error = EngineError(f"agent '{name}' {label}: {raised.reason}")
         raise error from RuntimeError(f"in agent '{name}'\n{raised.traceback}")
-
-
-def _report(name: str, reply: Answer | AgentFailure) -> Any:
-    """The report of a solve, or why there is none."""
-    if isinstance(reply, AgentFailure) or not reply.raised:
-        return reply if isinstance(reply, AgentFailure) else reply.value
-    raised = reply.value
-    return AgentFailure(name, raised.reason, traceback=raised.traceback)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import fields, is_dataclass
 from types import MethodType
 from typing import Any
 
@@ -50,9 +49,6 @@ def _plain(value: Any) -> Any:
         return [_plain(item) for item in value]
     if isinstance(value, (set, frozenset)):
         return {"set": sorted(map(repr, value))}
-    if is_dataclass(value) and not isinstance(value, type):
-        parts = [(item.name, _plain(getattr(value, item.name))) for item in fields(value)]
-        return {"dataclass": type(value).__qualname__, "fields": parts}
     if isinstance(value, MethodType):
         return {"method": _plain([value.__func__, value.__self__])}
     if hasattr(value, "__qualname__"):

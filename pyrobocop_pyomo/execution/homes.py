@@ -11,8 +11,7 @@ from typing import Any, Generic, TypeVar
 from pyrobocop_pyomo.errors import EngineError
 
 from .engine import Engine, Exchange
-from .sending import packed
-from .worker_host import Answer, HostedSpec, Lost, Request
+from .worker_host import Answer, HostedSpec, Lost, Request, packed
 
 
 def available_cores() -> int:

@@ -32,7 +32,7 @@ class MpiEngine(Engine):
     """
 
     name = "mpi"
-    _keeps_snapshots = False  # a death ends the job
+    _keeps_states = False  # a death ends the job
 
     def __init__(self, communicator: Any = None) -> None:
         super().__init__()

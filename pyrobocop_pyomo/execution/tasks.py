@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
 from pyrobocop_pyomo.errors import EngineError, ModelError, PyRobocopError
 from pyrobocop_pyomo.modeling.deadline import Deadline
 
 from .engine import Engine
-from .engines import find_engine
+from .engines import SerialEngine, find_engine
 from .homes import available_cores
 from .process_engine import ProcessEngine
-from .serial_engine import SerialEngine
 from .worker_host import Answer, Lost, Raised, Request
 
 SECONDS_TO_ANSWER = 0.5  # after the deadline, which tasks keep by themselves
@@ -57,27 +58,15 @@ def study_engine(workers: Any, engine: str | Engine | None) -> Engine | None:
     EngineError
         When there is no such engine, or its package is not installed.
     """
-    count = number_of_workers(workers)
+    if workers != "all" and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 1):
+        raise ModelError(f"workers = {workers!r}; expected a number of processes of at least 1, or 'all' cores.")
+    count = available_cores() if workers == "all" else workers
     if engine is None:
         return None if count == 1 else ProcessEngine(count)
     if workers != 1:
         raise ModelError(f"workers = {workers!r} and an engine: give one of them; an engine has workers of its own.")
     engine = find_engine(engine)
     return None if isinstance(engine, SerialEngine) else engine
-
-
-def number_of_workers(workers: Any) -> int:
-    """The number of processes that is meant.
-
-    Raises
-    ------
-    ModelError
-    """
-    if isinstance(workers, str) and workers == "all":
-        return available_cores()
-    if isinstance(workers, bool) or not isinstance(workers, int) or workers < 1:
-        raise ModelError(f"workers = {workers!r}; expected a number of processes of at least 1, or 'all' cores.")
-    return workers
 
 
 def run_tasks(
@@ -117,93 +106,84 @@ def run_tasks(
     Exception
         What a task raises.
     """
-    if engine is None:
-        _run_here(tasks, take, make(), deadline)
-        return
-    listed = list(tasks)
-    with engine:
-        if listed:
-            _TaskRun(listed, take, engine, deadline, given_up).run(make, most)
+    run = _TaskRun(list(tasks)[::-1], take, deadline, given_up)
+    with contextlib.suppress(KeyboardInterrupt):
+        if engine is None:
+            run.here(make())
+        else:
+            with engine:
+                run.on_engine(engine, make, most)
 
 
-def _run_here(tasks: Iterable[Task], take: Take, solve: Callable[..., Any], deadline: Deadline) -> None:
-    waiting, begun = list(tasks)[::-1], False
-    try:
-        while waiting and not (begun and deadline.has_passed):
-            begun = True
-            following = take(solve(*waiting.pop().arguments, deadline=deadline))
-            if following is None:
-                return
-            waiting += list(following)[::-1]
-    except KeyboardInterrupt:
-        return
-
-
+@dataclass
 class _TaskRun:
-    """The state of one call on an engine, whose agents are workers that differ in nothing but their names."""
+    """The state of one call; on an engine, whose agents are workers that differ in nothing but their names."""
 
-    def __init__(
-        self, tasks: list[Task], take: Take, engine: Engine, deadline: Deadline, given_up: Callable[[Task], Any]
-    ) -> None:
-        self._waiting, self._take, self._engine = tasks[::-1], take, engine
-        self._deadline, self._given_up = deadline, given_up
-        self._idle: list[str] = []
-        self._running: dict[str, Task] = {}
-        self._deaths: Counter[Any] = Counter()
-        self._begun = False
+    waiting: list[Task]  # the next one last
+    take: Take
+    deadline: Deadline
+    given_up: Callable[[Task], Any]
+    idle: list[str] = field(default_factory=list)
+    running: dict[str, Task] = field(default_factory=dict)
+    deaths: Counter[Any] = field(default_factory=Counter)
+    begun: bool = False
 
-    def run(self, make: Make, most: int) -> None:
-        try:
-            names = [f"worker {number}" for number in range(self._engine.places(most))]
-            self._engine.start(_WorkerSpec(name, make) for name in names)
-            self._idle = names[::-1]
-            self._submit()
-            while self._running:
-                left = self._deadline.left
-                heard = self._engine.hear(None if left is None else max(left, 0.0) + SECONDS_TO_ANSWER)
-                if heard is None:
-                    return  # the end of the engine ends them
-                self._take_all(*heard)
-                self._submit()
-        except KeyboardInterrupt:
+    def here(self, solve: Callable[..., Any]) -> None:
+        while self.waiting and not (self.begun and self.deadline.has_passed):
+            self.begun = True
+            self._go_on_after(solve(*self.waiting.pop().arguments, deadline=self.deadline))
+
+    def on_engine(self, engine: Engine, make: Make, most: int) -> None:
+        if not self.waiting:
             return
+        names = [f"worker {number}" for number in range(engine.places(most))]
+        engine.start(_WorkerSpec(name, make) for name in names)
+        self.idle = names[::-1]
+        self._submit(engine)
+        while self.running:
+            left = self.deadline.left
+            heard = engine.hear(None if left is None else max(left, 0.0) + SECONDS_TO_ANSWER)
+            if heard is None:
+                return  # the end of the engine ends them
+            self._take_all(engine, *heard)
+            self._submit(engine)
 
-    def _submit(self) -> None:
+    def _submit(self, engine: Engine) -> None:
         """Only as many as there is room for: time passes, and whose worker dies is known."""
-        if self._waiting and self._begun and self._engine.agreed(self._deadline.has_passed):
-            self._waiting = []
-        while self._waiting and self._idle:
-            name, task = self._idle.pop(), self._waiting.pop()
-            self._running[name], self._begun = task, True
-            self._engine.submit(Request.of(name, "solve", (task.arguments, self._deadline.left)))
+        if self.waiting and self.begun and engine.agreed(self.deadline.has_passed):
+            self.waiting = []
+        while self.waiting and self.idle:
+            name, task = self.idle.pop(), self.waiting.pop()
+            self.running[name], self.begun = task, True
+            engine.submit(Request.of(name, "solve", (task.arguments, self.deadline.left)))
 
-    def _take_all(self, answers: Mapping[str, Answer], lost: Mapping[str, Lost]) -> None:
+    def _take_all(self, engine: Engine, answers: Mapping[str, Answer], lost: Mapping[str, Lost]) -> None:
         for name, answer in answers.items():
-            self._idle.append(name)
-            del self._running[name]
+            self.idle.append(name)
+            del self.running[name]
             value = answer.value
             if answer.raised:
                 raise _error_of(value)
             self._go_on_after(value)
         for name, loss in lost.items():
-            if self._engine.deaths[name] > self._engine.deaths_allowed:
+            if engine.deaths[name] > engine.deaths_allowed:
                 raise EngineError(f"a worker ended while it was started again, several times: {loss.reason}")
             # The task is to blame, and the worker may go on.
-            del self._engine.deaths[name]
-            self._idle.append(name)
-            task = self._running.pop(name)
-            self._deaths[task.key] += loss.at_work
-            if self._deaths[task.key] <= self._engine.deaths_allowed:
-                self._waiting.append(task)
+            del engine.deaths[name]
+            self.idle.append(name)
+            task = self.running.pop(name)
+            self.deaths[task.key] += loss.at_work
+            if self.deaths[task.key] <= engine.deaths_allowed:
+                self.waiting.append(task)
             else:
-                self._go_on_after(self._given_up(task))
+                self._go_on_after(self.given_up(task))
 
     def _go_on_after(self, result: Any) -> None:
-        following = self._take(result)
+        following = self.take(result)
         if following is None:
-            self._waiting = []
+            self.waiting = []
         else:
-            self._waiting += list(following)[::-1]
+            self.waiting += list(following)[::-1]
 
 
 def _error_of(raised: Raised) -> BaseException:
@@ -214,25 +194,17 @@ def _error_of(raised: Raised) -> BaseException:
 
 @dataclass(frozen=True)
 class _WorkerSpec:
-    """How the solver of a study is made on a worker."""
+    """How the solver of a study is made on a worker; it is an agent without a state."""
 
     name: str
     make: Make
 
-    def build(self) -> _Worker:
-        return _Worker(self.make())
+    def build(self) -> Any:
+        solve = self.make()
 
+        def in_time(order: tuple[tuple[Any, ...], float | None]) -> Any:
+            """Do a task, in the seconds that are left."""
+            arguments, left = order
+            return solve(*arguments, deadline=Deadline.after(left))
 
-class _Worker:
-    """What does tasks as an agent, which has no state between them."""
-
-    def __init__(self, solve: Callable[..., Any]) -> None:
-        self._solve = solve
-
-    def facts(self) -> None:
-        """There is nothing to know of it."""
-
-    def solve(self, order: tuple[tuple[Any, ...], float | None]) -> Any:
-        """Do a task, in the seconds that are left."""
-        arguments, left = order
-        return self._solve(*arguments, deadline=Deadline.after(left))
+        return SimpleNamespace(facts=lambda: None, solve=in_time)

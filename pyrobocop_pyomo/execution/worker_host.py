@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import pickle
 import traceback
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Protocol
 
-from pyrobocop_pyomo.errors import ModelError
-
-PROTOCOL = 5  # of pickle: the same everywhere, so that counted bytes can be compared
+from pyrobocop_pyomo.errors import ModelError, PyRobocopError
+from pyrobocop_pyomo.optional_imports import cloudpickle, cloudpickle_available
 
 
 class HostedSpec(Protocol):
@@ -52,7 +51,7 @@ class Request:
     @classmethod
     def of(cls, agent: str, task: str, *arguments: Any, with_state: bool = False) -> Request:
         """The request with these arguments."""
-        return cls(agent, task, pickle.dumps(arguments, PROTOCOL), with_state)
+        return cls(agent, task, pickle.dumps(arguments, pickle.HIGHEST_PROTOCOL), with_state)
 
 
 @dataclass(frozen=True)
@@ -65,7 +64,7 @@ class Answer:
         The value, pickled; a `Raised` where the agent raised an exception.
     raised : bool
     state : bytes or None
-        The state afterwards, pickled, where it was wanted and nothing was raised.
+        The state afterwards, pickled, where it was wanted.
     """
 
     payload: bytes
@@ -119,7 +118,7 @@ class Raised:
     def of(cls, error: Exception) -> Raised:
         """The form of an exception that is being handled."""
         try:
-            packed = pickle.dumps(error, PROTOCOL)
+            packed = pickle.dumps(error, pickle.HIGHEST_PROTOCOL)
             pickle.loads(packed)  # an exception whose arguments are not those of its class fails here only
         except Exception:
             packed = None
@@ -151,17 +150,20 @@ class WorkerHost:
 
     def answer(self, request: Request) -> Answer:
         """Do what is required."""
+        answer = self._done(request.agent, request.task, request.payload)
+        if not request.with_state:
+            return answer
+        # Half a solve that raised an exception has changed the state as well.
+        state = self._done(request.agent, "state", pickle.dumps((), pickle.HIGHEST_PROTOCOL))
+        return state if state.raised else replace(answer, state=state.payload)
+
+    def _done(self, agent: str, name: str, payload: bytes) -> Answer:
         try:
             own: dict[str, Callable[..., Any]] = {"build": self.build, "rebuild": self.rebuild}
-            if request.task in own:
-                task = partial(own[request.task], request.agent)
-            else:
-                task = getattr(self._problems[request.agent], request.task)
-            value = pickle.dumps(task(*_read(request.payload)), PROTOCOL)
-            state = pickle.dumps(self._problems[request.agent].state(), PROTOCOL) if request.with_state else None
+            task = partial(own[name], agent) if name in own else getattr(self._problems[agent], name)
+            return Answer(pickle.dumps(task(*_read(payload)), pickle.HIGHEST_PROTOCOL))
         except Exception as error:
-            return Answer(pickle.dumps(Raised.of(error), PROTOCOL), raised=True)
-        return Answer(value, state=state)
+            return Answer(pickle.dumps(Raised.of(error), pickle.HIGHEST_PROTOCOL), raised=True)
 
     def build(self, agent: str, spec: HostedSpec | None = None) -> Any:
         """Build an agent; gives its facts."""
@@ -169,13 +171,11 @@ class WorkerHost:
         self._problems[agent] = problem = (spec or self._specs[agent]).build()
         return problem.facts()
 
-    def rebuild(self, agent: str, spec: bytes, state: bytes | None, requests: Sequence[Request]) -> None:
-        """Build an agent anew, put it into a state, and let it do again what it was asked since."""
+    def rebuild(self, agent: str, spec: bytes, state: bytes | None) -> None:
+        """Build an agent anew, and put it into a state."""
         self.build(agent, *_read(spec))
         if state is not None:
             self._problems[agent].restore(pickle.loads(state))
-        for request in requests:
-            self.answer(request)  # what raised an exception then, does so again
 
 
 def _read(payload: bytes) -> Any:
@@ -186,4 +186,29 @@ def _read(payload: bytes) -> Any:
             f"a worker process cannot read what was sent to it ({type(error).__name__}: {error}). Functions have to "
             "stand in a file that other processes can import: in a module, or next to the notebook. Or install "
             "cloudpickle, by which they travel as they are."
+        ) from error
+
+
+def packed(label: str, thing: Any, instead: str, refusal: type[PyRobocopError] = ModelError) -> bytes:
+    """A pickle of something: functions by value where cloudpickle is installed, else by their names.
+
+    Parameters
+    ----------
+    label : str
+        What it is.
+    thing : object
+    instead : str
+        What needs no other process.
+    refusal : type of exception
+        What is raised when it cannot be pickled.
+    """
+    try:
+        pickler = cloudpickle if cloudpickle_available else pickle
+        return bytes(pickler.dumps(thing, pickle.HIGHEST_PROTOCOL))
+    except Exception as error:
+        with_cloudpickle = "" if cloudpickle_available else ", or install cloudpickle"
+        raise refusal(
+            f"{label} cannot be sent to another process ({type(error).__name__}: {error}). Define functions with 'def' "
+            f"at the top level of a module (functools.partial fills in arguments){with_cloudpickle}; data have to be "
+            f"plain: numbers, texts, arrays, tuples, dicts, dataclasses of a module. Or use {instead}."
         ) from error

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -15,17 +15,12 @@ from pyomo.core.expr.numvalue import native_numeric_types
 
 from pyrobocop_pyomo.complementarity import active_sources, pairs_of
 from pyrobocop_pyomo.errors import KeywordError, ModelError, PyRobocopError, SolverNotFoundError
-from pyrobocop_pyomo.ipopt.backends import Backend
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.modeling.variable_values import Values
+from pyrobocop_pyomo.modeling.variable_values import Values, VariableValues
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.solving import Quality, SolveResult
-from pyrobocop_pyomo.solving.ipopt_options import NEARLY_THERE, IpoptOptions
-from pyrobocop_pyomo.solving.iterates import checked_tolerances
-from pyrobocop_pyomo.solving.procedure import solve_model
-from pyrobocop_pyomo.solving.progress import Progress
-from pyrobocop_pyomo.solving.settings import Settings
+from pyrobocop_pyomo.solving.ipopt_options import NEARLY_THERE
 from pyrobocop_pyomo.solving.strategies import SOLVE, TIGHT
 
 from .outcomes import Outcome, seconds_left, solve_as_given
@@ -35,9 +30,9 @@ Put = Callable[[Any, Any], object]
 Read = Callable[[Any, SolveResult], Mapping[str, Any]]
 
 # Options of `solve` that a warm solve understands as well; with any other every case is solved cold.
-WARM_OPTIONS = frozenset({"options", "tolerances"})
+WARM_OPTIONS = frozenset({"options", "tolerances", "progress"})
 # From a point that solves the same model for other numbers.
-NEIGHBOUR = replace(TIGHT, name="neighbour", options=NEARLY_THERE)
+NEIGHBOUR = replace(TIGHT, name="neighbour", options=NEARLY_THERE, exploration=0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +58,7 @@ class SweepOutcome(Outcome):
         return self.case.name
 
 
-class ModelState:
+class ModelState(VariableValues):
     """All numbers of a model that a case may change: Params, and values, bounds and fixings of variables.
 
     Parameters
@@ -72,9 +67,9 @@ class ModelState:
     """
 
     def __init__(self, model: Any) -> None:
-        self.variables = list(model.component_data_objects(Var))
+        super().__init__(model.component_data_objects(Var))
         # The stored bounds: the public ones are joined with the domain's.
-        self._kept = [(v, v.value, v.fixed, v._lb, v._ub, v.stale) for v in self.variables]
+        self._kept = [(variable, variable.fixed, variable._lb, variable._ub) for variable in self.variables]
         self._params = [
             (member, member.value)
             for param in model.component_objects(Param)
@@ -89,20 +84,15 @@ class ModelState:
             is_there = member.parent_component() is not None  # a plan around obstacles may have put others in its place
             if is_there and member.value is not number and number is not None:
                 member.set_value(number)
-        for variable, number, fixed, lower, upper, stale in self._kept:
-            variable.set_value(number, skip_validation=True)
-            variable.fixed, variable.stale = fixed, stale
-            variable._lb, variable._ub = lower, upper
+        super().restore()
+        for variable, fixed, lower, upper in self._kept:
+            variable.fixed, variable._lb, variable._ub = fixed, lower, upper
 
-    def write(self, values: Values) -> None:
+    def write(self, values: Sequence[float | None]) -> None:
         """Give the free variables values, in the order of `variables`."""
         for variable, number in zip(self.variables, values, strict=True):
             if not variable.fixed:
                 variable.set_value(number, skip_validation=True)
-
-    def read(self) -> Values:
-        """The values now."""
-        return [variable.value for variable in self.variables]
 
 
 class CaseSolver:
@@ -223,7 +213,7 @@ class CaseSolver:
                 return warm, True
         found = state.read() if warm is not None else []
         state.write(initial)
-        cold = solve_as_given(self.model, **{**self._options, "time_limit": seconds_left(deadline)})
+        cold = self._solved(deadline)
         if warm is None or warm.quality is Quality.INFEASIBLE or not warm.standing.is_better_than(cold.standing):
             return cold, False
         state.write(found)
@@ -231,24 +221,16 @@ class CaseSolver:
 
     def _warm(self, state: ModelState, near: Values, deadline: Deadline) -> SolveResult | None:
         """Solve from a neighbour's solution; None where that cannot be done."""
-        if not WARM_OPTIONS | {"progress"} >= self._options.keys() or not _warm_possible(self.model):
+        if not self._options.keys() <= WARM_OPTIONS or not _warm_possible(self.model):
             return None
-        settings = Settings(
-            relaxation="scholtes",
-            grouping="pair",
-            backend=Backend.IN_PROCESS_VECTORISED,
-            options=IpoptOptions(user=dict(self._options.get("options") or {})),
-            tolerances=checked_tolerances(self._options.get("tolerances")),
-            progress=Progress(False),
-            strategies=(NEIGHBOUR, SOLVE),
-            exploration=0.0,
-            deadline=deadline,
-        )
         state.write(near)
         try:
-            return solve_model(self.model, settings)
+            return self._solved(deadline, strategies=(NEIGHBOUR, SOLVE))
         except PyRobocopError:  # a cold solve says better what is wrong
             return None
+
+    def _solved(self, deadline: Deadline, **further: Any) -> SolveResult:
+        return solve_as_given(self.model, **{**self._options, **further, "time_limit": seconds_left(deadline)})
 
 
 def model_of(target: Any) -> Any:

@@ -19,7 +19,7 @@ from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.strategies import in_order
 
 from .named_data import by_component, fixed_members
-from .outcomes import Column, Outcome, StudyResult, seconds_left, solve_as_given, table_row
+from .outcomes import Column, Outcome, StudyResult, seconds_left, solve_as_given
 
 # Near a solution the tight problem is solved at once; what it leaves goes through looser ones.
 FOLLOWING_STRATEGIES = ("tight", "barrier", "continuation")
@@ -51,23 +51,12 @@ class HomotopyResult(StudyResult[HomotopyStep]):
     item: ClassVar[str] = "problem of the path"
     numbered_by: ClassVar[str] = "step"
     own_columns: ClassVar[tuple[Column, ...]] = (
-        Column("position", 8, lambda step: step.position, ".5f"),
-        Column("accepted", 8, lambda step: step.accepted),
+        Column("position", lambda step: step.position, ".5f"),
+        Column("accepted", lambda step: step.accepted),
     )
 
-    @property
-    def best(self) -> HomotopyStep:
-        """The last accepted step.
-
-        Raises
-        ------
-        SolveFailed
-            When there is none.
-        """
-        for step in reversed(self.outcomes):
-            if step.accepted:
-                return step
-        raise SolveFailed(f"'{self.name}': not even the start of the path was solved. {self.outcomes[-1].reason}", self)
+    def _best_first(self) -> list[HomotopyStep]:
+        return [step for step in reversed(self.outcomes) if step.accepted]
 
     @property
     def position(self) -> float:
@@ -148,9 +137,79 @@ def homotopy(
         raise ModelError(f"steps = {steps!r}; expected a number of steps of at least 1.")
     if not 0.0 < smallest_step <= 1.0:
         raise ModelError(f"smallest_step = {smallest_step!r}; expected a part of the path, between 0 and 1.")
-    deadline = Deadline.after(time_limit)
-    path = DataPath(model, parameters)
-    return _Follower(model, path, 1.0 / steps, smallest_step, deadline, Progress(progress), options).follow()
+    started, deadline, bar = time.perf_counter(), Deadline.after(time_limit), Progress(progress)
+    path, values = DataPath(model, parameters), VariableValues.of_free(model)
+    accepted, position = values.read(), -1.0  # nothing solved yet
+    found: list[HomotopyStep] = []
+
+    def go_back() -> None:
+        values.write(accepted)
+        if position < 0.0:
+            path.restore()
+        else:
+            path.put(position)
+
+    def so_far() -> HomotopyResult:
+        return HomotopyResult(name=model.name, outcomes=tuple(found), seconds=time.perf_counter() - started)
+
+    longest, successes = 1.0 / steps, 0
+    length = longest
+    while position < 1.0:
+        # Sums of tenths miss one by rounding.
+        wanted = 0.0 if position < 0.0 else position + length
+        wanted = 1.0 if wanted > 1.0 - 1e-9 else wanted
+        with undone_on_failure(go_back):
+            path.put(wanted)
+            bar.live(f"at {wanted:.4g}")
+            further = {**options, "time_limit": seconds_left(deadline)}
+            if position >= 0.0:
+                further["strategies"] = in_order(options.get("strategies"), FOLLOWING_STRATEGIES)
+            step = _solved(model, wanted, further)
+        found.append(step)
+        bar.line(f"{model.name}: at {wanted:.5f} {step.verdict}, objective {step.objective:.7g}. {step.reason}")
+        if step.accepted:
+            accepted, position = values.read(), wanted
+            successes += 1
+            # One success says little of the next step: doubling at once would fail every other time.
+            if successes > 1:
+                length, successes = min(2.0 * length, longest), 0
+            if step.cut_short and wanted < 1.0:
+                raise SolveFailed(_why_it_ended(model, step, position, length, smallest_step), so_far())
+            continue
+        successes = 0
+        go_back()
+        length *= 0.5
+        if step.cut_short or position < 0.0 or length < smallest_step:
+            raise SolveFailed(_why_it_ended(model, step, position, length, smallest_step), so_far())
+    return so_far()
+
+
+def _solved(model: Any, position: float, options: Mapping[str, Any]) -> HomotopyStep:
+    """Solve the problem that stands on the model."""
+    started, result, error = time.perf_counter(), None, ""
+    try:
+        result = solve_as_given(model, progress=False, **options)
+    except (ModelError, SolverNotFoundError):
+        raise  # no other problem of the path could do better
+    except PyRobocopError as raised:
+        error = f"{type(raised).__name__}: {raised}"
+    accepted = result is not None and result.quality is not Quality.INFEASIBLE
+    return HomotopyStep(position, accepted, result=result, error=error, seconds=time.perf_counter() - started)
+
+
+def _why_it_ended(model: Any, step: HomotopyStep, position: float, length: float, shortest: float) -> str:
+    model_state = "The model holds the last data that were solved, with their point."
+    why = step.error if step.result is None else f"{step.result.stop_reason.value} {step.result.quality.value}"
+    where = f"the path was followed to {position:.5g} of 1"
+    if position < 0.0:
+        model_state = "The model is as it was before."
+        where = "the first problem of the path was not solved. Start from easier data, or from a better initial guess"
+    elif not step.accepted:
+        where += (
+            f", and the problem at {step.position:.5g} was not solved; the next step would be {length:.1e}, the "
+            f"smallest allowed is {shortest:.1e}. Take another path around this place, or a smaller smallest_step"
+        )
+    return f"'{model.name}': {where}. {why} {model_state}"
 
 
 class DataPath:
@@ -211,100 +270,3 @@ def _end(member: Any, end: Any) -> float | None:
     if isinstance(end, bool) or not isinstance(end, (int, float)) or not math.isfinite(end):
         raise ModelError(f"'{member.name}': an end of its path is {end!r}; expected a finite number.")
     return float(end)
-
-
-class _Follower:
-    """The state of one path."""
-
-    def __init__(
-        self,
-        model: Any,
-        path: DataPath,
-        longest: float,
-        shortest: float,
-        deadline: Deadline,
-        bar: Progress,
-        options: Mapping[str, Any],
-    ) -> None:
-        self._model, self._path, self._bar, self._options = model, path, bar, options
-        self._longest, self._shortest, self._deadline = longest, shortest, deadline
-        self._values = VariableValues.of_free(model)
-        self._accepted_values = self._values.read()
-        self._steps: list[HomotopyStep] = []
-        self._position = -1.0  # nothing solved yet
-        self._started = time.perf_counter()
-
-    def follow(self) -> HomotopyResult:
-        columns = self._so_far().columns
-        length, successes = self._longest, 0
-        while self._position < 1.0:
-            # Sums of tenths miss one by rounding.
-            wanted = 0.0 if self._position < 0.0 else self._position + length
-            wanted = 1.0 if wanted > 1.0 - 1e-9 else wanted
-            with undone_on_failure(self._go_back):
-                step = self._try(wanted)
-            self._steps.append(step)
-            self._bar.line(f"{self._model.name}: {table_row(columns, step, len(self._steps))}")
-            if step.accepted:
-                self._accepted_values, self._position = self._values.read(), wanted
-                successes += 1
-                # One success says little of the next step: doubling at once would fail every other time.
-                if successes > 1:
-                    length, successes = min(2.0 * length, self._longest), 0
-                if step.cut_short and wanted < 1.0:
-                    raise self._stalled(step, length)
-                continue
-            successes = 0
-            self._go_back()
-            length *= 0.5
-            if step.cut_short or self._position < 0.0 or length < self._shortest:
-                raise self._stalled(step, length)
-        return self._so_far()
-
-    def _try(self, position: float) -> HomotopyStep:
-        started = time.perf_counter()
-        self._path.put(position)
-        options = {**self._options, "time_limit": seconds_left(self._deadline)}
-        if self._position >= 0.0:
-            options["strategies"] = in_order(options.get("strategies"), FOLLOWING_STRATEGIES)
-        result, error = None, ""
-        try:
-            self._bar.live(f"at {position:.4g}")
-            result = solve_as_given(self._model, progress=False, **options)
-        except (ModelError, SolverNotFoundError):
-            raise  # no other problem of the path could do better
-        except PyRobocopError as raised:
-            error = f"{type(raised).__name__}: {raised}"
-        seconds = time.perf_counter() - started
-        accepted = result is not None and result.quality is not Quality.INFEASIBLE
-        return HomotopyStep(position, accepted, result=result, error=error, seconds=seconds)
-
-    def _go_back(self) -> None:
-        self._values.write(self._accepted_values)
-        if self._position < 0.0:
-            self._path.restore()
-        else:
-            self._path.put(self._position)
-
-    def _so_far(self) -> HomotopyResult:
-        seconds = time.perf_counter() - self._started
-        return HomotopyResult(name=self._model.name, outcomes=tuple(self._steps), seconds=seconds)
-
-    def _stalled(self, step: HomotopyStep, length: float) -> SolveFailed:
-        model_state = "The model holds the last data that were solved, with their point."
-        if self._position < 0.0:
-            model_state = "The model is as it was before."
-        why = step.error if step.result is None else f"{step.result.stop_reason.value} {step.result.quality.value}"
-        if self._position < 0.0:
-            where = (
-                "the first problem of the path was not solved. Start from easier data, or from a better initial guess"
-            )
-        elif step.accepted:
-            where = f"the path was followed to {self._position:.5g} of 1"
-        else:
-            where = (
-                f"the path was followed to {self._position:.5g} of 1, and the problem at {step.position:.5g} was not "
-                f"solved; the next step would be {length:.1e}, the smallest allowed is {self._shortest:.1e}. Take "
-                "another path around this place, or a smaller smallest_step"
-            )
-        return SolveFailed(f"'{self._model.name}': {where}. {why} {model_state}", self._so_far())

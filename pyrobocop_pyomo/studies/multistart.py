@@ -36,7 +36,7 @@ class MultistartResult(StudyResult[SweepOutcome]):
     _found: SweepResult = field(repr=False)
     _model: Any = field(repr=False)
 
-    own_columns = (Column("start", 5, lambda outcome: outcome.case.number, "d"),)
+    own_columns = (Column("start", lambda outcome: outcome.case.number, "d"),)
 
     def load(self, place: int) -> SolveResult:
         """Put the point of another start on the model and return its result.

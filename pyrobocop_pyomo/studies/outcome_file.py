@@ -19,10 +19,7 @@ from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason
 from pyrobocop_pyomo.solving.iterates import Iterate, Standing
 
-_FORMAT = 1
-_KIND = "outcomes of a sweep"
-_CHECKSUM = "crc32"
-_START = b'{"kind": "outcomes of a sweep"'
+_HEAD = {"kind": "outcomes of a sweep", "format": 1}
 
 
 class OutcomeFile:
@@ -54,26 +51,26 @@ class OutcomeFile:
     def __init__(self, path: str | Path, sweep: Mapping[str, Any], *, writes: bool = True) -> None:
         self._path, self._writes = Path(path), writes
         self.records: dict[str, Mapping[str, Any]] = {}
-        head = {"kind": _KIND, "format": _FORMAT, **sweep}
+        head = {**_HEAD, **sweep}
         if self._path.exists() and self._path.stat().st_size:
             self._read(head)
         elif writes:
             self._path.parent.mkdir(parents=True, exist_ok=True)
             self._append(head)
 
-    def _read(self, head: Mapping[str, Any]) -> None:
+    def _read(self, head: dict[str, Any]) -> None:
         content = self._path.read_bytes()
         whole = content.rfind(b"\n") + 1
         try:
-            lines = [_facts_of(line) for line in content[:whole].splitlines()]
-            found = lines[0] if lines else {}
-            records: dict[str, Mapping[str, Any]] = {line["key"]: line for line in lines[1:]}
+            found, *lines = [_facts_of(line) for line in content[:whole].splitlines()] or [head]
+            self.records = {line["key"]: line for line in lines}
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise TeamError(f"{self._path}: no outcomes of a sweep can be read from it ({error}).") from error
-        if not lines and not content.startswith(_START[: len(content)]):
+        start = json.dumps(_HEAD).removesuffix("}").encode()
+        if not whole and not content.startswith(start[: len(content)]):
             raise TeamError(f"{self._path}: is no file of outcomes. Name another file.")
-        if lines and found != json.loads(json.dumps(head)):
-            different = [name for name in {**found, **head} if found.get(name) != head.get(name)]
+        different = [name for name in {**found, **head} if found.get(name) != head.get(name)]
+        if different:
             raise TeamError(
                 f"{self._path}: is of another sweep: {different[0]!r} is {found.get(different[0])!r} there and "
                 f"{head.get(different[0])!r} here. Remove the file, or name another one."
@@ -81,9 +78,8 @@ class OutcomeFile:
         if whole < len(content) and self._writes:
             with self._path.open("rb+") as file:
                 file.truncate(whole)
-        if not lines:
+        if not whole:
             self._append(head)
-        self.records = records
 
     def append(self, key: str, record: Mapping[str, Any]) -> None:
         """Write the outcome of a case."""
@@ -94,7 +90,7 @@ class OutcomeFile:
             return
         checksum = zlib.crc32(json.dumps(facts).encode())
         with self._path.open("ab") as file:
-            file.write((json.dumps({**facts, _CHECKSUM: checksum}) + "\n").encode())
+            file.write((json.dumps({**facts, "crc32": checksum}) + "\n").encode())
             file.flush()
             os.fsync(file.fileno())
 
@@ -108,7 +104,7 @@ def _facts_of(line: bytes) -> dict[str, Any]:
         When it is not what was written.
     """
     facts: dict[str, Any] = json.loads(line)
-    if facts.pop(_CHECKSUM, None) != zlib.crc32(json.dumps(facts).encode()):
+    if facts.pop("crc32", None) != zlib.crc32(json.dumps(facts).encode()):
         raise ValueError("a line is not what its checksum says")
     return facts
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cmp_to_key
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 from pyrobocop_pyomo.errors import SolveFailed
 from pyrobocop_pyomo.modeling.deadline import Deadline
@@ -118,48 +118,35 @@ def solve_as_given(model: Any, **options: Any) -> SolveResult:
     return solve(model, **{"mesh_tolerance": None, **options})
 
 
-@dataclass(frozen=True)
-class Column:
+class Column(NamedTuple):
     """A column of a table of outcomes.
 
     Attributes
     ----------
     name : str
-        In the data frame and, unless `heading` is given, in the text.
-    width : int
-        In the text; numbers are aligned right, words left.
     value : callable
         From an outcome to its entry.
     style : str
-        Format of a number in the text.
-    heading : str
+        Format of a number in the text; numbers are aligned right, words left.
     """
 
     name: str
-    width: int
     value: Callable[[Any], Any]
     style: str = ""
-    heading: str = ""
-
-    def header(self) -> str:
-        """The heading in its width."""
-        return f"{self.heading or self.name:{'<' if not self.style else '>'}{self.width}}"
 
     def text(self, outcome: Any) -> str:
-        """The entry in its width."""
+        """The entry in the text."""
         value = self.value(outcome)
-        if not self.style:
-            return f"{value:<{self.width}}"
-        return f"{'-' if math.isnan(value) else format(value, self.style):>{self.width}}"
+        return format(value, self.style) if value == value else "-"
 
 
 COMMON_COLUMNS = (
-    Column("objective", 14, lambda outcome: outcome.objective, ".7g"),
-    Column("quality", 10, lambda outcome: outcome.verdict),
-    Column("certificate", 11, lambda outcome: outcome.certificate),
-    Column("iterations", 6, lambda outcome: outcome.iterations, "d", heading="iter"),
-    Column("seconds", 8, lambda outcome: outcome.seconds, ".2f"),
-    Column("reason", 0, lambda outcome: outcome.remark),
+    Column("objective", lambda outcome: outcome.objective, ".7g"),
+    Column("quality", lambda outcome: outcome.verdict),
+    Column("certificate", lambda outcome: outcome.certificate),
+    Column("iterations", lambda outcome: outcome.iterations, "d"),
+    Column("seconds", lambda outcome: outcome.seconds, ".2f"),
+    Column("reason", lambda outcome: outcome.remark),
 )
 
 
@@ -205,7 +192,7 @@ class StudyResult(Presented, Sequence[OutcomeType], Generic[OutcomeType]):
         order = self._best_first()
         if order and order[0].result is not None:
             return order[0]
-        why = order[0].reason if order else "Nothing was tried."
+        why = self.outcomes[-1].reason if self.outcomes else "Nothing was tried."
         raise SolveFailed(f"'{self.name}': no {self.item} could be solved. {why}", self)
 
     @property
@@ -249,9 +236,15 @@ class StudyResult(Presented, Sequence[OutcomeType], Generic[OutcomeType]):
         return pandas.DataFrame(rows, index=index, columns=[column.name for column in self.columns])
 
     def table(self) -> str:
-        """The outcomes as a table in text."""
-        rows = [table_row(self.columns, outcome, number) for number, outcome in enumerate(self.outcomes, start=1)]
-        return "\n".join([table_header(self.columns, self.numbered_by), *rows])
+        """The outcomes as a table in text; of their reasons the first sentence only."""
+        numbers = [self.numbered_by, *map(str, range(1, len(self.outcomes) + 1))]
+        parts = [_aligned(numbers, ">")]
+        for column in self.columns:
+            entries = [column.text(outcome) for outcome in self.outcomes]
+            if column.name == "reason":  # a number such as 0.5 ends no sentence
+                entries = [entry.partition("\n")[0].partition(". ")[0] for entry in entries]
+            parts.append(_aligned([column.name, *entries], ">" if column.style else "<"))
+        return "\n".join("  ".join(entries).rstrip() for entries in zip(*parts, strict=True))
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -276,9 +269,9 @@ class StudyResult(Presented, Sequence[OutcomeType], Generic[OutcomeType]):
         return f"'{self.name}': {count} outcome{'s' * (count != 1)}, {solved} solved{not_tried}{doubtful}"
 
     def _html_parts(self) -> list[str]:
-        header = (self.numbered_by, *(column.header().strip() for column in self.columns))
+        header = (self.numbered_by, *(column.name for column in self.columns))
         rows = [
-            (number, *(column.text(outcome).strip() for column in self.columns))
+            (number, *(column.text(outcome) for column in self.columns))
             for number, outcome in enumerate(self.outcomes, start=1)
         ]
         return [*(disclosed_text("DOUBTFUL", doubt) for doubt in self.doubts), table(header, rows)]
@@ -288,12 +281,6 @@ class StudyResult(Presented, Sequence[OutcomeType], Generic[OutcomeType]):
         return "\n".join([*(f"DOUBTFUL: {doubt}" for doubt in self.doubts), self.table() + undone])
 
 
-def table_header(columns: Sequence[Column], numbered_by: str) -> str:
-    """The first line of a table."""
-    return "  ".join([f"{numbered_by:>4}", *(column.header() for column in columns)]).rstrip()
-
-
-def table_row(columns: Sequence[Column], outcome: Outcome, number: int) -> str:
-    """The line of an outcome; of its reason the first sentence only, which a number such as 0.5 does not end."""
-    *numbers, reason = (column.text(outcome) for column in columns)
-    return "  ".join([f"{number:>4}", *numbers, reason.partition(". ")[0].partition("\n")[0]]).rstrip()
+def _aligned(entries: list[str], side: str) -> list[str]:
+    width = max(map(len, entries))
+    return [f"{entry:{side}{width}}" for entry in entries]

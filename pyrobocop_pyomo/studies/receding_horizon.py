@@ -5,10 +5,9 @@ from __future__ import annotations
 import contextlib
 import logging
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from pyomo.core.base.var import Var
@@ -22,7 +21,7 @@ from pyrobocop_pyomo.motion.safety_report import SafetyReport, joined_report
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.obstacles import avoidance_blocks, containments
 from pyrobocop_pyomo.obstacles.initial_checks import warn_of_clocks_that_start_anew
-from pyrobocop_pyomo.phases import Control, Parameter, PhaseBlockData
+from pyrobocop_pyomo.phases import PhaseBlockData
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
 from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoint
@@ -33,33 +32,12 @@ from pyrobocop_pyomo.solving.starts import defined_start
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .outcomes import seconds_left
-from .shifted_warm_start import Move, PlaceInProgram, ShiftedPlan
+from .shifted_warm_start import PlaceInProgram, ShiftedPlan
 
 logger = logging.getLogger(__name__)
 
 # Where no branch near the relaxed solution has a solution, delta is divided by this, until it is so small.
 DELTA_DIVISOR, SMALLEST_DELTA = 10.0, 1e-7
-
-
-class PartsOfAStep(NamedTuple):
-    """What a step consists of.
-
-    Attributes
-    ----------
-    program : PersistentNLP
-    place : PlaceInProgram
-    moves : mapping of name to function
-        From the values of a plan to those of its rest.
-    states : mapping of name to VarData
-        Measured ones, where the phase starts.
-    controls : sequence of str
-    """
-
-    program: PersistentNLP
-    place: PlaceInProgram
-    moves: Mapping[str, Move]
-    states: Mapping[str, Any]
-    controls: Sequence[str]
 
 
 @dataclass(frozen=True)
@@ -68,12 +46,12 @@ class HorizonStep(Presented):
 
     Attributes
     ----------
-    make_plan : callable
-        Makes the `plan`.
+    plan : Trajectory
+        The new plan; its time counts from now. After a failure, the rest of the previous plan.
     status : IpoptStatus
     iterations : int
     seconds : float
-        Elapsed in this step, everything included but the making of `plan`.
+        Elapsed in this step, everything included.
     ipopt_seconds : float
         Elapsed in Ipopt, functions and derivatives included.
     safety : SafetyReport or None
@@ -85,7 +63,7 @@ class HorizonStep(Presented):
         Largest of the pairs in the new plan, where they are made exact; None elsewhere.
     """
 
-    make_plan: Callable[[], Trajectory] = field(repr=False, compare=False)
+    plan: Trajectory = field(repr=False, compare=False)
     status: IpoptStatus
     iterations: int
     seconds: float
@@ -93,11 +71,6 @@ class HorizonStep(Presented):
     safety: SafetyReport | None = None
     remark: str = ""
     natural_residual: float | None = None
-
-    @cached_property
-    def plan(self) -> Trajectory:
-        """The new plan; its time counts from now. After a failure, the rest of the previous plan."""
-        return self.make_plan()
 
     @property
     def safe(self) -> bool | None:
@@ -137,6 +110,12 @@ class RecedingHorizon:
         plan: the solution of the nearest branch, in which one side of each pair is zero. A delta of 1e-3 keeps the
         relaxed problem smooth then. Without it, plans are those of the relaxed model.
 
+    Attributes
+    ----------
+    phase : PhaseBlock
+    exact : ExactPairs or None
+    program : PersistentNLP
+
     Raises
     ------
     ModelError, ComplementarityError
@@ -165,9 +144,9 @@ class RecedingHorizon:
         warn_of_clocks_that_start_anew(blocks)
         self._verified = [*blocks, *containments(model)] if verify else []
         self._moved = ShiftedPlan(phase, self._values)
-        self._exact = ExactPairs(model, options or {}) if exact_pairs else None
+        self.exact = ExactPairs(model, options or {}) if exact_pairs else None
         # Where the relaxed solution only shows the way, digits are wasted on it.
-        self._program = PersistentNLP(model, {**(ROUGH if exact_pairs else {}), **(options or {})})
+        self.program = PersistentNLP(model, {**(ROUGH if exact_pairs else {}), **(options or {})})
         self._made: tuple[FloatArray, FloatArray] | None = None  # the last exact plan, and the relaxed one beside it
         self._place: PlaceInProgram | None = None
 
@@ -229,65 +208,38 @@ class RecedingHorizon:
             return later(self._made[1])[1] if self._made is not None and known else ahead
 
         def solve(mu: float) -> IpoptOutcome:
-            target = None if self._exact is None else mu
-            return self._program.solve(mu=mu, mu_target=target, time_limit=seconds_left(deadline), moved=moved)
+            target = None if self.exact is None else mu
+            return self.program.solve(mu=mu, mu_target=target, time_limit=seconds_left(deadline), moved=moved)
 
         outcome = solve(mu)
         remark = ""
-        if outcome.status is IpoptStatus.INVALID_NUMBER and self._program.state is None:
+        if outcome.status is IpoptStatus.INVALID_NUMBER and self.program.state is None:
             # Nothing was solved yet: the initial guess is at fault, such as states that are zero without one.
-            remark = defined_start(self._program.model)
+            remark = defined_start(self.program.model)
             if remark:
                 logger.info("phase '%s': %s", self.phase.name, remark)
                 outcome = solve(mu)
-            elif undefined := named_undefined_rows(self._program.model):
+            elif undefined := named_undefined_rows(self.program.model):
                 remark = f"The initial guess could not be evaluated: {undefined}. Give another by initialize()."
         natural, runs = None, [outcome]
-        if self._exact is not None and outcome.status is not IpoptStatus.INVALID_NUMBER:
-            outcome, natural, runs = self._made_exact(self._exact, outcome, ahead, mu, deadline)
+        if self.exact is not None and outcome.status is not IpoptStatus.INVALID_NUMBER:
+            outcome, natural, runs = self._made_exact(self.exact, outcome, ahead, mu, deadline)
         if outcome.status.solved:
-            plan = self._plan(self._place_in_program().read(outcome.x))
+            found = self._place_in_program().read(outcome.x)
         else:
             self._values.set(before)
-            plan = self._plan(self._values.read())
+            found = self._values.read()
+        plan = self._values.trajectory(found, evaluate=False)
         safety = joined_report(block.verify() for block in self._verified) if self._verified else None
         seconds = time.perf_counter() - started
         iterations, ipopt_seconds = sum(run.iterations for run in runs), sum(run.seconds for run in runs)
         return HorizonStep(plan, outcome.status, iterations, seconds, ipopt_seconds, safety, remark, natural)
 
-    def parts_of_a_step(self, advance: float) -> PartsOfAStep:
-        """What a step does, as numbers, for who writes it in another language.
-
-        Parameters
-        ----------
-        advance : float
-            From one step to the next, in the time of the phase.
-
-        Raises
-        ------
-        ModelError
-            When pairs are made exact, or the phase keeps derivatives as variables; when `advance` is no time of the
-            phase.
-        """
-        what = f"phase '{self.phase.name}'"
-        if self._exact is not None or self.phase.record.kept_derivatives:
-            raise ModelError(f"{what}: a controller with exact_pairs=True or kept derivatives cannot be exported.")
-        if not 0 < advance <= self.phase.duration:
-            raise ModelError(f"{what}: advance = {advance!r}; expected a time from 0 to {self.phase.duration:g}.")
-        self._program.update()
-        return PartsOfAStep(
-            self._program,
-            self._place_in_program(),
-            self._moved.moves(advance),
-            {name: self.phase.component(name)[self.phase.initial_time] for name in sorted(self._fixed)},
-            self.phase.record.names(Control),
-        )
-
     def _made_exact(
         self, pairs: ExactPairs, relaxed: IpoptOutcome, ahead: FloatArray, mu: float, deadline: Deadline
     ) -> tuple[IpoptOutcome, float | None, list[IpoptOutcome]]:
         """The branch that one of several starts leads to, on the model, with its natural residual and all runs."""
-        compiled, usual, runs = self._program.compiled, pairs.relaxed.delta.value, [relaxed]
+        compiled, usual, runs = self.program.compiled, pairs.relaxed.delta.value, [relaxed]
         self._made = None
         try:
             for start in self._starts(pairs, relaxed, ahead, mu, runs, deadline):
@@ -326,7 +278,7 @@ class RecedingHorizon:
         while (smaller := pairs.relaxed.delta.value / DELTA_DIVISOR) >= SMALLEST_DELTA:
             pairs.relaxed.delta.set_value(smaller)
             target = min(mu, smaller)
-            rough = self._program.solve(mu=target, mu_target=target, time_limit=seconds_left(deadline))
+            rough = self.program.solve(mu=target, mu_target=target, time_limit=seconds_left(deadline))
             runs.append(rough)
             yield rough.point
         if relaxed.status.solved:
@@ -334,7 +286,7 @@ class RecedingHorizon:
 
     def _simulated(self, pairs: ExactPairs, ahead: FloatArray) -> Iterator[PrimalDualPoint]:
         """What the controls of a plan do from the measured state; nothing where that cannot be found."""
-        compiled = self._program.compiled
+        compiled = self.program.compiled
         compiled.load_point(ahead)
         found = None
         with contextlib.suppress(PyRobocopError), pairs.stated():
@@ -346,17 +298,9 @@ class RecedingHorizon:
             yield PrimalDualPoint(found, np.zeros(compiled.nlp.m), zeros, zeros)
 
     def _place_in_program(self) -> PlaceInProgram:
-        if self._place is None or self._place.variables is not self._program.variables:
-            self._place = PlaceInProgram(self._values, self._program.variables)
+        if self._place is None or self._place.variables is not self.program.variables:
+            self._place = PlaceInProgram(self._values, self.program.variables)
         return self._place
-
-    def _plan(self, values: dict[str, Array]) -> Callable[[], Trajectory]:
-        """Makes a trajectory of values; most controllers use a few numbers of a plan."""
-        make = partial(self._values.trajectory, values, evaluate=False)
-        if not self.phase.record.names(Parameter):
-            return make
-        plan = make()  # their values are read from the model
-        return lambda: plan
 
     def _check(self, state: Mapping[str, float], advance: float) -> None:
         what = f"phase '{self.phase.name}'"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -62,10 +61,6 @@ class Sensitivity(Presented):
         Derivatives of the user's objective, in its own sense.
     constraints : list of str
         Names of the active constraints: rows, bounds, and the sides that are zero.
-    multipliers : array, shape (constraints,)
-        Of the active constraints ``g = 0``, in the Lagrangian ``f + multipliers @ g`` of the minimised problem; the
-        negatives of the multipliers in `PairReport`.
-    multiplier_derivatives : array, shape (constraints, parameters)
     """
 
     result: SolveResult = field(repr=False)
@@ -76,16 +71,6 @@ class Sensitivity(Presented):
     matrix: FloatArray = field(repr=False)
     objective_gradient: FloatArray = field(repr=False)
     constraints: list[str] = field(repr=False)
-    multipliers: FloatArray = field(repr=False)
-    multiplier_derivatives: FloatArray = field(repr=False)
-
-    @cached_property
-    def _rows(self) -> ComponentMap:
-        return ComponentMap((variable, i) for i, variable in enumerate(self.variables))
-
-    @cached_property
-    def _columns(self) -> ComponentMap:
-        return ComponentMap((parameter, i) for i, parameter in enumerate(self.parameters))
 
     def derivative(self, variable: Any, parameter: Any) -> float:
         """Derivative of a variable with respect to a parameter.
@@ -95,7 +80,7 @@ class Sensitivity(Presented):
         ModelError
             If one of them is not in the problem.
         """
-        return float(self.matrix[_place(self._rows, variable), _place(self._columns, parameter)])
+        return float(self.matrix[_place(self.variables, variable), _place(self.parameters, parameter)])
 
     def objective_derivative(self, parameter: Any) -> float:
         """Derivative of the objective with respect to a parameter.
@@ -105,7 +90,7 @@ class Sensitivity(Presented):
         ModelError
             If it was not asked for.
         """
-        return float(self.objective_gradient[_place(self._columns, parameter)])
+        return float(self.objective_gradient[_place(self.parameters, parameter)])
 
     def predict(self, values: Mapping[Any, float] | Iterable[tuple[Any, float]]) -> ComponentMap:
         """Predict the variables for other data, to first order and while the same constraints are active.
@@ -122,7 +107,7 @@ class Sensitivity(Presented):
         """
         change = np.zeros(len(self.parameters))
         for parameter, number in by_component(values, self.parameters[0].model()):
-            column = _place(self._columns, parameter)
+            column = _place(self.parameters, parameter)
             change[column] = number - self.parameter_values[column]
         moved = self.variable_values + self.matrix @ change
         return ComponentMap(zip(self.variables, moved.tolist(), strict=True))
@@ -197,7 +182,7 @@ def sensitivity(
     deadline = Deadline.after(time_limit)
     chosen = _members(model, parameters)
     _check(model, result)
-    parametric = ParametricBuilder(model, chosen, deadline).build()
+    parametric = ParametricModel(model, chosen, deadline)
     compiled = CompiledModel(parametric.model, derivatives_by, is_view=True)
     deadline.check(f"'{model.name}': sensitivity")
     place = {id(variable): i for i, variable in enumerate(compiled.variables)}
@@ -214,11 +199,9 @@ def sensitivity(
     of_variables = [i for i in range(compiled.nlp.n) if i not in of_parameters]
     k = len(chosen)
     matrix, objective = np.zeros((len(of_variables), k)), np.zeros(k)
-    moved = np.zeros((found.active.size, k))
     # Adding zero turns the zero of negative sign into the plain one.
     matrix[:, in_use] = found.variables[of_variables] + 0.0
     objective[in_use] = compiled.sign * found.objective + 0.0
-    moved[:, in_use] = found.multiplier_derivatives + 0.0
     names = [_name(compiled, parametric, number) for number in found.active.tolist()]
     return Sensitivity(
         result,
@@ -229,8 +212,6 @@ def sensitivity(
         matrix,
         objective,
         names,
-        found.multipliers,
-        moved,
     )
 
 
@@ -280,19 +261,25 @@ def _name(compiled: CompiledModel, parametric: ParametricModel, number: int) -> 
     return f"a bound of '{compiled.variables[number - compiled.nlp.m].name}'"
 
 
-def _place(places: ComponentMap, component: Any) -> int:
-    place = places.get(component)
-    if place is None:
-        raise ModelError(
-            f"'{component.name}': is not among the {len(places)} components of this sensitivity. Variables have to be "
-            "free and used by the model, parameters have to be asked for."
-        )
-    return int(place)
+def _place(components: Sequence[Any], wanted: Any) -> int:
+    for place, component in enumerate(components):
+        if component is wanted:
+            return place
+    raise ModelError(
+        f"'{wanted.name}': is not among the {len(components)} components of this sensitivity. Variables have to be "
+        "free and used by the model, parameters have to be asked for."
+    )
 
 
-@dataclass(eq=False)
 class ParametricModel:
     """The branch of a solution, as rows over the user's variables and over variables that stand for parameters.
+
+    Parameters
+    ----------
+    source : Block
+        At a solution. It is only read.
+    parameters : sequence of ParamData or fixed VarData
+    deadline : Deadline
 
     Attributes
     ----------
@@ -303,64 +290,43 @@ class ParametricModel:
         What each row says, for messages.
     moving_bounds : list of (VarData, "lower" or "upper")
         Bounds of variables that hold a parameter: they are rows here.
+
+    Raises
+    ------
+    EvaluationError
+        At biactive pairs, and at pairs that are not met.
+    ModelError
+        If a parameter is used nowhere in the active model.
+    SolveFailed
+        When the deadline has passed.
     """
 
-    model: Any
-    parameter_variables: list[Any]
-    names: dict[int, str]
-    moving_bounds: list[tuple[Any, str]]
-
-
-class ParametricBuilder:
-    """Writes a model's rows with variables in place of its parameters.
-
-    Parameters
-    ----------
-    model : Block
-        At a solution. It is only read.
-    parameters : sequence of ParamData or fixed VarData
-    deadline : Deadline
-    """
-
-    def __init__(self, model: Any, parameters: Sequence[Any], deadline: Deadline) -> None:
-        self._source, self._parameters, self._deadline = model, parameters, deadline
-        self._model = ConcreteModel()
-        self._model.parameter_variable = Var(range(len(parameters)))
-        self._model.rows = ConstraintList()
-        parameter_variables = list(self._model.parameter_variable.values())
-        for parameter_variable, parameter in zip(parameter_variables, parameters, strict=True):
+    def __init__(self, source: Any, parameters: Sequence[Any], deadline: Deadline) -> None:
+        self._source, self._deadline = source, deadline
+        self.model = ConcreteModel()
+        self.model.parameter_variable = Var(range(len(parameters)))
+        self.model.rows = ConstraintList()
+        self.parameter_variables = list(self.model.parameter_variable.values())
+        for parameter_variable, parameter in zip(self.parameter_variables, parameters, strict=True):
             parameter_variable.set_value(value(parameter))
-        self._substitution = {id(old): new for old, new in zip(parameters, parameter_variables, strict=True)}
+        self._substitution = {id(old): new for old, new in zip(parameters, self.parameter_variables, strict=True)}
         self._has_variables = any(parameter.is_variable_type() for parameter in parameters)
         self._used: set[int] = set()
-        self._built = ParametricModel(self._model, parameter_variables, {}, [])
-
-    def build(self) -> ParametricModel:
-        """Write everything.
-
-        Raises
-        ------
-        EvaluationError
-            At biactive pairs, and at pairs that are not met.
-        ModelError
-            If a parameter is used nowhere in the active model.
-        SolveFailed
-            When the deadline has passed.
-        """
-        for objective in self._source.component_data_objects(Objective, active=True):
-            self._model.cost = Objective(expr=self._substituted(objective.expr), sense=objective.sense)
-        for row in self._source.component_data_objects(Constraint, active=True):
+        self.names: dict[int, str] = {}
+        self.moving_bounds: list[tuple[Any, str]] = []
+        for objective in source.component_data_objects(Objective, active=True):
+            self.model.cost = Objective(expr=self._substituted(objective.expr), sense=objective.sense)
+        for row in source.component_data_objects(Constraint, active=True):
             self._add_row(row.to_bounded_expression(), row.expr, f"'{row.name}'")
-        self._add_pairs([canonical_form(source) for source in active_sources(self._source)])
+        self._add_pairs([canonical_form(stated) for stated in active_sources(source)])
         self._add_moving_bounds()
-        unused = [parameter.name for parameter in self._parameters if id(parameter) not in self._used]
+        unused = [parameter.name for parameter in parameters if id(parameter) not in self._used]
         if unused:
             raise ModelError(
-                f"'{self._source.name}': {_listed(unused)} is used in no active constraint, objective, bound or pair, "
+                f"'{source.name}': {_listed(unused)} is used in no active constraint, objective, bound or pair, "
                 "so nothing depends on it. A number that was read with value() when the model was built leaves no "
                 "trace: put the Param itself into the expressions."
             )
-        return self._built
 
     def _substituted(self, expression: Any) -> Any:
         """The expression with variables in place of parameters; the same object where there is nothing to replace."""
@@ -377,7 +343,7 @@ class ParametricBuilder:
 
     def _add(self, relation: Any, name: str) -> None:
         self._deadline.check(f"'{self._source.name}': sensitivity")
-        self._built.names[id(self._model.rows.add(relation))] = name
+        self.names[id(self.model.rows.add(relation))] = name
 
     def _add_row(self, bounded: tuple[Any, Any, Any], relation: Any, name: str) -> None:
         lower, _, upper = bounded
@@ -428,7 +394,7 @@ class ParametricBuilder:
             for which, bound in (("lower", variable._lb), ("upper", variable._ub)):
                 new = self._substituted(bound)
                 if new is not bound:
-                    self._built.moving_bounds.append((variable, which))
+                    self.moving_bounds.append((variable, which))
                     relation = variable - new >= 0 if which == "lower" else variable - new <= 0
                     self._add(relation, f"the {which} bound of '{variable.name}'")
 

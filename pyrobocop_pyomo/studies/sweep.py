@@ -7,7 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +16,8 @@ from pyomo.core.base.block import BlockData
 from pyrobocop_pyomo.errors import ModelError, SolveFailed
 from pyrobocop_pyomo.execution.engine import Engine
 from pyrobocop_pyomo.execution.fingerprints import fingerprint
-from pyrobocop_pyomo.execution.sending import packed
 from pyrobocop_pyomo.execution.tasks import GIVEN_UP, Make, Task, run_tasks, study_engine
+from pyrobocop_pyomo.execution.worker_host import packed
 from pyrobocop_pyomo.ipopt.backends import best_backend
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.rule_slips import takes_arguments
@@ -51,12 +51,11 @@ class SweepResult(StudyResult[SweepOutcome]):
         found = [numbers_of(outcome.case.data) for outcome in self.outcomes]
         names = list(dict.fromkeys(name for numbers in found for name in numbers))
         if names and all(len(numbers) == len(names) for numbers in found) and len(names) <= 6:
-            given = tuple(_number_column(name, 10, lambda outcome: numbers_of(outcome.case.data)) for name in names)
+            given = tuple(_number_column(name, lambda outcome: numbers_of(outcome.case.data)) for name in names)
         else:
-            width = max([len("name"), *(len(outcome.name) for outcome in self.outcomes)])
-            given = (Column("name", width, lambda outcome: outcome.name),)
+            given = (Column("name", lambda outcome: outcome.name),)
         read = dict.fromkeys(name for outcome in self.outcomes for name in numbers_of(outcome.numbers))
-        own = tuple(_number_column(name, 12, lambda outcome: outcome.numbers) for name in read)
+        own = tuple(_number_column(name, lambda outcome: outcome.numbers) for name in read)
         return (*given, *own, *super().columns)
 
     def _best_first(self) -> tuple[SweepOutcome, ...]:
@@ -202,7 +201,9 @@ def sweep(
     best_backend()  # raises with the remedies where there is none, once and not for every case
     writes_files = running is None or running.writes_files
     bar = Progress(progress if writes_files else False)
-    study = _Sweep(listed, parents, Deadline.after(time_limit), time_limit_per_case, bar, file, writes_files, options)
+    study = _Sweep(listed, parents, Deadline.after(time_limit), time_limit_per_case, bar)
+    if file is not None:
+        study.go_on_behind(file, options, writes=writes_files)
     local = CaseSolver(model, put, read, options) if running is None or isinstance(model, BlockData) else None
     try:
         if local is not None:
@@ -225,41 +226,41 @@ def sweep(
     return study.result(name, shared)
 
 
+@dataclass
 class _Sweep:
     """The state of one sweep, in the process that was asked for it."""
 
-    def __init__(
-        self,
-        cases: list[SweepCase],
-        parents: list[int | None],
-        deadline: Deadline,
-        limit: float | None,
-        progress: Progress,
-        file: str | Path | None,
-        writes_file: bool,
-        options: Mapping[str, Any],
-    ) -> None:
-        self._cases, self._parents, self._deadline, self._limit = cases, parents, deadline, limit
-        self._progress, self._started = progress, time.perf_counter()
-        self._done: dict[int, SweepOutcome] = {}
-        self.doubts: tuple[str, ...] = ()
-        self._keys: list[str] = []
-        self._file: OutcomeFile | None = None
-        if file is not None:
-            seen: Counter[str] = Counter()  # equal cases are told apart; another case before them changes no key
-            for case in cases:
-                key = fingerprint([case.data])
-                self._keys.append(f"{key}.{seen[key]}")
-                seen[key] += 1
-            self._file = OutcomeFile(file, {"options": fingerprint([{**options}])}, writes=writes_file)
-            for case, key in zip(cases, self._keys, strict=True):
-                if key in self._file.records:
-                    self._done[case.number] = _outcome_from_json(case, self._file.records[key])
-            if self._done:
-                progress.line(f"{len(self._done)} of {len(cases)} cases are in {file}")
-        self._children: dict[int | None, list[int]] = {}
-        for number, parent in enumerate(parents):
-            self._children.setdefault(parent, []).append(number)
+    cases: list[SweepCase]
+    parents: list[int | None]
+    deadline: Deadline
+    limit: float | None
+    progress: Progress
+    doubts: tuple[str, ...] = ()
+    done: dict[int, SweepOutcome] = field(default_factory=dict)
+    _file: OutcomeFile | None = None
+    _keys: list[str] = field(default_factory=list)
+    _started: float = field(default_factory=time.perf_counter)
+
+    def go_on_behind(self, file: str | Path, options: Mapping[str, Any], *, writes: bool) -> None:
+        """Take what is in a file, and write there what comes."""
+        seen: Counter[str] = Counter()  # equal cases are told apart; another case before them changes no key
+        for case in self.cases:
+            key = fingerprint([case.data])
+            self._keys.append(f"{key}.{seen[key]}")
+            seen[key] += 1
+        self._file = OutcomeFile(file, {"options": fingerprint([{**options}])}, writes=writes)
+        for case, key in zip(self.cases, self._keys, strict=True):
+            if key in self._file.records:
+                self.done[case.number] = _outcome_from_json(case, self._file.records[key])
+        if self.done:
+            self.progress.line(f"{len(self.done)} of {len(self.cases)} cases are in {file}")
+
+    @cached_property
+    def _children(self) -> dict[int | None, list[int]]:
+        children: dict[int | None, list[int]] = {}
+        for number, parent in enumerate(self.parents):
+            children.setdefault(parent, []).append(number)
+        return children
 
     # ---------------------------------------------------------------- the order of work
 
@@ -269,7 +270,7 @@ class _Sweep:
         asked = list(self._children.get(after, []))
         while asked:
             number = asked.pop(0)
-            if number in self._done:
+            if number in self.done:
                 asked = [*self._children.get(number, []), *asked]
             else:
                 ready.append(number)
@@ -277,55 +278,55 @@ class _Sweep:
 
     def _near(self, number: int) -> tuple[int, Values] | None:
         """The solution to start from: that of the neighbour, or where it failed, of the neighbour's."""
-        parent = self._parents[number]
+        parent = self.parents[number]
         while parent is not None:
-            outcome = self._done.get(parent)
+            outcome = self.done.get(parent)
             if outcome is not None and outcome.result is not None and outcome.result.quality is Quality.OPTIMAL:
                 return parent, outcome.values
-            parent = self._parents[parent]
+            parent = self.parents[parent]
         return None
 
     def run(self, make: Make, engine: Engine | None) -> None:
         """Solve each case as soon as its neighbour is done, until all is done, the time is over or Ctrl-C comes."""
         run_tasks(
-            self._tasks(None), self._take, make=make, engine=engine, most=len(self._cases), deadline=self._deadline,
-            given_up=lambda task: SweepOutcome(case=self._cases[task.key], error=GIVEN_UP),
+            self._tasks(None), self._take, make=make, engine=engine, most=len(self.cases), deadline=self.deadline,
+            given_up=lambda task: SweepOutcome(case=self.cases[task.key], error=GIVEN_UP),
         )  # fmt: skip
 
     def _tasks(self, after: int | None) -> list[Task]:
-        return [Task(number, (self._cases[number], self._near(number), self._limit)) for number in self._ready(after)]
+        return [Task(number, (self.cases[number], self._near(number), self.limit)) for number in self._ready(after)]
 
     def _take(self, outcome: SweepOutcome) -> list[Task] | None:
         """Keep an outcome."""
-        self._done[outcome.case.number] = outcome
+        self.done[outcome.case.number] = outcome
         interrupted = outcome.result is not None and outcome.result.stop_reason is StopReason.INTERRUPTED
         # What Ctrl-C or the end of the time cut short is solved again by a sweep that goes on.
-        if self._file is not None and not (interrupted or (outcome.cut_short and self._deadline.has_passed)):
+        if self._file is not None and not (interrupted or (outcome.cut_short and self.deadline.has_passed)):
             self._file.append(self._keys[outcome.case.number], _outcome_to_json(outcome))
-        done, count = len(self._done), len(self._cases)
+        done, count = len(self.done), len(self.cases)
         if outcome.error or not outcome.feasible:
-            self._progress.line(f"{outcome.name}: {outcome.verdict}, {outcome.reason}")
+            self.progress.line(f"{outcome.name}: {outcome.verdict}, {outcome.reason}")
         elapsed = time.perf_counter() - self._started
-        failures = sum(1 for each in self._done.values() if each.result is None or not each.result.solved)
+        failures = sum(1 for each in self.done.values() if each.result is None or not each.result.solved)
         left = elapsed / done * (count - done)
-        self._progress.live(f"{done}/{count} cases, {failures} not solved, {elapsed:.0f} s, about {left:.0f} s left")
+        self.progress.live(f"{done}/{count} cases, {failures} not solved, {elapsed:.0f} s, about {left:.0f} s left")
         return None if interrupted else self._tasks(outcome.case.number)
 
     def result(self, name: str, solver: CaseSolver | None) -> SweepResult:
         """What was found."""
-        self._progress.live("")
+        self.progress.live("")
         return SweepResult(
             name=name,
-            outcomes=tuple(self._done[number] for number in sorted(self._done)),
-            remaining=tuple(case.name for case in self._cases if case.number not in self._done),
+            outcomes=tuple(self.done[number] for number in sorted(self.done)),
+            remaining=tuple(case.name for case in self.cases if case.number not in self.done),
             seconds=time.perf_counter() - self._started,
             _solver=solver,
             doubts=self.doubts,
         )
 
 
-def _number_column(name: str, width: int, numbers: Callable[[SweepOutcome], Mapping[str, Any]]) -> Column:
-    return Column(name, max(width, len(name)), lambda outcome: numbers(outcome).get(name, math.nan), ".6g")
+def _number_column(name: str, numbers: Callable[[SweepOutcome], Mapping[str, Any]]) -> Column:
+    return Column(name, lambda outcome: numbers(outcome).get(name, math.nan), ".6g")
 
 
 def _solving(*of_case_solver: Any) -> Callable[..., SweepOutcome]:

@@ -29,8 +29,6 @@ ModeSequence = tuple[str, ...]
 # So many cases may start one from the other before one starts cold: what goes wrong at one does not go on forever, and
 # a long row of cases is divided among processes.
 LONGEST_CHAIN = 8
-# Up to here the distances of all cases from each other are computed; beyond, each starts from the one before.
-NEAREST_IS_SOUGHT = 3000
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +209,7 @@ def _checked(chosen: list[Any]) -> list[int | None]:
 def _coordinates(cases: Sequence[SweepCase]) -> Array:
     """A point per case, each number relative to its range over the cases; the place in the list where that fails."""
     rows = [_flat(case.data) for case in cases]
-    usable = len(cases) <= NEAREST_IS_SOUGHT and len({row.size for row in rows}) == 1 and rows[0].size > 0
+    usable = len({row.size for row in rows}) == 1 and rows[0].size > 0
     if not usable or (isinstance(cases[0].data, Mapping) and len({tuple(map(str, case.data)) for case in cases}) > 1):
         return np.arange(len(cases), dtype=float)[:, None]
     points = np.array(rows)

@@ -14,7 +14,7 @@ from tiny_agents import NAMES, SPECS, TinyOrder, TinySpec, missing_data, play, s
 from pyrobocop_pyomo.errors import EngineError
 from pyrobocop_pyomo.execution.dask_engine import DaskEngine
 from pyrobocop_pyomo.execution.engine import AgentFailure
-from pyrobocop_pyomo.execution.serial_engine import SerialEngine
+from pyrobocop_pyomo.execution.engines import SerialEngine
 
 pytest.importorskip("distributed")
 psutil = pytest.importorskip("psutil")
@@ -26,7 +26,7 @@ pytestmark = [
 
 @pytest.fixture(scope="module")
 def engine() -> Iterator[DaskEngine]:
-    with DaskEngine(workers=2, snapshot_every=3) as started:
+    with DaskEngine(workers=2) as started:
         started.start(SPECS)
         yield started
 

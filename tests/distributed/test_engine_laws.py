@@ -10,14 +10,12 @@ from hypothesis import strategies as st
 from tiny_agents import NAMES, SPECS, TinyOrder, TinySpec, contradiction, missing_data, noise, play
 
 from pyrobocop_pyomo.errors import EngineError, ModelError
-from pyrobocop_pyomo.execution import sending
+from pyrobocop_pyomo.execution import worker_host
 from pyrobocop_pyomo.execution.engine import AgentFailure, Engine, Exchange
-from pyrobocop_pyomo.execution.engines import find_engine
+from pyrobocop_pyomo.execution.engines import SerialEngine, find_engine
 from pyrobocop_pyomo.execution.process_engine import ProcessEngine
-from pyrobocop_pyomo.execution.sending import packed
-from pyrobocop_pyomo.execution.serial_engine import SerialEngine
 from pyrobocop_pyomo.execution.tasks import Task, run_tasks
-from pyrobocop_pyomo.execution.worker_host import HostedSpec, Lost, Request, WorkerHost
+from pyrobocop_pyomo.execution.worker_host import HostedSpec, Lost, Request, WorkerHost, packed
 from pyrobocop_pyomo.modeling.deadline import Deadline
 
 
@@ -67,27 +65,22 @@ def undisturbed() -> list[dict]:
         return play(engine, 12)
 
 
-@given(
-    deaths=st.tuples(*[st.sets(st.integers(3, 40), max_size=5)] * 2),
-    snapshot_every=st.integers(1, 9),
-)
+@given(deaths=st.tuples(*[st.sets(st.integers(3, 40), max_size=5)] * 2))
 @settings(max_examples=60)
-def test_deaths_change_nothing(undisturbed: list[dict], deaths: tuple[set[int], set[int]], snapshot_every: int) -> None:
-    engine = FragileEngine(deaths, snapshot_every=snapshot_every, deaths_allowed=1000)
+def test_deaths_change_nothing(undisturbed: list[dict], deaths: tuple[set[int], set[int]]) -> None:
+    engine = FragileEngine(deaths, deaths_allowed=1000)
     engine.start(SPECS)
     assert play(engine, 12) == undisturbed
 
 
-@given(rounds=st.integers(0, 12), snapshot_every=st.integers(1, 5), death=st.integers(3, 40))
+@given(rounds=st.integers(0, 12), death=st.integers(3, 40))
 @settings(max_examples=30)
-def test_states_are_all_that_is_needed_to_go_on(
-    undisturbed: list[dict], rounds: int, snapshot_every: int, death: int
-) -> None:
+def test_states_are_all_that_is_needed_to_go_on(undisturbed: list[dict], rounds: int, death: int) -> None:
     first = SerialEngine()
     first.start(SPECS)
     play(first, rounds)
     states = pickle.loads(pickle.dumps(first.states()))
-    second = FragileEngine(({death}, ()), snapshot_every=snapshot_every)
+    second = FragileEngine(({death}, ()))
     second.start(SPECS)
     second.restore(states)
     if 0 < rounds < 12:
@@ -179,17 +172,16 @@ def test_agents_whose_workers_die_too_often_are_given_up_and_the_others_go_on() 
     assert not engine.deaths
 
 
-def test_traffic_is_counted_and_even() -> None:
-    """Where states come every fourth round, one of four agents sends its state in each round."""
-    engine = FragileEngine(snapshot_every=4)
-    engine.start(SPECS)
-    play(engine, 12)
+def test_traffic_is_counted() -> None:
+    """A report comes with the state of its agent."""
+    engine, serial = FragileEngine(), SerialEngine()
+    for each in (engine, serial):
+        each.start(SPECS)
+        play(each, 12)
     assert len(engine.bytes_up) == len(engine.bytes_down) == 13
-    plain = min(min(counts.values()) for counts in engine.bytes_up[1:])
-    with_states = [sum(size > 1.5 * plain for size in counts.values()) for counts in engine.bytes_up[1:]]
-    assert with_states == [1] * 12
-    state = len(pickle.dumps(engine.states()["a"], 5))
-    assert max(max(counts.values()) for counts in engine.bytes_up[1:-1]) <= plain + state + 10
+    state = len(pickle.dumps(serial.states()["a"], 5))
+    for sent, report in zip(engine.bytes_up[1:-1], serial.bytes_up[1:-1], strict=True):
+        assert all(abs(sent[name] - report[name] - state) <= 10 for name in NAMES)
     order = len(pickle.dumps((TinyOrder(np.ones(5)),), 5))
     assert all(abs(size - order) <= 10 for counts in engine.bytes_down[1:-1] for size in counts.values())
 
@@ -226,7 +218,7 @@ def test_a_builder_without_a_name_travels_by_value_or_is_refused(monkeypatch: py
     def inner() -> np.ndarray:
         return np.ones(2)
 
-    monkeypatch.setattr(sending, "cloudpickle_available", False)
+    monkeypatch.setattr(worker_host, "cloudpickle_available", False)
     for builder, data in ((lambda: np.ones(2), ()), (inner, ()), (noise, (0, lambda: 1))):
         with pytest.raises(EngineError, match="agent 'a' cannot be sent to another process .* top level of a module"):
             ProcessEngine().start([TinySpec("a", builder, data)])
@@ -269,8 +261,6 @@ def test_unknown_agents_methods_and_engines() -> None:
     with pytest.raises(EngineError, match="engine = 'ray'; expected 'serial', 'process', 'dask', 'mpi'"):
         find_engine("ray")
     assert find_engine(engine) is engine
-    with pytest.raises(EngineError, match="snapshot_every = 0"):
-        ProcessEngine(snapshot_every=0)
     with pytest.raises(EngineError, match="deaths_allowed = -1"):
         ProcessEngine(deaths_allowed=-1)
     with pytest.raises(EngineError, match="workers = 0"):

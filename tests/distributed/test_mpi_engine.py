@@ -7,7 +7,7 @@ import pytest
 from harness.mpi import needs_mpiexec, on_two_ranks, told_by_both
 from tiny_agents import SPECS, play
 
-from pyrobocop_pyomo.execution.serial_engine import SerialEngine
+from pyrobocop_pyomo.execution.engines import SerialEngine
 
 pytest.importorskip("mpi4py")
 pytestmark = [

@@ -107,7 +107,7 @@ def test_a_dead_worker_changes_nothing(deaths: tuple[tuple[int, ...], tuple[int,
             return history, sum(engine.deaths.values())
 
     serial, none = play(rcp.teams.SerialEngine())
-    fragile, dead = play(FragileEngine(deaths, snapshot_every=3))
+    fragile, dead = play(FragileEngine(deaths))
     assert fragile == serial
     assert none == 0
     assert dead >= 2

@@ -41,7 +41,7 @@ def test_a_killed_worker_changes_nothing(serial: rcp.teams.TeamResult, name: str
     if name == "dask":
         pytest.importorskip("distributed")
     kind = {"process": rcp.teams.ProcessEngine, "dask": rcp.teams.DaskEngine}[name]
-    engine: Engine = kind(workers=2, snapshot_every=2)
+    engine: Engine = kind(workers=2)
     times: list[float] = []
 
     def kill(record: rcp.teams.Round) -> None:

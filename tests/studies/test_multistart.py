@@ -209,10 +209,10 @@ def test_arguments_that_make_no_sense(arguments, message):
 
 def test_all_means_the_cores_that_this_process_may_use(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tasks, "available_cores", lambda: 3)
-    assert tasks.number_of_workers("all") == 3
+    assert tasks.study_engine("all", None).workers == 3
     for wrong in (0, -1, True, 1.5, "some", None):
         with pytest.raises(ModelError, match="workers = .*; expected a number of processes of at least 1, or 'all'"):
-            tasks.number_of_workers(wrong)
+            tasks.study_engine(wrong, None)
 
 
 # --------------------------------------------------------------------

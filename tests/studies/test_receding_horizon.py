@@ -43,7 +43,7 @@ def test_each_plan_is_that_of_a_model_built_from_scratch(parametrization: str) -
         for name in expected:
             np.testing.assert_allclose(plan[name], expected[name], atol=2e-4)
         state = {name: step.plan(0.2)[name] for name in ("x", "v")}
-    assert controller._program.preparations == 1
+    assert controller.program.preparations == 1
 
 
 def test_the_loop_settles_and_its_steps_are_short() -> None:

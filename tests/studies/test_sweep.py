@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError, SolveFailed, TeamError
-from pyrobocop_pyomo.execution import sending
+from pyrobocop_pyomo.execution import worker_host
 from pyrobocop_pyomo.studies.sweep_cases import LONGEST_CHAIN, read_cases, starting_cases
 
 case_solver = importlib.import_module("pyrobocop_pyomo.studies.case_solver")
@@ -265,7 +265,7 @@ def test_a_file_of_something_else_is_refused(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_sent_to_a_process_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sending, "cloudpickle_available", False)
+    monkeypatch.setattr(worker_host, "cloudpickle_available", False)
     with pytest.raises(ModelError, match="put cannot be sent to another process"):
         rcp.sweep(spring, PULLS, put=lambda m, pull: None, workers=2)
     model = spring()

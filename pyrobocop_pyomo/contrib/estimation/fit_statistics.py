@@ -14,7 +14,6 @@ from pyrobocop_pyomo.presentation import Presented, table
 
 from .fit_remarks import RARE, remarks_on_outlier, remarks_on_outputs
 from .problem import EstimationProblem
-from .statistics import covariance_of, quantile
 
 # An unknown this near to a bound, relative to its size or to the step that the data ask for, is held by it.
 _AT_BOUND = 1e-6
@@ -152,3 +151,37 @@ def _is_at_bound(variable: Any, step: float) -> bool:
         bound is not None and abs(number - bound) <= _AT_BOUND * max(abs(number), abs(bound), towards * step)
         for bound, towards in zip(variable.bounds, (-1.0, 1.0), strict=True)
     )
+
+
+def covariance_of(matrix: Array, variance: float = 1.0) -> Array:
+    """Covariance of a least-squares estimate of unknowns, to first order.
+
+    Parameters
+    ----------
+    matrix : array, shape (outputs, unknowns)
+        Derivatives S of the outputs, each over its standard deviation, or over what is in proportion to it.
+    variance : float
+        Of the outputs after this division.
+
+    Returns
+    -------
+    array, shape (unknowns, unknowns)
+        ``variance (S'S)^-1``; infinite in what the data do not see.
+    """
+    sizes = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+    # By the singular values of S and not by the inverse of S'S, which has twice as few digits.
+    _, values, right = np.linalg.svd(matrix / sizes, full_matrices=len(matrix) < len(sizes))
+    rank = int((values > 1e-11 * values.max(initial=1e-300)).sum())
+    root = (right[:rank].T / values[:rank]) / sizes[:, None]
+    found: Array = variance * root @ root.T
+    # An unknown that takes part in a combination that is not seen may be anything.
+    unseen = np.flatnonzero(np.abs(right[rank:]).max(axis=0, initial=0.0) > 1e-6)
+    found[unseen, :] = found[:, unseen] = np.nan
+    found[unseen, unseen] = np.inf
+    return found
+
+
+def quantile(level: float, freedom: int | None) -> float:
+    """How many standard errors an interval reaches to either side; Student's t with a freedom, else normal."""
+    tail = 0.5 + level / 2
+    return float(scipy.special.ndtri(tail) if freedom is None else scipy.special.stdtrit(max(freedom, 1), tail))

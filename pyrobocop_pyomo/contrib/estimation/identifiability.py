@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,16 +13,63 @@ from pyrobocop_pyomo.diagnosis.findings import Finding, Severity, Subject
 from pyrobocop_pyomo.errors import ModelError, PyRobocopError
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
+from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.solving import Quality
 from pyrobocop_pyomo.solving.strategies import in_order
 from pyrobocop_pyomo.studies.outcomes import seconds_left, solve_as_given
 
 from .problem import EstimationProblem
-from .statistics import UnseenCombination, unseen_combinations
 
 # Another guess, so near that the model can be solved there, so far that nothing vanishes there by accident.
 _MOVED = 0.07
+BARELY_SEEN = 1e-6  # relative singular value, up to which a combination is hardly seen
+SHARE = 0.05  # of a combination, from which on a parameter is named in it
+
+
+class UnseenCombination(NamedTuple):
+    """A combination of unknowns along which the outputs hardly move.
+
+    Attributes
+    ----------
+    names : tuple of str
+    shares : tuple of float
+        Of each in a direction of unit length, in relative changes.
+    singular_value : float
+        Relative to the largest.
+    """
+
+    names: tuple[str, ...]
+    shares: tuple[float, ...]
+    singular_value: float
+
+    def __str__(self) -> str:
+        parts = [f"{share:+.2g} '{name}'" for name, share in zip(self.names, self.shares, strict=True)]
+        return " ".join(parts).lstrip("+").strip()
+
+
+def unseen_combinations(matrix: Array, scales: Array, names: Sequence[str]) -> list[UnseenCombination]:
+    """Directions in which the weighted outputs hardly move, for changes of the unknowns relative to their scales.
+
+    Parameters
+    ----------
+    matrix : array, shape (outputs, unknowns)
+        Derivatives of the outputs, each over its standard deviation.
+    scales : array, shape (unknowns,)
+        Sizes of the unknowns.
+    names : sequence of str
+    """
+    _, sizes, directions = np.linalg.svd(matrix * scales, full_matrices=True)
+    sizes = np.concatenate([sizes, np.zeros(len(names) - sizes.size)])
+    shares = sizes / max(float(sizes.max(initial=0.0)), 1e-300)
+    found = []
+    for size, direction in zip(shares.tolist(), directions, strict=True):
+        if size <= BARELY_SEEN:
+            order = np.argsort(-np.abs(direction), kind="stable")
+            order = order[np.abs(direction[order]) >= SHARE]
+            parts = direction[order] * np.sign(direction[order[0]])
+            found.append(UnseenCombination(tuple(names[i] for i in order), tuple(parts.tolist()), size))
+    return found
 
 
 def identifiability(problem: EstimationProblem, deadline: Deadline, options: dict[str, Any]) -> Diagnosis:

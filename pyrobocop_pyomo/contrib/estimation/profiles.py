@@ -14,9 +14,8 @@ from pyrobocop_pyomo.plotting.figures import figure_or_new
 from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.studies.sweep import SweepResult, sweep
 
-from .fit_statistics import FitStatistics
+from .fit_statistics import FitStatistics, quantile
 from .problem import EstimationProblem
-from .statistics import quantile
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.contrib.estimation.fit_statistics import statistics_of
-from pyrobocop_pyomo.contrib.estimation.statistics import covariance_of, quantile, unseen_combinations
+from pyrobocop_pyomo.contrib.estimation.fit_statistics import covariance_of, quantile, statistics_of
+from pyrobocop_pyomo.contrib.estimation.identifiability import unseen_combinations
 from pyrobocop_pyomo.errors import EstimationError
 
 TIMES = np.array([0.1, 0.33, 0.8, 1.1, 2.0])
