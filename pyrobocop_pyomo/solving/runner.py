@@ -369,6 +369,8 @@ class Runner:
         place, best = self.places.place, self.found.best
         if place is None or not place.relaxed.pairs or best is None or self.found.are_cut():
             return
+        if place.relaxed.crossed:
+            return  # products of sides of different pairs are more than the pairs say
         place.values.write(place.start)
         place.relaxed.start_lifted()
         start = self.log.checked(Iterate(START, strategy=START, stop_reason=StopReason.ITERATION_LIMIT))
