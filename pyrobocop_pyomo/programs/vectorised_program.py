@@ -9,12 +9,10 @@ import numpy as np
 from pyrobocop_pyomo.errors import SolverNotFoundError
 
 from .asl_program import ASL_REMEDY
-from .compiled_run import CompiledRun
-from .compiled_terms import evaluation_library
+from .compiled_terms import CompiledRun, evaluation_library
 from .model_numbers import ModelNumbers
 from .model_terms import ModelTerms
-from .nonlinear_program import FloatArray, finite
-from .scales import Scales
+from .nonlinear_program import FloatArray, Scales, finite
 from .summed_terms import SummedTerms, place_hessians
 
 
@@ -87,27 +85,27 @@ class VectorisedProgram:
 
     def objective(self, x: FloatArray) -> float:
         """Value of f."""
-        return float(finite(self.cost.values(x), "CasADi", "objective")[0])
+        return float(finite(self.cost.compiled.values(x), "CasADi", "objective")[0])
 
     def gradient(self, x: FloatArray) -> FloatArray:
         """Gradient of f."""
         gradient = np.zeros(self.n)
-        gradient[self.cost.structure[1]] = self.cost.jacobian(x)
+        gradient[self.cost.structure[1]] = self.cost.compiled.jacobian(x)
         return finite(gradient, "CasADi", "gradient of the objective")
 
     def constraints(self, x: FloatArray) -> FloatArray:
         """Values of g."""
-        return finite(self.rows.values(x), "CasADi", "constraints")
+        return finite(self.rows.compiled.values(x), "CasADi", "constraints")
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """Values of the Jacobian of g."""
-        return finite(self.rows.jacobian(x), "CasADi", "Jacobian of the constraints")
+        return finite(self.rows.compiled.jacobian(x), "CasADi", "Jacobian of the constraints")
 
     def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
         """Values of the Hessian of the Lagrangian."""
         values = np.zeros(self.hessian_structure[0].size)
-        self.cost.add_hessian(x, np.array([objective_factor]), values)
-        self.rows.add_hessian(x, multipliers, values)
+        self.cost.compiled.add_hessian(x, np.array([objective_factor]), values)
+        self.rows.compiled.add_hessian(x, multipliers, values)
         return finite(values, "CasADi", "Hessian of the Lagrangian")
 
     def compiled_run(self, scales: Scales | None = None) -> CompiledRun | None:
@@ -143,14 +141,14 @@ class ArgumentRows:
 
     def constraints(self, x: FloatArray) -> FloatArray:
         """Values of the arguments."""
-        return finite(self.sums.values(x), "CasADi", "arguments of a Python function")
+        return finite(self.sums.compiled.values(x), "CasADi", "arguments of a Python function")
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """Values of their Jacobian."""
-        return finite(self.sums.jacobian(x), "CasADi", "Jacobian of the arguments of a Python function")
+        return finite(self.sums.compiled.jacobian(x), "CasADi", "Jacobian of the arguments of a Python function")
 
     def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
         """Values of the Hessian of multipliers @ rows; there is no objective."""
         values = np.zeros(self.hessian_structure[0].size)
-        self.sums.add_hessian(x, multipliers, values)
+        self.sums.compiled.add_hessian(x, multipliers, values)
         return finite(values, "CasADi", "Hessian of the arguments of a Python function")

@@ -346,8 +346,8 @@ class RecedingHorizon:
             yield PrimalDualPoint(found, np.zeros(compiled.nlp.m), zeros, zeros)
 
     def _place_in_program(self) -> PlaceInProgram:
-        if self._place is None or self._place.variables is not self._program.variables:
-            self._place = PlaceInProgram(self._values, self._program.variables)
+        if self._place is None or self._place.variables is not self._program.compiled.variables:
+            self._place = PlaceInProgram(self._values, self._program.compiled.variables)
         return self._place
 
     def _plan(self, values: dict[str, Array]) -> Callable[[], Trajectory]:

@@ -12,7 +12,7 @@ import numpy as np
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.ipopt.ipopt_options import readings
+from pyrobocop_pyomo.ipopt.ipopt_run import readings
 from pyrobocop_pyomo.ipopt.linear_solvers import with_linear_solver
 from pyrobocop_pyomo.linear_solver.library import LINEAR_SOLVER_NAME
 from pyrobocop_pyomo.native.shared_library import library_sources
@@ -78,7 +78,7 @@ def export_controller(horizon: RecedingHorizon, folder: str | Path, advance: flo
         options, own_solver = with_linear_solver(program.options_of_run(purpose), nlp)
         listed = _options({**options, "print_level": 0, "sb": "yes"}, own_solver)
         counts[f"{start.upper()}_OPTIONS"] = source.structures("Option", f"{start}_options", listed)
-    point = program.state or PrimalDualPoint(program.point())
+    point = program.state or PrimalDualPoint(program.compiled.current_point())
     for array, values in zip(
         ("plan", "row_multipliers", "lower_multipliers", "upper_multipliers"),
         (point.x, *point.complete(nlp)),

@@ -137,7 +137,6 @@ def _places(rows: SummedTerms, state_of: Mapping[Any, int], source: CSource) -> 
     return [
         f"{{{source.array(function.compiled.numbers)} + {place}, {state_of[k]}}}"
         for function in rows.functions
-        if function.compiled is not None
         for place, k in zip(function.places_of_parameters.tolist(), function.parameters.tolist(), strict=True)
         if k in state_of
     ]
