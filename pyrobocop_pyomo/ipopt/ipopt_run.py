@@ -84,14 +84,10 @@ class IpoptCallbacks:
     """
 
     def __init__(self, nlp: NonlinearProgram, on_iteration: OnIteration | None) -> None:
-        self.nlp, self.on_iteration = nlp, on_iteration
+        self.nlp = nlp
         self._compiled, compiled = compiled_functions_of(nlp)
         self.data = None if self._compiled is None else self._compiled.data
-        self.interrupted = False
-        self.records: list[IterationRecord] = []
-        self.failure: BaseException | None = None
-        self.after_record: Callable[[], None] | None = None
-        self._undefined_at: FloatArray | None = None
+        self.begin(on_iteration)
         in_python = self._eval_f, self._eval_g, self._eval_grad_f, self._eval_jac_g, self._eval_h
         functions: dict[str, Any] = {**dict(zip(EVALUATIONS, in_python, strict=True)), **compiled}
         kinds = (EvalF, EvalG, EvalGradF, EvalJacG, EvalH)
@@ -100,6 +96,17 @@ class IpoptCallbacks:
             kind(functions[name]) for kind, name in zip(kinds, EVALUATIONS, strict=True)
         )
         self.intermediate: Any = Intermediate(self._intermediate)
+
+    def begin(self, on_iteration: OnIteration | None) -> None:
+        """Forget the run before; the next one has its own callback and its own Ctrl-C."""
+        self.on_iteration = on_iteration
+        self.interrupted = False
+        self.records: list[IterationRecord] = []
+        self.failure: BaseException | None = None
+        self._undefined_at: FloatArray | None = None
+        if self._compiled is not None:
+            self._compiled.begin()
+        self.after_record: Callable[[], None] | None = None
 
     def interrupt(self) -> None:
         """End the run after the iteration."""
@@ -192,29 +199,88 @@ def _write_structure(structure: tuple[Any, Any], rows: int, columns: int) -> int
     return 1
 
 
-@contextlib.contextmanager
-def ipopt_problem(library: IpoptLibrary, nlp: NonlinearProgram, callbacks: IpoptCallbacks) -> Iterator[int]:
-    """The address of Ipopt's problem object for one run.
+class KeptProblem:
+    """Keeps Ipopt's problem object from one run to the next: making and freeing one takes most of a millisecond.
 
-    Raises
-    ------
-    MemoryError
-        When Ipopt makes no object.
+    It is made anew for another program, other bounds or options of other names. Ipopt never forgets an option, so a
+    run that does not set it would be given what an earlier one has set.
     """
-    bounds = [np.array(bound, dtype=np.float64) for bound in (nlp.x_lower, nlp.x_upper, nlp.g_lower, nlp.g_upper)]
-    x_lower, x_upper, g_lower, g_upper = (bound.ctypes.data for bound in bounds)
-    address = library.functions.CreateIpoptProblem(  # Ipopt copies the bounds
-        nlp.n, x_lower, x_upper, nlp.m, g_lower, g_upper, nlp.jacobian_structure[0].size,
-        nlp.hessian_structure[0].size, 0, *callbacks.evaluators,
-    )  # fmt: skip
-    if not address:
-        raise MemoryError(f"Ipopt could not create a problem with {nlp.n} variables and {nlp.m} rows.")
-    try:
-        library.functions.SetIntermediateCallback(address, callbacks.intermediate)
-        yield address
-    finally:
-        library.functions.FreeIpoptProblem(address)
-        callbacks.release()
+
+    def __init__(self) -> None:
+        self._address: int | None = None
+        self._library: IpoptLibrary | None = None
+        self._callbacks: IpoptCallbacks | None = None
+        self._made_for: tuple[Any, ...] = ()
+        self._busy = False
+
+    @property
+    def library(self) -> IpoptLibrary | None:
+        """What the object was made by: looking for a library in each run takes a tenth of a millisecond."""
+        return self._library
+
+    @contextlib.contextmanager
+    def opened(
+        self, library: IpoptLibrary, nlp: NonlinearProgram, names: frozenset[str], on_iteration: OnIteration | None
+    ) -> Iterator[tuple[int, IpoptCallbacks]]:
+        """The address of a problem object for one run, and its callbacks.
+
+        Parameters
+        ----------
+        library : IpoptLibrary
+        nlp : NonlinearProgram
+        names : frozenset of str
+            Of the options that the run sets, and of whatever else stays on the object.
+        on_iteration : callable or None
+            The user's callback.
+
+        Raises
+        ------
+        MemoryError
+            When Ipopt makes no object.
+        """
+        if self._busy:  # a run within a callback of a run
+            with contextlib.closing(KeptProblem()) as own, own.opened(library, nlp, names, on_iteration) as opened:
+                yield opened
+            return
+        bounds = [np.array(bound, dtype=np.float64) for bound in (nlp.x_lower, nlp.x_upper, nlp.g_lower, nlp.g_upper)]
+        made_for = (library, nlp, names, *(bound.tobytes() for bound in bounds))
+        if self._callbacks is not None and self._made_for == made_for:
+            self._callbacks.begin(on_iteration)
+        else:
+            self.close()
+            self._callbacks = IpoptCallbacks(nlp, on_iteration)
+            self._address = library.functions.CreateIpoptProblem(  # Ipopt copies the bounds
+                nlp.n, bounds[0].ctypes.data, bounds[1].ctypes.data, nlp.m, bounds[2].ctypes.data,
+                bounds[3].ctypes.data, nlp.jacobian_structure[0].size, nlp.hessian_structure[0].size, 0,
+                *self._callbacks.evaluators,
+            )  # fmt: skip
+            self._library, self._made_for = library, made_for
+            if not self._address:
+                self.close()
+                raise MemoryError(f"Ipopt could not create a problem with {nlp.n} variables and {nlp.m} rows.")
+            library.functions.SetIntermediateCallback(self._address, self._callbacks.intermediate)
+        self._busy = True
+        try:
+            yield self._address, self._callbacks  # type: ignore[misc]
+        finally:
+            self._busy = False
+
+    def close(self) -> None:
+        """Free the object; the next run makes another one."""
+        address, library, callbacks = self._address, self._library, self._callbacks
+        self._address = self._library = self._callbacks = None
+        self._made_for = ()
+        if address and library is not None:
+            library.functions.FreeIpoptProblem(address)
+        if callbacks is not None:
+            callbacks.release()
+
+    def __del__(self) -> None:
+        self.close()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # In a copy or in another process there is no such object yet.
+        return KeptProblem, ()
 
 
 logger = logging.getLogger(__name__)
@@ -238,6 +304,7 @@ def run_ipopt(
     on_iteration: OnIteration | None = None,
     output: Sequence[TextIO] = (),
     head: str = "",
+    kept: KeptProblem | None = None,
 ) -> IpoptOutcome:
     """Solve a nonlinear program with Ipopt, in this process.
 
@@ -261,6 +328,8 @@ def run_ipopt(
         Where Ipopt's own log goes; it is silent when there is none.
     head : str
         What stands above the log.
+    kept : KeptProblem, optional
+        Of earlier runs of the same program, for this run and further ones.
 
     Returns
     -------
@@ -280,13 +349,13 @@ def run_ipopt(
     how: dict[str, Any] = {"scaling": scaling, "on_iteration": on_iteration, "output": output}
     resolved, own = with_linear_solver(options, nlp)
     said = SAID_OF_OWN_SOLVER if own else ""
-    outcome = _run_once(nlp, resolved, start, deadline=deadline, head=head + said, **how)
+    outcome = _run_once(nlp, resolved, start, kept, deadline=deadline, head=head + said, **how)
     if not own:
         return outcome
     if outcome.status not in IN_DOUBT:
         return replace(outcome, linear_solver=OWN_SOLVER)
     logger.info("with the linear solver of this package: %s MUMPS has a try.", outcome.status.value)
-    again = _run_once(nlp, {**options, **FALL_BACK}, start, deadline=deadline, head=head, **how)
+    again = _run_once(nlp, {**options, **FALL_BACK}, start, None, deadline=deadline, head=head, **how)
     return replace(
         again,
         seconds=outcome.seconds + again.seconds,
@@ -299,6 +368,7 @@ def _run_once(
     nlp: NonlinearProgram,
     options: Mapping[str, Any],
     start: PrimalDualPoint | None,
+    kept: KeptProblem | None,
     *,
     deadline: Deadline,
     scaling: ProblemScaling | None,
@@ -306,7 +376,7 @@ def _run_once(
     output: Sequence[TextIO],
     head: str,
 ) -> IpoptOutcome:
-    library = load_ipopt_library()
+    library = (None if kept is None else kept.library) or load_ipopt_library()
     start = PrimalDualPoint(nlp.x_start) if start is None else start
     multipliers = start.complete(nlp)
     point, row_multipliers = _vector(start.x, nlp.n, "x"), _vector(multipliers[0], nlp.m, "g_multipliers")
@@ -324,8 +394,10 @@ def _run_once(
                 stream.write(head)
                 stream.flush()
             stack.enter_context(c_output_sent_to([log, *output]))
-        callbacks = IpoptCallbacks(nlp, on_iteration)
-        problem = stack.enter_context(ipopt_problem(library, nlp, callbacks))
+        if kept is None or scaling is not None or output:
+            kept = KeptProblem()
+            stack.callback(kept.close)
+        problem, callbacks = stack.enter_context(kept.opened(library, nlp, frozenset(settings), on_iteration))
         if output:
             callbacks.after_record = flush_c_streams
         if scaling is not None:
@@ -388,6 +460,9 @@ FREQUENT_OPTIONS = (
     "max_wall_time", "mu_init", "mu_strategy", "mu_target", "nlp_scaling_method", "output_file", "print_level",
     "print_timing_statistics", "tol", "warm_start_init_point",
 )  # fmt: skip
+# What a library has accepted once, and as what: it need not be watched again for what it prints, which takes a third of
+# a millisecond.
+_ACCEPTED: dict[tuple[str, ...], str | int | float] = {}
 
 
 def set_options(library: IpoptLibrary, problem: int, options: Mapping[str, Any], *, silent: bool) -> None:
@@ -412,7 +487,8 @@ def set_options(library: IpoptLibrary, problem: int, options: Mapping[str, Any],
     """
     settings = {**options, **({"print_level": 0, "sb": "yes"} if silent else {})}
     # Ipopt prints an explanation of each refused attempt, also of those that merely guessed the wrong type.
-    with c_output_captured() as explanations:
+    is_known = all(_key(library, name, value) in _ACCEPTED for name, value in settings.items())
+    with contextlib.nullcontext(list[str]()) if is_known else c_output_captured() as explanations:
         refused = next((name for name, value in settings.items() if not _set(library, problem, name, value)), None)
     if refused is not None:
         told = "".join(explanations)
@@ -438,9 +514,13 @@ def _last_explanation(text: str) -> str:
     return f"{told} Allowed, with the default in brackets: {ranges[-1]}." if ranges else told
 
 
+def _key(library: IpoptLibrary, name: str, value: Any) -> tuple[str, ...]:
+    return library.path, name, type(value).__name__, repr(value)
+
+
 def _set(library: IpoptLibrary, problem: int, name: str, value: Any) -> bool:
-    functions, key = library.functions, name.encode()
-    for attempt in readings(name, value):
+    functions, key, known = library.functions, name.encode(), _key(library, name, value)
+    for attempt in [_ACCEPTED[known]] if known in _ACCEPTED else readings(name, value):
         if isinstance(attempt, str):
             is_taken = functions.AddIpoptStrOption(problem, key, attempt.encode())
         elif isinstance(attempt, int):
@@ -448,6 +528,7 @@ def _set(library: IpoptLibrary, problem: int, name: str, value: Any) -> bool:
         else:
             is_taken = functions.AddIpoptNumOption(problem, key, attempt)
         if is_taken:
+            _ACCEPTED[known] = attempt
             return True
     return False
 

@@ -81,7 +81,9 @@ def _library() -> ctypes.CDLL | None:
     if path is None:
         return None
     library = ctypes.CDLL(str(path))
-    _declare(library)
+    for name, arguments in {"sums_values": 3, "sums_jacobian": 3, "sums_hessian": 4}.items():
+        function = getattr(library, name)
+        function.argtypes, function.restype = [_address] * arguments, _int
     return library
 
 
@@ -99,12 +101,6 @@ def how_terms_are_evaluated() -> str:
         why = "cannot be loaded" if path.is_file() else "is not there. Run: python -m pyrobocop_pyomo build-native"
         return f"evaluated by NumPy: '{path}' {why}"
     return f"evaluated by compiled code: {path}"
-
-
-def _declare(library: ctypes.CDLL) -> None:
-    for name, arguments in {"sums_values": 3, "sums_jacobian": 3, "sums_hessian": 4}.items():
-        function = getattr(library, name)
-        function.argtypes, function.restype = [_address] * arguments, _int
 
 
 def _indices(values: np.ndarray) -> np.ndarray:
@@ -411,6 +407,10 @@ class CompiledRun:
         self._arrays.append(array)
         address: int = array.ctypes.data
         return address
+
+    def begin(self) -> None:
+        """Forget the run before."""
+        self._run.undefined = 0
 
     @property
     def undefined_at(self) -> FloatArray | None:

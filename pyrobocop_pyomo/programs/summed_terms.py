@@ -127,9 +127,13 @@ class SummedTerms:
         Rows and columns of the Jacobian's entries.
     hessian_pairs : list of pairs of int arrays
         Variables of the entries that each function adds to a Hessian.
+    hessian_structure : pair of int arrays
+        Rows and columns of the Hessian's entries, once `place_hessians` has told.
     compiled : CompiledSums
-        What evaluates them, once the entries of the Hessian are placed.
+        What evaluates them from then on.
     """
+
+    hessian_structure: tuple[IndexArray, IndexArray]
 
     def __init__(self, terms: Terms, rows: int, n: int, library: ctypes.CDLL | None = None) -> None:
         try:
@@ -178,6 +182,7 @@ def place_hessians(several: Sequence[SummedTerms], n: int) -> tuple[IndexArray, 
     structure, places = merged_places([pair for sums in several for pair in sums.hessian_pairs], n)
     sizes = [sum(rows.size for rows, _ in sums.hessian_pairs) for sums in several]
     for sums, own in zip(several, _split(places, sizes), strict=True):
+        sums.hessian_structure = structure
         sums.place_hessian(own)
     return structure
 

@@ -13,7 +13,7 @@ from pyrobocop_pyomo.complementarity import BarrierSchedule, delta_of, shifted_r
 from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.ipopt.c_output import standard_output
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
-from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
+from pyrobocop_pyomo.ipopt.ipopt_run import KeptProblem, run_ipopt
 from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
@@ -100,6 +100,7 @@ class PersistentNLP:
         self.preparations = 0
         self._options = dict(options or {})
         self._barrier, self._quadratic = barrier, quadratic
+        self._kept = KeptProblem()
         self.prepare()
 
     def prepare(self) -> None:
@@ -261,6 +262,7 @@ class PersistentNLP:
             deadline=Deadline.after(time_limit),
             on_iteration=on_iteration,
             output=[standard_output()] if tee else [],
+            kept=self._kept,
         )
         stopped = self._go_on_after_limit and self.outcome.status is IpoptStatus.ITERATION_LIMIT
         usable = self.outcome.status.solved or stopped

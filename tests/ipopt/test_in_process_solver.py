@@ -1,9 +1,13 @@
 """SolverFactory("pyrobocop.ipopt") behaves as Pyomo's own Ipopt interfaces do."""
 
+import copy
 import io
 import logging
+import pickle
 import time
+from typing import Any
 
+import numpy as np
 import pyomo.environ as pyo
 import pytest
 from harness.small_problems import every_derivative, hock_schittkowski_71
@@ -13,6 +17,8 @@ from pyomo.contrib.solver.common.util import NoOptimalSolutionError, NoSolutionE
 from pyomo.opt import SolverStatus
 
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
+from pyrobocop_pyomo.ipopt.ipopt_run import KeptProblem, run_ipopt
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 
 OPTIMUM = 17.0140172891520542
 pytestmark = pytest.mark.casadi
@@ -193,3 +199,75 @@ def test_tee_reaches_a_notebook(monkeypatch, capfd):
     monkeypatch.undo()
     assert "EXIT: Optimal Solution Found." in stream.text
     assert "EXIT" not in capfd.readouterr().out
+
+
+# --------------------------------------------------------------------
+# A problem object that several runs share: each run ends as if it had one of its own.
+
+
+def program() -> CompiledModel:
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var(range(3), initialize=0.5, bounds=(-2, 2))
+    m.row = pyo.Constraint(expr=m.x[0] + m.x[1] * m.x[2] == 1)
+    m.cost = pyo.Objective(expr=sum((m.x[i] - i) ** 4 for i in range(3)))
+    return CompiledModel(m, "vectorised")
+
+
+def test_runs_share_the_object_and_end_as_without_it() -> None:
+    nlp, kept = program().nlp, KeptProblem()
+    alone = run_ipopt(nlp, {"max_iter": 50})
+    first = run_ipopt(nlp, {"max_iter": 50}, kept=kept)
+    used = kept._address
+    second = run_ipopt(nlp, {"max_iter": 3}, kept=kept)
+    third = run_ipopt(nlp, {"max_iter": 50}, kept=kept)
+    assert used == kept._address
+    assert (second.iterations, second.status.solved) == (3, False)
+    for outcome in (first, third):
+        np.testing.assert_array_equal(outcome.x, alone.x)
+        assert len(outcome.records) == len(alone.records)
+
+
+def test_an_option_of_an_earlier_run_is_forgotten() -> None:
+    nlp, kept = program().nlp, KeptProblem()
+    run_ipopt(nlp, {"max_iter": 1}, kept=kept)
+    assert run_ipopt(nlp, {}, kept=kept).status.solved
+
+
+def test_other_bounds_and_other_programs_are_noticed() -> None:
+    compiled, kept = program(), KeptProblem()
+    run_ipopt(compiled.nlp, {}, kept=kept)
+    compiled.variables[0].setlb(0.25)
+    compiled.update()
+    assert run_ipopt(compiled.nlp, {}, kept=kept).x[0] >= 0.25 - 1e-7
+    assert run_ipopt(program().nlp, {}, kept=kept).x[0] < 0.2
+
+
+def test_a_run_within_a_run_has_an_object_of_its_own() -> None:
+    nlp, kept, inner = program().nlp, KeptProblem(), []
+
+    def again(record: Any) -> bool:
+        if not inner:
+            inner.append(run_ipopt(nlp, {}, kept=kept))
+        return True
+
+    outer = run_ipopt(nlp, {}, kept=kept, on_iteration=again)
+    np.testing.assert_array_equal(outer.x, inner[0].x)
+
+
+def test_what_a_callback_raises_spoils_no_later_run() -> None:
+    nlp, kept = program().nlp, KeptProblem()
+
+    def fail(record: Any) -> bool:
+        raise RuntimeError("enough")
+
+    with pytest.raises(RuntimeError, match="enough"):
+        run_ipopt(nlp, {}, kept=kept, on_iteration=fail)
+    assert run_ipopt(nlp, {}, kept=kept).status.solved
+
+
+@pytest.mark.parametrize("carry", [copy.deepcopy, lambda kept: pickle.loads(pickle.dumps(kept))])
+def test_a_copy_has_none_yet(carry: Any) -> None:
+    kept = KeptProblem()
+    run_ipopt(program().nlp, {}, kept=kept)
+    assert carry(kept)._address is None
+    assert kept._address is not None
