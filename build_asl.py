@@ -25,7 +25,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pyrobocop_pyomo.errors import SolverNotFoundError
-from pyrobocop_pyomo.ipopt.ipopt_executable import ipopt_executable_version
+from pyrobocop_pyomo.ipopt.backends import ipopt_executable_version
 
 PACKAGES = ("libamplsolver-dev", "g++")
 ASL_HEADERS = Path("/usr/include/ampl-netlib-solvers")

@@ -23,7 +23,7 @@ import pyomo.dae as dae
 import pyomo.environ as pyo
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable
+from pyrobocop_pyomo.ipopt.backends import find_ipopt_executable
 
 CART, POLE, LENGTH, GRAVITY, HORIZON, STAGES = 1.0, 1.0, 0.75, 9.8, 3.3, 3
 STATES = ("position", "theta", "velocity", "omega")

@@ -18,7 +18,7 @@ from pyomo.opt import SolverFactory as LegacySolverFactory
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.complementarity.relaxations import RELAXATIONS
-from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable
+from pyrobocop_pyomo.ipopt.backends import find_ipopt_executable
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ from pyomo.contrib.solver.common.util import NoOptimalSolutionError
 from table import Table, cells_of, markdown, show_progress
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable
+from pyrobocop_pyomo.ipopt.backends import find_ipopt_executable
 from pyrobocop_pyomo.linear_solver import find_linear_solver
 
 sys.path.append(str(Path(__file__).parent.parent / "examples"))  # examples are scripts, not a package

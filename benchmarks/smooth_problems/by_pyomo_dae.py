@@ -12,7 +12,7 @@ import numpy as np
 import pyomo.dae as dae
 import pyomo.environ as pyo
 
-from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable
+from pyrobocop_pyomo.ipopt.backends import find_ipopt_executable
 
 from .problem import Answer, SmoothProblem
 

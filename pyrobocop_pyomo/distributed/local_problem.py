@@ -259,17 +259,14 @@ class LocalProblem:
         state = self.nlp.state
         start = np.array(list(self.start_states().values()))  # a plan that was moved ahead starts elsewhere
         if state is None:
-            return {"start": start, "x": self.nlp.point()}
+            return {"start": start, "x": self.nlp.compiled.current_point()}
         rows, lower, upper = state.complete(self.nlp.program)
         return {"start": start, "x": state.x, "rows": rows, "lower": lower, "upper": upper}
 
     def restore(self, state: Mapping[str, Array]) -> None:
         """Go on from a state of this problem, or of one built alike elsewhere."""
         self._start_at(dict(zip(self.start_states(), state["start"].tolist(), strict=True)))
-        if "rows" in state:
-            self.nlp.restore(PrimalDualPoint(state["x"], state["rows"], state["lower"], state["upper"]))
-        else:
-            self.nlp.restore(PrimalDualPoint(state["x"]), cold=True)
+        self.nlp.restore(PrimalDualPoint(state["x"], *map(state.get, ("rows", "lower", "upper"))))
 
     # ---------------------------------------------------------------- for receding horizons
 
@@ -294,7 +291,7 @@ class LocalProblem:
     def put_on(self, values: Mapping[str, Mapping[str, Array]]) -> None:
         """Start from values that `all_values` gave, of this problem or of one that shares agents with it."""
         self._merged.put_on(values)
-        self.nlp.restore(PrimalDualPoint(self.nlp.point()), cold=True)
+        self.nlp.restore(PrimalDualPoint(self.nlp.compiled.current_point()))
 
     def advance(
         self, start: Mapping[str, float], elements: int = 1, multipliers: Array | None = None
@@ -320,7 +317,7 @@ class LocalProblem:
             When the phases have no fixed, equal elements.
         """
         if self._shift is None:
-            self._shift = TimeShift(self.model, self.nlp.variables, self.nlp.rows)
+            self._shift = TimeShift(self.model, self.nlp.compiled.variables, self.nlp.compiled.constraints)
         shift, state = self._shift, self.nlp.state
         if state is not None:
             rows, lower, upper = state.complete(self.nlp.program)
@@ -334,7 +331,7 @@ class LocalProblem:
                 rows, lower, upper = rows[shift.rows_from], lower[shift.variables_from], upper[shift.variables_from]
                 self.nlp.restore(PrimalDualPoint(x, rows, lower, upper))
             else:
-                self.nlp.restore(PrimalDualPoint(x), cold=True)
+                self.nlp.restore(PrimalDualPoint(x))
         if start:
             self._start_at(start)
         return variable_numbers(self._variables), self._read_positions(), multipliers
@@ -357,7 +354,7 @@ class LocalProblem:
                     path[0].set_value(float(start[name]), skip_validation=True)
 
     def _own_objective(self) -> float:
-        objective = self.nlp.objective
+        objective = self.nlp.compiled.objective
         try:
             return 0.0 if objective is None else float(value(objective))
         except (ArithmeticError, EvaluationError, ValueError):

@@ -2,8 +2,7 @@
 
 from pyrobocop_pyomo.errors import removed_names
 
-from .backends import Backend, available_backends
-from .ipopt_executable import configure_ipopt_executable
+from .backends import Backend, available_backends, configure_ipopt_executable
 from .linear_solvers import linear_solver_options
 
 __all__ = ["Backend", "available_backends", "configure_ipopt_executable", "linear_solver_options"]

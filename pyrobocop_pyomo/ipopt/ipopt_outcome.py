@@ -86,10 +86,8 @@ class IpoptOutcome:
         Number of iterations.
     records : list of IterationRecord
         One per iteration, the first point included.
-    seconds, evaluation_seconds : float
-        Elapsed time in total, and the part of it inside the functions and derivatives.
-    cpu_seconds : float
-        Processor time in total, over all threads of this process.
+    seconds : float
+        Elapsed.
     log : str
         What Ipopt printed, when it was asked to print.
     undefined_at : float array or None
@@ -110,8 +108,6 @@ class IpoptOutcome:
     iterations: int
     records: list[IterationRecord]
     seconds: float
-    cpu_seconds: float
-    evaluation_seconds: float
     log: str = ""
     undefined_at: FloatArray | None = None
     linear_solver: str = ""

@@ -4,37 +4,294 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import difflib
 import io
 import logging
+import numbers
+import signal
+import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from types import FrameType
 from typing import Any, NamedTuple, TextIO
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import EvaluationError
+from pyrobocop_pyomo.errors import EvaluationError, ModelError
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
+from pyrobocop_pyomo.programs.compiled_terms import EVALUATIONS, compiled_functions_of
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
-from pyrobocop_pyomo.programs.scaled_program import ScaledProgram
-from pyrobocop_pyomo.programs.scales import Scales
 
-from .c_output import c_output_sent_to, flush_c_streams
-from .ipopt_callbacks import KeptProblem, OnIteration, first_ctrl_c
-from .ipopt_library import IpoptLibrary, load_ipopt_library
-from .ipopt_options import set_options
+from .c_output import c_output_captured, c_output_sent_to, flush_c_streams
+from .ipopt_library import EvalF, EvalG, EvalGradF, EvalH, EvalJacG, Intermediate, IpoptLibrary, load_ipopt_library
 from .ipopt_outcome import IpoptOutcome, IpoptStatus, IterationRecord
 from .linear_solvers import FALL_BACK, IN_DOUBT, OWN_SOLVER, SAID_OF_OWN_SOLVER, refused_options, with_linear_solver
+
+OnIteration = Callable[[IterationRecord], bool | None]
+
+
+@contextlib.contextmanager
+def first_ctrl_c(request: Callable[[], None]) -> Iterator[None]:
+    """Let the first Ctrl-C call a function, which asks the run to end.
+
+    The second Ctrl-C finds the handler that was there before (usually the one that raises `KeyboardInterrupt`).
+    Outside of the main thread Python gives no access to signals, and this does nothing.
+    """
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    previous = signal.getsignal(signal.SIGINT)
+    # None: a handler that C code installed, which Python could not put back. Ignored: leave it ignored.
+    if not in_main_thread or previous in (None, signal.SIG_IGN):
+        yield
+        return
+
+    def pressed(number: int, frame: FrameType | None) -> None:
+        signal.signal(signal.SIGINT, previous)
+        request()
+
+    signal.signal(signal.SIGINT, pressed)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, previous)
+
+
+class IpoptCallbacks:
+    """The functions that Ipopt calls during one run.
+
+    Parameters
+    ----------
+    nlp : NonlinearProgram
+        What is evaluated.
+    on_iteration : callable or None
+        The user's callback.
+
+    Attributes
+    ----------
+    records : list of IterationRecord
+        What Ipopt reported so far.
+    failure : exception or None
+        What was raised in a callback: no exception may leave it, since it would be lost inside C code.
+    after_record : callable or None
+        Called after each iteration, before the user's callback.
+    evaluators, intermediate : ctypes callbacks
+        As Ipopt's C interface takes them. The evaluators are C functions where the program has some,
+        else call Python.
+    data : int or None
+        What Ipopt hands to the evaluators.
+    interrupted : bool
+        Whether the run is to end after the iteration.
+    """
+
+    def __init__(self, nlp: NonlinearProgram, on_iteration: OnIteration | None) -> None:
+        self.nlp = nlp
+        self._compiled, compiled = compiled_functions_of(nlp)
+        self.data = None if self._compiled is None else self._compiled.data
+        self.begin(on_iteration)
+        in_python = self._eval_f, self._eval_g, self._eval_grad_f, self._eval_jac_g, self._eval_h
+        functions: dict[str, Any] = {**dict(zip(EVALUATIONS, in_python, strict=True)), **compiled}
+        kinds = (EvalF, EvalG, EvalGradF, EvalJacG, EvalH)
+        # ctypes does not keep callbacks alive: these attributes do, for as long as the problem exists.
+        self.evaluators: tuple[Any, ...] = tuple(
+            kind(functions[name]) for kind, name in zip(kinds, EVALUATIONS, strict=True)
+        )
+        self.intermediate: Any = Intermediate(self._intermediate)
+
+    def begin(self, on_iteration: OnIteration | None) -> None:
+        """Forget the run before; the next one has its own callback and its own Ctrl-C."""
+        self.on_iteration = on_iteration
+        self.interrupted = False
+        self.records: list[IterationRecord] = []
+        self.failure: BaseException | None = None
+        self._undefined_at: FloatArray | None = None
+        if self._compiled is not None:
+            self._compiled.begin()
+        self.after_record: Callable[[], None] | None = None
+
+    def interrupt(self) -> None:
+        """End the run after the iteration."""
+        self.interrupted = True
+
+    def release(self) -> None:
+        """Break the cycle of callbacks and their owner, which would keep the program in memory for a while."""
+        self.evaluators, self.intermediate = (), None
+
+    @property
+    def undefined_at(self) -> FloatArray | None:
+        """The last point at which a value or a derivative did not exist."""
+        compiled = None if self._compiled is None else self._compiled.undefined_at
+        return self._undefined_at if compiled is None else compiled
+
+    def _write(self, address: int, evaluate: Callable[..., Any], *arguments: Any) -> int:
+        """Put the value of a function where Ipopt wants it; 0 tells Ipopt that there is none."""
+        if self.failure is not None:
+            return 0
+        try:
+            values = np.asarray(evaluate(*arguments), dtype=np.float64)
+            if not np.isfinite(values).all():
+                self._undefined_at = arguments[0].copy()
+                return 0
+            _view(address, values.size)[...] = values.ravel()
+            return 1
+        except EvaluationError:
+            self._undefined_at = arguments[0].copy()  # Ipopt's own memory
+            return 0
+        except BaseException as error:  # a KeyboardInterrupt as well: it is raised again after Ipopt
+            self.failure = error
+            return 0
+
+    def _eval_f(self, n: int, x: int, new_x: int, value: int, data: Any) -> int:
+        return self._write(value, self.nlp.objective, _view(x, n))
+
+    def _eval_grad_f(self, n: int, x: int, new_x: int, values: int, data: Any) -> int:
+        return self._write(values, self.nlp.gradient, _view(x, n))
+
+    def _eval_g(self, n: int, x: int, new_x: int, m: int, values: int, data: Any) -> int:
+        return self._write(values, self.nlp.constraints, _view(x, n))
+
+    def _eval_jac_g(
+        self, n: int, x: int, new_x: int, m: int, count: int, rows: int, columns: int, values: int, data: Any
+    ) -> int:
+        if not values:
+            return _write_structure(self.nlp.jacobian_structure, rows, columns)
+        return self._write(values, self.nlp.jacobian, _view(x, n))
+
+    def _eval_h(
+        self, n: int, x: int, new_x: int, factor: float, m: int, multipliers: int, new_multipliers: int, count: int,
+        rows: int, columns: int, values: int, data: Any,
+    ) -> int:  # fmt: skip
+        if not values:
+            return _write_structure(self.nlp.hessian_structure, rows, columns)
+        return self._write(values, self.nlp.hessian, _view(x, n), factor, _view(multipliers, m))
+
+    def _intermediate(
+        self, mode: int, iteration: int, objective: float, primal: float, dual: float, mu: float, step: float,
+        regularization: float, dual_step: float, primal_step: float, trials: int, data: Any,
+    ) -> int:  # fmt: skip
+        record = IterationRecord(
+            iteration, mode == 1, objective, primal, dual, mu, step, regularization, dual_step, primal_step, trials
+        )
+        try:
+            self.records.append(record)
+            if self.after_record is not None:
+                self.after_record()
+            if self.failure is not None or self.interrupted:
+                return 0
+            if self.on_iteration is not None:
+                return int(self.on_iteration(record) is not False)
+        except BaseException as error:
+            self.failure = error
+            return 0
+        return 1
+
+
+def _view(address: int | None, size: int) -> FloatArray:
+    """Ipopt's memory as an array, valid during one callback."""
+    if not size or not address:
+        return np.empty(0)
+    return np.ctypeslib.as_array((ctypes.c_double * size).from_address(address))
+
+
+def _write_structure(structure: tuple[Any, Any], rows: int, columns: int) -> int:
+    for indices, address in zip(structure, (rows, columns), strict=True):
+        if indices.size:
+            np.ctypeslib.as_array((ctypes.c_int * indices.size).from_address(address))[:] = indices
+    return 1
+
+
+class KeptProblem:
+    """Keeps Ipopt's problem object from one run to the next: making and freeing one takes most of a millisecond.
+
+    It is made anew for another program, other bounds or options of other names. Ipopt never forgets an option, so a
+    run that does not set it would be given what an earlier one has set.
+    """
+
+    def __init__(self) -> None:
+        self._address: int | None = None
+        self._library: IpoptLibrary | None = None
+        self._callbacks: IpoptCallbacks | None = None
+        self._made_for: tuple[Any, ...] = ()
+        self._busy = False
+
+    @property
+    def library(self) -> IpoptLibrary | None:
+        """What the object was made by: looking for a library in each run takes a tenth of a millisecond."""
+        return self._library
+
+    @contextlib.contextmanager
+    def opened(
+        self, library: IpoptLibrary, nlp: NonlinearProgram, names: frozenset[str], on_iteration: OnIteration | None
+    ) -> Iterator[tuple[int, IpoptCallbacks]]:
+        """The address of a problem object for one run, and its callbacks.
+
+        Parameters
+        ----------
+        library : IpoptLibrary
+        nlp : NonlinearProgram
+        names : frozenset of str
+            Of the options that the run sets, and of whatever else stays on the object.
+        on_iteration : callable or None
+            The user's callback.
+
+        Raises
+        ------
+        MemoryError
+            When Ipopt makes no object.
+        """
+        if self._busy:  # a run within a callback of a run
+            with contextlib.closing(KeptProblem()) as own, own.opened(library, nlp, names, on_iteration) as opened:
+                yield opened
+            return
+        bounds = [np.array(bound, dtype=np.float64) for bound in (nlp.x_lower, nlp.x_upper, nlp.g_lower, nlp.g_upper)]
+        made_for = (library, nlp, names, *(bound.tobytes() for bound in bounds))
+        if self._callbacks is not None and self._made_for == made_for:
+            self._callbacks.begin(on_iteration)
+        else:
+            self.close()
+            self._callbacks = IpoptCallbacks(nlp, on_iteration)
+            self._address = library.functions.CreateIpoptProblem(  # Ipopt copies the bounds
+                nlp.n, bounds[0].ctypes.data, bounds[1].ctypes.data, nlp.m, bounds[2].ctypes.data,
+                bounds[3].ctypes.data, nlp.jacobian_structure[0].size, nlp.hessian_structure[0].size, 0,
+                *self._callbacks.evaluators,
+            )  # fmt: skip
+            self._library, self._made_for = library, made_for
+            if not self._address:
+                self.close()
+                raise MemoryError(f"Ipopt could not create a problem with {nlp.n} variables and {nlp.m} rows.")
+            library.functions.SetIntermediateCallback(self._address, self._callbacks.intermediate)
+        self._busy = True
+        try:
+            yield self._address, self._callbacks  # type: ignore[misc]
+        finally:
+            self._busy = False
+
+    def close(self) -> None:
+        """Free the object; the next run makes another one."""
+        address, library, callbacks = self._address, self._library, self._callbacks
+        self._address = self._library = self._callbacks = None
+        self._made_for = ()
+        if address and library is not None:
+            library.functions.FreeIpoptProblem(address)
+        if callbacks is not None:
+            callbacks.release()
+
+    def __del__(self) -> None:
+        self.close()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # In a copy or in another process there is no such object yet.
+        return KeptProblem, ()
+
 
 logger = logging.getLogger(__name__)
 
 
 class ProblemScaling(NamedTuple):
-    """Factors for the objective, the variables and the rows; None stands for ones."""
+    """Factors for the objective, the variables and the rows."""
 
-    objective: float = 1.0
-    x: FloatArray | None = None
-    g: FloatArray | None = None
+    objective: float
+    x: FloatArray
+    g: FloatArray
 
 
 def run_ipopt(
@@ -102,42 +359,8 @@ def run_ipopt(
     return replace(
         again,
         seconds=outcome.seconds + again.seconds,
-        cpu_seconds=outcome.cpu_seconds + again.cpu_seconds,
-        evaluation_seconds=outcome.evaluation_seconds + again.evaluation_seconds,
         log=outcome.log + again.log,
         fell_back=True,
-    )
-
-
-def run_scaled(
-    nlp: NonlinearProgram,
-    scales: Scales,
-    options: Mapping[str, Any],
-    start: PrimalDualPoint,
-    *,
-    on_iteration: OnIteration | None = None,
-    **how: Any,
-) -> IpoptOutcome:
-    """As `run_ipopt`, whose other arguments are handed on; Ipopt's options and log are about the scaled program."""
-
-    def unscaled(record: IterationRecord) -> IterationRecord:
-        return record._replace(objective=record.objective * scales.objective)
-
-    def told(record: IterationRecord) -> bool | None:
-        return None if on_iteration is None else on_iteration(unscaled(record))
-
-    head = (
-        f"The log below is about the scaled program: the objective divided by {scales.objective:.3g}, variables and "
-        "rows by their typical sizes.\n"
-    )
-    scaled = ScaledProgram(nlp, scales)
-    outcome = run_ipopt(scaled, options, scales.scaled(start), on_iteration=on_iteration and told, head=head, **how)
-    return replace(
-        outcome,
-        objective=outcome.objective * scales.objective,
-        g=outcome.g * scales.g,
-        records=[unscaled(record) for record in outcome.records],
-        **vars(scales.unscaled(outcome.point, nlp)),
     )
 
 
@@ -164,7 +387,7 @@ def _run_once(
     g, objective = np.full(nlp.m, np.nan), ctypes.c_double(np.nan)
     log = io.StringIO()
     settings = {**options, **_time_limit(options, deadline)}
-    started, cpu_started = time.perf_counter(), time.process_time()
+    started = time.perf_counter()
     with contextlib.ExitStack() as stack:
         if output:
             for stream in (log, *output):
@@ -178,7 +401,9 @@ def _run_once(
         if output:
             callbacks.after_record = flush_c_streams
         if scaling is not None:
-            _set_scaling(library, problem, nlp, scaling)
+            factors = _vector(scaling.x, nlp.n, "scaling.x"), _vector(scaling.g, nlp.m, "scaling.g")
+            addresses = [factor.ctypes.data for factor in factors]  # Ipopt copies the factors
+            library.functions.SetIpoptProblemScaling(problem, scaling.objective, *addresses)
         set_options(library, problem, settings, silent=not output)
         stack.enter_context(first_ctrl_c(callbacks.interrupt))
         code = library.functions.IpoptSolve(
@@ -208,8 +433,6 @@ def _run_once(
         iterations=callbacks.records[-1].iteration if callbacks.records else 0,
         records=callbacks.records,
         seconds=time.perf_counter() - started,
-        cpu_seconds=time.process_time() - cpu_started,
-        evaluation_seconds=callbacks.seconds,
         log=log.getvalue(),
         undefined_at=callbacks.undefined_at,
     )
@@ -230,9 +453,104 @@ def _vector(values: Any, size: int, name: str) -> FloatArray:
     return vector
 
 
-def _set_scaling(library: IpoptLibrary, problem: int, nlp: NonlinearProgram, scaling: ProblemScaling) -> None:
-    x = None if scaling.x is None else _vector(scaling.x, nlp.n, "scaling.x")
-    g = None if scaling.g is None else _vector(scaling.g, nlp.m, "scaling.g")
-    library.functions.SetIpoptProblemScaling(  # Ipopt copies the factors
-        problem, scaling.objective, None if x is None else x.ctypes.data, None if g is None else g.ctypes.data
-    )
+# Names that are requested often, for "Did you mean".
+FREQUENT_OPTIONS = (
+    "acceptable_iter", "acceptable_tol", "bound_push", "bound_relax_factor", "compl_inf_tol", "constr_viol_tol",
+    "dual_inf_tol", "file_print_level", "hessian_approximation", "linear_solver", "max_cpu_time", "max_iter",
+    "max_wall_time", "mu_init", "mu_strategy", "mu_target", "nlp_scaling_method", "output_file", "print_level",
+    "print_timing_statistics", "tol", "warm_start_init_point",
+)  # fmt: skip
+# What a library has accepted once, and as what: it need not be watched again for what it prints, which takes a third of
+# a millisecond.
+_ACCEPTED: dict[tuple[str, ...], str | int | float] = {}
+
+
+def set_options(library: IpoptLibrary, problem: int, options: Mapping[str, Any], *, silent: bool) -> None:
+    """Hand options to Ipopt's problem.
+
+    Parameters
+    ----------
+    library : IpoptLibrary
+        The library that `problem` belongs to.
+    problem : int
+        Address of Ipopt's problem.
+    options : mapping of str to str, int, float or bool
+        Each value is tried as what it is and then as what it can stand for: ``1`` as a number, ``"100"`` and
+        ``100.0`` as integers, as the ``ipopt`` executable takes them.
+    silent : bool
+        Print nothing, whatever ``print_level`` says.
+
+    Raises
+    ------
+    ModelError
+        When Ipopt refuses one.
+    """
+    settings = {**options, **({"print_level": 0, "sb": "yes"} if silent else {})}
+    # Ipopt prints an explanation of each refused attempt, also of those that merely guessed the wrong type.
+    is_known = all(_key(library, name, value) in _ACCEPTED for name, value in settings.items())
+    with contextlib.nullcontext(list[str]()) if is_known else c_output_captured() as explanations:
+        refused = next((name for name, value in settings.items() if not _set(library, problem, name, value)), None)
+    if refused is not None:
+        told = "".join(explanations)
+        raise ModelError(
+            f"Ipopt option '{refused}': the value {settings[refused]!r} is refused by {library}. "
+            f"{_last_explanation(told)}{_nearest(refused, told)} "
+            "See https://coin-or.github.io/Ipopt/OPTIONS.html for names and values."
+        )
+
+
+def _nearest(name: str, explanation: str) -> str:
+    """Which option may be meant, where Ipopt knows none of this name."""
+    near = difflib.get_close_matches(name, FREQUENT_OPTIONS, n=1) if "not a valid option" in explanation else []
+    return f" Did you mean '{near[0]}'?" if near else ""
+
+
+def _last_explanation(text: str) -> str:
+    """The sentence about the last attempt, and the allowed range, out of all that Ipopt printed."""
+    lines = [line.strip() for line in text.splitlines()]
+    sentences = [line for line in lines if line.startswith(("Tried to set", "Setting:"))]
+    ranges = [line for line in lines if "<" in line and "(" in line]
+    told = sentences[-1] if sentences else "Ipopt gives no reason."
+    return f"{told} Allowed, with the default in brackets: {ranges[-1]}." if ranges else told
+
+
+def _key(library: IpoptLibrary, name: str, value: Any) -> tuple[str, ...]:
+    return library.path, name, type(value).__name__, repr(value)
+
+
+def _set(library: IpoptLibrary, problem: int, name: str, value: Any) -> bool:
+    functions, key, known = library.functions, name.encode(), _key(library, name, value)
+    for attempt in [_ACCEPTED[known]] if known in _ACCEPTED else readings(name, value):
+        if isinstance(attempt, str):
+            is_taken = functions.AddIpoptStrOption(problem, key, attempt.encode())
+        elif isinstance(attempt, int):
+            is_taken = functions.AddIpoptIntOption(problem, key, attempt)
+        else:
+            is_taken = functions.AddIpoptNumOption(problem, key, attempt)
+        if is_taken:
+            _ACCEPTED[known] = attempt
+            return True
+    return False
+
+
+def readings(name: str, value: Any) -> list[str | int | float]:
+    """What the value of an option can mean to Ipopt, most literal first.
+
+    Raises
+    ------
+    ModelError
+        When it is neither text nor a number.
+    """
+    if isinstance(value, bool):
+        return ["yes" if value else "no"]
+    if isinstance(value, str):
+        try:
+            return [value, *readings(name, float(value))]
+        except ValueError:
+            return [value]
+    if isinstance(value, numbers.Real):
+        number = float(value)
+        # ctypes would wrap an integer beyond 32 bits silently.
+        whole = [int(number)] if number.is_integer() and abs(number) < 2**31 else []
+        return [*whole, number] if isinstance(value, numbers.Integral) else [number, *whole]
+    raise ModelError(f"Ipopt option '{name}': the value {value!r} is neither text nor a number.")

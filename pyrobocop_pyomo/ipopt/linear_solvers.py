@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
+import functools
 import logging
 from collections.abc import Mapping
 from typing import Any
@@ -32,9 +32,6 @@ LARGEST_FRONT = 150
 # Systems with so few entries, and so few in a row, have no such front: to order them would take longer than a step.
 FEW_ENTRIES, THIN = 20_000, 10
 FALL_BACK = {"linear_solver": "mumps"}
-# Predictions of the program's structures that were asked for last.
-_MOST_KEPT = 64
-_predicted: dict[bytes, FactorSize | None] = {}
 # What records of a run say where that happened.
 FELL_BACK = "mumps, after ldl failed"
 # What Ipopt does not bring but loads: the library by its usual name, the option that says where it is, who has it.
@@ -152,16 +149,14 @@ def predicted_factor(nlp: NonlinearProgram) -> FactorSize | None:
     if nlp.n == 0 or find_linear_solver() is None:
         return None
     hessian, jacobian = nlp.hessian_structure, nlp.jacobian_structure
-    digest = hashlib.blake2b(np.array([nlp.n, nlp.m, hessian[0].size]).tobytes(), digest_size=16)
-    for indices in (*hessian, *jacobian):
-        digest.update(np.ascontiguousarray(indices, np.int32).tobytes())
-    key = digest.digest()
-    if key not in _predicted:
-        diagonal = np.arange(nlp.n)
-        rows = np.concatenate([np.asarray(hessian[0]), diagonal, np.asarray(jacobian[0]) + nlp.n])
-        columns = np.concatenate([np.asarray(hessian[1]), diagonal, np.asarray(jacobian[1])])
-        found = SymmetricFactorisation(nlp.n + nlp.m, rows, columns).size_of_factor(np.ones(rows.size))
-        if len(_predicted) >= _MOST_KEPT:
-            _predicted.clear()
-        _predicted[key] = found
-    return _predicted[key]
+    entries = [np.concatenate([hessian[side], jacobian[side]], dtype=np.int32).tobytes() for side in (0, 1)]
+    return _size_of_factor(nlp.n, nlp.m, hessian[0].size, *entries)
+
+
+@functools.lru_cache
+def _size_of_factor(n: int, m: int, hessian_entries: int, rows: bytes, columns: bytes) -> FactorSize | None:
+    below, beside = np.frombuffer(rows, np.int32).copy(), np.frombuffer(columns, np.int32)
+    below[hessian_entries:] += n
+    diagonal = np.arange(n)
+    entries = np.concatenate([below, diagonal]), np.concatenate([beside, diagonal])
+    return SymmetricFactorisation(n + m, *entries).size_of_factor(np.ones(entries[0].size))

@@ -52,13 +52,12 @@ def starting_point(compiled: CompiledModel) -> PrimalDualPoint:
 
 def scaling_factors(compiled: CompiledModel, missing: float = 1.0) -> ProblemScaling:
     """The export suffix ``scaling_factor`` of variables, constraints and objective, `missing` where it has none."""
-    name, model = "scaling_factor", compiled.model
-    objective = None if compiled.objective is None else _exported(model, name, [compiled.objective], missing)
-    return ProblemScaling(
-        objective=missing if objective is None else float(objective[0]),
-        x=_exported(model, name, compiled.variables, missing),
-        g=_exported(model, name, compiled.constraints, missing),
+    objective, x, g = (
+        np.full(len(components), missing) if stated is None else stated
+        for components in ([compiled.objective], compiled.variables, compiled.constraints)
+        for stated in [_exported(compiled.model, "scaling_factor", components, missing)]
     )
+    return ProblemScaling(float(objective[0]), x, g)
 
 
 def _exported(model: BlockData, name: str, components: Sequence[Any], missing: float = 0.0) -> FloatArray | None:

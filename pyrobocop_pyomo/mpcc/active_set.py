@@ -19,11 +19,9 @@ from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
 
-from .branch import Branch, nearest_branch, restricted
-from .linearisation import Linearisation
 from .lpec import Descent, steepest_branch
 from .multipliers import opposing_multipliers
-from .problem import ComplementarityProgram, violation
+from .problem import Branch, ComplementarityProgram, Linearisation, nearest_branch, restricted, violation
 
 # A linear program goes on from the basis of the last one: so many take about as long as one iteration of Ipopt.
 NODES_PER_ITERATION = 10

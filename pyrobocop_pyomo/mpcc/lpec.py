@@ -14,10 +14,8 @@ from pyrobocop_pyomo.numerics import BoolArray
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 
-from .branch import Branch, branch_with
 from .linear_programs import LinearProgram, LinearStatus, Rows
-from .linearisation import Linearisation
-from .problem import ComplementarityProgram, Sides
+from .problem import Branch, ComplementarityProgram, Linearisation, Sides, branch_with
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

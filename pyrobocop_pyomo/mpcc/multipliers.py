@@ -6,7 +6,7 @@ they are looked for among all: by a linear program for W and S, with a binary or
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,10 +17,8 @@ from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoint
 from pyrobocop_pyomo.programs.stationarity import stationarity
 
-from .branch import Branch, restricted
 from .linear_programs import LinearProgram, LinearStatus, Rows
-from .linearisation import Linearisation
-from .problem import ComplementarityProgram, Sides
+from .problem import Branch, ComplementarityProgram, Linearisation, Sides, restricted
 from .stationarity import Multipliers, Stationarity
 
 if TYPE_CHECKING:
@@ -76,24 +74,38 @@ class MultiplierProblem:
         active_tolerance: float = 1e-2,
     ) -> None:
         self._program, self._point = program, point
+        nlp, eye = point.nlp, scipy.sparse.eye_array(point.nlp.n, format="csr")
         a, b = program.a.values(point.x), program.b.values(point.x)
         a_zero, b_zero = a <= biactive_tolerance, b <= biactive_tolerance
         self._a_pairs = np.flatnonzero(a_zero & ~program.a.constant)
         self._b_pairs = np.flatnonzero(b_zero & ~program.b.constant)
         biactive = np.flatnonzero(a_zero & b_zero & ~program.a.constant & ~program.b.constant)
-        activity = row_activity(program, point, (self._a_pairs, self._b_pairs), active_tolerance)
-        self._row_numbers = np.flatnonzero(activity.active)
-        blocks = [
-            active_rows(point, activity),
-            active_bounds(program, point, (self._a_pairs, self._b_pairs), active_tolerance),
-            side_columns(program.a, self._a_pairs, point.nlp.n),
-            side_columns(program.b, self._b_pairs, point.nlp.n),
+        # Rows, and behind them the variables with their bounds.
+        gradients = scipy.sparse.vstack([point.jacobian, eye], format="csr")
+        values = np.concatenate([point.rows, point.x])
+        to_lower = np.abs(values - np.concatenate([nlp.g_lower, nlp.x_lower]))
+        to_upper = np.abs(np.concatenate([nlp.g_upper, nlp.x_upper]) - values)
+        at_lower, at_upper = to_lower <= active_tolerance, to_upper <= active_tolerance
+        # What only says that a zero side is nonnegative has no multiplier of its own: it is the pair's nu or xi.
+        for at_bound, numbers in zip(
+            (at_lower, at_upper), constraints_of_sides(program, gradients, (self._a_pairs, self._b_pairs)), strict=True
+        ):
+            at_bound[numbers] = False
+        active = np.flatnonzero(at_lower | at_upper)
+        self._row_numbers = active[active < nlp.m]
+        sides = [
+            eye[sides.index[pairs]].T * -sides.sign[pairs]
+            for sides, pairs in ((program.a, self._a_pairs), (program.b, self._b_pairs))
         ]
-        self._columns = scipy.sparse.block_array([[block.columns for block in blocks]], format="csr")
-        self._weights = np.concatenate([block.weight for block in blocks])
-        self._least = np.maximum(np.concatenate([block.least for block in blocks]), -LARGEST_MULTIPLIER)
-        self._most = np.minimum(np.concatenate([block.most for block in blocks]), LARGEST_MULTIPLIER)
-        self._ends = np.cumsum([block.weight.size for block in blocks])[:-1]
+        self._columns = scipy.sparse.hstack([gradients[active].T, *sides], format="csr")
+        of_sides = np.zeros(self._a_pairs.size + self._b_pairs.size)
+        distance = np.where(at_lower ^ at_upper, np.where(at_lower, to_lower, to_upper), 0.0)
+        self._weights = np.concatenate([distance[active], of_sides])
+        # Positive at upper bounds, negative at lower ones, of any sign at zero sides.
+        largest = np.full(of_sides.size, LARGEST_MULTIPLIER)
+        self._least = np.concatenate([np.where(at_lower, -LARGEST_MULTIPLIER, 0.0)[active], -largest])
+        self._most = np.concatenate([np.where(at_upper, LARGEST_MULTIPLIER, 0.0)[active], largest])
+        self._ends = np.cumsum([self._row_numbers.size, active.size - self._row_numbers.size, self._a_pairs.size])
         self._biactive = [
             first + np.searchsorted(pairs, biactive)
             for first, pairs in zip(self._ends[1:], (self._a_pairs, self._b_pairs), strict=True)
@@ -223,7 +235,7 @@ def strong_multipliers(
         np.flatnonzero(zero & ~sides.constant)
         for sides, zero in ((program.a, branch.a_zero), (program.b, branch.b_zero))
     )
-    at_lower, at_upper = rows_of_sides(program, point, (held_pairs[0], held_pairs[1]))
+    at_lower, at_upper = constraints_of_sides(program, point.jacobian, (held_pairs[0], held_pairs[1]))
     rows = rows.copy()
     rows[at_lower], rows[at_upper] = np.maximum(rows[at_lower], 0.0), np.minimum(rows[at_upper], 0.0)
     gradient = point.lagrangian_gradient(rows)
@@ -324,66 +336,14 @@ def classify(
     return weak
 
 
-# --------------------------------------------------------------------------------------- columns of unknowns
-
-
-@dataclass(frozen=True, eq=False)
-class ColumnBlock:
-    """Columns of unknowns in the gradient of the Lagrangian, their least and largest values, and their weights."""
-
-    columns: csr_array
-    least: FloatArray
-    most: FloatArray
-    weight: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class Activity:
-    """Which bounds of some values are active, and how far away they are."""
-
-    at_lower: BoolArray
-    at_upper: BoolArray
-    to_lower: FloatArray
-    to_upper: FloatArray
-
-    @classmethod
-    def of(cls, values: FloatArray, lower: FloatArray, upper: FloatArray, tolerance: float) -> Activity:
-        """Compare values with their bounds."""
-        to_lower, to_upper = np.abs(values - lower), np.abs(upper - values)
-        return cls(to_lower <= tolerance, to_upper <= tolerance, to_lower, to_upper)
-
-    @property
-    def active(self) -> BoolArray:
-        """Where either bound is active."""
-        return self.at_lower | self.at_upper
-
-    def block(self, columns: csr_array) -> ColumnBlock:
-        """The unknowns of the active ones: positive multipliers at upper bounds, negative ones at lower bounds."""
-        active, one_sided = self.active, self.at_lower ^ self.at_upper
-        distance = np.where(one_sided, np.where(self.at_lower, self.to_lower, self.to_upper), 0.0)
-        least, most = np.where(self.at_lower, -np.inf, 0.0), np.where(self.at_upper, np.inf, 0.0)
-        return ColumnBlock(columns, least[active], most[active], distance[active])
-
-
-def row_activity(
-    program: ComplementarityProgram, point: Linearisation, zero_pairs: tuple[np.ndarray, np.ndarray], tolerance: float
-) -> Activity:
-    """Which rows may have a multiplier of their own."""
-    found = Activity.of(point.rows, point.nlp.g_lower, point.nlp.g_upper, tolerance)
-    # A row that only says that a zero side is nonnegative has no multiplier of its own: it is the pair's nu or xi.
-    for at_bound, rows in zip((found.at_lower, found.at_upper), rows_of_sides(program, point, zero_pairs), strict=True):
-        at_bound[rows] = False
-    return found
-
-
-def rows_of_sides(
-    program: ComplementarityProgram, point: Linearisation, zero_pairs: tuple[np.ndarray, np.ndarray]
+def constraints_of_sides(
+    program: ComplementarityProgram, gradients: csr_array, zero_pairs: tuple[np.ndarray, np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rows whose lower, and rows whose upper bound only says that a zero side is nonnegative."""
-    jacobian = point.jacobian.copy()
-    jacobian.eliminate_zeros()  # entries that are zero at this point do not count in first derivatives
-    single = np.flatnonzero(np.diff(jacobian.indptr) == 1)
-    column, slope = jacobian.indices[jacobian.indptr[single]], jacobian.data[jacobian.indptr[single]]
+    """Constraints whose lower, and those whose upper bound only says that a zero side is nonnegative."""
+    gradients = gradients.copy()
+    gradients.eliminate_zeros()  # entries that are zero at this point do not count in first derivatives
+    single = np.flatnonzero(np.diff(gradients.indptr) == 1)
+    column, slope = gradients.indices[gradients.indptr[single]], gradients.data[gradients.indptr[single]]
     at_lower, at_upper = np.zeros(single.size, dtype=bool), np.zeros(single.size, dtype=bool)
     for sides, pairs in zip((program.a, program.b), zero_pairs, strict=True):
         for sign in (1.0, -1.0):
@@ -391,34 +351,3 @@ def rows_of_sides(
             at_lower |= of_side & (sign * slope > 0)
             at_upper |= of_side & (sign * slope < 0)
     return single[at_lower], single[at_upper]
-
-
-def active_rows(point: Linearisation, activity: Activity) -> ColumnBlock:
-    """Columns of the active rows."""
-    return activity.block(point.jacobian[np.flatnonzero(activity.active)].T.tocsr())
-
-
-def active_bounds(
-    program: ComplementarityProgram, point: Linearisation, zero_pairs: tuple[np.ndarray, np.ndarray], tolerance: float
-) -> ColumnBlock:
-    """Columns of the active bounds, except those that only keep a zero side nonnegative."""
-    nlp = point.nlp
-    found = Activity.of(point.x, nlp.x_lower, nlp.x_upper, tolerance)
-    # The bound that makes a zero side nonnegative is the pair's own as well.
-    for sides, pairs in zip((program.a, program.b), zero_pairs, strict=True):
-        index, rising = sides.index[pairs], sides.sign[pairs] > 0
-        found.at_lower[index[rising]] = False
-        found.at_upper[index[~rising]] = False
-    active = np.flatnonzero(found.active)
-    return found.block(_unit_columns(active, np.ones(active.size), nlp.n))
-
-
-def side_columns(sides: Sides, pairs: np.ndarray, n: int) -> ColumnBlock:
-    """Columns of the multipliers of zero sides, of any sign."""
-    columns = _unit_columns(sides.index[pairs], -sides.sign[pairs], n)
-    free = np.full(pairs.size, np.inf)
-    return ColumnBlock(columns, -free, free, np.zeros(pairs.size))
-
-
-def _unit_columns(rows: np.ndarray, values: FloatArray, n: int) -> csr_array:
-    return scipy.sparse.csr_array((values, (rows, np.arange(rows.size))), shape=(n, rows.size))

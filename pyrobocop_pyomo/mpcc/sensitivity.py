@@ -19,7 +19,7 @@ from pyrobocop_pyomo.numerics import BoolArray
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram
 
-from .linearisation import Linearisation
+from .problem import Linearisation
 
 NEAR = 1e-4  # a row or bound at most this far away may be active
 STRICT = 1e-7  # smallest relative multiplier of an active one, and smallest relative distance of an inactive one

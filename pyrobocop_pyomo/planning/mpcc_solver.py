@@ -27,8 +27,7 @@ from pyomo.core.base.var import VarData
 from pyrobocop_pyomo._version import __version__
 from pyrobocop_pyomo.errors import KeywordError
 from pyrobocop_pyomo.ipopt.backends import available_backends
-from pyrobocop_pyomo.ipopt.in_process import CONDITIONS
-from pyrobocop_pyomo.ipopt.older_interface import OlderInterface
+from pyrobocop_pyomo.ipopt.in_process import CONDITIONS, OlderInterface
 from pyrobocop_pyomo.modeling.keywords import check_keywords
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.solving.iterates import STOP_REASONS, Quality, StopReason

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterable
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from pyomo.common.collections import ComponentMap
 from pyomo.common.gc_manager import PauseGC
 from pyomo.core.base.block import BlockData
@@ -18,11 +20,10 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.component_groups import ComponentGroups
 from pyrobocop_pyomo.modeling.variable_values import put_values
 
-from .asl_program import asl_available
+from .asl_program import asl_available, program_of_file
 from .composed_program import ComposedProgram, vectorised_composition
 from .model_checks import refuse_foreign, refuse_unseen_components, single_objective
 from .model_terms import collect_terms
-from .nl_files import program_of_file
 from .nonlinear_program import FloatArray, NonlinearProgram
 from .vectorised_program import VectorisedProgram, casadi_available
 
@@ -112,6 +113,11 @@ class CompiledModel:
     def row_of(self) -> ComponentMap:
         """From constraint to its row."""
         return ComponentMap((constraint, row) for row, constraint in enumerate(self.constraints))
+
+    def numbers_of(self, constraints: Iterable[ConstraintData]) -> NDArray[np.intp]:
+        """The rows of constraints; those without free variables are not in the program."""
+        rows = [self.row_of[constraint] for constraint in constraints if constraint in self.row_of]
+        return np.array(rows, dtype=np.intp)
 
     @cached_property
     def groups(self) -> tuple[ComponentGroups, ComponentGroups]:

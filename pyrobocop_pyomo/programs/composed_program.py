@@ -29,8 +29,9 @@ from pyrobocop_pyomo.optional_imports import scipy
 
 from .function_calls import FunctionCall
 from .model_terms import ModelTerms
-from .nonlinear_program import FloatArray, IndexArray
-from .vectorised_program import ArgumentRows, VectorisedProgram
+from .nonlinear_program import FloatArray, IndexArray, finite
+from .summed_terms import SummedTerms
+from .vectorised_program import VectorisedProgram
 
 logger = logging.getLogger(__name__)
 
@@ -101,7 +102,7 @@ class Level:
 
     Parameters
     ----------
-    arguments : ArgumentRows
+    arguments : SummedTerms
     points : list of Points
     columns : int array
         The places of the arguments' variables among all x and y.
@@ -109,10 +110,10 @@ class Level:
         Count of x and y.
     """
 
-    def __init__(self, arguments: ArgumentRows, points: list[Points], columns: np.ndarray, size: int) -> None:
+    def __init__(self, arguments: SummedTerms, points: list[Points], columns: np.ndarray, size: int) -> None:
         self.arguments, self.points, self._columns = arguments, points, columns
-        self._shape = arguments.m, size
-        rows, by = arguments.jacobian_structure
+        self._shape = arguments.rows, size
+        rows, by = arguments.structure
         self._entries = rows, columns[by]
         self._used, outputs, inputs = zip(*(each.entries() for each in points), strict=True)
         self._slopes = np.concatenate(outputs), np.concatenate(inputs)
@@ -122,14 +123,17 @@ class Level:
 
     def inputs(self, z: FloatArray) -> list[FloatArray]:
         """Arguments of the calls, one array for each function."""
-        rows = self.arguments.constraints(z[self._columns])
+        values = self.arguments.compiled.values(z[self._columns])
+        rows = finite(values, "CasADi", "arguments of a Python function")
         return [rows[points.rows] for points in self.points]
 
     def first(self, z: FloatArray, inputs: Sequence[FloatArray]) -> tuple[Any, Any]:
         """Derivatives of the arguments by x and y, and of y by the arguments."""
         jacobians = [points.function.jacobians(X) for points, X in zip(self.points, inputs, strict=True)]
         slopes = [block[used] for block, used in zip(jacobians, self._used, strict=True)]
-        return self._first(self.arguments.jacobian(z[self._columns]), np.concatenate(slopes))
+        entries = self.arguments.compiled.jacobian(z[self._columns])
+        finite(entries, "CasADi", "Jacobian of the arguments of a Python function")
+        return self._first(entries, np.concatenate(slopes))
 
     def second(
         self, z: FloatArray, inputs: Sequence[FloatArray], adjoint: FloatArray, of_rows: FloatArray
@@ -139,7 +143,10 @@ class Level:
         for points, X in zip(self.points, inputs, strict=True):
             weights = np.where(points.outputs >= 0, adjoint[points.outputs], 0.0)
             blocks.append(np.einsum("po,poij->pij", weights, points.function.hessians(X)).ravel())
-        return self.arguments.hessian(z[self._columns], 0.0, of_rows), self._second(np.concatenate(blocks))
+        entries = np.zeros(self.triangle[0].size)
+        self.arguments.compiled.add_hessian(z[self._columns], of_rows, entries)
+        finite(entries, "CasADi", "Hessian of the arguments of a Python function")
+        return entries, self._second(np.concatenate(blocks))
 
     def patterns(self) -> tuple[tuple[Any, Any], tuple[FloatArray, Any]]:
         """The first and the second derivatives with ones in all entries."""
@@ -158,25 +165,25 @@ def _matrix(values: FloatArray, entries: Any, shape: tuple[int, int]) -> Any:
     return scipy.sparse.csr_array((values, tuple(entries)), shape=shape)
 
 
-class _Entries:
-    """The entries that a matrix may have, found from one without zeros, and its values in their order."""
+def _sorted(matrix: Any) -> Any:
+    """A matrix whose entries stand row by row, in the order of the columns: places in it are found by bisection."""
+    matrix = matrix.tocsr()
+    matrix.sort_indices()
+    return matrix
 
-    def __init__(self, pattern: Any) -> None:
-        self._columns = pattern.shape[1]
-        self._keys = np.sort(self._keys_of(pattern.tocoo()))
-        rows, columns = np.divmod(self._keys, self._columns)
-        self.structure: tuple[IndexArray, IndexArray] = rows.astype(np.int32), columns.astype(np.int32)
 
-    def values(self, matrix: Any) -> FloatArray:
-        """The values of a matrix; products drop the zeros among them."""
-        matrix = matrix.tocoo()
-        values = np.zeros(self._keys.size)
-        values[np.searchsorted(self._keys, self._keys_of(matrix))] = matrix.data
-        return values
+def _structure(pattern: Any) -> tuple[IndexArray, IndexArray]:
+    """Rows and columns of the entries of a matrix without zeros."""
+    rows, columns = _sorted(pattern).tocoo().coords
+    return rows.astype(np.int32), columns.astype(np.int32)
 
-    def _keys_of(self, matrix: Any) -> np.ndarray:
-        rows, columns = matrix.coords
-        return np.asarray(rows.astype(np.int64) * self._columns + columns)
+
+def _values_at(structure: tuple[IndexArray, IndexArray], matrix: Any) -> FloatArray:
+    """The values of a matrix at some places; products drop the zeros among them."""
+    values = np.zeros(structure[0].size)
+    if values.size:  # SciPy has another answer for none
+        values[:] = _sorted(matrix)[structure]
+    return values
 
 
 class ComposedProgram:
@@ -208,9 +215,9 @@ class ComposedProgram:
         self._halves = np.where(self._triangle[0] == self._triangle[1], 0.5, 1.0)
         firsts, seconds = zip(*(level.patterns() for level in levels), strict=True)
         by_x, of_arguments = self._eliminated(firsts)
-        self._jacobian = _Entries(self._main_jacobian(np.ones(rows.size)) @ by_x)
-        self._hessian = _Entries(self._second(np.ones(main.hessian_structure[0].size), seconds, by_x, of_arguments))
-        self.jacobian_structure, self.hessian_structure = self._jacobian.structure, self._hessian.structure
+        self.jacobian_structure = _structure(self._main_jacobian(np.ones(rows.size)) @ by_x)
+        ones = np.ones(main.hessian_structure[0].size)
+        self.hessian_structure = _structure(self._second(ones, seconds, by_x, of_arguments))
         self._z_at: FloatArray | None = None
         self._differentiated_at: FloatArray | None = None
         self.derivatives = _described(main.derivatives, [p.function for level in levels for p in level.points])
@@ -296,7 +303,7 @@ class ComposedProgram:
     def jacobian(self, x: FloatArray) -> FloatArray:
         """Values of the Jacobian of g."""
         jacobian = self._main.jacobian(self._differentiate(x))
-        return self._jacobian.values(self._main_jacobian(jacobian) @ self._by_x)
+        return _values_at(self.jacobian_structure, self._main_jacobian(jacobian) @ self._by_x)
 
     def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
         """Values of the Hessian of the Lagrangian."""
@@ -311,7 +318,8 @@ class ComposedProgram:
             seconds.append(level.second(self._z, inputs, adjoint, of_rows))
             adjoint += arguments.T @ of_rows
         values = self._main.hessian(main, objective_factor, multipliers)
-        return self._hessian.values(self._second(values, seconds[::-1], self._by_x, self._of_arguments))
+        second = self._second(values, seconds[::-1], self._by_x, self._of_arguments)
+        return _values_at(self.hessian_structure, second)
 
     def _second(
         self, main: FloatArray, seconds: Sequence[tuple[FloatArray, Any]], by_x: Any, of_arguments: Sequence[Any]

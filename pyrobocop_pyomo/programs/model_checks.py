@@ -122,31 +122,27 @@ def refuse_foreign(model: BlockData, variables: list[VarData]) -> None:
         raise ModelError(f"'{row.name}' {foreign_read(foreign, model)} {ONE_MODEL}")
 
 
-def refuse_external_functions(model: BlockData, everywhere: bool = False) -> None:
-    """Check the external functions that active rows and the objective call.
+def refuse_function_calls(model: BlockData) -> None:
+    """Check the functions that active rows and the objective call.
 
     ASL calls functions of compiled libraries only; where it finds none, it ends the process.
 
-    Parameters
-    ----------
-    model : Block
-    everywhere : bool
-        Read all expressions, even when the model has no component that is an external function. That may be one of
-        another model, or of none.
-
     Raises
     ------
+    FunctionError
+        For a `Function`.
     ModelError
-        For a Python function, a library that cannot be loaded, or a function that its library does not have.
+        For another Python function, a library that cannot be loaded, or a function that its library does not have.
     """
-    if not everywhere and next(model.model().component_objects(ExternalFunction, descend_into=True), None) is None:
-        return
     checked = set()
     for row in _active_rows(model):
-        for function in _external_functions(row.expr):
-            if id(function) in checked:
+        for node in nodes_of(row.expr):
+            if not isinstance(node, ExternalFunctionExpression) or id(node._fcn) in checked:
                 continue
+            function = node._fcn
             checked.add(id(function))
+            if isinstance(function, FunctionOutput):
+                raise FunctionError(python_function_refused(f"'{row.name}': the Python function '{function.name}'"))
             if isinstance(function, PythonCallbackFunction):
                 raise ModelError(f"'{row.name}' {external_function_refused(function.name)}")
             if isinstance(function, AMPLExternalFunction):
@@ -160,23 +156,6 @@ def external_function_refused(name: str) -> str:
         "it as a Pyomo expression, or as rcp.Function(value, jacobian, hessian), or compile it: "
         "pyo.ExternalFunction(library='/path/to/library.so', function='name')."
     )
-
-
-def refuse_function_calls(model: BlockData) -> None:
-    """Check that active rows and the objective call no Python functions at all.
-
-    Raises
-    ------
-    FunctionError
-        For a `Function`.
-    ModelError
-        As `refuse_external_functions`.
-    """
-    for row in _active_rows(model):
-        for function in _external_functions(row.expr):
-            if isinstance(function, FunctionOutput):
-                raise FunctionError(python_function_refused(f"'{row.name}': the Python function '{function.name}'"))
-    refuse_external_functions(model, everywhere=True)
 
 
 def _require_compiled(function: AMPLExternalFunction, row_name: str) -> None:
@@ -193,10 +172,6 @@ def _require_compiled(function: AMPLExternalFunction, row_name: str) -> None:
             f"'{row_name}' calls '{function.name}', but '{function._library}' has no function "
             f"'{function._function}'. It has: {present}."
         )
-
-
-def _external_functions(expression: Any) -> list[Any]:
-    return [node._fcn for node in nodes_of(expression) if isinstance(node, ExternalFunctionExpression)]
 
 
 def undefined_row(model: BlockData) -> str | None:

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
-from itertools import chain
 from operator import attrgetter, is_not
 from typing import Any
 
 import numpy as np
 from pyomo.common.errors import InfeasibleConstraintException
-from pyomo.common.numeric_types import native_numeric_types
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
-from pyomo.core.base.set import Reals
 from pyomo.core.base.var import VarData
+from pyomo.repn.plugins.nl_writer import TOL
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.rows_by_rule import RowByRule, SumByRule
@@ -21,16 +19,11 @@ from pyrobocop_pyomo.modeling.rows_by_rule import RowByRule, SumByRule
 from .model_checks import number_in
 from .model_terms import ModelTerms
 from .nonlinear_program import FloatArray
+from .row_values import KNOWN_BOUNDS, BoundArrays
 
 # Attributes of Pyomo's data objects behind its properties: reading ten thousand properties takes ten milliseconds.
-_LOWER, _UPPER, _DOMAIN = attrgetter("_lb"), attrgetter("_ub"), attrgetter("_domain")
-_FIXED, _ACTIVE, _VALUE, _EXPRESSION = map(attrgetter, ("_fixed", "_active", "value", "_expr"))
-_STORED_VALUE = attrgetter("_value")
-
-# Of real variables they say all; a property looks at the domain, too.
-_PLAIN_BOUNDS = {float, int, type(None)}
-_KNOWN_BOUNDS = {*native_numeric_types, type(None)}
-_TOLERANCE = 1e-8  # for rows without variables, as Pyomo's own writer has it
+_DOMAIN, _FIXED, _ACTIVE, _EXPRESSION = map(attrgetter, ("_domain", "_fixed", "_active", "_expr"))
+_VALUE, _STORED_VALUE = attrgetter("value"), attrgetter("_value")
 
 
 def _expression_of(row: Any) -> Any:
@@ -64,9 +57,8 @@ class ModelNumbers:
         self._domains = list(map(_DOMAIN, self._variables))
         classes: set[Any] = set(map(type, self._variables))
         self._value_of = _STORED_VALUE if all(cls.value is VarData.value for cls in classes) else _VALUE
-        self.x_lower, self.x_upper = np.empty(len(self._variables)), np.empty(len(self._variables))
-        self._raw_bounds: list[list[Any]] = []
-        self._read_bounds()
+        self._bounds = BoundArrays(self._variables)
+        self.x_lower, self.x_upper = self._bounds.lower, self._bounds.upper
         self.g_lower, lower = _row_bounds([lower for lower, _ in terms.bounds], -math.inf)
         self.g_upper, upper = _row_bounds([upper for _, upper in terms.bounds], math.inf)
         for undefined in np.flatnonzero(np.isnan(self.g_lower) | np.isnan(self.g_upper)):
@@ -88,7 +80,7 @@ class ModelNumbers:
             When a row without free variables contradicts itself.
         """
         self._refuse_other_structure()
-        self._read_bounds()
+        self._bounds.read()
         self._read_numbers()
 
     def values_of_variables(self) -> FloatArray:
@@ -102,25 +94,6 @@ class ModelNumbers:
         """Where a fixed variable or a mutable Param stands in `parameters`; None for one that is not read."""
         known = self._terms.columns.parameters
         return next((i for i, parameter in enumerate(known) if parameter is data), None)
-
-    def _read_bounds(self) -> None:
-        """Read the bounds of all variables, where one is another one than before or is an expression."""
-        raw = [list(map(read, self._variables)) for read in (_LOWER, _UPPER)]
-        kinds = {bound.__class__ for bounds in raw for bound in bounds}
-        if self._raw_bounds and kinds <= _KNOWN_BOUNDS and not any(map(is_not, chain(*raw), chain(*self._raw_bounds))):
-            return
-        self._raw_bounds = raw
-        is_plain = kinds <= _PLAIN_BOUNDS and all(domain is Reals for domain in self._domains)
-        if is_plain and not any(bound != bound for bound in chain(*raw)):  # Pyomo refuses nan
-            bounds = raw
-        else:
-            if not kinds <= _KNOWN_BOUNDS:
-                for variable, bound in zip(chain(self._variables, self._variables), chain(*raw), strict=True):
-                    if bound.__class__ not in _KNOWN_BOUNDS:
-                        number_in(bound, variable.name)  # Pyomo's own message would not say which variable it is
-            bounds = [list(both) for both in zip(*(variable.bounds for variable in self._variables), strict=True)]
-        for values, numbers, unbounded in zip((self.x_lower, self.x_upper), bounds, (-math.inf, math.inf), strict=True):
-            values[:] = [unbounded if number is None else number for number in numbers]
 
     def _read_numbers(self) -> None:
         known: dict[int, float] = {}  # one parameter often bounds many rows
@@ -168,7 +141,7 @@ class ModelNumbers:
 
 def _row_bounds(bounds: list[Any], unbounded: float) -> tuple[FloatArray, list[tuple[int, Any]]]:
     """Bounds as an array, and those that are expressions with their places."""
-    changing = [(i, bound) for i, bound in enumerate(bounds) if bound.__class__ not in _KNOWN_BOUNDS]
+    changing = [(i, bound) for i, bound in enumerate(bounds) if bound.__class__ not in KNOWN_BOUNDS]
     numbers = [unbounded if bound is None else bound for bound in bounds]
     for i, _ in changing:
         numbers[i] = 0.0
@@ -193,7 +166,7 @@ def check_constant(constraint: Any) -> None:
     lower = -math.inf if lowest is None else number_in(lowest, constraint.name)
     upper = math.inf if highest is None else number_in(highest, constraint.name)
     number = number_in(body, constraint.name)
-    if lower - number > _TOLERANCE or number - upper > _TOLERANCE:
+    if lower - number > TOL or number - upper > TOL:
         raise InfeasibleConstraintException(
             f"model contains a trivially infeasible constraint '{constraint.name}' (fixed body value {number} "
             f"outside bounds [{lower}, {upper}])."

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,11 +19,10 @@ from pyrobocop_pyomo.modeling.expression_nodes import CONSTANT, DIVISION, LEAF, 
 from pyrobocop_pyomo.modeling.functions import is_function_call
 from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, RowByRule, SumByRule, sums_of
 
-from .expression_codes import FACTORS, REMEDY, SCALED_SUM, NodeKinds
 from .function_calls import FunctionCall, FunctionCalls
 from .model_checks import check_variables, external_function_refused, single_objective
 from .nonlinear_program import IndexArray
-from .term_groups import Columns, NonlinearTerm, TermGroups, repetitions
+from .term_groups import FACTORS, REMEDY, SCALED_SUM, Columns, NodeKinds, NonlinearTerm, TermGroups, repetitions
 
 # A sum of up to so many nonlinear terms is one term, whose parts share what they have in common; a longer one, as
 # an integral, is taken apart, so that its parts can be evaluated as repetitions of each other.
@@ -267,6 +266,9 @@ class ModelTerms:
         Terms of the rows, and of the objective as a row 0; a maximised objective appears negated.
     calls : FunctionCalls
         Calls of Python functions, whose outputs are variables of the terms.
+    objective : ObjectiveData or None
+    sign : float
+        1 for a minimised objective, -1 for a maximised one.
     arguments : list of pairs
         For each level of calls their arguments as rows, call by call, and how many these are.
     constraints : list of ConstraintData
@@ -275,9 +277,6 @@ class ModelTerms:
         Lower and upper bound of each row: numbers, expressions without variables, or None.
     constant_constraints : list of ConstraintData
         Those without free variables.
-    objective : ObjectiveData or None
-    sign : float
-        1 for a minimised objective, -1 for a maximised one.
     """
 
     model: BlockData
@@ -285,12 +284,12 @@ class ModelTerms:
     rows: Terms
     cost: Terms
     calls: FunctionCalls
-    arguments: list[tuple[Terms, int]]
-    constraints: list[ConstraintData]
-    bounds: list[tuple[Any, Any]]
-    constant_constraints: list[ConstraintData]
     objective: ObjectiveData | None
     sign: float
+    arguments: list[tuple[Terms, int]] = field(default_factory=list)
+    constraints: list[ConstraintData] = field(default_factory=list)
+    bounds: list[tuple[Any, Any]] = field(default_factory=list)
+    constant_constraints: list[ConstraintData] = field(default_factory=list)
 
     @property
     def variables(self) -> list[VarData]:
@@ -309,19 +308,8 @@ def collect_terms(model: BlockData) -> ModelTerms:
     """
     objective = single_objective(model)
     columns, calls = Columns(), FunctionCalls()
-    found = ModelTerms(
-        model=model,
-        columns=columns,
-        rows=Terms(columns, calls),
-        cost=Terms(columns, calls),
-        calls=calls,
-        arguments=[],
-        constraints=[],
-        bounds=[],
-        constant_constraints=[],
-        objective=objective,
-        sign=1.0 if objective is None or objective.is_minimizing() else -1.0,
-    )
+    sign = 1.0 if objective is None or objective.is_minimizing() else -1.0
+    found = ModelTerms(model, columns, Terms(columns, calls), Terms(columns, calls), calls, objective, sign)
     with PauseGC():
         for component in model.component_objects(Constraint, active=True, descend_into=True):
             rows = [row for row in component.values() if row.active]

@@ -6,11 +6,11 @@ one's own code) is exchangeable and can be wrapped, as `ShiftedRows` does.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.optional_imports import scipy
@@ -113,10 +113,14 @@ class PrimalDualPoint:
     lower_multipliers: FloatArray | None = None
     upper_multipliers: FloatArray | None = None
 
+    def with_multipliers_divided(self, rows: FloatArray | float, bounds: FloatArray | float) -> PrimalDualPoint:
+        """The same point with its multipliers, as far as they are known, divided by these numbers."""
+        known = (self.g_multipliers, rows), (self.lower_multipliers, bounds), (self.upper_multipliers, bounds)
+        return PrimalDualPoint(self.x, *(None if values is None else values / by for values, by in known))
+
     def with_objective_divided(self, by: float) -> PrimalDualPoint:
         """The same point of the program whose objective is divided by a number: so are its multipliers."""
-        rows, lower, upper = self.g_multipliers, self.lower_multipliers, self.upper_multipliers
-        return PrimalDualPoint(self.x, *(None if known is None else known / by for known in (rows, lower, upper)))
+        return self.with_multipliers_divided(by, by)
 
     def complete(self, nlp: NonlinearProgram) -> tuple[FloatArray, FloatArray, FloatArray]:
         """All multipliers: rows, lower and upper bounds; by default 0 (or ``nlp.g_multipliers_start``), 1 and 1."""
@@ -128,67 +132,40 @@ class PrimalDualPoint:
         return rows, lower, upper
 
 
-class WrappedProgram:
-    """A nonlinear program made from another one, with its objective; a subclass replaces what differs.
+@dataclass(frozen=True, eq=False)
+class Scales:
+    r"""Sizes that variables, rows and the objective are divided by.
 
-    Parameters
-    ----------
-    nlp : NonlinearProgram
-    """
-
-    def __init__(self, nlp: NonlinearProgram) -> None:
-        self.nlp = nlp
-        self.derivatives = nlp.derivatives
-        self.n, self.m = nlp.n, nlp.m
-        self.x_lower, self.x_upper = nlp.x_lower, nlp.x_upper
-        self.g_lower, self.g_upper = nlp.g_lower, nlp.g_upper
-        self.x_start, self.g_multipliers_start = nlp.x_start, nlp.g_multipliers_start
-        self.jacobian_structure, self.hessian_structure = nlp.jacobian_structure, nlp.hessian_structure
-        # Forwarded as they are: one call less per evaluation.
-        self.objective, self.gradient = nlp.objective, nlp.gradient
-
-
-class ShiftedRows(WrappedProgram):
-    """A nonlinear program whose marked rows are moved by a number that may change during a solve.
-
-    A relaxed complementarity row was written with the bound `base`, as ``a*b - base <= 0`` or as
-    ``a*b <= base``. Ipopt sees ``a*b - delta <= 0`` instead, with `delta` read at each evaluation. A shift leaves
-    the Jacobian and the Hessian as they are, so delta can follow the barrier parameter at no cost.
-
-    Parameters
-    ----------
-    nlp : NonlinearProgram
-        The program with the bounds `base`.
-    rows : int array
-        Numbers of the rows to shift.
-    base : float or float array of the shape of `rows`
-        The bound that those rows were written with.
+    With :math:`x = S \hat x`, :math:`g = R \hat g` and :math:`f = \varphi \hat f`, the multipliers of the rows are
+    :math:`\lambda = \varphi R^{-1} \hat\lambda`, those of bounds :math:`z = \varphi S^{-1} \hat z`.
 
     Attributes
     ----------
-    delta : float or float array of the shape of `rows`
-        The bound that the solver sees from the next evaluation on; first the largest of `base`.
+    x : float array, shape (n,)
+    g : float array, shape (m,)
+    objective : float
     """
 
-    def __init__(self, nlp: NonlinearProgram, rows: ArrayLike, base: ArrayLike) -> None:
-        super().__init__(nlp)
-        self.rows = np.asarray(rows, dtype=np.intp)
-        self.base = np.broadcast_to(np.asarray(base, dtype=float), self.rows.shape)
-        outside = self.rows[(self.rows < 0) | (self.rows >= nlp.m)]
-        if outside.size:
-            raise IndexError(
-                f"row {outside[0]} cannot be shifted: the program has {nlp.m} rows, numbered from 0. "
-                "Take the numbers from CompiledModel.row_of."
-            )
-        self.delta: float | FloatArray = float(self.base.max(initial=0.0))
-        self.jacobian, self.hessian = nlp.jacobian, nlp.hessian
+    x: FloatArray
+    g: FloatArray
+    objective: float
 
-    def constraints(self, x: FloatArray) -> FloatArray:
-        """Values of g, the marked rows moved by base - delta."""
-        values = self.nlp.constraints(x).copy()
-        # Not an in-place sum per entry of `rows`: a row that is named twice is still moved once.
-        values[self.rows] = values[self.rows] + (self.base - self.delta)
-        return values
+    def scaled(self, point: PrimalDualPoint) -> PrimalDualPoint:
+        """A point of the program as one of the scaled program."""
+        x = point.x / self.x
+        return replace(point.with_multipliers_divided(self.objective / self.g, self.objective / self.x), x=x)
+
+    def unscaled(self, point: PrimalDualPoint, nlp: NonlinearProgram) -> PrimalDualPoint:
+        """A point of the scaled program as one of the program `nlp`, within its bounds.
+
+        What is on a bound stays there, and what Ipopt lets pass it, by parts of a size, is put there: a bound at zero
+        has no size in the units of the user.
+        """
+        x = np.clip(self.x * point.x, nlp.x_lower, nlp.x_upper)
+        for bound in (nlp.x_lower, nlp.x_upper):
+            held = np.isfinite(bound) & (np.abs(x - bound) <= 4 * np.finfo(float).eps * np.abs(x))
+            x = np.where(held, bound, x)
+        return replace(point.with_multipliers_divided(self.g / self.objective, self.x / self.objective), x=x)
 
 
 def missing_rank(nlp: NonlinearProgram, x: FloatArray) -> int:

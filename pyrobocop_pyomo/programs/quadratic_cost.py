@@ -11,7 +11,8 @@ from pyomo.common.collections import ComponentMap
 
 from pyrobocop_pyomo.errors import ModelError
 
-from .nonlinear_program import FloatArray, NonlinearProgram, WrappedProgram
+from .nonlinear_program import FloatArray, NonlinearProgram
+from .wrapped_programs import WrappedProgram
 
 
 class QuadraticCost:
@@ -86,8 +87,6 @@ class AddedQuadraticCost(WrappedProgram):
         self._fixed = np.flatnonzero(columns < 0)
         self._fixed_variables = [cost.variables[i] for i in self._fixed]
         self._values = np.zeros(columns.size)
-        self.objective, self.gradient = self._objective, self._gradient
-        self.constraints, self.jacobian = nlp.constraints, nlp.jacobian
         rows, columns_of_block, self._picks = self._pattern(columns)
         self.hessian_structure = (
             np.concatenate([nlp.hessian_structure[0], rows]).astype(np.int32),
@@ -115,11 +114,13 @@ class AddedQuadraticCost(WrappedProgram):
         self._values[self._free] = x[self._columns]
         return self._values
 
-    def _objective(self, x: FloatArray) -> float:
+    def objective(self, x: FloatArray) -> float:
+        """Value of the objective with the cost."""
         values = self._at(x)
         return float(self.nlp.objective(x) + values @ (self._cost.linear + self._cost.product(values) / 2))
 
-    def _gradient(self, x: FloatArray) -> FloatArray:
+    def gradient(self, x: FloatArray) -> FloatArray:
+        """Its gradient, shape (n,)."""
         gradient = self.nlp.gradient(x).copy()
         gradient[self._columns] += (self._cost.linear + self._cost.product(self._at(x)))[self._free]
         return gradient

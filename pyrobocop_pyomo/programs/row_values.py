@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from itertools import chain
 from operator import attrgetter, is_not
 from typing import Any
 
@@ -24,8 +25,8 @@ from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, content_of, follo
 from pyrobocop_pyomo.modeling.shared_nodes import NodeValues, topmost_nodes
 from pyrobocop_pyomo.numerics import Array
 
-from .expression_codes import NodeKinds, decoded
-from .term_groups import Columns, NonlinearTerm, TermGroup, TermGroups, repetitions
+from .model_checks import number_in
+from .term_groups import Columns, NodeKinds, NonlinearTerm, TermGroup, TermGroups, decoded, repetitions
 
 # From so many terms on, a sum is evaluated as arrays.
 MANY_TERMS = 100
@@ -33,6 +34,7 @@ MANY_TERMS = 100
 _VALUE = attrgetter("value")
 # Behind Pyomo's properties, each of which takes a microsecond to find the tighter of the bound and the domain's.
 _GIVEN = tuple(map(attrgetter, ("_lb", "_ub", "_domain")))
+KNOWN_BOUNDS = {*native_numeric_types, type(None)}
 
 
 class RowValues:
@@ -161,6 +163,43 @@ def _is_long_sum(node: Any) -> bool:
     return follows_rule(node) or (isinstance(node, SumExpression) and node.nargs() >= MANY_TERMS)
 
 
+class BoundArrays:
+    """Bounds of variables as arrays, infinite where there is none.
+
+    Parameters
+    ----------
+    variables : sequence of VarData
+
+    Attributes
+    ----------
+    lower, upper : float arrays
+    """
+
+    def __init__(self, variables: Sequence[Any]) -> None:
+        self._variables = variables
+        self.lower, self.upper = np.empty(len(variables)), np.empty(len(variables))
+        self._given: list[list[Any]] = []
+        self.read()
+
+    def read(self) -> None:
+        """Read the bounds again, where one is another one than before or is an expression."""
+        given = [list(map(read, self._variables)) for read in _GIVEN]
+        stated = [
+            (variable, bound)
+            for bounds in given[:2]
+            for variable, bound in zip(self._variables, bounds, strict=True)
+            if bound.__class__ not in KNOWN_BOUNDS
+        ]
+        if self._given and not stated and not any(map(is_not, chain(*given), chain(*self._given))):
+            return
+        self._given = given
+        for variable, bound in stated:
+            number_in(bound, variable.name)  # Pyomo's own message would not say which variable it is
+        bounds = [variable.bounds for variable in self._variables]
+        self.lower[:] = [-np.inf if lower is None else lower for lower, _ in bounds]
+        self.upper[:] = [np.inf if upper is None else upper for _, upper in bounds]
+
+
 class VariableBounds:
     """How far variables are from their bounds.
 
@@ -175,34 +214,21 @@ class VariableBounds:
     """
 
     def __init__(self, variables: Iterable[Any]) -> None:
-        everything = list(variables)
-        bounds = [variable.bounds for variable in everything]
-        self.variables = [each for each, known in zip(everything, bounds, strict=True) if known != (None, None)]
-        self._take([known for known in bounds if known != (None, None)])
+        self.variables = [variable for variable in variables if variable.bounds != (None, None)]
+        self._bounds = BoundArrays(self.variables)
 
     def violations(self) -> Array:
         """Of each variable at the value that it has now; 0 where it has none, infinite for NaN."""
-        given = [list(map(read, self.variables)) for read in _GIVEN]
-        if self._changes or any(any(map(is_not, now, then)) for now, then in zip(given, self._given, strict=True)):
-            self._take([variable.bounds for variable in self.variables])
+        self._bounds.read()
         numbers = list(map(_VALUE, self.variables))
-        absent = np.array([number is None for number in numbers]) if None in numbers else None
         values = np.array(numbers, dtype=float)  # None becomes NaN
-        violations = np.maximum(np.maximum(self._lower - values, values - self._upper), 0.0)
+        violations = np.maximum(np.maximum(self._bounds.lower - values, values - self._bounds.upper), 0.0)
         violations[np.isnan(violations)] = np.inf
-        if absent is not None:
-            violations[absent] = 0.0
+        if None in numbers:
+            violations[[number is None for number in numbers]] = 0.0
         return violations
 
     def sizes(self) -> Array:
         """Magnitude of each variable at the value that it has now, or 1 where that is larger."""
         values = np.array(list(map(_VALUE, self.variables)), dtype=float)
         return np.fmax(np.abs(values), 1.0)
-
-    def _take(self, bounds: list[tuple[float | None, float | None]]) -> None:
-        self._given = [list(map(read, self.variables)) for read in _GIVEN]
-        known = {*native_numeric_types, type(None)}
-        # An expression may change by itself.
-        self._changes = any(bound.__class__ not in known for bounds in self._given[:2] for bound in bounds)
-        self._lower = np.array([-np.inf if lower is None else lower for lower, _ in bounds], dtype=float)
-        self._upper = np.array([np.inf if upper is None else upper for _, upper in bounds], dtype=float)

@@ -9,12 +9,10 @@ import numpy as np
 from pyrobocop_pyomo.errors import SolverNotFoundError
 
 from .asl_program import ASL_REMEDY
-from .compiled_run import CompiledRun
-from .compiled_terms import evaluation_library
+from .compiled_terms import CompiledRun, evaluation_library
 from .model_numbers import ModelNumbers
 from .model_terms import ModelTerms
-from .nonlinear_program import FloatArray, finite
-from .scales import Scales
+from .nonlinear_program import FloatArray, Scales, finite
 from .summed_terms import SummedTerms, place_hessians
 
 
@@ -35,7 +33,7 @@ class VectorisedProgram:
     ----------
     numbers : ModelNumbers
     cost, rows : SummedTerms
-    arguments : list of ArgumentRows
+    arguments : list of SummedTerms
         Arguments of the model's Python functions, level by level.
 
     Raises
@@ -62,9 +60,11 @@ class VectorisedProgram:
         self._library = library = evaluation_library()
         self.cost = SummedTerms(terms.cost, 1, self.n, library)
         self.rows = SummedTerms(terms.rows, self.m, self.n, library)
-        self.arguments = [ArgumentRows(SummedTerms(rows, m, self.n, library), self.n) for rows, m in terms.arguments]
+        self.arguments = [SummedTerms(rows, m, self.n, library) for rows, m in terms.arguments]
         self.jacobian_structure = self.rows.structure
         self.hessian_structure = place_hessians([self.cost, self.rows], self.n)
+        for arguments in self.arguments:
+            place_hessians([arguments], self.n)
         self._read_point()
 
     def refresh(self) -> None:
@@ -81,33 +81,33 @@ class VectorisedProgram:
         self._read_point()
 
     def _read_point(self) -> None:
-        for sums in (self.cost, self.rows, *(level.sums for level in self.arguments)):
+        for sums in (self.cost, self.rows, *self.arguments):
             sums.set_parameters(self.numbers.parameters)
         self.x_start = self.numbers.values_of_variables()
 
     def objective(self, x: FloatArray) -> float:
         """Value of f."""
-        return float(finite(self.cost.values(x), "CasADi", "objective")[0])
+        return float(finite(self.cost.compiled.values(x), "CasADi", "objective")[0])
 
     def gradient(self, x: FloatArray) -> FloatArray:
         """Gradient of f."""
         gradient = np.zeros(self.n)
-        gradient[self.cost.structure[1]] = self.cost.jacobian(x)
+        gradient[self.cost.structure[1]] = self.cost.compiled.jacobian(x)
         return finite(gradient, "CasADi", "gradient of the objective")
 
     def constraints(self, x: FloatArray) -> FloatArray:
         """Values of g."""
-        return finite(self.rows.values(x), "CasADi", "constraints")
+        return finite(self.rows.compiled.values(x), "CasADi", "constraints")
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """Values of the Jacobian of g."""
-        return finite(self.rows.jacobian(x), "CasADi", "Jacobian of the constraints")
+        return finite(self.rows.compiled.jacobian(x), "CasADi", "Jacobian of the constraints")
 
     def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
         """Values of the Hessian of the Lagrangian."""
         values = np.zeros(self.hessian_structure[0].size)
-        self.cost.add_hessian(x, np.array([objective_factor]), values)
-        self.rows.add_hessian(x, multipliers, values)
+        self.cost.compiled.add_hessian(x, np.array([objective_factor]), values)
+        self.rows.compiled.add_hessian(x, multipliers, values)
         return finite(values, "CasADi", "Hessian of the Lagrangian")
 
     def compiled_run(self, scales: Scales | None = None) -> CompiledRun | None:
@@ -124,33 +124,3 @@ class VectorisedProgram:
             self._library, self.cost.compiled, self.rows.compiled, self.n, self.cost.structure[1],
             self.jacobian_structure, self.hessian_structure, scales,
         )  # fmt: skip
-
-
-class ArgumentRows:
-    """Arguments of Python functions as rows in the variables of a `VectorisedProgram`, which sets the parameters.
-
-    Parameters
-    ----------
-    sums : SummedTerms
-    n : int
-        Count of variables.
-    """
-
-    def __init__(self, sums: SummedTerms, n: int) -> None:
-        self.m, self.sums = sums.rows, sums
-        self.jacobian_structure = sums.structure
-        self.hessian_structure = place_hessians([sums], n)
-
-    def constraints(self, x: FloatArray) -> FloatArray:
-        """Values of the arguments."""
-        return finite(self.sums.values(x), "CasADi", "arguments of a Python function")
-
-    def jacobian(self, x: FloatArray) -> FloatArray:
-        """Values of their Jacobian."""
-        return finite(self.sums.jacobian(x), "CasADi", "Jacobian of the arguments of a Python function")
-
-    def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
-        """Values of the Hessian of multipliers @ rows; there is no objective."""
-        values = np.zeros(self.hessian_structure[0].size)
-        self.sums.add_hessian(x, multipliers, values)
-        return finite(values, "CasADi", "Hessian of the arguments of a Python function")

@@ -22,8 +22,7 @@ from pyrobocop_pyomo.numerics.characteristic_scales import (
 )
 from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram
-from pyrobocop_pyomo.programs.scales import Scales
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, Scales
 from pyrobocop_pyomo.programs.stationarity import beside
 
 # Relative to an objective: below, its change by all variables is rounding.
@@ -121,7 +120,7 @@ def automatic_scaling(
     nlp, x, variables, constraints = sizing.nlp, sizing.x, sizing.variables, sizing.constraints
     known = _known_scales(variables, sizing.widths)
     stated = scaling_factors(compiled, missing=np.nan) if stated is None else stated
-    x_stated = np.full(nlp.n, np.nan) if stated.x is None else _inverse(stated.x)
+    x_stated, g_stated = _inverse(stated.x), _inverse(stated.g)
     of_groups = np.full(known.shape, np.nan)
     of_groups[variables.numbers[~np.isnan(x_stated)]] = x_stated[~np.isnan(x_stated)]
     free = np.isnan(of_groups)
@@ -136,8 +135,7 @@ def automatic_scaling(
     objective = max(_SHARE * changed, _CONSTANT * sizing.size_of_objective())
     objective *= min(1.0, _MANY_BOUNDS / max(_terms_of_barrier(nlp), 1))
     x_scales = np.where(np.isnan(x_stated), x_scales, x_stated)
-    if stated.g is not None:
-        g_scales = np.where(np.isnan(stated.g), g_scales, _inverse(stated.g))
+    g_scales = np.where(np.isnan(stated.g), g_scales, g_stated)
     if np.isfinite(stated.objective):
         objective = 1.0 / abs(stated.objective)
     record = ScalingRecord(_by_name(variables, x_scales), _by_name(constraints, g_scales), objective)

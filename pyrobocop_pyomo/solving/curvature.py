@@ -11,12 +11,10 @@ import numpy as np
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.ipopt.linear_solvers import suits
 from pyrobocop_pyomo.linear_solver import SymmetricFactorisation
+from pyrobocop_pyomo.mpcc.sensitivity import NEAR
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
 
-# Bounds that are as near, or nearer than their multiplier is large, count as active: a direction then leaves none of
-# them, and may be taken in both of its senses.
-NEAR = 1e-4
 # A step of size one in the variables has to promise so much, of the objective. Arcs that are singular, and directions
 # that change nothing, have no curvature but rounding.
 LEAST_DECREASE = 1e-4
@@ -58,6 +56,8 @@ def direction_of_descent(nlp: NonlinearProgram, point: PrimalDualPoint) -> Float
         return None
     x, (rows, lower, upper) = point.x, point.complete(nlp)
     g = nlp.constraints(x)
+    # Bounds that are as near, or nearer than their multiplier is large, count as active: a direction then leaves none
+    # of them, and may be taken in both of its senses.
     free = np.minimum(x - nlp.x_lower - lower, nlp.x_upper - x - upper) > NEAR
     active = np.minimum(g - nlp.g_lower, nlp.g_upper - g) <= NEAR + np.abs(rows)
     if not free.any():

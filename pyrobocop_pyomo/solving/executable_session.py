@@ -25,16 +25,15 @@ from pyomo.core.base.suffix import Suffix
 from pyrobocop_pyomo.complementarity import BarrierSchedule
 from pyrobocop_pyomo.discretisation import RowMultipliers
 from pyrobocop_pyomo.errors import SolverNotFoundError
-from pyrobocop_pyomo.ipopt.backends import NO_IPOPT
+from pyrobocop_pyomo.ipopt.backends import NO_IPOPT, find_ipopt_executable, ipopt_executable_version
 from pyrobocop_pyomo.ipopt.in_process import CONDITIONS
-from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable, ipopt_executable_version
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.ipopt.linear_solvers import SAID_OF_OWN_SOLVER, refused_options, with_linear_solver
 from pyrobocop_pyomo.ipopt.suffixes import scaling_factors
 from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.programs.asl_program import WRITER_OPTIONS, checked_writing
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.model_checks import refuse_function_calls
-from pyrobocop_pyomo.programs.nl_files import WRITER_OPTIONS, checked_writing
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 
 from .automatic_scaling import automatic_scaling
@@ -175,7 +174,6 @@ class ExecutableSession(Session):
         if "nlp_scaling_method" not in options:
             self._take_sizes()
             options = {**_SCALED, **options} if self.scaling is not None else options
-        facts = {"delta": delta, "mu": options.get("mu_target"), "options": options}
         started = time.perf_counter()
         resolved, own = with_linear_solver(options)
         for stream in self._output if own else ():
@@ -185,12 +183,14 @@ class ExecutableSession(Session):
         iterate = Iterate.of_run(
             label,
             status,
+            delta=delta,
+            mu=options.get("mu_target"),
+            options=options,
             iterations=iterations,
             seconds=time.perf_counter() - started,
             multipliers=multipliers,
             load_suffixes=self._suffix_loader(),
             row_multipliers=functools.partial(_row_multipliers, multipliers),
-            **facts,
         )
         # With pairs that is a matter of the polish: the program of the file is another one for each delta.
         if self._compiled is None or self._relaxed.pairs:

@@ -8,31 +8,29 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from pyrobocop_pyomo.complementarity import BarrierSchedule
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus, IterationRecord
-from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt, run_scaled
+from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
 from pyrobocop_pyomo.ipopt.linear_solvers import FELL_BACK
 from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader, scaling_factors, starting_point
 from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.elastic_rows import ElasticRows
-from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, PrimalDualPoint, ShiftedRows, missing_rank
-from pyrobocop_pyomo.programs.scales import Scales
+from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, PrimalDualPoint, Scales, missing_rank
+from pyrobocop_pyomo.programs.wrapped_programs import ElasticRows, ScaledProgram, ShiftedRows
 
 from .automatic_scaling import automatic_scaling
-from .ipopt_options import IPOPT_MU_INIT, SCALED, IpoptOptions
+from .ipopt_options import IPOPT_TOLERANCE, SCALED, IpoptOptions
 from .iterates import Iterate
 from .progress import Progress
 from .relaxed_model import RelaxedModel
 from .session import DeltaFollowsBarrier, OnIteration, Session
 from .settings import Settings
 
-# So many iterations in a row stand; a step below this size, and a change of the objective, are none.
-STANDING_ITERATIONS, SMALLEST_STEP, SAME_OBJECTIVE, FEASIBLE = 50, 1e-9, 1e-12, 1e-8
+# So many iterations in a row stand; below this relative change of the objective, there is none.
+STANDING_ITERATIONS, SAME_OBJECTIVE = 50, 1e-12
 
 
 class InProcessSession(Session):
@@ -53,7 +51,7 @@ class InProcessSession(Session):
         super().__init__(relaxed, compiled, settings)
         self._derivatives = derivatives
         self._on_iteration = None if settings.output else _live_line(settings.progress, relaxed.model.name)
-        self._seen_as: ElasticRows | None = None
+        self._price: float | None = None  # of violated rows, where these are elastic
         self._nlp = self._shifted(self._compiled.nlp)
         self.solver = str(load_ipopt_library())
         self.derivatives = self._compiled.nlp.derivatives
@@ -62,25 +60,19 @@ class InProcessSession(Session):
     def _shifted(self, nlp: NonlinearProgram) -> NonlinearProgram:
         if not self._relaxed.shifted_rows:
             return nlp
-        row_of = self._compiled.row_of
-        # A row without free variables is not in the program.
-        positions: Any = np.array([row_of[row] for row in self._relaxed.shifted_rows if row in row_of], dtype=np.intp)
-        return ShiftedRows(nlp, positions, base=self._relaxed.delta.value)
+        rows = self._compiled.numbers_of(self._relaxed.shifted_rows)
+        return ShiftedRows(nlp, rows, base=self._relaxed.delta.value)
 
     def with_elastic_rows(self, price: float) -> InProcessSession:
         """See `Session.with_elastic_rows`."""
         self._take_sizes()
-        elastic, scales = copy.copy(self), self._scales
-        size = self._slope() if scales is None else scales.objective
-        prices = None if scales is None else 1.0 / scales.g
-        rows = elastic._seen_as = elastic._nlp = ElasticRows(self._nlp, price * size, prices)
-        if scales is not None:
-            elastic._scales = replace(scales, x=rows.completed(scales.x, scales.g), objective=1.0)
+        elastic = copy.copy(self)
+        elastic._price = price if self._scales is not None else price * self._slope()
         return elastic
 
     def _take_sizes(self) -> None:
         """Let the sizes be those of the point on the model: what a run is divided by belongs to where it starts."""
-        if self._is_scaled and self._seen_as is None:
+        if self._is_scaled and self._price is None:
             self.scaling = automatic_scaling(self._compiled, like=self.scaling)
             self._scales = self.scaling.scales
 
@@ -113,47 +105,58 @@ class InProcessSession(Session):
         nlp = self._nlp
         assert isinstance(nlp, ShiftedRows)
         resolved = options.resolve()
-        first = float(resolved.get("mu_init", IPOPT_MU_INIT))
-        follow_mu = DeltaFollowsBarrier(nlp, schedule, first, self._on_iteration)
+        follow_mu = DeltaFollowsBarrier(nlp, schedule, resolved, self._on_iteration)
         outcome = self._solve(resolved, deadline, None, follow_mu)
         yield replace(self._iterate("delta follows mu", follow_mu.delta, resolved, outcome), path=follow_mu.path)
 
     def _solve(
-        self, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None, on_iteration: OnIteration | None
+        self, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None, on_iteration: OnIteration
     ) -> IpoptOutcome:
-        point = starting_point(self._compiled)
-        seen_as = self._seen_as
-        if seen_as is not None:
-            point = PrimalDualPoint(seen_as.restrict(point.x))
+        nlp, point, scales, head = self._nlp, starting_point(self._compiled), None, ""
         if start is not None:
             point = replace(start.multipliers, x=point.x)
         options = {**self._of_objective, **options}
-        how: dict[str, Any] = {"deadline": deadline, "on_iteration": on_iteration, "output": self._output}
         if "nlp_scaling_method" not in options:
             self._take_sizes()
-        if self._scales is not None and "nlp_scaling_method" not in options:
-            outcome = run_scaled(self._nlp, self._scales, {**SCALED, **options}, point, **how)
-        else:
-            by_user = options.get("nlp_scaling_method") == "user-scaling" and seen_as is None
-            factors = scaling_factors(self._compiled) if by_user else None
-            outcome = run_ipopt(self._nlp, options, point, scaling=factors, **how)
-        self._compiled.load_point(outcome.x if seen_as is None else seen_as.at(outcome.x))
-        return outcome
+            scales = self._scales
+        if scales is not None:
+            nlp, point, options = ScaledProgram(nlp, scales), scales.scaled(point), {**SCALED, **options}
+            head = (
+                f"The log below is about the scaled program: the objective divided by {scales.objective:.3g}, "
+                "variables and rows by their typical sizes.\n"
+            )
+        elastic = None if self._price is None else ElasticRows(nlp, self._price)
+        if elastic is not None:
+            point = PrimalDualPoint(elastic.restrict(point.x))
+        by_user = options.get("nlp_scaling_method") == "user-scaling" and elastic is None
+        factors = scaling_factors(self._compiled) if by_user else None
+        unit = 1.0 if scales is None or elastic is not None else scales.objective
+
+        def stated(record: IterationRecord) -> IterationRecord:
+            return record._replace(objective=record.objective * unit)
+
+        outcome = run_ipopt(
+            elastic or nlp,
+            options,
+            point,
+            deadline=deadline,
+            scaling=factors,
+            on_iteration=lambda record: on_iteration(stated(record)),
+            output=self._output,
+            head=head,
+        )
+        end, undefined_at = outcome.point, outcome.undefined_at
+        if elastic is not None:
+            end = elastic.inner(end)
+        if scales is not None:
+            end = scales.unscaled(end, self._nlp)
+        if undefined_at is not None:
+            undefined_at = undefined_at[: nlp.n] * (1.0 if scales is None else scales.x)
+        self._compiled.load_point(end.x)
+        records = [stated(record) for record in outcome.records]
+        return replace(outcome, undefined_at=undefined_at, records=records, **vars(end))
 
     def _iterate(self, label: str, delta: float | None, options: Mapping[str, Any], outcome: IpoptOutcome) -> Iterate:
-        nlp, point, undefined_at = self._nlp, outcome.point, outcome.undefined_at
-        if self._seen_as is not None:
-            undefined_at = None if undefined_at is None else self._seen_as.at(undefined_at)
-            nlp = self._seen_as.nlp
-            rows, lower, upper = self._seen_as.multipliers(point)
-            outcome = replace(
-                outcome,
-                x=self._seen_as.at(outcome.x),
-                g_multipliers=rows,
-                lower_multipliers=lower,
-                upper_multipliers=upper,
-            )
-            point = outcome.point
         loader = InProcessSolutionLoader(self._compiled, outcome)
         return Iterate.of_run(
             label,
@@ -163,9 +166,9 @@ class InProcessSession(Session):
             iterations=outcome.iterations,
             seconds=outcome.seconds,
             options=_recorded(options, outcome),
-            stationarity=self._stationarity(nlp, point),
-            multipliers=point,
-            undefined_at=undefined_at,
+            stationarity=self._stationarity(self._nlp, outcome.point),
+            multipliers=outcome.point,
+            undefined_at=outcome.undefined_at,
             load_suffixes=loader.load_import_suffixes,
             row_multipliers=loader.row_multipliers,
         )
@@ -233,7 +236,7 @@ class Standstill:
         if self._on_iteration is not None and self._on_iteration(record) is False:
             return False
         before, self._before = self._before, record
-        stands = before is not None and record.primal_infeasibility <= FEASIBLE and _stands(before, record)
+        stands = before is not None and record.primal_infeasibility <= IPOPT_TOLERANCE and _stands(before, record)
         self._count = self._count + 1 if stands else 0
         self.reached = self._count >= STANDING_ITERATIONS
         return not self.reached
@@ -241,9 +244,9 @@ class Standstill:
 
 def _stands(before: IterationRecord, now: IterationRecord) -> bool:
     if now.restoration:
-        return before.restoration and before.primal_infeasibility <= FEASIBLE
+        return before.restoration and before.primal_infeasibility <= IPOPT_TOLERANCE
     return (
         now.mu == before.mu
-        and now.step_norm <= SMALLEST_STEP
+        and now.step_norm <= NEGLIGIBLE
         and abs(now.objective - before.objective) <= SAME_OBJECTIVE * max(1.0, abs(now.objective))
     )

@@ -12,11 +12,9 @@ from pyomo.core.expr.numvalue import value
 from pyrobocop_pyomo.complementarity import LiftedPair, SideVariable
 from pyrobocop_pyomo.mpcc.problem import ComplementarityProgram, Sides
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers
-from pyrobocop_pyomo.mpcc.wrapped_programs import WithBounds, WithoutRows
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram
-from pyrobocop_pyomo.programs.scaled_program import ScaledProgram
-from pyrobocop_pyomo.programs.scales import Scales
+from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, Scales
+from pyrobocop_pyomo.programs.wrapped_programs import ScaledProgram, WithoutRows, WrappedProgram
 
 
 def numeric_pairs(
@@ -48,7 +46,7 @@ def numeric_pairs(
     int array
         Numbers of its rows in the compiled model.
     """
-    rows = _rows(compiled, left_out)
+    rows = compiled.numbers_of(left_out)
     nlp: NonlinearProgram = WithoutRows(compiled.nlp, rows) if rows.size else compiled.nlp
     if objective != 1.0:
         nlp = ScaledProgram(nlp, Scales(np.ones(nlp.n), np.ones(nlp.m), objective))
@@ -62,7 +60,7 @@ def numeric_pairs(
         np.maximum.at(lower, sides.index[rising], sides.offset[rising])
         np.minimum.at(upper, sides.index[falling], sides.offset[falling])
     kept = np.setdiff1d(np.arange(compiled.nlp.m), rows)
-    return ComplementarityProgram(WithBounds(nlp, lower, upper), a, b), kept
+    return ComplementarityProgram(WrappedProgram(nlp, lower, upper), a, b), kept
 
 
 def without_crossed(multipliers: Multipliers, crossed: Sequence[tuple[int, int]]) -> Multipliers:
@@ -74,12 +72,6 @@ def without_crossed(multipliers: Multipliers, crossed: Sequence[tuple[int, int]]
     np.add.at(nu, [first for first, _ in crossed], multipliers.nu[count:])
     np.add.at(xi, [second for _, second in crossed], multipliers.xi[count:])
     return replace(multipliers, nu=nu, xi=xi)
-
-
-def _rows(compiled: CompiledModel, rows: Iterable[Any]) -> np.ndarray:
-    """Numbers of the rows that are in the program; one without free variables is not."""
-    found = [compiled.row_of[row] for row in rows if row in compiled.row_of]
-    return np.array(sorted(found), dtype=np.intp)
 
 
 def _sides(sides: Sequence[SideVariable], positions: dict[int, int]) -> Sides:

@@ -8,22 +8,20 @@ from typing import Any
 
 import numpy as np
 from pyomo.core.base.block import BlockData
-from pyomo.core.base.constraint import ConstraintData
-from pyomo.core.base.var import VarData
 
 from pyrobocop_pyomo.complementarity import BarrierSchedule, delta_of, shifted_rows_of
 from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.ipopt.c_output import standard_output
-from pyrobocop_pyomo.ipopt.ipopt_callbacks import KeptProblem
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
-from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
+from pyrobocop_pyomo.ipopt.ipopt_run import KeptProblem, run_ipopt
 from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint, ShiftedRows
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
 from pyrobocop_pyomo.programs.quadratic_cost import AddedQuadraticCost, QuadraticCost
+from pyrobocop_pyomo.programs.wrapped_programs import ShiftedRows
 
-from .ipopt_options import IPOPT_MU_INIT, IpoptOptions, warm_start
+from .ipopt_options import warm_start
 from .session import DeltaFollowsBarrier, OnIteration
 
 
@@ -55,6 +53,10 @@ class PersistentNLP:
     Attributes
     ----------
     model : Block
+    compiled : CompiledModel
+        The model as numbers, with its variables, constraints and objective in the order of the program.
+    program : NonlinearProgram
+        What Ipopt is given.
     outcome : IpoptOutcome or None
         The last one, with multipliers in Ipopt's signs.
     preparations : int
@@ -103,14 +105,14 @@ class PersistentNLP:
 
     def prepare(self) -> None:
         """Walk over the model again, whatever has changed on it; the next solve starts without multipliers."""
-        self._compiled = CompiledModel(self.model, "vectorised")
+        self.compiled = CompiledModel(self.model, "vectorised")
         self._forget()
 
     def update(self) -> None:
         """Read the numbers on the model again, as each solve does; a model of another structure is prepared anew."""
-        before = self._compiled.nlp
-        self._compiled.update()
-        if self._compiled.nlp is not before:
+        before = self.compiled.nlp
+        self.compiled.update()
+        if self.compiled.nlp is not before:
             self._forget()
         if self._added is not None:
             self._added.read_fixed()
@@ -120,20 +122,19 @@ class PersistentNLP:
         self.outcome: IpoptOutcome | None = None
         self._goes_on_from: PrimalDualPoint | None = None
         self.preparations += 1
-        self._nlp: NonlinearProgram = self._compiled.nlp
+        self.program: NonlinearProgram = self.compiled.nlp
         self._added: AddedQuadraticCost | None = None
         if self._quadratic is not None:
-            self._nlp = self._added = AddedQuadraticCost(self._nlp, self._compiled.variables, self._quadratic)
+            self.program = self._added = AddedQuadraticCost(self.program, self.compiled.variables, self._quadratic)
         self._shifted: ShiftedRows | None = None
         if self._barrier is not None:
-            row_of = self._compiled.row_of
-            rows = [row_of[row] for row in shifted_rows_of(self.model) if row in row_of]
-            if not rows:
+            rows = self.compiled.numbers_of(shifted_rows_of(self.model))
+            if not rows.size:
                 raise ComplementarityError(
                     f"'{self.model.name}': delta cannot follow the barrier parameter: no row of the model is shifted "
                     "by delta. Apply pyrobocop.relax_complementarity with a relaxation such as 'scholtes' first."
                 )
-            self._nlp = self._shifted = ShiftedRows(self._nlp, rows, base=delta_of(self.model).value)
+            self.program = self._shifted = ShiftedRows(self.program, rows, base=delta_of(self.model).value)
 
     @property
     def state(self) -> PrimalDualPoint | None:
@@ -146,7 +147,7 @@ class PersistentNLP:
         if point is None:
             return None
         return PrimalDualPoint(
-            self._warm_values(point, self._compiled.current_point()), *map(np.copy, point.complete(self._nlp))
+            self._warm_values(point, self.compiled.current_point()), *map(np.copy, point.complete(self.program))
         )
 
     def _warm_values(self, good: PrimalDualPoint, here: FloatArray) -> FloatArray:
@@ -156,48 +157,19 @@ class PersistentNLP:
         return np.copy(good.x) if failed and last is not None and np.array_equal(here, last.x) else here
 
     @property
-    def program(self) -> NonlinearProgram:
-        """What Ipopt is given."""
-        return self._nlp
-
-    @property
-    def compiled(self) -> CompiledModel:
-        """The model as numbers."""
-        return self._compiled
-
-    @property
-    def variables(self) -> list[VarData]:
-        """Free variables, in the order of the program."""
-        return self._compiled.variables
-
-    @property
-    def rows(self) -> list[ConstraintData]:
-        """Constraints, in the order of the program's rows."""
-        return self._compiled.constraints
-
-    @property
-    def objective(self) -> Any:
-        """The active objective of the model, or None."""
-        return self._compiled.objective
-
-    @property
     def goes_on_from_last_point(self) -> bool:
         """Whether the last solve ended with a point that the next one can go on from."""
         last = self.outcome
         return last is not None and self._goes_on_from is not None and last.x is self._goes_on_from.x
 
-    def point(self) -> FloatArray:
-        """Values of the free variables, in the order of the program."""
-        return self._compiled.current_point()
-
-    def restore(self, state: PrimalDualPoint | None, *, cold: bool = False) -> None:
+    def restore(self, state: PrimalDualPoint) -> None:
         """Go on from a state that `state` gave out: its point is put on the model, its multipliers start the next
         solve.
 
         Parameters
         ----------
-        state : PrimalDualPoint or None
-            None for a cold start from the values that stand on the model.
+        state : PrimalDualPoint
+            Without multipliers for a cold start from its point.
 
         Raises
         ------
@@ -206,22 +178,19 @@ class PersistentNLP:
         """
         self.outcome = None
         self._goes_on_from = None
-        if state is None:
-            return
-        rows = np.shape(state.complete(self._nlp)[0])
-        if np.shape(state.x) != (self._nlp.n,) or rows != (self._nlp.m,):
+        rows = np.shape(state.complete(self.program)[0])
+        if np.shape(state.x) != (self.program.n,) or rows != (self.program.m,):
             raise ValueError(
                 f"'{self.model.name}': the state has {np.size(state.x)} variables and {rows[0]} rows; the model has "
-                f"{self._nlp.n} and {self._nlp.m}. Restore states of models that were built in the same way."
+                f"{self.program.n} and {self.program.m}. Restore states of models that were built in the same way."
             )
-        self._compiled.load_point(state.x)
-        if cold:
-            return
-        self._goes_on_from = PrimalDualPoint(np.copy(state.x), *map(np.copy, state.complete(self._nlp)))
+        self.compiled.load_point(state.x)
+        if state.g_multipliers is not None:
+            self._goes_on_from = PrimalDualPoint(np.copy(state.x), *map(np.copy, state.complete(self.program)))
 
     def options_of_run(self, purpose: Mapping[str, Any], options: Mapping[str, Any] | None = None) -> dict[str, Any]:
         """Ipopt's options of a run for a purpose, such as a warm start, with further ones of the user's."""
-        return IpoptOptions(user={**self._options, **(options or {})}, default={}).resolve(purpose)
+        return {**purpose, **self._options, **(options or {})}
 
     def solve(
         self,
@@ -256,7 +225,7 @@ class PersistentNLP:
         on_iteration : callable, optional
             Called with the record of each iteration; stops Ipopt by returning False.
         moved : callable, optional
-            From the values that stand on the model, in the order of `variables`, to those to start from.
+            From the values that stand on the model, in the order of the program, to those to start from.
 
         Returns
         -------
@@ -271,7 +240,7 @@ class PersistentNLP:
             When a row without free variables contradicts itself.
         """
         self.update()  # also before the first solve: numbers may have changed since the model was prepared
-        here = self._compiled.nlp.x_start  # what stands on the model: the update has just read it
+        here = self.compiled.nlp.x_start  # what stands on the model: the update has just read it
         start = PrimalDualPoint(here if moved is None else moved(here))
         purpose: dict[str, Any] = {}
         if warm and self._goes_on_from is not None:
@@ -285,10 +254,9 @@ class PersistentNLP:
             purpose = {**purpose, **barrier_problem}
         resolved = self.options_of_run(purpose, options)
         if self._shifted is not None and self._barrier is not None:
-            first = float(resolved.get("mu_init", IPOPT_MU_INIT))
-            on_iteration = DeltaFollowsBarrier(self._shifted, self._barrier, first, on_iteration)
+            on_iteration = DeltaFollowsBarrier(self._shifted, self._barrier, resolved, on_iteration)
         self.outcome = run_ipopt(
-            self._nlp,
+            self.program,
             resolved,
             start,
             deadline=Deadline.after(time_limit),
@@ -298,7 +266,7 @@ class PersistentNLP:
         )
         stopped = self._go_on_after_limit and self.outcome.status is IpoptStatus.ITERATION_LIMIT
         usable = self.outcome.status.solved or stopped
-        if usable and all(np.isfinite(values).all() for values in self.outcome.point.complete(self._nlp)):
+        if usable and all(np.isfinite(values).all() for values in self.outcome.point.complete(self.program)):
             self._goes_on_from = self.outcome.point
-        InProcessSolutionLoader(self._compiled, self.outcome).load_solution()
+        InProcessSolutionLoader(self.compiled, self.outcome).load_solution()
         return self.outcome

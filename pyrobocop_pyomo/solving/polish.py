@@ -19,9 +19,8 @@ from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, BranchPoint, Certificate, ExploredBranches, Limits
-from pyrobocop_pyomo.mpcc.branch import nearest_branch, restricted
-from pyrobocop_pyomo.mpcc.linearisation import Linearisation
 from pyrobocop_pyomo.mpcc.multipliers import STATIONARY, MultiplierProblem, classify, strong_multipliers
+from pyrobocop_pyomo.mpcc.problem import Linearisation, nearest_branch, restricted
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel

@@ -57,7 +57,7 @@ logger = logging.getLogger(__name__)
 
 # Exploring ends after so many other ways and starts in a row that led to nothing better: by default, and on request.
 PATIENCE, REQUESTED_PATIENCE = 3, 8
-MIXED_INTEGER_ROUTE = (
+MIXED_INTEGER_PROGRAM = (
     "A local optimum: no choice of zero sides nearby is better. All rows are linear but for the pairs, so that a "
     "mixed-integer solver finds the best of all choices: "
     "TransformationFactory('pyrobocop.complementarity_to_disjunctions') states the model for it."
@@ -322,7 +322,7 @@ class _Procedure(Runner):
             said.append(f"What grows: {growing}.")
         said += remarks_on_phases_with_pairs(self.model) if quality is Quality.INFEASIBLE else []
         if self.has_linear_rows and quality is Quality.OPTIMAL:
-            said.append(MIXED_INTEGER_ROUTE)
+            said.append(MIXED_INTEGER_PROGRAM)
         # A run that reached its limit of iterations is a sign of them, even where another one found a solution.
         stalled = any(step.stop_reason is StopReason.ITERATION_LIMIT for step in self.log.steps)
         if (stalled or quality is not Quality.OPTIMAL) and not best.stop_reason.is_final:

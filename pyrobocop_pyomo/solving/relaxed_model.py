@@ -107,13 +107,8 @@ def _is_fixed(side: SideVariable) -> bool:
 def _range(side: SideVariable, expression: Any, part: SidePart, intervals: ExpressionBounds) -> tuple[float, float]:
     """Interval that a side lies in, by its variable and, where it was lifted, by its expression."""
     variable, offset = side.variable, value(side.offset)
-    if variable.fixed:
-        ends = [side.sign * (variable.value - offset)] * 2
-    else:
-        lower = -float("inf") if variable.lb is None else variable.lb
-        upper = float("inf") if variable.ub is None else variable.ub
-        ends = [side.sign * (lower - offset), side.sign * (upper - offset)]
-    least, most = min(ends), max(ends)
+    bounds = [variable.value] * 2 if variable.fixed else intervals.walk_expression(variable)
+    least, most = sorted(side.sign * (bound - offset) for bound in bounds)
     if expression is not variable:
         below, above = intervals.walk_expression(expression)
         if part is SidePart.NEGATIVE:

@@ -19,9 +19,8 @@ from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.modeling.variable_values import Values, VariableValues
 from pyrobocop_pyomo.mpcc.active_set import Certificate
-from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
-from pyrobocop_pyomo.programs.scaled_program import ScaledProgram
-from pyrobocop_pyomo.programs.scales import Scales
+from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint, Scales
+from pyrobocop_pyomo.programs.wrapped_programs import ScaledProgram
 
 from .curvature import direction_of_descent
 from .found_points import SAME_OBJECTIVE, FoundPoints

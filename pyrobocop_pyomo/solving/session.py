@@ -12,11 +12,12 @@ from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IterationRecord
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, PrimalDualPoint, ShiftedRows
+from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, PrimalDualPoint
 from pyrobocop_pyomo.programs.stationarity import stationarity
+from pyrobocop_pyomo.programs.wrapped_programs import ShiftedRows
 
 from .automatic_scaling import AutomaticScaling, objective_slope, variable_sizes
-from .ipopt_options import IpoptOptions
+from .ipopt_options import IPOPT_MU_INIT, IpoptOptions
 from .iterates import Iterate
 from .relaxed_model import RelaxedModel
 from .settings import Settings
@@ -117,9 +118,9 @@ class DeltaFollowsBarrier:
     ----------
     nlp : ShiftedRows
     schedule : BarrierSchedule
-    mu : float
-        First barrier parameter.
-    on_iteration : callable, optional
+    options : mapping
+        Ipopt's options of the run, the first barrier parameter among them.
+    on_iteration : callable or None
         Called as well.
 
     Attributes
@@ -129,11 +130,11 @@ class DeltaFollowsBarrier:
     """
 
     def __init__(
-        self, nlp: ShiftedRows, schedule: BarrierSchedule, mu: float, on_iteration: OnIteration | None = None
+        self, nlp: ShiftedRows, schedule: BarrierSchedule, options: Mapping[str, Any], on_iteration: OnIteration | None
     ) -> None:
         self._nlp, self._schedule, self._on_iteration = nlp, schedule, on_iteration
         self.path: list[tuple[float, float]] = []
-        self.delta = nlp.delta = schedule.delta_for(mu)
+        self.delta = nlp.delta = schedule.delta_for(float(options.get("mu_init", IPOPT_MU_INIT)))
 
     def __call__(self, record: IterationRecord) -> bool | None:
         """Move the rows, and pass the record on."""

@@ -298,8 +298,8 @@ class RecedingHorizon:
             yield PrimalDualPoint(found, np.zeros(compiled.nlp.m), zeros, zeros)
 
     def _place_in_program(self) -> PlaceInProgram:
-        if self._place is None or self._place.variables is not self.program.variables:
-            self._place = PlaceInProgram(self._values, self.program.variables)
+        if self._place is None or self._place.variables is not self.program.compiled.variables:
+            self._place = PlaceInProgram(self._values, self.program.compiled.variables)
         return self._place
 
     def _check(self, state: Mapping[str, float], advance: float) -> None:

@@ -29,11 +29,11 @@ from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.mpcc.lpec import ZERO_SIDE
 from pyrobocop_pyomo.mpcc.sensitivity import derivatives
-from pyrobocop_pyomo.mpcc.wrapped_programs import WithBounds
 from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
+from pyrobocop_pyomo.programs.wrapped_programs import WrappedProgram
 from pyrobocop_pyomo.solving.iterate_log import ModelCheck
 from pyrobocop_pyomo.solving.iterates import Quality
 from pyrobocop_pyomo.solving.solve_result import SolveResult
@@ -242,7 +242,7 @@ def _check(model: Any, result: SolveResult) -> None:
         )
 
 
-def _with_moving_bounds(compiled: CompiledModel, parametric: ParametricModel) -> WithBounds:
+def _with_moving_bounds(compiled: CompiledModel, parametric: ParametricModel) -> WrappedProgram:
     """The program without the bounds that are rows; bounds of domains stay."""
     lower, upper = compiled.nlp.x_lower.copy(), compiled.nlp.x_upper.copy()
     place = {id(variable): i for i, variable in enumerate(compiled.variables)}
@@ -252,7 +252,7 @@ def _with_moving_bounds(compiled: CompiledModel, parametric: ParametricModel) ->
             lower[place[id(variable)]] = -np.inf if ends[0] is None else ends[0]
         else:
             upper[place[id(variable)]] = np.inf if ends[1] is None else ends[1]
-    return WithBounds(compiled.nlp, lower, upper)
+    return WrappedProgram(compiled.nlp, lower, upper)
 
 
 def _name(compiled: CompiledModel, parametric: ParametricModel, number: int) -> str:

@@ -118,15 +118,15 @@ def test_values_and_multipliers_move_by_one_element() -> None:
     m, nlp = problem.model, problem.nlp
     for variable in m.component_data_objects(pyo.Var):
         variable.set_value(variable.index() + 10.0)
-    shift = TimeShift(m, nlp.variables, nlp.rows)
+    shift = TimeShift(m, nlp.compiled.variables, nlp.compiled.constraints)
     last = GRID["duration"]
     states = {"q", "u"}
-    for variable, value in zip(nlp.variables, shift.values(), strict=True):
+    for variable, value in zip(nlp.compiled.variables, shift.values(), strict=True):
         assert value == pytest.approx(min(variable.index() + H, last) + 10.0), variable.name
         assert variable.parent_component().local_name in states | {"f"}
-    for row, source in zip(nlp.rows, shift.rows_from, strict=True):
-        assert nlp.rows[source].parent_component() is row.parent_component()
-        assert nlp.rows[source].index() == pytest.approx(min(row.index() + H, last))
+    for row, source in zip(nlp.compiled.constraints, shift.rows_from, strict=True):
+        assert nlp.compiled.constraints[source].parent_component() is row.parent_component()
+        assert nlp.compiled.constraints[source].index() == pytest.approx(min(row.index() + H, last))
 
 
 def test_models_that_cannot_be_moved_ahead() -> None:

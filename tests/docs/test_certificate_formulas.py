@@ -13,11 +13,16 @@ from scipy.optimize import linprog
 
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
 from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, BranchPoint, Certificate
-from pyrobocop_pyomo.mpcc.branch import Branch, branch_with, restricted
-from pyrobocop_pyomo.mpcc.linearisation import Linearisation
 from pyrobocop_pyomo.mpcc.lpec import steepest_branch
 from pyrobocop_pyomo.mpcc.multipliers import MultiplierProblem, classify
-from pyrobocop_pyomo.mpcc.problem import ComplementarityProgram, violation
+from pyrobocop_pyomo.mpcc.problem import (
+    Branch,
+    ComplementarityProgram,
+    Linearisation,
+    branch_with,
+    restricted,
+    violation,
+)
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 
@@ -196,9 +201,7 @@ def test_the_linear_program_is_that_of_the_page(c, A, x, first):
 
 def outcome_at(nlp, x):
     rows, bounds = np.zeros(nlp.m), np.zeros(nlp.n)
-    return IpoptOutcome(
-        IpoptStatus.SOLVED, x, nlp.objective(x), nlp.constraints(x), rows, bounds, bounds, 1, [], 0.0, 0.0, 0.0
-    )
+    return IpoptOutcome(IpoptStatus.SOLVED, x, nlp.objective(x), nlp.constraints(x), rows, bounds, bounds, 1, [], 0.0)
 
 
 @pytest.mark.parametrize(("slope", "certificate"), [(-1e-6, Certificate.PROVEN), (-1e-3, Certificate.DESCENT)])

@@ -16,12 +16,12 @@ from pyomo.contrib.pynumero.asl import AmplInterface
 import build_asl
 import pyrobocop_pyomo.__main__ as command_line
 from pyrobocop_pyomo.errors import SolverNotFoundError
-from pyrobocop_pyomo.ipopt import backends, doctor, in_process, ipopt_executable, ipopt_library
+from pyrobocop_pyomo.ipopt import backends, doctor, in_process, ipopt_library
 from pyrobocop_pyomo.ipopt.backends import Backend
 from pyrobocop_pyomo.linear_solver import find_linear_solver
 from pyrobocop_pyomo.programs import asl_program, compiled_model
 
-REAL_EXECUTABLE = ipopt_executable.find_ipopt_executable()
+REAL_EXECUTABLE = backends.find_ipopt_executable()
 ENVIRONMENT = ("PYROBOCOP_IPOPT_LIBRARY", "PYROBOCOP_IPOPT_EXECUTABLE")
 
 
@@ -63,7 +63,7 @@ def machine(monkeypatch, tmp_path):
     monkeypatch.setattr(sys, "prefix", str(machine.prefix))
     monkeypatch.setenv("HOME", str(machine.home))
     monkeypatch.setattr(AmplInterface, "libname", None)
-    monkeypatch.setattr(ipopt_executable, "Executable", machine.executable)
+    monkeypatch.setattr(backends, "Executable", machine.executable)
     monkeypatch.setattr(doctor, "Executable", machine.executable)
     return machine
 
@@ -88,7 +88,7 @@ def test_libraries_are_looked_for_in_order(machine, monkeypatch, tmp_path):
 
 
 def test_executables_are_looked_for_in_order(machine, monkeypatch, tmp_path):
-    find = ipopt_executable.find_ipopt_executable
+    find = backends.find_ipopt_executable
     assert find() is None
     of_idaes = machine.add(machine.home / ".idaes" / "bin" / "ipopt")
     assert find() == of_idaes
@@ -105,7 +105,7 @@ def test_executables_are_looked_for_in_order(machine, monkeypatch, tmp_path):
 
 
 def test_pyomo_keeps_the_executable_that_it_has(machine, monkeypatch, tmp_path):
-    configure = ipopt_executable.configure_ipopt_executable
+    configure = backends.configure_ipopt_executable
     assert configure() is None
     in_prefix = machine.add(machine.prefix / "bin" / "ipopt")
     assert configure() == machine.found_by_pyomo == in_prefix
@@ -120,7 +120,7 @@ def test_pyomo_keeps_the_executable_that_it_has(machine, monkeypatch, tmp_path):
 
 
 def test_versions_are_asked_for_with_care(machine, tmp_path):
-    version = ipopt_executable.ipopt_executable_version
+    version = backends.ipopt_executable_version
     assert version(machine.add(tmp_path / "ipopt")) == "Ipopt 3.99.1 (a fake)"
     assert version(str(tmp_path / "nothing")) is None
     other = tmp_path / "other"
@@ -282,6 +282,6 @@ def test_both_are_built_from_packages(tmp_path):
     if not (build_asl.ASL_HEADERS / "asl.h").is_file() or not build_asl.shutil.which("g++"):
         pytest.skip("needs libamplsolver-dev and g++")
     executable, library = build_asl.build_asl(tmp_path)
-    assert ipopt_executable.ipopt_executable_version(str(executable)).startswith("Ipopt 3.")
+    assert backends.ipopt_executable_version(str(executable)).startswith("Ipopt 3.")
     assert library.is_file()
     assert os.access(executable, os.X_OK)

@@ -16,9 +16,8 @@ from pyomo.contrib.solver.common.results import SolutionStatus, TerminationCondi
 from pyomo.contrib.solver.common.util import NoOptimalSolutionError, NoSolutionError
 from pyomo.opt import SolverStatus
 
-from pyrobocop_pyomo.ipopt.ipopt_callbacks import KeptProblem
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
-from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
+from pyrobocop_pyomo.ipopt.ipopt_run import KeptProblem, run_ipopt
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 
 OPTIMUM = 17.0140172891520542
@@ -214,18 +213,14 @@ def program() -> CompiledModel:
     return CompiledModel(m, "vectorised")
 
 
-def address(kept: KeptProblem) -> Any:
-    return kept._address
-
-
 def test_runs_share_the_object_and_end_as_without_it() -> None:
     nlp, kept = program().nlp, KeptProblem()
     alone = run_ipopt(nlp, {"max_iter": 50})
     first = run_ipopt(nlp, {"max_iter": 50}, kept=kept)
-    used = address(kept)
+    used = kept._address
     second = run_ipopt(nlp, {"max_iter": 3}, kept=kept)
     third = run_ipopt(nlp, {"max_iter": 50}, kept=kept)
-    assert used == address(kept)
+    assert used == kept._address
     assert (second.iterations, second.status.solved) == (3, False)
     for outcome in (first, third):
         np.testing.assert_array_equal(outcome.x, alone.x)
@@ -274,5 +269,5 @@ def test_what_a_callback_raises_spoils_no_later_run() -> None:
 def test_a_copy_has_none_yet(carry: Any) -> None:
     kept = KeptProblem()
     run_ipopt(program().nlp, {}, kept=kept)
-    assert address(carry(kept)) is None
-    assert address(kept) is not None
+    assert carry(kept)._address is None
+    assert kept._address is not None

@@ -15,7 +15,8 @@ from pyrobocop_pyomo.errors import EvaluationError, ModelError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus, IterationRecord
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint, ShiftedRows
+from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
+from pyrobocop_pyomo.programs.wrapped_programs import ShiftedRows
 from pyrobocop_pyomo.solving.in_process_session import STANDING_ITERATIONS, Standstill
 
 OPTIMUM = 17.0140172891520542
@@ -37,7 +38,7 @@ def test_an_outcome_is_complete(derivatives):
     assert outcome.objective == pytest.approx(OPTIMUM)
     assert [record.iteration for record in outcome.records] == list(range(outcome.iterations + 1))
     assert outcome.records[0].mu > outcome.records[-1].mu > 0
-    assert 0 < outcome.evaluation_seconds < outcome.seconds
+    assert outcome.seconds > 0
     nlp = written_71(derivatives).nlp
     assert outcome.g == pytest.approx(nlp.constraints(outcome.x), abs=1e-8)
     # The stationarity condition holds with the multipliers in the signs that the docstring states.

@@ -97,9 +97,8 @@ def test_mumps_has_a_try_where_a_run_fails(monkeypatch, status):
 
 @needs_the_solver
 @pytest.mark.casadi
-def test_what_is_predicted_is_kept_for_the_same_structure(monkeypatch):
+def test_what_is_predicted_is_kept_for_the_same_structure():
     first, second, other = (CompiledModel(swing(elements), "vectorised").nlp for elements in (20, 20, 21))
-    monkeypatch.setattr(linear_solvers, "_predicted", {})
     assert predicted_factor(first) is predicted_factor(second)
     assert predicted_factor(other) != predicted_factor(first)
 
@@ -126,7 +125,7 @@ def test_the_size_of_the_factor_decides(monkeypatch):
     for own in ({"linear_solver": "mumps"}, {"hsllib": "libhsl.so"}, {"linear_solver": "ma57", "hsllib": "libhsl.so"}):
         assert with_linear_solver(own, thin) == (own, False)
     # A dense front of ten thousand rows has more entries than can be counted.
-    monkeypatch.setattr(linear_solvers, "_predicted", {})
+    linear_solvers._size_of_factor.cache_clear()
     monkeypatch.setattr(SymmetricFactorisation, "size_of_factor", lambda *arguments: None)
     assert not suits(nlp)
 

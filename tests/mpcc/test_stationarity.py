@@ -15,12 +15,18 @@ from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE
 from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, BranchPoint, Certificate
-from pyrobocop_pyomo.mpcc.branch import Branch, branch_with, nearest_branch, restricted
 from pyrobocop_pyomo.mpcc.linear_programs import LinearProgram, LinearStatus
-from pyrobocop_pyomo.mpcc.linearisation import Linearisation
 from pyrobocop_pyomo.mpcc.lpec import steepest_branch
 from pyrobocop_pyomo.mpcc.multipliers import MultiplierProblem, classify, strong_multipliers
-from pyrobocop_pyomo.mpcc.problem import ComplementarityProgram, Sides
+from pyrobocop_pyomo.mpcc.problem import (
+    Branch,
+    ComplementarityProgram,
+    Linearisation,
+    Sides,
+    branch_with,
+    nearest_branch,
+    restricted,
+)
 from pyrobocop_pyomo.mpcc.sensitivity import derivatives
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint

@@ -13,10 +13,9 @@ from hypothesis import strategies as st
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.row_violations import bound_violation, number_or_nan
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.expression_codes import decoded
 from pyrobocop_pyomo.programs.model_terms import Terms, collect_terms
 from pyrobocop_pyomo.programs.row_values import MANY_TERMS, RowValues, SumValue, VariableBounds
-from pyrobocop_pyomo.programs.term_groups import Columns
+from pyrobocop_pyomo.programs.term_groups import Columns, decoded
 
 FORMS = {
     "linear": lambda m, i: 2.0 * m.x[i] - m.y[i] + 1.0,

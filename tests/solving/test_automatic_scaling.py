@@ -16,7 +16,7 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.modeling.component_groups import ComponentGroups
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
-from pyrobocop_pyomo.programs.scaled_program import ScaledProgram
+from pyrobocop_pyomo.programs.wrapped_programs import ScaledProgram
 from pyrobocop_pyomo.solving.automatic_scaling import automatic_scaling, variable_sizes
 
 SUFFIXES = ("dual", "ipopt_zL_out", "ipopt_zU_out")

@@ -21,7 +21,7 @@ from test_robust_procedure import LOOSE, RANK, Broken, without_derivative
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import SolveFailed
-from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable
+from pyrobocop_pyomo.ipopt.backends import find_ipopt_executable
 
 solve = partial(rcp.solve, progress=False)
 

@@ -180,7 +180,7 @@ def test_carts_that_stand_apart_learn_to_push(apart: float) -> None:
 
 
 @pytest.mark.parametrize("drag", [0.0, 0.1])
-def test_with_linear_rows_the_mixed_integer_route_is_named(drag: float) -> None:
+def test_with_linear_rows_the_mixed_integer_program_is_named(drag: float) -> None:
     m = carts(5)
     m.slow = pyo.Constraint(expr=m.drive[0] + drag * m.v[5, 1] ** 2 <= 20)
     result = solve(m, strategies=rcp.Strategy("elastic", exploration=0))

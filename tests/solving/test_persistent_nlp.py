@@ -185,12 +185,12 @@ def test_a_variable_that_only_the_added_cost_would_use_is_refused():
 def test_a_state_goes_on_elsewhere_also_after_a_solve_that_failed():
     here, elsewhere = PersistentNLP(cart_pole(10)), PersistentNLP(cart_pole(10))
     assert here.solve().status.solved
-    good = here.point()
+    good = here.compiled.current_point()
     at_start(here.model, 1e3, 0.0)
     assert not here.solve({"max_iter": 3000}).status.solved
-    assert abs(here.point() - good).max() > 1.0
+    assert abs(here.compiled.current_point() - good).max() > 1.0
     elsewhere.restore(here.state)
-    assert elsewhere.point().tolist() == good.tolist()
+    assert elsewhere.compiled.current_point().tolist() == good.tolist()
     at_start(here.model, 0.1, 0.0)
     at_start(elsewhere.model, 0.1, 0.0)
     one, other = here.solve(), elsewhere.solve()

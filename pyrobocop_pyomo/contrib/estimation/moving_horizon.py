@@ -23,7 +23,7 @@ from pyomo.core.expr.numvalue import value
 from pyrobocop_pyomo.errors import EstimationError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.modeling.variable_values import put_values
-from pyrobocop_pyomo.mpcc.linearisation import Linearisation
+from pyrobocop_pyomo.mpcc.problem import Linearisation
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.phases import Control, Parameter, PhaseBlockData
@@ -229,7 +229,7 @@ class MovingHorizon:
         self.add(measured, inputs)
         program, cost = self._program, self._cost
         program.update()
-        start, ahead = program.point(), self._rows_ahead()
+        start, ahead = program.compiled.current_point(), self._rows_ahead()
         stated, seen = program.compiled.nlp, program.program
         seen.g_lower = np.where(ahead, -np.inf, stated.g_lower)
         seen.g_upper = np.where(ahead, np.inf, stated.g_upper)
@@ -307,7 +307,7 @@ class MovingHorizon:
     def _columns(self) -> NDArray[np.intp]:
         """Where the variables of the cost stand in the program."""
         columns = np.empty(self._moments.size, dtype=np.intp)
-        for column, variable in enumerate(self._program.variables):
+        for column, variable in enumerate(self._program.compiled.variables):
             place = self._place.get(id(variable))
             if place is not None:
                 columns[place] = column

@@ -13,8 +13,8 @@ from pyomo.core.base.PyomoModel import ConcreteModel
 from pyrobocop_pyomo.complementarity import SidePart, active_sources, canonical_form, side_values, sides_at_zero
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
-from pyrobocop_pyomo.mpcc.linearisation import Linearisation
 from pyrobocop_pyomo.mpcc.lpec import ZERO_SIDE
+from pyrobocop_pyomo.mpcc.problem import Linearisation
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel

@@ -13,7 +13,7 @@ import numpy as np
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.ipopt.ipopt_options import readings
+from pyrobocop_pyomo.ipopt.ipopt_run import readings
 from pyrobocop_pyomo.ipopt.linear_solvers import with_linear_solver
 from pyrobocop_pyomo.linear_solver.library import LINEAR_SOLVER_NAME
 from pyrobocop_pyomo.native.shared_library import library_sources
@@ -69,8 +69,8 @@ def export_controller(horizon: RecedingHorizon, folder: str | Path, advance: flo
     if not 0 < advance <= phase.duration:
         raise ModelError(f"{what}: advance = {advance!r}; expected a time from 0 to {phase.duration:g}.")
     program.update()
-    of_phase, nlp = PhaseValues(phase), program.program
-    place, moves = PlaceInProgram(of_phase, program.variables), ShiftedPlan(phase, of_phase).moves(advance)
+    of_phase, nlp = PhaseValues(phase), program.compiled.nlp
+    place, moves = PlaceInProgram(of_phase, program.compiled.variables), ShiftedPlan(phase, of_phase).moves(advance)
     starts = {name: phase.component(name)[phase.initial_time] for name in sorted(record.names_of_states)}
     states = {name: variable for name, variable in starts.items() if variable.fixed}
     controls = record.names(Control)
@@ -90,7 +90,7 @@ def export_controller(horizon: RecedingHorizon, folder: str | Path, advance: flo
         options, own_solver = with_linear_solver(program.options_of_run(purpose), nlp)
         listed = _options({**options, "print_level": 0, "sb": "yes"}, own_solver)
         counts[f"{start.upper()}_OPTIONS"] = source.structures("Option", f"{start}_options", listed)
-    point = program.state or PrimalDualPoint(program.point())
+    point = program.state or PrimalDualPoint(program.compiled.current_point())
     for array, values in zip(
         ("plan", "row_multipliers", "lower_multipliers", "upper_multipliers"),
         (point.x, *point.complete(nlp)),
@@ -273,7 +273,6 @@ def _places(rows: SummedTerms, state_of: Mapping[Any, int], source: CSource) -> 
     return [
         f"{{{source.array(function.compiled.numbers)} + {place}, {state_of[k]}}}"
         for function in rows.functions
-        if function.compiled is not None
         for place, k in zip(function.places_of_parameters.tolist(), function.parameters.tolist(), strict=True)
         if k in state_of
     ]

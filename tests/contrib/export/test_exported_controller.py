@@ -78,7 +78,7 @@ def test_plans_are_those_of_the_controller_in_python(parametrization: str, schem
         status, controls, plan = exported(state)
         assert step.solved
         assert status == 0
-        np.testing.assert_allclose(plan, controller.program.point(), rtol=0, atol=1e-12)
+        np.testing.assert_allclose(plan, controller.program.compiled.current_point(), rtol=0, atol=1e-12)
         first = pyo.value(m.ahead.u[m.ahead.points.first()])
         assert controls == {"u": pytest.approx(first, abs=1e-12)}
         state = {name: step.plan(0.2)[name] + 0.01 * k for name in state}
@@ -93,7 +93,7 @@ def test_a_plan_that_fails_leaves_the_rest_of_the_one_before(tmp_path: Path) -> 
         step = controller.step(known, advance=0.2)
         status, _, plan = exported(known)
         assert (status in (0, 1)) == step.solved == (known["x"] < 1)
-        np.testing.assert_allclose(plan, controller.program.point(), rtol=0, atol=1e-9)
+        np.testing.assert_allclose(plan, controller.program.compiled.current_point(), rtol=0, atol=1e-9)
     assert first.solved
 
 
