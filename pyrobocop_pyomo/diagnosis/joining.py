@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Hashable, Iterable, Iterator
 from itertools import chain, islice, permutations
 from typing import Any
@@ -88,7 +89,8 @@ def _variables_of(row: Any) -> list[Any]:
 class _Joined:
     """Which phases have a row, a pair or a variable in common, directly or by what lies between.
 
-    Of a component that a rule of a phase has made, one row is read: the others hold the same at other times.
+    First all that stands outside of the phases is read, and one row of each component inside; all the rest only where
+    that leaves phases apart.
     """
 
     def __init__(self, block: Any, phases: list[Any]) -> None:
@@ -97,12 +99,13 @@ class _Joined:
         self._parent: dict[Hashable, Hashable] = {}
         self._in_others: set[int] = set()  # in inequalities and pairs beside the phases
         self._equations: list[set[int]] = []
+        inside = []
         for component in block.component_objects((Constraint, *PAIR_TYPES), active=True, descend_into=Block):
-            is_per_point = self._is_per_point(component)
-            for row in islice((row for row in component.values() if row.active), 1 if is_per_point else None):
-                variables = _variables_of(row)
-                self._unite(variables)
-                held = set() if is_per_point else set(map(id, variables))
+            if self._is_per_point(component):
+                inside.append(component)
+                continue
+            for row, variables in self._united(component.values()):
+                held = set(map(id, variables))
                 if row.ctype is Constraint and row.equality:
                     self._equations.append(held)
                 else:
@@ -110,6 +113,9 @@ class _Joined:
         for avoidance in blocks_of_kind(block, ObstacleAvoidanceBlockData):
             poses = {body: pose for (body, _), pose in avoidance.record.poses.items()}
             self._unite(chain.from_iterable(map(variables_of, poses.values())))
+        for some in (slice(1), slice(1, None)):
+            for component in inside if len({self._root(number) for number in self._phases}) > 1 else ():
+                deque(self._united(islice(component.values(), some.start, some.stop)), maxlen=0)
 
     def _is_per_point(self, component: Any) -> bool:
         """Whether a rule of a phase, or a differential equation, has made it."""
@@ -118,6 +124,14 @@ class _Joined:
             return False
         record = phase.record
         return component.local_name in record.generated_rows | {statement.name for statement in record.statements}
+
+    def _united(self, rows: Iterable[Any]) -> Iterator[tuple[Any, list[Any]]]:
+        """Active rows with what may move in them, which is put into one group."""
+        for row in rows:
+            if row.active:
+                variables = _variables_of(row)
+                self._unite(variables)
+                yield row, variables
 
     def _unite(self, variables: Iterable[Any]) -> None:
         roots = {self._root(self._key(variable)) for variable in variables if not variable.fixed}
