@@ -31,8 +31,6 @@ _ORDER_FACTOR = 15.0  # two raised to the order of the method, minus one
 _DIFFERENCE = 1e-6
 # Sweeps that bring nothing before the motion counts as one that cannot be followed.
 _SWEEPS = 12
-# States of parts that are evaluated at once, at most: arrays hold them for as many variants as there are states.
-_STATES_AT_ONCE = 20_000
 # Sweeps times elements, at most, of an unstable motion.
 _MOST_ELEMENTS = 20_000
 
@@ -180,8 +178,8 @@ def _march(
     may_be_stiff, steps = steps is None, steps or 2
     most_steps = min(_MOST_STEPS, max(_STIFF_STEPS, _MOST_STEPS_IN_ALL // len(fractions)))
     while True:
-        coarse = _ends(rates, varied, before, after, steps // 2)
-        fine = _ends(rates, varied[:, :1], before, after, steps)[:, 0]
+        coarse = runge_kutta(rates, varied, before, after, steps // 2)
+        fine = runge_kutta(rates, varied[:, :1], before, after, steps)[:, 0]
         changes = (fine - coarse[:, 0]) / _ORDER_FACTOR
         # They add up along an element.
         largest = np.abs(changes).sum(axis=2).max(axis=1)
@@ -195,15 +193,6 @@ def _march(
         if is_stiff or steps >= most_steps:
             return None
         steps *= 2
-
-
-def _ends(rates: Rates, states: Array, before: Array, after: Array, steps: int) -> Array:
-    """Where parts end; of many, some after the others."""
-    n, _, elements, parts = states.shape
-    count = max(1, _STATES_AT_ONCE // (n * elements))
-    some = [slice(k, k + count) for k in range(0, parts, count)]
-    found = [runge_kutta(rates, states[..., these], before[these], after[these], steps) for these in some]
-    return np.concatenate(found, axis=-1)
 
 
 def runge_kutta(rates: Rates, states: Array, before: Any, after: Any, steps: int) -> Array:
