@@ -2,7 +2,7 @@
 
     python benchmarks/check_costs.py [--quick] [--only NAME ...]
 
-CPU seconds of this process: of the checks (`findings_before_solve`, the least of five), of the whole of `rcp.solve`
+CPU seconds of this process: of the checks (`doubts_before_solve`, the least of five), of the whole of `rcp.solve`
 with them, and their ratio in per cent. "simulation" is a cart-pole without an objective, where variables are counted
 that nothing determines; "hopper" has linked phases.
 """
@@ -21,7 +21,7 @@ from cart_pole_ways import stated_as_phase
 from table import Table, show_progress
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.diagnosis.diagnose import findings_before_solve
+from pyrobocop_pyomo.diagnosis.diagnose import doubts_before_solve
 
 COLUMNS = [("model", "<22s"), ("variables", ">9d"), ("checks (s)", ">10.4f"), ("solve (s)", ">9.3f"), ("%", ">5.2f")]
 
@@ -87,7 +87,7 @@ def main() -> None:
         m, checks = build(), []
         for _ in range(5):
             started = time.process_time()
-            list(findings_before_solve(m))
+            doubts_before_solve(m)
             checks.append(time.process_time() - started)
         variables = sum(1 for _ in m.component_data_objects(pyo.Var))
         started = time.process_time()

@@ -207,7 +207,8 @@ class ActiveSetSearch:
         self._refused.clear()
         branch = nearest_branch(self.program, start.x)
         found = self._go("polish", branch, start, start.x)
-        if found is None and not only_nearest:
+        relaxed = max(start.violation, start.natural_residual) > self.limits.feasibility
+        if found is None and relaxed and not only_nearest:
             found = self._polish_restored(start)
         return found or min(self._refused, key=lambda refused: refused.objective, default=start)
 
@@ -226,7 +227,7 @@ class ActiveSetSearch:
                 if found is not None:
                     return found
         exact = BranchPoint.at(self.program, replace(start.point, x=x))
-        if not (exact.natural_residual < start.natural_residual and self._no_worse(exact, start)):
+        if not self._no_worse(exact, start):
             return None
         if self.on_solve is not None and self._last is not None:
             self.on_solve("restored", replace(self._last, x=x, iterations=0, seconds=0.0), exact, True)

@@ -1,38 +1,39 @@
 """Flows of differential equations over many elements at once, and the motion that they are together.
 
-All parts of all elements are integrated side by side by the classical Runge-Kutta method, each from about where a plan
-is there, with steps that are halved until the extrapolated result no longer changes; where that is hopeless, as for
-stiff equations, nothing is found. One part after the other, as a motion is, would take as many calls as there are
-parts: here Newton's method finds the starts of all parts at which their ends meet.
+The elements are integrated side by side by the classical Runge-Kutta method, with steps that are halved until the
+extrapolated result no longer changes; where that is hopeless, as for stiff equations, nothing is found. One element
+after the other, as a motion is, would take as many calls as there are elements: here Newton's method finds the starts
+of all elements at which the ends meet.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
-from typing import Any
+from itertools import pairwise
 
 import numpy as np
 
-from .arrays import Array, BoolArray
+from .arrays import Array
 
-# (local fractions (p,), states of shape (n, k, N, p)) -> derivatives by the local fraction, of the same shape.
-Rates = Callable[[Any, Array], Array]
+# (local fraction, states of shape (n, k, N)) -> derivatives by the local fraction, of the same shape.
+Rates = Callable[[float, Array], Array]
 
-# Steps between two fractions, doubled from two up to this number before the equations count as too stiff.
+# Steps between two fractions, doubled from one up to this number before the equations count as too stiff.
 _MOST_STEPS = 128
 # Steps over an element with many fractions, at most.
 _MOST_STEPS_IN_ALL = 4096
 # From so many steps on, a result that is not finite, or an error of the size of the states, is a sign of stiffness.
 _STIFF_STEPS = 8
+# Motions are looked at after every so many of the wider steps of the last two integrations.
+_STEPS_PER_INSTANT = 2
 _ORDER_FACTOR = 15.0  # two raised to the order of the method, minus one
-# Relative to the scale of each state: the step of differences.
+# Relative to the scale of each state: the step of differences, and how well the ends of elements meet.
 _DIFFERENCE = 1e-6
-# Sweeps that bring nothing before the motion counts as one that cannot be followed.
 _SWEEPS = 12
-# Sweeps times elements, at most, of an unstable motion.
+# Sweeps times elements, at most, of an unstable motion; from which sweep on slopes are found anew.
 _MOST_ELEMENTS = 20_000
+_SWEEPS_WITH_FIRST_SLOPES = 3
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,7 @@ class Flows:
     Attributes
     ----------
     fractions : array, shape (k,)
+        Those that were requested, and more where the integration took many steps in between.
     local : array, shape (N, k, n)
         Each element from its own start.
     whole : array, shape (N, k, n), or None
@@ -54,17 +56,16 @@ class Flows:
 
 
 def integrate_flows(
-    rates: Rates, planned: Array, scales: Array, fractions: Array, tolerance: float, first: Array | None
+    rates: Rates, starts: Array, scales: Array, fractions: Array, tolerance: float, first: Array | None
 ) -> Flows | None:
     """Integrate all elements, each from its own start, and the motion from the first start on.
 
     Parameters
     ----------
     rates : callable
-        ``rates(fractions, states)`` of shape ``(n, k, N, p)``: derivatives by the local fraction, for ``k`` variants at
-        one fraction of each part.
-    planned : array, shape (N, k, n)
-        Where each element starts, and about where its states are at the fractions.
+        ``rates(fraction, states)`` of shape ``(n, k, N)``: derivatives by the local fraction, for ``k`` variants.
+    starts : array, shape (N, n)
+        Where each element starts.
     scales : array, shape (n,)
         Sizes of the states.
     fractions : array, shape (k,)
@@ -79,131 +80,142 @@ def integrate_flows(
     Flows or None
         None where the tolerance is not met, since the equations are not smooth, or have no finite values.
     """
-    meet = partial(_meeting, rates, scales=scales, fractions=fractions, tolerance=tolerance)
-    starts = planned[:, :-1].transpose(2, 0, 1)
-    with np.errstate(all="ignore"):  # what is unstable may overflow, and is not taken
-        local = meet(_march(rates, starts, scales, fractions, tolerance), None)
-        if local is None:
+    varied = starts.T[:, None, :]
+    steps = _DIFFERENCE * scales
+    if first is not None:
+        varied = np.concatenate([varied, varied + np.diag(steps)[:, :, None]], axis=1)
+    found = _march(rates, varied, scales, fractions, tolerance)
+    if found is None:
+        return None
+    whole = None
+    if first is not None:
+        slopes = (found.ends[:, 1:, :] - found.ends[:, :1, :]) / steps[None, :, None]
+        whole = _from_first_start(rates, starts, found, slopes, scales, fractions, tolerance, first)
+    # Both were looked at after each of their steps, which are halved again and again: the fewer are among the more.
+    count = len(found.path) if whole is None else min(len(found.path), len(whole))
+    local = _by_element(found.path[:: (len(found.path) - 1) // (count - 1)])
+    if whole is not None:
+        whole = _by_element(whole[:: (len(whole) - 1) // (count - 1)])
+    return Flows(_divided(fractions, (count - 1) // (len(fractions) - 1)), local, whole)
+
+
+def _by_element(paths: Array) -> Array:
+    """From (k, n, N) to (N, k, n)."""
+    return np.ascontiguousarray(paths.transpose(2, 0, 1))
+
+
+def _from_first_start(
+    rates: Rates,
+    starts: Array,
+    march: _March,
+    slopes: Array,
+    scales: Array,
+    fractions: Array,
+    tolerance: float,
+    first: Array,
+) -> Array | None:
+    """Newton's method for the starts at which the ends of elements meet; `slopes` are those of the first sweep.
+
+    An unstable motion goes far from the elements' own starts, where slopes along these say nothing: starts are moved
+    only as far along the motion as slopes tell how, and later sweeps, with slopes of their own, go on from there. At
+    least one more element meets the one before it after each sweep. Where the motion of each element was not stiff,
+    that from the first start is at most unstable.
+    """
+    now, sizes = starts.T.copy(), scales
+    elements = now.shape[1]
+    best, waited = -1, 0
+    for sweep in range(max(_SWEEPS, _MOST_ELEMENTS // elements)):
+        now = now + _moves(now, march.ends[:, 0], slopes, first, sizes)
+        # What grows far beyond the plan is followed relative to its own size.
+        sizes = np.maximum(scales, np.abs(now).max(axis=1))
+        varied = now[:, None, :]
+        if sweep >= _SWEEPS_WITH_FIRST_SLOPES:
+            steps = _DIFFERENCE * sizes
+            varied = np.concatenate([varied, varied + np.diag(steps)[:, :, None]], axis=1)
+        found = _march(rates, varied, sizes, fractions, tolerance, may_be_stiff=False)
+        if found is None:
             return None
-        whole = None if first is None else meet(local[0], first)
-    return Flows(fractions, local[1], None if whole is None else whole[1])
+        march = found
+        if sweep >= _SWEEPS_WITH_FIRST_SLOPES:
+            slopes = (march.ends[:, 1:, :] - march.ends[:, :1, :]) / steps[None, :, None]
+        left = np.abs(march.path[-1][:, :-1] - now[:, 1:]) > 10 * tolerance * sizes[:, None]
+        if not left.any():
+            return march.path
+        met = int(left.any(axis=0).argmax())
+        best, waited = (met, 0) if met > best else (best, waited + 1)
+        # A sweep that takes so many instants meets corners far from the plan: the next ones would not be cheaper.
+        if waited >= _SWEEPS or len(march.path) > _MOST_STEPS * max(1, len(fractions) // 16):
+            return None
+    return None
+
+
+def _moves(now: Array, ends: Array, slopes: Array, first: Array, trusted: Array) -> Array:
+    """Changes (n, N) of all starts, one element after the other, up to where they leave what the slopes can tell."""
+    changes = np.zeros_like(now)
+    changes[:, 0] = first - now[:, 0]
+    gaps = ends[:, :-1] - now[:, 1:]
+    with np.errstate(all="ignore"):  # what is unstable may overflow, and is not taken
+        for i in range(gaps.shape[1]):
+            passed_on = slopes[:, :, i] @ changes[:, i]
+            if not (np.abs(passed_on) <= trusted).all():
+                break
+            changes[:, i + 1] = passed_on + gaps[:, i]
+    return changes
 
 
 @dataclass(frozen=True)
 class _March:
-    """What was integrated on all parts.
+    """What was integrated: the first variant at many instants (k, n, N), all variants at the end (n, variants, N)."""
 
-    Attributes
-    ----------
-    starts, ends : array, shape (n, N, p)
-        Of the parts.
-    slopes : array, shape (n, n, N, p)
-        Derivatives of the ends by the starts.
-    steps : int
-        On each part.
-    """
-
-    starts: Array
+    path: Array
     ends: Array
-    slopes: Array
-    steps: int
-
-
-def _meeting(
-    rates: Rates, march: _March | None, first: Array | None, *, scales: Array, fractions: Array, tolerance: float
-) -> tuple[_March, Array] | None:
-    """Newton's method for the starts at which the ends of parts meet: the last march, and the states (N, p + 1, n).
-
-    Without a first state every element keeps its own start. An unstable motion goes far from these, where slopes along
-    them say nothing: starts are moved only as far along the motion as slopes tell how, and the next sweep goes on from
-    there. At least one more part meets the one before it after each sweep.
-    """
-    sizes, most, waited, left = scales, -1, 0, _MOST_ELEMENTS
-    while march is not None and left > 0:
-        left -= march.ends.shape[1]
-        moves, trusted = _moves(march, first, sizes)
-        nodes = np.concatenate([march.starts, march.ends[:, :, -1:]], axis=2) + moves
-        # What grows far beyond the plan is followed relative to its own size.
-        sizes = np.maximum(scales, np.abs(nodes).max(axis=(1, 2)))
-        # What Newton's method leaves is the square of its last step.
-        met = trusted & (np.abs(moves) <= np.sqrt(tolerance) * sizes[:, None, None]).all(axis=0)
-        if met.all():
-            return march, np.ascontiguousarray(nodes.transpose(1, 2, 0))
-        count = int(met.sum())
-        most, waited = (count, 0) if count > most else (most, waited + 1)
-        # A sweep of so many steps meets corners far from the plan: the next ones would not be cheaper.
-        many = 4 * _MOST_STEPS * max(1, len(fractions) // 16)
-        if waited >= _SWEEPS or march.steps * (len(fractions) - 1) >= many:
-            return None
-        march = _march(rates, nodes[:, :, :-1], sizes, fractions, tolerance, march.steps)
-    return None
-
-
-def _moves(march: _March, first: Array | None, trusted: Array) -> tuple[Array, BoolArray]:
-    """Changes (n, N, p + 1) of all states, one part after the other, and where slopes can tell them (N, p + 1)."""
-    n, elements, parts = march.ends.shape
-    starts, ends = (of.transpose(2, 1, 0) for of in (march.starts, march.ends))
-    slopes = np.ascontiguousarray(march.slopes.transpose(3, 2, 0, 1))
-    # Of each element by itself, and by the states at its start.
-    own, by_start = np.zeros((parts + 1, elements, n)), np.zeros((parts + 1, elements, n, n))
-    by_start[0] = np.eye(n)
-    told = np.ones((parts + 1, elements), dtype=bool)
-    for part in range(parts):
-        by_start[part + 1] = slopes[part] @ by_start[part]
-        passed_on = (slopes[part] @ own[part, :, :, None])[:, :, 0]
-        told[part + 1] = told[part] & (np.abs(passed_on) <= trusted).all(axis=1)
-        gaps = ends[part] - starts[part + 1] if part + 1 < parts else 0.0
-        own[part + 1] = np.where(told[part + 1, :, None], passed_on + gaps, 0.0)
-    if first is not None:
-        jumps = ends[-1, :-1] + own[-1, :-1] - starts[0, 1:]
-        changes = np.zeros((elements, n))
-        changes[0] = first - starts[0, 0]
-        for i in range(elements - 1):
-            passed_on = by_start[-1, i] @ changes[i]
-            if not (np.abs(passed_on) <= trusted).all():
-                told[:, i + 1 :] = False
-                break
-            changes[i + 1] = passed_on + jumps[i]
-        own += (by_start @ changes[:, :, None])[..., 0]
-    return own.transpose(2, 1, 0), told.T
 
 
 def _march(
-    rates: Rates, starts: Array, scales: Array, fractions: Array, tolerance: float, steps: int | None = None
+    rates: Rates, starts: Array, scales: Array, fractions: Array, tolerance: float, *, may_be_stiff: bool = True
 ) -> _March | None:
-    """Integrate all parts with halved steps until their ends no longer change; from so many steps on, if known."""
-    before, after = fractions[:-1], fractions[1:]
-    differences = _DIFFERENCE * scales
-    varied = np.concatenate([starts[:, None], starts[:, None] + np.diag(differences)[:, :, None, None]], axis=1)
-    may_be_stiff, steps = steps is None, steps or 2
-    most_steps = min(_MOST_STEPS, max(_STIFF_STEPS, _MOST_STEPS_IN_ALL // len(fractions)))
-    while True:
-        coarse = runge_kutta(rates, varied, before, after, steps // 2)
-        fine = runge_kutta(rates, varied[:, :1], before, after, steps)[:, 0]
-        changes = (fine - coarse[:, 0]) / _ORDER_FACTOR
-        # They add up along an element.
-        largest = np.abs(changes).sum(axis=2).max(axis=1)
-        # Where elements lead far from the plan, relative to how far: less would be rounding.
-        error = float((largest / np.maximum(scales, np.abs(fine).max(axis=(1, 2)))).max())
-        # Beside a corner more steps bring little.
-        if error <= (tolerance if steps < most_steps else max(tolerance, 1e-6)):
-            slopes = (coarse[:, 1:] - coarse[:, :1]) / differences[:, None, None]
-            return _March(starts, fine + changes, slopes, steps)
-        is_stiff = may_be_stiff and steps >= _STIFF_STEPS and not (largest <= scales).all()
-        if is_stiff or steps >= most_steps:
-            return None
-        steps *= 2
+    """Integrate with halved steps until the states at the fractions no longer change."""
+    steps = 1
+    with np.errstate(all="ignore"):
+        coarse, coarse_path = runge_kutta(rates, starts, fractions, steps)
+        most_steps = min(_MOST_STEPS, max(_STIFF_STEPS, _MOST_STEPS_IN_ALL // len(fractions)))
+        while steps < most_steps:
+            steps *= 2
+            fine, path = runge_kutta(rates, starts, fractions, steps)
+            changes = (np.abs(fine - coarse) / _ORDER_FACTOR).max(axis=(0, 2))
+            # Where elements lead far from the plan, relative to how far: less would be rounding.
+            sizes = np.maximum(scales[:, None], np.abs(fine).max(axis=(0, 2)))
+            error = float((changes / sizes).max())
+            # Beside a corner more steps bring little.
+            if error <= (tolerance if steps < most_steps else max(tolerance, 1e-6)):
+                corrected = path[::2] + (path[::2] - coarse_path) / _ORDER_FACTOR
+                ends = fine[-1] + (fine[-1] - coarse[-1]) / _ORDER_FACTOR
+                return _March(corrected[:: min(_STEPS_PER_INSTANT, steps // 2)], ends)
+            if may_be_stiff and steps >= _STIFF_STEPS and not (changes <= scales[:, None]).all():
+                return None
+            coarse, coarse_path = fine, path
+    return None
 
 
-def runge_kutta(rates: Rates, states: Array, before: Any, after: Any, steps: int) -> Array:
-    """States after so many steps from some fractions to others."""
-    h = (after - before) / steps
-    for step in range(steps):
-        start, end = before + step * h, after if step + 1 == steps else before + (step + 1) * h
-        middle = (start + end) / 2
-        first = rates(start, states)
-        second = rates(middle, states + 0.5 * h * first)
-        third = rates(middle, states + 0.5 * h * second)
-        fourth = rates(end, states + h * third)
-        states = states + h / 6.0 * (first + 2.0 * (second + third) + fourth)
-    return states
+def _divided(fractions: Array, parts: int) -> Array:
+    """Fractions with so many equal parts between each two of them."""
+    places = np.arange(parts * (len(fractions) - 1) + 1) / parts
+    return np.interp(places, np.arange(len(fractions)), fractions)
+
+
+def runge_kutta(rates: Rates, states: Array, fractions: Array, steps: int) -> tuple[Array, Array]:
+    """States at the fractions, with so many steps between two of them, and of the first variant after each step."""
+    paths, path = [states], [states[:, 0, :]]
+    for before, after in pairwise(fractions.tolist()):
+        h = (after - before) / steps
+        for step in range(steps):
+            start, end = before + step * h, after if step + 1 == steps else before + (step + 1) * h
+            middle = (start + end) / 2
+            first = rates(start, states)
+            second = rates(middle, states + 0.5 * h * first)
+            third = rates(middle, states + 0.5 * h * second)
+            fourth = rates(end, states + h * third)
+            states = states + h / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
+            path.append(states[:, 0, :])
+        paths.append(states)
+    return np.array(paths), np.array(path)

@@ -67,8 +67,10 @@ class ElementInstants:
         formulas = self._formulas
         asked = formulas.further_readings
         if asked != self._asked:  # rules were asked since
-            self._asked, self._others = asked, formulas.of_coupled_phases(self.fractions)
-            self._others |= formulas.delayed_numbers(self._past, self.clock, self._widths, self.fractions[:, None])
+            self._asked, self._others = asked, formulas.of_coupled_phases(np.asarray(self.fractions))
+            places = enumerate(np.asarray(self.fractions).tolist())
+            earlier = [formulas.delayed_numbers(self._past, self.clock[i], self._widths, at) for i, at in places]
+            self._others |= {key: np.array([of[key] for of in earlier]) for key in earlier[0]}
         return formulas.leaves(values, self.index, self.clock, self.slopes, self._starts) | self._others
 
     def evaluated(self, expressions: Sequence[Any], values: Mapping[str, Any]) -> list[Array]:

@@ -194,32 +194,25 @@ def _refuse_undefined(formulas: RuleFormulas, trajectory: Trajectory) -> None:
 def _flows(formulas: RuleFormulas, trajectory: Trajectory, first: Array, ends: bool) -> tuple[Flows, bool]:
     """The flows, and whether contact decides them."""
     block, record = formulas.block, formulas.record
+    starts = np.array([trajectory.element_states(name)[:, 0] for name in record.names_of_states]).T
     scales = SMALLEST_SCALE + np.abs(np.array([trajectory.states[name] for name in record.names_of_states])).max(axis=1)
     rates = RightHandSides(formulas, trajectory, InstantEquations)
     refuse_equations_beside(block, rates.equations.read)
     fractions = instants_to_look_at(formulas, trajectory, rates.equations.statements)
     is_quick = len(fractions) != SAMPLES + 1
-    planned = _planned(trajectory, record.names_of_states, fractions)
     if rates.are_delayed:
         parts = fractions if is_quick else np.array([0.0, 1.0])
-        return _delayed_flows(rates, trajectory, parts, fractions, planned[:, 0], first), False
+        return _delayed_flows(rates, trajectory, parts, fractions, starts, first), False
     if not rates.equations.needs_steps:
         flows = None
         if ends and not is_quick:
-            apart = SAMPLES // 2
-            flows = integrate_flows(rates, planned[:, ::apart], scales, fractions[::apart], TOLERANCE_OF_ENDS, None)
+            flows = integrate_flows(rates, starts, scales, fractions[:: SAMPLES // 2], TOLERANCE_OF_ENDS, None)
         if flows is None:
             tolerance = TOLERANCE_IF_QUICK if is_quick else TOLERANCE
-            flows = integrate_flows(rates, planned, scales, fractions, tolerance, first)
+            flows = integrate_flows(rates, starts, scales, fractions, tolerance, first)
         if flows is not None:
             return flows, False
     return stepped_flows(rates, trajectory, fractions, scales, first), bool(rates.equations.pairs)
-
-
-def _planned(trajectory: Trajectory, names: Sequence[str], fractions: Array) -> Array:
-    """The states of a plan at fractions of its elements, shape ``(N, k, n)``."""
-    polynomials = trajectory.element_polynomials(fractions)
-    return np.stack([polynomials[name] for name in names], axis=2)
 
 
 def _delayed_flows(
@@ -271,17 +264,19 @@ def _integral(block: Any, trajectory: Trajectory, statement: Statement) -> tuple
             f"phase '{block.name}': its motion depends on contacts, or on hidden conditions, which single instants do "
             "not tell."
         )
-    names, points, gained = block.record.names_of_states, np.asarray(grid.scheme.c), ((0, 0), (0, 0), (0, 1))
+    names, width = block.record.names_of_states, grid.mesh.widths
+    nodes = {name: trajectory.element_states(name) for name in names}
+    planned = np.zeros(len(width))
     with np.errstate(all="ignore"):
-        found = rates(points, np.pad(_planned(trajectory, names, points), gained).transpose(2, 0, 1)[:, None])
-        planned = found[-1, 0] @ grid.scheme.b
+        for fraction, weight in zip(grid.scheme.c.tolist(), grid.scheme.b.tolist(), strict=True):
+            here = np.array([nodes[name] @ grid.scheme.state_at([fraction])[0] for name in names])
+            planned += weight * rates(fraction, np.vstack([here, planned])[:, None, :])[-1, 0]
     if not np.isfinite(planned).all():
         raise TrajectoryError(f"{what} has no finite value on the plan.")
     fractions = instants_to_look_at(formulas, trajectory, [*block.record.statements_of("ode"), statement])
-    path = np.pad(_planned(trajectory, names, fractions), gained)
-    sizes = np.append(np.abs(path[:, :, :-1]).max(axis=(0, 1)), np.abs(planned).sum())
-    path[:, :, -1] = planned[:, None] * fractions
-    flows = integrate_flows(rates, path, SMALLEST_SCALE + sizes, fractions, TOLERANCE, None)
-    if flows is None:
+    starts = np.column_stack([*(nodes[name][:, 0] for name in names), np.zeros(len(width))])
+    sizes = [np.abs(nodes[name]).max() for name in names] + [np.abs(planned).sum()]
+    found = integrate_flows(rates, starts, SMALLEST_SCALE + np.array(sizes), fractions, TOLERANCE, None)
+    if found is None:
         raise TrajectoryError(f"{what}: the equations are too stiff for an integration of all elements at once.")
-    return planned, flows.local[:, -1, -1]
+    return planned, found.local[:, -1, -1]

@@ -76,7 +76,7 @@ class RightHandSides:
         self.widths = trajectory.grid.mesh.widths
         of_signals = [trajectory.element_signals(name) for name in trajectory.signals]
         self._signals = np.array(of_signals).reshape(-1, len(self.widths), trajectory.grid.scheme.stages)
-        self._known: dict[bytes, dict[int, Any]] = {}
+        self._known: dict[float, dict[int, Any]] = {}
         meshes = trajectory.grid.mesh, formulas.indices.mesh
         self._starts, self._indices = (np.array(mesh.boundaries[:-1]) for mesh in meshes)
         self._index_widths = np.array(formulas.indices.mesh.widths)
@@ -98,11 +98,11 @@ class RightHandSides:
         self._everything = partial(formulas.values, [*self.equations.rates, *stated])
         # Mean derivatives of the plan in each element: where the search for those begins that no ode states.
         nodes = {name: trajectory.element_states(name) for name in trajectory.states}
-        self._slopes = {name: (of[:, -1:] - of[:, :1]) / self.widths[:, None] for name, of in nodes.items()}
+        self._slopes = {name: (of[:, -1] - of[:, 0]) / self.widths for name, of in nodes.items()}
         self._unknowns = [id(variable) for variable in self.equations.unknowns.values()]
         # What stands for states and unknowns.
         self.keys = [*(id(formulas.at_instant[name]) for name in self._names), *self._unknowns]
-        self._inverses: dict[tuple[int, ...], Array | None] = {}
+        self._inverse: Array | None = None
         self._last: dict[int, Any] = {}
 
     @property
@@ -112,25 +112,25 @@ class RightHandSides:
 
     # ---------------------------------------------------------------- for all elements
 
-    def __call__(self, fractions: Array, states: Array) -> Array:
-        """Derivatives at local fractions, of states of shape ``(n, k, N, q)``, those of integrals among them."""
-        leaves = self._given(fractions) | dict(zip(self.keys, states[: len(self._names)], strict=False))
+    def __call__(self, fraction: float, states: Array) -> Array:
+        """Derivatives at a local fraction, of states of shape ``(n, k, N)``, those of integrals among them."""
+        leaves = self._given(fraction) | dict(zip(self.keys, states[: len(self._names)], strict=False))
         if self._unknowns:
             leaves |= dict(zip(self._unknowns, self._determined(leaves, states.shape[1:]), strict=True))
-        return stacked(self._rates(leaves), states.shape[1:]) * self.widths[:, None]
+        return stacked(self._rates(leaves), states.shape[1:]) * self.widths
 
     def _determined(self, leaves: dict[int, Any], shape: tuple[int, ...]) -> Array:
-        """The unknowns by Newton's method from the plan, shape ``(m, k, N, q)``; NaN where it finds none.
+        """The unknowns by Newton's method from the plan, shape ``(m, k, N)``; NaN where it finds none.
 
         Variants of a state are close to each other: one inverse serves all of them, as long as it gets on.
         """
         found = stacked([leaves[key] for key in self._unknowns], shape)
-        before, inverse = np.inf, self._inverses.get(shape[1:])
+        before, inverse = np.inf, self._inverse
         for _ in range(30):
             left = stacked(self._stated({**leaves, **dict(zip(self._unknowns, found, strict=True))}), found.shape[1:])
             if inverse is None:
                 inverse = self._inverse_at(leaves, found)
-            change = np.einsum("nqab,bknq->aknq", inverse, left)
+            change = np.einsum("nab,bkn->akn", inverse, left)
             found = found - change
             sizes = (np.abs(change) / (1.0 + np.abs(found))).max(axis=0)
             size = float(sizes.max())
@@ -138,21 +138,22 @@ class RightHandSides:
                 break
             inverse = None if size > 0.2 * before or not np.isfinite(size) else inverse
             before = size
-        self._inverses[shape[1:]] = inverse
+        self._inverse = inverse
         return np.where(sizes <= 1e-9, found, np.nan)
 
     def _inverse_at(self, leaves: Mapping[int, Any], unknowns: Array) -> Array:
-        """Of the derivatives of all rows by all unknowns in the first variant, shape ``(N, q, m, m)``."""
-        first = {key: leaf[:1] if np.ndim(leaf) == 3 else leaf for key, leaf in leaves.items()}
-        slopes = differences(self._stated, first, self._unknowns, unknowns[:, 0], 1.0)[1].transpose(2, 3, 0, 1)
+        """Of the derivatives of all rows by all unknowns in the first variant, shape ``(N, m, m)``."""
+        first = {key: leaf[:1] if np.ndim(leaf) == 2 else leaf for key, leaf in leaves.items()}
+        slopes = differences(self._stated, first, self._unknowns, unknowns[:, 0], 1.0)[1]
         try:
-            return np.asarray(np.linalg.inv(slopes), dtype=np.float64)
+            return np.asarray(np.linalg.inv(slopes.transpose(2, 0, 1)), dtype=np.float64)
         except np.linalg.LinAlgError:
-            return np.full(slopes.shape, np.nan)
+            return np.full(slopes.transpose(2, 0, 1).shape, np.nan)
 
     def in_element(self, i: int, fractions: Array, start: Array) -> dict[int, Any]:
         """What stands in place of each variable at some places of an element, as planned; arrays of their shape."""
-        found = {key: of[i] if np.ndim(of) else of for key, of in self._given(fractions).items()}
+        places = [self._given(fraction) for fraction in fractions.tolist()]
+        found = {key: np.array([of[i] if np.ndim(of := at[key]) else of for at in places]) for key in places[0]}
         return found | self._formulas.at_starts(dict(zip(self._names, start.tolist(), strict=True)))
 
     def with_slopes(self, leaves: Mapping[int, Any], point: Array, sizes: Array) -> tuple[Array, Array]:
@@ -163,26 +164,24 @@ class RightHandSides:
         """Real times at a local fraction of every element."""
         return np.asarray(self._starts + fraction * self.widths)
 
-    def _given(self, fractions: Array) -> dict[int, Any]:
-        """Everything but the states as planned, at local fractions of every element, shape ``(N, q)``."""
-        key = fractions.tobytes()
-        if key not in self._known:
-            self._known[key] = self._planned(fractions, slice(None))
-        return self._known[key]
+    def _given(self, fraction: float) -> dict[int, Any]:
+        """Everything but the states as planned, at a local fraction of every element."""
+        if fraction not in self._known:
+            self._known[fraction] = self._planned(fraction, slice(None))
+        return self._known[fraction]
 
-    def _planned(self, fractions: Array, elements: slice) -> dict[int, Any]:
-        trajectory, widths = self._trajectory, self.widths[elements, None]
-        weights = trajectory.grid.scheme.stage_polynomial_at(fractions)
-        times = self._starts[elements, None] + fractions * widths
-        found: dict[str, Any] = dict(zip(trajectory.signals, self._signals[:, elements] @ weights.T, strict=True))
+    def _planned(self, fraction: float, elements: slice) -> dict[int, Any]:
+        trajectory, widths = self._trajectory, self.widths[elements]
+        weights = trajectory.grid.scheme.stage_polynomial_at([fraction])[0]
+        times = self._starts[elements] + fraction * widths
+        found: dict[str, Any] = dict(zip(trajectory.signals, self._signals[:, elements] @ weights, strict=True))
         found |= {name: np.interp(times, *knots) for name, knots in trajectory.piecewise_linear.items()}
         found |= trajectory.parameters
-        index = self._indices[elements, None] + fractions * self._index_widths[elements, None]
-        slopes = {name: of[elements] for name, of in self._slopes.items()}
-        leaves = self._formulas.leaves(found, index, times, slopes)
-        leaves |= self._formulas.delayed_numbers(self.past, times, widths, fractions)
-        beside = self._formulas.of_coupled_phases(fractions)
-        return leaves | {key: of.T[elements] for key, of in beside.items()}
+        index = self._indices[elements] + fraction * self._index_widths[elements]
+        leaves = self._formulas.leaves(found, index, times, {name: of[elements] for name, of in self._slopes.items()})
+        leaves |= self._formulas.delayed_numbers(self.past, times, widths, fraction)
+        beside = self._formulas.of_coupled_phases(np.array([fraction]))
+        return leaves | {key: of[0][elements] for key, of in beside.items()}
 
     # ---------------------------------------------------------------- in one element
 
@@ -192,8 +191,8 @@ class RightHandSides:
         self.reached = self._starts[i] + fraction * self.widths[i]
         if self._evaluations > self.most_evaluations:
             raise TooManyEvaluations
-        planned = self._planned(np.array([fraction]), slice(i, i + 1))
-        leaves = {key: float(of[0, 0] if np.ndim(of) else of) for key, of in planned.items()}
+        planned = self._planned(fraction, slice(i, i + 1))
+        leaves = {key: float(of[0] if np.ndim(of) else of) for key, of in planned.items()}
         leaves |= dict(zip(self.keys, states.tolist(), strict=True))
         self._last = leaves
         rates = self._rates(leaves, FLOAT_FUNCTIONS)

@@ -256,28 +256,30 @@ class RuleFormulas:
         """What rules have read at earlier times, and how much earlier."""
         return list(self._scratch.delayed)
 
-    def delayed_numbers(self, past: Past, times: Array, widths: Array, fractions: Array) -> dict[int, Array]:
+    def delayed_numbers(self, past: Past, times: Array, widths: Array, fraction: float) -> dict[int, Array]:
         """Numbers of what rules have read at earlier times than these, by the identity of what stands for it.
 
         Parameters
         ----------
         past : callable
             ``past(name, times)``: values from the start of the phase on.
-        times, widths, fractions : array
-            At these fractions of elements with these widths; they make one shape.
+        times, widths : array
+            At the fraction of elements with these widths.
+        fraction : float
         """
         start, end = self.grid.mesh.boundaries[0], self.grid.mesh.boundaries[-1]
         found = {}
         for (name, delay), variable in self._scratch.delayed.items():
             # A hair inside of each element: history ends, and all but states may jump, where they meet.
-            inside = times - delay + SAME_TIME * (0.5 - fractions) * widths
+            inside = times - delay + SAME_TIME * (0.5 - fraction) * widths
             earlier = times - delay if name in self.record.names_of_states else inside
             has_history = getattr(self.record.declarations[name], "history", None) is not None
             before = inside < (start if has_history else start - 1e-9 * (end - start))
-            numbers = np.empty(times.shape)
+            numbers = np.empty(len(times))
             if not before.all():
                 numbers[~before] = past(name, earlier[~before])
             asked = known_history(self.block, name, inside[before].tolist(), SAME_TIME * (end - start))
-            numbers[before] = [float(value(history_value(self.record, name, at, f"'{name}'", delay))) for at in asked]
+            for i, time in zip(np.flatnonzero(before).tolist(), asked, strict=True):
+                numbers[i] = float(value(history_value(self.record, name, time, f"'{name}'", delay)))
             found[id(variable)] = numbers
         return found

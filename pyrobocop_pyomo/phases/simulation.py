@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain, compress, pairwise
+from itertools import chain, compress
 from typing import Any
 
 import numpy as np
@@ -239,10 +239,11 @@ class _Run:
         places, why = np.union1d(scheme.state_nodes, [0.0, 1.0]), ""
         if options.method == ROUGHLY:
             width = self.grid.mesh.widths[i]
-            found = [self._start]
-            for before, after in pairwise(places.tolist()):
-                found.append(runge_kutta(lambda at, state: width * rates.at(i, at, state), found[-1], before, after, 1))
-            states = np.array(found)
+            paths, _ = runge_kutta(
+                lambda place, at: width * rates.at(i, place, at[:, 0, 0])[:, None, None],
+                self._start[:, None, None], places, 1,
+            )  # fmt: skip
+            states = paths[:, :, 0, 0]
         elif len(self._start):
             settings: dict[str, Any] = {"method": options.method, "rtol": options.rtol, "atol": options.atol}
             so_far = self._so_far if rates.are_delayed else None

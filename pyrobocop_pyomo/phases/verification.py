@@ -466,13 +466,11 @@ class _TrajectoryCheck:
             elif isinstance(declaration, State):
                 times, numbers = self.indices.times, trajectory.states[name]
                 violations += self._of_ends(name, declaration, numbers)
-                violations += _beyond(self.slopes[name], *(declaration.derivative_bounds or UNBOUNDED))
+                limits = declaration.derivative_bounds or UNBOUNDED
+                violations += [bound_violation(slope, *limits) for slope in self.slopes[name].ravel()]
             levels = getattr(declaration, "levels", None)
             if levels is not None:
                 violations += [min(abs(number - level) for level in levels) for number in numbers]
-            if not callable(declaration.bounds):
-                violations += _beyond(numbers, *declaration.bounds_at(0.0, name))
-                continue
             for time, number in zip(times, numbers, strict=True):
                 if declaration.knows_bounds_at(time):
                     violations.append(bound_violation(number, *declaration.bounds_at(time, name)))
@@ -511,12 +509,10 @@ class _TrajectoryCheck:
 
     def passed_between_points(self) -> dict[str, BoundPassed]:
         """What passes declared bounds, rates and path constraints between the points; remarks on what is not known."""
-        # Of other phases nothing is known between the points here.
-        formulas = RuleFormulas(self.block, self.grid)
-        found = bounds_passed(formulas, self.trajectory)
+        found = bounds_passed(self.block, self.trajectory)
         for statement in self._stated("constraint"):
             try:
-                found |= rows_passed(formulas, self.trajectory, statement)
+                found |= rows_passed(self.block, self.trajectory, statement)
             except TrajectoryError as error:
                 self.remarks.append(f"not looked at between the points: '{statement.name}'. {error}")
         return found
@@ -542,9 +538,3 @@ class _TrajectoryCheck:
                 "from the plan."
             )
         return found
-
-
-def _beyond(numbers: Array, lower: float | None, upper: float | None) -> list[float]:
-    """How far the lowest and the highest of some numbers are from an interval."""
-    ends = [np.min(numbers), np.max(numbers)] if np.size(numbers) else []
-    return [bound_violation(float(end), lower, upper) for end in ends]

@@ -123,7 +123,7 @@ def solve(
       on certified points;
     * "elastic": the products below a variable with a penalty term in the objective; also a second opinion where there
       are up to 100 pairs;
-    * "tight", which runs only where it is chosen: one solve at delta = 1e-8.
+    * "tight", where none of these has led to a certified point: one solve at delta = 1e-8.
 
     Where all of them end at worse points than the initial guess, and rows and pairs hold there, the initial guess is
     polished itself.

@@ -39,10 +39,10 @@ from .strategies import (
     ADAPTIVE,
     BEYOND_SADDLE,
     COARSE_MESH,
+    CUT_SHORT,
     OTHER_OPTIMUM,
     SIMULATED,
     SOLVE,
-    TO_THE_END,
     StartingPoint,
     Strategy,
 )
@@ -374,7 +374,8 @@ class Runner:
         place.relaxed.start_lifted()
         start = self.log.checked(Iterate(START, strategy=START, stop_reason=StopReason.ITERATION_LIMIT))
         tolerances = self.settings.tolerances
-        if not start.is_exact(tolerances) or not self.found.is_better(start, best):
+        is_met = start.excess(tolerances) <= 1.0 and start.is_exact(tolerances)
+        if not is_met or not self.found.is_better(start, best):
             return
         start = replace(self.log.add(start), values=self.values.read())
         polish, compiled = self._polish(place)
@@ -561,9 +562,12 @@ class Runner:
         if polish is None or compiled is None:
             return iterate
         try:
-            return polish.improve(iterate, place.session.primal_dual(relaxed, compiled))
+            improved = polish.improve(iterate, place.session.primal_dual(relaxed, compiled))
         finally:
             self._note_end(polish)
+        if polish.diverged and not self.found.is_certified(improved):
+            return replace(improved, stop_reason=StopReason.DIVERGED)  # it was on the same way
+        return improved
 
     def _polish(self, place: Workplace) -> tuple[Polish | None, Any]:
         """What polishes and certifies, with its compiled model; None where it is not wanted or cannot be done here."""
@@ -589,7 +593,6 @@ class Runner:
     def _options(self, place: Workplace, strategy: Strategy) -> IpoptOptions:
         options: Mapping[str, Any] = strategy.options
         others_follow = bool(place.relaxed.pairs) or (self.settings.second_tries and not self.has_pairs)
-        if self.settings.strategies is None and others_follow and strategy not in TO_THE_END:
-            # What takes longer rarely gets anywhere; the next strategy does.
+        if self.settings.strategies is None and others_follow and strategy in CUT_SHORT:
             options = {"max_iter": ITERATIONS_OF_ONE, **options}
         return place.options(self.settings).with_strategy(options, strategy.most_iterations)

@@ -100,8 +100,9 @@ CONTINUATION = Strategy("continuation", Geometric(first=1.0, factor=0.1, last=1e
 ELASTIC = Strategy("elastic", CONTINUATION.schedule, relaxation="elastic", options={"mu_strategy": "adaptive"})
 
 # Each finds optima that the others miss. Of fourteen problems of carts that push each other, from rest, "barrier" finds
-# the best optimum in two, "continuation" in eleven, "elastic" in twelve, and all three together in each.
-DEFAULT_SEQUENCE = (BARRIER, CONTINUATION, ELASTIC, BARRIER_TO_THE_END)
+# the best optimum in two, "continuation" in eleven, "elastic" in twelve, and all three together in each. The others
+# follow where none of them has led to a certified point.
+DEFAULT_SEQUENCE = (BARRIER, CONTINUATION, ELASTIC, TIGHT, BARRIER_TO_THE_END)
 # Where all of these ended infeasible, from the user's initial guess.
 OTHER_STARTS = (
     Strategy("simulated, with pairs", BARRIER.schedule, start=StartingPoint.SIMULATED),
@@ -138,7 +139,8 @@ ABSOLUTE_VALUES = Strategy("absolute values as pairs", None, for_pairs=False, st
 SECOND_TRIES = (OWN_UNITS, SIMULATED, ELASTIC_ROWS, COARSE_MESH, ADAPTIVE, STRAIGHT_LINES, INSIDE_BOUNDS)
 # Its remaining iterations, where nothing else succeeded.
 SOLVE_TO_THE_END = replace(SOLVE, name="solve to the end")
-TO_THE_END = (BARRIER_TO_THE_END, SOLVE_TO_THE_END)
+# A run of these that takes long rarely gets anywhere, where the next strategy does.
+CUT_SHORT = (BARRIER, TIGHT, SOLVE)
 
 # Beyond a solution of a model without pairs. Each kind leads to optima that the others miss: where the motion under
 # any controls is tame, simulated ones find most; where it is not, states on lines do.
@@ -161,7 +163,7 @@ BEYOND_SADDLE = Strategy("beyond a saddle", None, for_pairs=False, options={**NE
 
 STRATEGIES = {
     strategy.name: strategy
-    for strategy in (*DEFAULT_SEQUENCE, TIGHT, *OTHER_STARTS, SOLVE, ABSOLUTE_VALUES, TIGHTER, *SECOND_TRIES)
+    for strategy in (*DEFAULT_SEQUENCE, *OTHER_STARTS, SOLVE, ABSOLUTE_VALUES, TIGHTER, *SECOND_TRIES)
 }
 
 
