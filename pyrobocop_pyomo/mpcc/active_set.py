@@ -197,7 +197,7 @@ class ActiveSetSearch:
     _tried_from: tuple[BranchPoint | None, set[bytes]] = (None, set())
 
     def polish(self, start: BranchPoint, *, only_nearest: bool = False) -> BranchPoint:
-        """Solve the branch nearest to a point, or else the best linearised one, unless only the nearest is wanted.
+        """Solve the branch nearest to a point, or else, unless only that is wanted, one that a relaxed point is led to.
 
         The answer is kept if it is no worse.
 
@@ -208,7 +208,7 @@ class ActiveSetSearch:
         branch = nearest_branch(self.program, start.x)
         found = self._go("polish", branch, start, start.x)
         relaxed = max(start.violation, start.natural_residual) > self.limits.feasibility
-        if found is None and relaxed and not only_nearest:
+        if found is None and relaxed and not only_nearest and not self._late():
             found = self._polish_restored(start)
         return found or min(self._refused, key=lambda refused: refused.objective, default=start)
 
@@ -220,8 +220,9 @@ class ActiveSetSearch:
         x = self._restored(start)
         if x is None:
             return None
+        point = Linearisation.at(self.program.nlp, x)
         for radius in self.limits.polishing_radii:
-            nearby = self._steepest(Linearisation.at(self.program.nlp, x), radius)
+            nearby = self._steepest(point, radius)
             if nearby is not None and not self._late():
                 found = self._go("polish", nearby.branch, start, x + nearby.step)
                 if found is not None:

@@ -26,11 +26,10 @@ from pyrobocop_pyomo.numerics.remeshing import halves_of, remesh
 from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.phases.reintegration import SMALLEST_SCALE, Reintegration, reintegrate
 from pyrobocop_pyomo.phases.remeshing import remesh_phases, why_its_mesh_is_stated
-from pyrobocop_pyomo.solving.ipopt_options import FINER_MESH
+from pyrobocop_pyomo.solving.ipopt_options import FINER_MESH, ITERATIONS_OF_ONE
 from pyrobocop_pyomo.solving.iterates import Quality, StopReason
 from pyrobocop_pyomo.solving.procedure import solve_model
 from pyrobocop_pyomo.solving.result_text import KEPT_MESH
-from pyrobocop_pyomo.solving.second_tries import ITERATIONS_OF_ONE
 from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult, with_steps_of_all
 from pyrobocop_pyomo.solving.starts import EXPLORED_ELEMENTS, elements_of

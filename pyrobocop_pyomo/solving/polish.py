@@ -202,7 +202,7 @@ class Polish:
         """Whether Ctrl-C ended the search."""
         return self._search.interrupted
 
-    @functools.cached_property
+    @property
     def has_linear_rows(self) -> bool:
         """Whether all rows but those of a relaxation are linear: their second derivatives are zero at two points."""
         nlp = self._program.nlp

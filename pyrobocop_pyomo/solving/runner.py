@@ -6,6 +6,7 @@ import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.modeling.variable_values import Values, VariableValues
 from pyrobocop_pyomo.mpcc.active_set import Certificate
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint, Scales
 from pyrobocop_pyomo.programs.wrapped_programs import ScaledProgram
 
@@ -316,8 +318,8 @@ class Runner:
     found : FoundPoints
     places : Workplaces
     exploration : Exploration
-    has_linear_rows : bool
-        Whether a polish has seen that all rows are linear but for the pairs.
+    has_linear_rows : bool or None
+        Whether all rows are linear but for the pairs; None before the first polish, which looks.
     """
 
     def __init__(self, model: Any, settings: Settings, solve_copy: Callable[[Any, Settings], SolveResult]) -> None:
@@ -330,7 +332,7 @@ class Runner:
         self.found = FoundPoints(settings, self.check.sign)
         self.places = Workplaces(model, settings, self.guess)
         self.exploration = Exploration(settings.exploration, self.started, settings.explored_work)
-        self.has_linear_rows = False
+        self.has_linear_rows: bool | None = None
         self._copies = SolvedCopies(self, solve_copy)
 
     def run(self, strategy: Strategy) -> Iterate | None:
@@ -378,14 +380,8 @@ class Runner:
         if not is_met or not self.found.is_better(start, best):
             return
         start = replace(self.log.add(start), values=self.values.read())
-        polish, compiled = self._polish(place)
-        if polish is None or compiled is None:
-            self.keep(start)
-            return
-        try:
-            self.keep(polish.improve(start, PrimalDualPoint(compiled.current_point())))
-        finally:
-            self._note_end(polish)
+        polished, _ = self._polished(place, start, lambda compiled: PrimalDualPoint(compiled.current_point()))
+        self.keep(polished)
 
     def explore(self) -> None:
         """Look for better optima beyond the best point, if that is certified and there is time for it."""
@@ -558,16 +554,31 @@ class Runner:
         if continuation.last.stop_reason.is_final:
             self.found.cut = continuation.last.stop_reason
             return iterate
-        polish, compiled = self._polish(place)
-        if polish is None or compiled is None:
-            return iterate
-        try:
-            improved = polish.improve(iterate, place.session.primal_dual(relaxed, compiled))
-        finally:
-            self._note_end(polish)
-        if polish.diverged and not self.found.is_certified(improved):
+        improved, diverged = self._polished(place, iterate, partial(place.session.primal_dual, relaxed))
+        if diverged and not self.found.is_certified(improved):
             return replace(improved, stop_reason=StopReason.DIVERGED)  # it was on the same way
         return improved
+
+    def _polished(
+        self, place: Workplace, iterate: Iterate, point_in: Callable[[CompiledModel], PrimalDualPoint]
+    ) -> tuple[Iterate, bool]:
+        """What a polish makes of an iterate, and whether variables grew without end on one of its branches.
+
+        Parameters
+        ----------
+        place : Workplace
+        iterate : Iterate
+            On the model.
+        point_in : callable
+            The same in the order of a compiled model.
+        """
+        polish, compiled = self._polish(place)
+        if polish is None or compiled is None:
+            return iterate, False
+        try:
+            return polish.improve(iterate, point_in(compiled)), bool(polish.diverged)
+        finally:
+            self._note_end(polish)
 
     def _polish(self, place: Workplace) -> tuple[Polish | None, Any]:
         """What polishes and certifies, with its compiled model; None where it is not wanted or cannot be done here."""
@@ -584,7 +595,8 @@ class Runner:
         return Polish(settings, place.relaxed, compiled, self.log, self.values, self.exploration), compiled
 
     def _note_end(self, polish: Polish) -> None:
-        self.has_linear_rows = polish.has_linear_rows
+        if self.has_linear_rows is None:
+            self.has_linear_rows = polish.has_linear_rows
         for diverged in polish.diverged:
             self.found.note_diverged(diverged)
         if polish.interrupted:
