@@ -169,11 +169,11 @@ class _Captured:
 
     @cached_property
     def _bounds(self) -> dict[str, BoundPassed]:
-        return bounds_passed(self.phase, self._trajectory)
+        return bounds_passed(RuleFormulas(self.phase, self._trajectory.grid), self._trajectory)
 
     @cached_property
     def _rows(self) -> dict[str, BoundPassed]:
-        known = self.phase, self._trajectory
+        known = RuleFormulas(self.phase, self._trajectory.grid), self._trajectory
         each = (rows_passed(*known, statement) for statement in self.phase.record.statements_of("constraint"))
         return {name: of for found in each for name, of in found.items()}
 

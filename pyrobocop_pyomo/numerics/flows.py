@@ -1,39 +1,43 @@
 """Flows of differential equations over many elements at once, and the motion that they are together.
 
-The elements are integrated side by side by the classical Runge-Kutta method, with steps that are halved until the
-extrapolated result no longer changes; where that is hopeless, as for stiff equations, nothing is found. One element
-after the other, as a motion is, would take as many calls as there are elements: here Newton's method finds the starts
-of all elements at which the ends meet.
+On parts of all elements, side by side, the states are polynomials that meet the equations at the points of the Radau
+IIA method, of order fifteen: far above the orders of meshes, and for stiff equations as well. Between these points the
+equations tell how far the polynomials are from them; parts where that is too much are halved. One element after the
+other, as a motion is, would take as many calls as there are elements: here Newton's method finds all polynomials and
+the starts of all parts at which their ends meet.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
+from functools import cache, cached_property
 
 import numpy as np
 
-from .arrays import Array
+from .arrays import Array, BoolArray, ComplexArray
+from .lagrange import evaluation_matrix
+from .schemes import Scheme, radau
 
-# (local fraction, states of shape (n, k, N)) -> derivatives by the local fraction, of the same shape.
-Rates = Callable[[float, Array], Array]
+# (local fractions (q,), states (n, k, N, q)) -> derivatives by the local fraction (n + g, k, N, q), for k variants of
+# the states; the last g rows are what integrals gain.
+Rates = Callable[[Array, Array], Array]
 
-# Steps between two fractions, doubled from one up to this number before the equations count as too stiff.
-_MOST_STEPS = 128
-# Steps over an element with many fractions, at most.
-_MOST_STEPS_IN_ALL = 4096
-# From so many steps on, a result that is not finite, or an error of the size of the states, is a sign of stiffness.
-_STIFF_STEPS = 8
-# Motions are looked at after every so many of the wider steps of the last two integrations.
-_STEPS_PER_INSTANT = 2
-_ORDER_FACTOR = 15.0  # two raised to the order of the method, minus one
-# Relative to the scale of each state: the step of differences, and how well the ends of elements meet.
+# Of the Radau IIA method on each part.
+_STAGES = 8
+# From so many parts more than the rules ask for there is a corner, beside which more of them bring little; and how
+# exactly it is met there.
+_PARTS_AT_CORNER, _AT_CORNER = 64, 1e-6
+# More parts than that, and the equations cannot be followed.
+_MOST_PARTS = 512
+# Relative to the scale of each state: the step of differences.
 _DIFFERENCE = 1e-6
+# Slopes are trusted farther where what they leave is less than this share of how far they were trusted.
+_STILL_LINEAR = 0.1
+# Sweeps that bring nothing before the motion counts as one that cannot be followed.
 _SWEEPS = 12
-# Sweeps times elements, at most, of an unstable motion; from which sweep on slopes are found anew.
+# Sweeps times elements, at most, of an unstable motion.
 _MOST_ELEMENTS = 20_000
-_SWEEPS_WITH_FIRST_SLOPES = 3
 
 
 @dataclass(frozen=True)
@@ -43,179 +47,309 @@ class Flows:
     Attributes
     ----------
     fractions : array, shape (k,)
-        Those that were requested, and more where the integration took many steps in between.
     local : array, shape (N, k, n)
         Each element from its own start.
     whole : array, shape (N, k, n), or None
         From the start of the first element on; None where that could not be followed, or left the finite numbers.
+    gained : array, shape (N, g), or None
+        What integrals gain along `local`.
     """
 
     fractions: Array
     local: Array
     whole: Array | None
+    gained: Array | None = None
+
+
+@cache
+def _scheme() -> Scheme:
+    return radau(_STAGES)
+
+
+@cache
+def _eigenvalues() -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    """Of the matrix of the method, with its eigenvectors and their inverse: they part its equations by stages."""
+    values, vectors = np.linalg.eig(_scheme().A.astype(complex))
+    return values, vectors, np.linalg.inv(vectors)
+
+
+@cache
+def _between() -> tuple[Array, Array, Array, Array]:
+    """Local places between the points, their weights, and values there by values at all nodes and at the stages."""
+    nodes = _scheme().state_nodes
+    places = (nodes[1:] + nodes[:-1]) / 2
+    return places, np.diff(nodes), evaluation_matrix(nodes, places), evaluation_matrix(_scheme().c, places)
+
+
+@dataclass(frozen=True, eq=False)
+class _Path:
+    """States on all parts of all elements.
+
+    Attributes
+    ----------
+    breaks : array, shape (p + 1,)
+        Local fractions where parts end.
+    values : array, shape (n, N, p, s + 1)
+        At the start and the stages of each part.
+    """
+
+    breaks: Array
+    values: Array
+
+    @cached_property
+    def widths(self) -> Array:
+        """Of the parts."""
+        return np.diff(self.breaks)
+
+    def fractions(self, places: Array) -> Array:
+        """Local fractions of the element at local places of each part, one part after the other."""
+        return np.asarray((self.breaks[:-1, None] + self.widths[:, None] * places).ravel())
+
+    def at(self, fractions: Array) -> Array:
+        """States at local fractions, shape ``(n, N, q)``."""
+        part = np.clip(np.searchsorted(self.breaks, fractions, side="right") - 1, 0, len(self.widths) - 1)
+        basis = evaluation_matrix(_scheme().state_nodes, (fractions - self.breaks[part]) / self.widths[part])
+        return np.einsum("aeqs,qs->aeq", self.values[:, :, part], basis)
+
+    def on(self, breaks: Array) -> _Path:
+        """The same states on other parts."""
+        finer = _Path(breaks, np.empty(0))
+        values = self.at(finer.fractions(_scheme().state_nodes))
+        return _Path(breaks, values.reshape(*values.shape[:2], len(breaks) - 1, -1))
 
 
 def integrate_flows(
-    rates: Rates, starts: Array, scales: Array, fractions: Array, tolerance: float, first: Array | None
+    rates: Rates,
+    planned: Callable[[Array], Array],
+    scales: Array,
+    fractions: Array,
+    tolerance: float,
+    first: Array | None,
+    breaks: Array | None = None,
 ) -> Flows | None:
     """Integrate all elements, each from its own start, and the motion from the first start on.
 
     Parameters
     ----------
     rates : callable
-        ``rates(fraction, states)`` of shape ``(n, k, N)``: derivatives by the local fraction, for ``k`` variants.
-    starts : array, shape (N, n)
-        Where each element starts.
-    scales : array, shape (n,)
-        Sizes of the states.
+        ``rates(fractions, states)`` with states of shape ``(n, k, N, q)``: derivatives by the local fraction, for ``k``
+        variants at q fractions, shape ``(n + g, k, N, q)``.
+    planned : callable
+        From local fractions, shape ``(q,)``, to states about there, shape ``(n, N, q)``; elements start at its first.
+    scales : array, shape (n + g,)
+        Sizes of the states, and of what integrals gain in all.
     fractions : array, shape (k,)
-        Where in each element states are wanted, from 0 to 1. On each part the rates are smooth functions of the time.
+        Where in each element states are wanted, from 0 to 1.
     tolerance : float
         Of the integration, relative to the scales.
     first : array, shape (n,), or None
         Where the whole motion starts; None where that is not followed.
+    breaks : array, optional
+        Local fractions from 0 to 1: on each part between them the rates are smooth functions of the time.
 
     Returns
     -------
     Flows or None
         None where the tolerance is not met, since the equations are not smooth, or have no finite values.
     """
-    varied = starts.T[:, None, :]
-    steps = _DIFFERENCE * scales
-    if first is not None:
-        varied = np.concatenate([varied, varied + np.diag(steps)[:, :, None]], axis=1)
-    found = _march(rates, varied, scales, fractions, tolerance)
-    if found is None:
-        return None
-    whole = None
-    if first is not None:
-        slopes = (found.ends[:, 1:, :] - found.ends[:, :1, :]) / steps[None, :, None]
-        whole = _from_first_start(rates, starts, found, slopes, scales, fractions, tolerance, first)
-    # Both were looked at after each of their steps, which are halved again and again: the fewer are among the more.
-    count = len(found.path) if whole is None else min(len(found.path), len(whole))
-    local = _by_element(found.path[:: (len(found.path) - 1) // (count - 1)])
-    if whole is not None:
-        whole = _by_element(whole[:: (len(whole) - 1) // (count - 1)])
-    return Flows(_divided(fractions, (count - 1) // (len(fractions) - 1)), local, whole)
-
-
-def _by_element(paths: Array) -> Array:
-    """From (k, n, N) to (N, k, n)."""
-    return np.ascontiguousarray(paths.transpose(2, 0, 1))
-
-
-def _from_first_start(
-    rates: Rates,
-    starts: Array,
-    march: _March,
-    slopes: Array,
-    scales: Array,
-    fractions: Array,
-    tolerance: float,
-    first: Array,
-) -> Array | None:
-    """Newton's method for the starts at which the ends of elements meet; `slopes` are those of the first sweep.
-
-    An unstable motion goes far from the elements' own starts, where slopes along these say nothing: starts are moved
-    only as far along the motion as slopes tell how, and later sweeps, with slopes of their own, go on from there. At
-    least one more element meets the one before it after each sweep. Where the motion of each element was not stiff,
-    that from the first start is at most unstable.
-    """
-    now, sizes = starts.T.copy(), scales
-    elements = now.shape[1]
-    best, waited = -1, 0
-    for sweep in range(max(_SWEEPS, _MOST_ELEMENTS // elements)):
-        now = now + _moves(now, march.ends[:, 0], slopes, first, sizes)
-        # What grows far beyond the plan is followed relative to its own size.
-        sizes = np.maximum(scales, np.abs(now).max(axis=1))
-        varied = now[:, None, :]
-        if sweep >= _SWEEPS_WITH_FIRST_SLOPES:
-            steps = _DIFFERENCE * sizes
-            varied = np.concatenate([varied, varied + np.diag(steps)[:, :, None]], axis=1)
-        found = _march(rates, varied, sizes, fractions, tolerance, may_be_stiff=False)
+    search = _Search(rates, scales, tolerance)
+    breaks = np.array([0.0, 1.0]) if breaks is None else breaks
+    guess = _Path(breaks, np.empty(0))
+    values = planned(guess.fractions(_scheme().state_nodes))
+    with np.errstate(all="ignore"):  # what is unstable may overflow, and is not taken
+        found = search.solved(_Path(breaks, values.reshape(*values.shape[:2], len(breaks) - 1, -1)), None)
         if found is None:
             return None
-        march = found
-        if sweep >= _SWEEPS_WITH_FIRST_SLOPES:
-            slopes = (march.ends[:, 1:, :] - march.ends[:, :1, :]) / steps[None, :, None]
-        left = np.abs(march.path[-1][:, :-1] - now[:, 1:]) > 10 * tolerance * sizes[:, None]
-        if not left.any():
-            return march.path
-        met = int(left.any(axis=0).argmax())
-        best, waited = (met, 0) if met > best else (best, waited + 1)
-        # A sweep that takes so many instants meets corners far from the plan: the next ones would not be cheaper.
-        if waited >= _SWEEPS or len(march.path) > _MOST_STEPS * max(1, len(fractions) // 16):
-            return None
-    return None
+        local, slopes = found
+        whole = None if first is None else search.solved(local, first)
+    return Flows(
+        fractions,
+        _by_element(local, fractions),
+        None if whole is None else _by_element(whole[0], fractions),
+        np.einsum("geps,p,s->eg", slopes[len(values) :], local.widths, _scheme().b),
+    )
 
 
-def _moves(now: Array, ends: Array, slopes: Array, first: Array, trusted: Array) -> Array:
-    """Changes (n, N) of all starts, one element after the other, up to where they leave what the slopes can tell."""
-    changes = np.zeros_like(now)
-    changes[:, 0] = first - now[:, 0]
-    gaps = ends[:, :-1] - now[:, 1:]
-    with np.errstate(all="ignore"):  # what is unstable may overflow, and is not taken
-        for i in range(gaps.shape[1]):
-            passed_on = slopes[:, :, i] @ changes[:, i]
-            if not (np.abs(passed_on) <= trusted).all():
-                break
-            changes[:, i + 1] = passed_on + gaps[:, i]
-    return changes
+def _by_element(path: _Path, fractions: Array) -> Array:
+    """States at fractions, shape ``(N, k, n)``."""
+    return np.ascontiguousarray(path.at(fractions).transpose(1, 2, 0))
 
 
-@dataclass(frozen=True)
-class _March:
-    """What was integrated: the first variant at many instants (k, n, N), all variants at the end (n, variants, N)."""
+class _Search:
+    """Newton's method for polynomials that meet the equations, and on as many parts as it takes.
 
-    path: Array
-    ends: Array
+    Parameters
+    ----------
+    rates, scales, tolerance
+        As for `integrate_flows`.
+    """
 
+    def __init__(self, rates: Rates, scales: Array, tolerance: float) -> None:
+        self._rates, self._scales, self._tolerance = rates, scales, tolerance
 
-def _march(
-    rates: Rates, starts: Array, scales: Array, fractions: Array, tolerance: float, *, may_be_stiff: bool = True
-) -> _March | None:
-    """Integrate with halved steps until the states at the fractions no longer change."""
-    steps = 1
-    with np.errstate(all="ignore"):
-        coarse, coarse_path = runge_kutta(rates, starts, fractions, steps)
-        most_steps = min(_MOST_STEPS, max(_STIFF_STEPS, _MOST_STEPS_IN_ALL // len(fractions)))
-        while steps < most_steps:
-            steps *= 2
-            fine, path = runge_kutta(rates, starts, fractions, steps)
-            changes = (np.abs(fine - coarse) / _ORDER_FACTOR).max(axis=(0, 2))
-            # Where elements lead far from the plan, relative to how far: less would be rounding.
-            sizes = np.maximum(scales[:, None], np.abs(fine).max(axis=(0, 2)))
-            error = float((changes / sizes).max())
-            # Beside a corner more steps bring little.
-            if error <= (tolerance if steps < most_steps else max(tolerance, 1e-6)):
-                corrected = path[::2] + (path[::2] - coarse_path) / _ORDER_FACTOR
-                ends = fine[-1] + (fine[-1] - coarse[-1]) / _ORDER_FACTOR
-                return _March(corrected[:: min(_STEPS_PER_INSTANT, steps // 2)], ends)
-            if may_be_stiff and steps >= _STIFF_STEPS and not (changes <= scales[:, None]).all():
+    def solved(self, path: _Path, first: Array | None) -> tuple[_Path, Array] | None:
+        """The path from these starts on, and the slopes at its stages; None where it cannot be followed."""
+        asked = len(path.widths)
+        while True:
+            met = self._met(path, first)
+            if met is None:
                 return None
-            coarse, coarse_path = fine, path
-    return None
+            slopes, defects = self._defects(met)
+            parts = len(met.widths)
+            is_at_corner = parts >= asked + _PARTS_AT_CORNER
+            tolerance = max(self._tolerance, _AT_CORNER) if is_at_corner else self._tolerance
+            if float(defects.sum()) <= tolerance:
+                return met, slopes
+            large = defects > tolerance / (2 * parts)
+            if not np.isfinite(defects).all() or parts + int(large.sum()) > asked + _MOST_PARTS:
+                return None
+            middles = (met.breaks[1:] + met.breaks[:-1])[large] / 2
+            path = met.on(np.sort(np.concatenate([met.breaks, middles])))
+
+    def _slopes(self, fractions: Array, states: Array) -> Array:
+        """Rates of states of shape ``(n, k, N, p, s)``, as they are after these fractions of all parts."""
+        shape = states.shape
+        found = self._rates(fractions, states.reshape(*shape[:3], -1))
+        return found.reshape(-1, *shape[1:])
+
+    def _defects(self, path: _Path) -> tuple[Array, Array]:
+        """The slopes at the stages (n + g, N, p, s), and how far each part is from the equations between them."""
+        places, weights, of_nodes, of_stages = _between()
+        states = path.values[:, None]
+        slopes = self._slopes(path.fractions(_scheme().c), states[..., 1:])[:, 0]
+        there = self._slopes(path.fractions(places), states @ of_nodes.T)[:, 0]
+        left = np.abs(slopes @ of_stages.T - there) @ weights * path.widths
+        return slopes, (left.max(axis=1) / self._sizes(path.values)[:, None]).max(axis=0)
+
+    def _sizes(self, values: Array) -> Array:
+        """Where elements lead far from the plan, relative to how far: less would be rounding."""
+        sizes = self._scales.copy()
+        sizes[: len(values)] = np.maximum(sizes[: len(values)], np.abs(values).max(axis=(1, 2, 3)))
+        return sizes
+
+    def _met(self, path: _Path, first: Array | None) -> _Path | None:
+        """Polynomials that meet the equations at the stages, and each other at the ends of parts.
+
+        An unstable motion goes far from the elements' own starts, where slopes along these say nothing: starts are
+        moved only as far along the motion as slopes are trusted, and the next sweep goes on from there. They are
+        trusted farther where moves of the starts have left little to move at the stages.
+        """
+        values, scheme = path.values.copy(), _scheme()
+        n, elements = values.shape[:2]
+        stages, by_stages = path.fractions(scheme.c), path.widths[:, None, None] * scheme.A
+        most, waited, before, linear, trust = -1, 0, np.inf, None, 1.0
+        for _ in range(max(2 * _SWEEPS, _MOST_ELEMENTS // elements)):
+            sizes = self._sizes(values)[:n]
+            if linear is None:
+                linear, slopes = self._linearised(path.widths, stages, values)
+            else:
+                slopes = self._slopes(stages, values[:, None, :, :, 1:])[:n, 0]
+            left = values[..., :1] - values[..., 1:] + np.einsum("aepj,pij->aepi", slopes, by_stages)
+            moves = linear.solve(left)
+            is_trusted = (np.abs(moves).max(axis=(1, 2, 3)) <= _STILL_LINEAR * trust * sizes).all()
+            trust = 4.0 * trust if is_trusted else max(1.0, trust / 4.0)
+            starts, told = _moves_of_starts(values, moves[..., -1], linear.by_start[-1], first, trust * sizes)
+            moves += np.einsum("sepab,bep->aeps", linear.by_start, starts)
+            values[..., 0] += starts
+            values[..., 1:] += moves
+            largest = np.maximum(np.abs(moves).max(axis=3), np.abs(starts)) / sizes[:, None, None]
+            met = told & (largest <= 0.1 * self._tolerance).all(axis=0)
+            if met.all():
+                return _Path(path.breaks, values)
+            size = float(largest.max())
+            if not np.isfinite(size):
+                return None
+            count = int(met.sum())
+            is_better = count > most or size <= 0.5 * before
+            most, waited = max(count, most), 0 if is_better else waited + 1
+            if waited >= _SWEEPS:
+                return None
+            linear = linear if size <= 0.1 * before else None
+            before = size
+        return None
+
+    def _linearised(self, widths: Array, stages: Array, values: Array) -> tuple[_Linear, Array]:
+        """The equations of all parts with the mean derivatives on each, and the slopes at the stages."""
+        n = len(values)
+        steps = _DIFFERENCE * self._sizes(values)[:n]
+        varied = np.repeat(values[:, None, :, :, 1:], n + 1, axis=1)
+        varied[np.arange(n), np.arange(n) + 1] += steps[:, None, None, None]
+        slopes = self._slopes(stages, varied)[:n]
+        jacobians = (slopes[:, 1:] - slopes[:, :1]).mean(axis=4) / steps[:, None, None]
+        return _Linear.of(widths, jacobians.transpose(2, 3, 0, 1)), slopes[:, 0]
 
 
-def _divided(fractions: Array, parts: int) -> Array:
-    """Fractions with so many equal parts between each two of them."""
-    places = np.arange(parts * (len(fractions) - 1) + 1) / parts
-    return np.interp(places, np.arange(len(fractions)), fractions)
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """The linear equations of all parts, solved.
+
+    Attributes
+    ----------
+    inverses : complex array, shape (s, N, p, n, n)
+        For each eigenvalue of the method.
+    by_start : array, shape (s, N, p, n, n)
+        Derivatives of the states at the stages by those at the start.
+    """
+
+    inverses: ComplexArray
+    by_start: Array
+
+    @classmethod
+    def of(cls, widths: Array, jacobians: Array) -> _Linear:
+        """With derivatives of the rates by the states, shape ``(N, p, n, n)``."""
+        values, vectors, inverse = _eigenvalues()
+        scaled = widths[:, None, None] * jacobians
+        matrices = np.eye(jacobians.shape[-1]) - values[:, None, None, None, None] * scaled
+        if not np.isfinite(matrices).all():
+            matrices = np.broadcast_to(np.nan, matrices.shape)
+        inverses = np.asarray(np.linalg.inv(matrices), dtype=np.complex128)
+        by_start = np.einsum("is,sepab,s->iepab", vectors, inverses, inverse.sum(axis=1)).real
+        return cls(inverses, np.asarray(by_start, dtype=np.float64))
+
+    def solve(self, left: Array) -> Array:
+        """Moves of the states at the stages, shape ``(n, N, p, s)``, that take away what is left of the equations."""
+        _, vectors, inverse = _eigenvalues()
+        return np.asarray((np.einsum("sepab,beps->aeps", self.inverses, left @ inverse.T) @ vectors.T).real)
 
 
-def runge_kutta(rates: Rates, states: Array, fractions: Array, steps: int) -> tuple[Array, Array]:
-    """States at the fractions, with so many steps between two of them, and of the first variant after each step."""
-    paths, path = [states], [states[:, 0, :]]
-    for before, after in pairwise(fractions.tolist()):
-        h = (after - before) / steps
-        for step in range(steps):
-            start, end = before + step * h, after if step + 1 == steps else before + (step + 1) * h
-            middle = (start + end) / 2
-            first = rates(start, states)
-            second = rates(middle, states + 0.5 * h * first)
-            third = rates(middle, states + 0.5 * h * second)
-            fourth = rates(end, states + h * third)
-            states = states + h / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
-            path.append(states[:, 0, :])
-        paths.append(states)
-    return np.array(paths), np.array(path)
+def _moves_of_starts(
+    values: Array, moves: Array, by_start: Array, first: Array | None, trusted: Array
+) -> tuple[Array, BoolArray]:
+    """Moves (n, N, p) of the starts of parts, one after the other, and where slopes can tell them (N, p).
+
+    Parameters
+    ----------
+    values : array, shape (n, N, p, s + 1)
+    moves : array, shape (n, N, p)
+        Of the ends, beside those by the starts.
+    by_start : array, shape (N, p, n, n)
+        Derivatives of the ends by the starts.
+    first : array, shape (n,), or None
+        Without it every element keeps its own start.
+    trusted : array, shape (n,)
+        How far slopes are trusted.
+    """
+    n, elements, parts, _ = values.shape
+    ends = (values[..., -1] + moves).transpose(2, 1, 0)
+    starts = values[..., 0].transpose(2, 1, 0)
+    own, by_first = np.zeros((parts, elements, n)), np.tile(np.eye(n), (parts, elements, 1, 1))
+    told = np.ones((parts, elements), dtype=bool)
+    for part in range(1, parts):
+        passed_on = (by_start[:, part - 1] @ own[part - 1, :, :, None])[..., 0]
+        told[part] = told[part - 1] & (np.abs(passed_on) <= trusted).all(axis=1)
+        own[part] = np.where(told[part, :, None], passed_on + ends[part - 1] - starts[part], 0.0)
+        by_first[part] = by_start[:, part - 1] @ by_first[part - 1]
+    if first is not None:
+        # What an element passes on to the next one: by itself, and of the move of its own start.
+        jumps = (by_start[:, -1] @ own[-1, :, :, None])[..., 0] + ends[-1]
+        over_all = by_start[:, -1] @ by_first[-1]
+        changes = np.zeros((elements, n))
+        changes[0] = first - starts[0, 0]
+        for i in range(1, elements):
+            passed_on = over_all[i - 1] @ changes[i - 1]
+            if not (told[-1, i - 1] and (np.abs(passed_on) <= trusted).all()):
+                told[:, i:] = False
+                break
+            changes[i] = passed_on + jumps[i - 1] - starts[0, i]
+        own += (by_first @ changes[:, :, None])[..., 0]
+    return own.transpose(2, 1, 0), told.T

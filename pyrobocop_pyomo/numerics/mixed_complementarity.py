@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +25,7 @@ from .arrays import Array
 Choice = NDArray[np.int64]
 
 
-class _Held(IntEnum):
+class _Held:
     """What a statement's equation may be: F at a bound, or H zero."""
 
     LOWER = -1
@@ -87,7 +86,8 @@ class MixedComplementarity:
         body, other = values.body, values.other
         gap = body - self.lower
         either = np.where(gap <= np.abs(other), gap, other)
-        return np.where(self.either, either, body - np.clip(body - other, self.lower, self.upper))
+        middle = np.minimum(np.maximum(body - other, self.lower), self.upper)
+        return np.where(self.either, either, body - middle)
 
     def matrices(self, values: ComplementarityValues, little: float) -> Iterator[Array]:
         """Derivatives of the equations nearest to holding; then, where both sides are zero, of the others too."""

@@ -74,7 +74,7 @@ class BoundPassed(NamedTuple):
     of_elements: Array
 
 
-def bounds_passed(block: Any, trajectory: Trajectory) -> dict[str, BoundPassed]:
+def bounds_passed(formulas: RuleFormulas, trajectory: Trajectory) -> dict[str, BoundPassed]:
     """States and controls whose polynomials pass their declared bounds between the points of the mesh; and rates.
 
     What moves by step maps is left out. At the points themselves bounds are rows of the model: what is violated there
@@ -82,7 +82,7 @@ def bounds_passed(block: Any, trajectory: Trajectory) -> dict[str, BoundPassed]:
 
     Parameters
     ----------
-    block : PhaseBlock
+    formulas : RuleFormulas
     trajectory : Trajectory
 
     Returns
@@ -90,8 +90,8 @@ def bounds_passed(block: Any, trajectory: Trajectory) -> dict[str, BoundPassed]:
     dict of name to BoundPassed
         Sampled at 24 instants per element, so that an excess is found to about one percent of itself.
     """
-    record: PhaseRecord = block.record
-    instants = _between_and_at_points(RuleFormulas(block, trajectory.grid), trajectory)
+    record: PhaseRecord = formulas.record
+    instants = _between_and_at_points(formulas, trajectory)
     scheme, widths = trajectory.grid.scheme, np.array(trajectory.grid.mesh.widths)
     found: dict[str, BoundPassed] = {}
     for name in [*record.names(State), *record.names(Control)]:
@@ -113,12 +113,12 @@ def bounds_passed(block: Any, trajectory: Trajectory) -> dict[str, BoundPassed]:
     return found
 
 
-def rows_passed(block: Any, trajectory: Trajectory, statement: Statement) -> dict[str, BoundPassed]:
+def rows_passed(formulas: RuleFormulas, trajectory: Trajectory, statement: Statement) -> dict[str, BoundPassed]:
     """The inequalities of a path constraint that are passed between the points, as `bounds_passed`.
 
     Parameters
     ----------
-    block : PhaseBlock
+    formulas : RuleFormulas
     trajectory : Trajectory
     statement : Statement
 
@@ -127,8 +127,8 @@ def rows_passed(block: Any, trajectory: Trajectory, statement: Statement) -> dic
     TrajectoryError
         When the rule gives no formula that holds at all times, or one without a value at some instant.
     """
-    formulas = RuleFormulas(block, trajectory.grid)
-    labels = dict.fromkeys(index[1] if isinstance(index, tuple) else None for index in block.component(statement.name))
+    component = formulas.block.component(statement.name)
+    labels = dict.fromkeys(index[1] if isinstance(index, tuple) else None for index in component)
     said = sides_stated(formulas, statement)
     rows = {label: said[label] for label in labels if label in said}
     signals = {id(formulas.at_instant[name]) for name in trajectory.signals}

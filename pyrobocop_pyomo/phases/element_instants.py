@@ -67,10 +67,9 @@ class ElementInstants:
         formulas = self._formulas
         asked = formulas.further_readings
         if asked != self._asked:  # rules were asked since
-            self._asked, self._others = asked, formulas.of_coupled_phases(np.asarray(self.fractions))
-            places = enumerate(np.asarray(self.fractions).tolist())
-            earlier = [formulas.delayed_numbers(self._past, self.clock[i], self._widths, at) for i, at in places]
-            self._others |= {key: np.array([of[key] for of in earlier]) for key in earlier[0]}
+            self._asked, self._others = asked, formulas.of_coupled_phases(self.fractions)
+            given = self._past, self.clock, self._widths, self.fractions[:, None]
+            self._others |= formulas.delayed_numbers(formulas.delays, *given)
         return formulas.leaves(values, self.index, self.clock, self.slopes, self._starts) | self._others
 
     def evaluated(self, expressions: Sequence[Any], values: Mapping[str, Any]) -> list[Array]:
@@ -78,8 +77,8 @@ class ElementInstants:
         found = self._formulas.values(expressions, self._leaves(values))
         return [np.zeros(self.index.shape) + of for of in found]
 
-    def value_of(self, expression: Any, statement: Statement) -> Array:
-        """The values of a formula of a statement.
+    def values_stated(self, expressions: Sequence[Any], statement: Statement) -> list[Array]:
+        """The values of formulas of a statement.
 
         Raises
         ------
@@ -87,10 +86,13 @@ class ElementInstants:
             When it has none somewhere: naming the part without value, the rule, the time and the element.
         """
         with np.errstate(all="ignore"):
-            (found,) = self.evaluated([expression], self.values)
-        for i, k in np.argwhere(~np.isfinite(found.T)).tolist():
-            if expression.__class__ is float:
-                break  # no bound
+            found = self.evaluated(expressions, self.values)
+        for expression, values in zip(expressions, found, strict=True):
+            # Of numbers some are infinite: bounds that are none.
+            undefined = [] if expression.__class__ is float else np.argwhere(~np.isfinite(values.T)).tolist()
+            if not undefined:
+                continue
+            i, k = undefined[0]
             leaves = self._leaves(self.values)
             here = {key: float(of if np.ndim(of) == 0 else of[k, i]) for key, of in leaves.items()}
             what = self._formulas.undefined_part(expression, here) or "it has no value"

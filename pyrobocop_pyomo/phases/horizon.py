@@ -163,8 +163,12 @@ def real_grid(block: Any) -> Grid:
     if not block.record.normalised:
         return block.record.grid
     refuse_no_duration(block)
-    boundaries = (value(real_time(block, tau)) for tau in block.record.grid.mesh.boundaries)
-    return Grid(block.record.grid.scheme, Mesh(tuple(float(boundary) for boundary in boundaries)))
+    record: PhaseRecord = block.record
+    boundaries = record.grid.mesh.boundaries
+    if record.free_widths:
+        boundaries = tuple(value(block.boundary[i]) for i in range(len(boundaries)))
+    first, duration = float(value(block.start)), float(value(block.duration))
+    return Grid(record.grid.scheme, Mesh((first, *(first + duration * tau for tau in boundaries[1:]))))
 
 
 def refuse_no_duration(block: Any) -> None:

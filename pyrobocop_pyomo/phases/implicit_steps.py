@@ -28,7 +28,7 @@ from pyrobocop_pyomo.trajectories import Trajectory
 
 from .bounds_between_points import SAMPLES
 from .right_hand_sides import RightHandSides
-from .step_equations import StepEquations, with_slopes
+from .step_equations import StepEquations, stacked, with_slopes
 
 _radau = cache(radau)
 
@@ -155,9 +155,9 @@ class StepSystem:
         by = self._layout.slopes - (self._lengths[:, None, None] * (F @ slopes[:n])).reshape(self._layout.states, size)
         skipped = self._scheme.stages - self.stages_solved
         values, slopes = values[n:, skipped:], slopes[n:, skipped:]
-        cuts = [len(values) - 2 * count, len(values) - count]
-        rows, body, other = (part.ravel() for part in np.split(values, cuts))
-        by_row, by_body, by_other = (part.reshape(part[..., 0].size, size) for part in np.split(slopes, cuts))
+        ends = [0, len(values) - 2 * count, len(values) - count, len(values)]
+        rows, body, other = (values[begin:end].ravel() for begin, end in pairwise(ends))
+        by_row, by_body, by_other = (slopes[begin:end].reshape(-1, size) for begin, end in pairwise(ends))
         return ComplementarityValues(
             np.concatenate([states.ravel(), rows]), body, other, np.concatenate([by, by_row]), by_body, by_other
         )
@@ -191,7 +191,7 @@ class FormulaStep(StepSystem):
     def planned(self) -> Array:
         """The unknowns as planned at the stages, shape ``(m, s)``."""
         keys = self._rates.keys[len(self._start) :]
-        return np.array([self._given[key] for key in keys]).reshape(len(keys), self._scheme.stages)
+        return stacked([self._given[key] for key in keys], (self._scheme.stages,))
 
     def at_stages(self, point: Array, nodes: Array, unknowns: Array) -> tuple[Array, Array]:
         """As for `StepSystem`."""

@@ -618,10 +618,11 @@ class PhaseBlockData(BuiltBlockData):
     ) -> Reintegration:
         """The motion that the equations make of a plan under its controls, inside the elements too.
 
-        All elements are integrated at once, by halved steps until nothing changes; implicit derivatives, algebraics and
-        controls that equations determine are found at each instant. Where pairs decide something that the motion
-        depends on, contact is simulated, in steps of a Radau scheme that are halved where it opens or closes. All other
-        controls are taken as the trajectory's polynomials.
+        All elements are integrated at once, by a Radau scheme of order fifteen on parts that are halved until the
+        equations hold between its points too; implicit derivatives, algebraics and controls that equations determine
+        are found at each instant. Where pairs decide something that the motion depends on, contact is simulated, in
+        steps of a Radau scheme that are halved where it opens or closes. All other controls are taken as the
+        trajectory's polynomials.
 
         Parameters
         ----------

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,14 +22,14 @@ from pyrobocop_pyomo.numerics.tables import tables_continued
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .bounds_between_points import SAMPLES, instants_to_look_at, stated_formulas
-from .coupled_phases import CoupledPhase, coupled_phases_of, put_on_model
+from .coupled_phases import coupled_phases_of, put_on_model
 from .delays import MotionSoFar
 from .element_instants import ElementInstants
 from .families import guesses_by_component
 from .implicit_steps import stepped_flows
 from .instant_equations import InstantEquations, refuse_equations_beside
 from .record import PhaseRecord, Statement
-from .right_hand_sides import RightHandSides
+from .right_hand_sides import RightHandSides, known_equations
 from .rule_formulas import RuleFormulas
 
 # Of the integration, relative to the size of each state. Differences are of interest from there on.
@@ -37,6 +38,7 @@ TOLERANCE = 1e-10
 TOLERANCE_IF_QUICK = 1e-6
 # Of element ends alone, which every result asks for.
 TOLERANCE_OF_ENDS = 1e-8
+_TOO_STIFF = "The equations are too stiff for an integration of all elements at once."
 # A state that stays at zero has a size too.
 SMALLEST_SCALE = 1e-3
 
@@ -126,7 +128,7 @@ class Reintegration:
 def reintegrate(
     block: Any,
     trajectory: Trajectory,
-    coupled: Sequence[CoupledPhase] | None = None,
+    formulas: RuleFormulas | None = None,
     initial: Mapping[str, float] | None = None,
     *,
     states_only: bool = False,
@@ -138,8 +140,8 @@ def reintegrate(
     ----------
     block : PhaseBlock
     trajectory : Trajectory
-    coupled : sequence of CoupledPhase, optional
-        Other phases, beside values of the trajectory that stand on the model already.
+    formulas : RuleFormulas, optional
+        Where values of the trajectory stand on the model already.
     initial : dict of state name to number, optional
         Where the open loop starts; as the plan does by default.
     states_only : bool
@@ -159,15 +161,16 @@ def reintegrate(
         )
     initial = guesses_by_component(record, initial or {}, f"phase '{block.name}'")
     first = np.array([initial.get(name, trajectory.states[name][0]) for name in names], dtype=float)
-    on_model = put_on_model([(block, trajectory)]) if coupled is None else nullcontext()
-    coupled = coupled_phases_of(block, trajectory.grid) if coupled is None else coupled
+    on_model = put_on_model([(block, trajectory)]) if formulas is None else nullcontext()
     with on_model, tables_continued():
-        formulas = RuleFormulas(block, trajectory.grid, coupled)
+        formulas = formulas or RuleFormulas(block, trajectory.grid, coupled_phases_of(block, trajectory.grid))
+        rates = RightHandSides(formulas, trajectory, known_equations(formulas, InstantEquations))
+        refuse_equations_beside(block, rates.equations.read)
+        integrals = _KnownIntegrals(rates, formulas, trajectory, [] if states_only else record.integrals)
         try:
-            flows, contact = _flows(formulas, trajectory, first, ends_only)
+            flows = _flows(rates, formulas, trajectory, first, integrals, ends_only)
         except EvaluationError as error:
             raise TrajectoryError(f"phase '{block.name}': {error}") from error
-        integrals, remarks = ({}, ()) if states_only else _integrals(block, trajectory)
         if not np.isfinite(flows.local).all():
             _refuse_undefined(formulas, trajectory)
     planned = trajectory.element_polynomials(flows.fractions)
@@ -176,9 +179,9 @@ def reintegrate(
         planned={name: planned[name] for name in names},
         local={name: flows.local[:, :, j] for j, name in enumerate(names)},
         open_loop=None if flows.whole is None else {name: flows.whole[:, :, j] for j, name in enumerate(names)},
-        contact=contact,
-        integrals=integrals,
-        remarks=remarks,
+        contact=bool(rates.equations.pairs),
+        integrals=integrals.over_elements(flows.gained),
+        remarks=tuple(integrals.remarks),
         delayed=bool(record.delayed_names),
     )
 
@@ -187,32 +190,127 @@ def _refuse_undefined(formulas: RuleFormulas, trajectory: Trajectory) -> None:
     """Where the equations have no value on the plan itself, no motion can be known."""
     at, record = ElementInstants(formulas, trajectory, trajectory.grid.scheme.c), formulas.record
     for statement in record.statements_of("ode") + record.statements_of("residual"):
-        for side in stated_formulas(formulas, statement):
-            at.value_of(side, statement)
+        at.values_stated(stated_formulas(formulas, statement), statement)
 
 
-def _flows(formulas: RuleFormulas, trajectory: Trajectory, first: Array, ends: bool) -> tuple[Flows, bool]:
-    """The flows, and whether contact decides them."""
-    block, record = formulas.block, formulas.record
-    starts = np.array([trajectory.element_states(name)[:, 0] for name in record.names_of_states]).T
-    scales = SMALLEST_SCALE + np.abs(np.array([trajectory.states[name] for name in record.names_of_states])).max(axis=1)
-    rates = RightHandSides(formulas, trajectory, InstantEquations)
-    refuse_equations_beside(block, rates.equations.read)
+class _KnownIntegrals:
+    """Integrals whose integrands are known between the points, and remarks on the others.
+
+    Parameters
+    ----------
+    rates : RightHandSides
+    formulas : RuleFormulas
+    trajectory : Trajectory
+    statements : sequence of Statement
+
+    Attributes
+    ----------
+    integrands : dict of name to expression
+    planned : dict of name to array, shape (N,)
+        By the quadrature of the mesh.
+    breaks : array
+        Local fractions between which integrands hardly change with the time.
+    remarks : list of str
+    """
+
+    def __init__(
+        self, rates: RightHandSides, formulas: RuleFormulas, trajectory: Trajectory, statements: Sequence[Statement]
+    ) -> None:
+        self.integrands: dict[str, Any] = {}
+        self.planned: dict[str, Array] = {}
+        self.remarks: list[str] = []
+        self.breaks = np.array([0.0, 1.0])
+        scheme = trajectory.grid.scheme
+        for position, statement in enumerate(statements, start=1):
+            name = f"{statement.name} ({position})"
+            try:
+                if rates.equations.needs_steps:
+                    raise TrajectoryError(
+                        f"phase '{formulas.block.name}': its motion depends on contacts, or on hidden conditions, "
+                        "which single instants do not tell."
+                    )
+                integrand = formulas.formulas_of(statement)
+                with np.errstate(all="ignore"):
+                    gained = RightHandSides(formulas, trajectory, rates.equations, [integrand])
+                    states = _planned(trajectory, formulas.record.names_of_states, scheme.c)
+                    planned = gained(scheme.c, states[:, None])[-1, 0] @ scheme.b
+                if not np.isfinite(planned).all():
+                    what = f"phase '{formulas.block.name}': integral '{statement.name}'"
+                    raise TrajectoryError(f"{what} has no finite value on the plan.")
+                instants = instants_to_look_at(formulas, trajectory, [statement])
+            except (TrajectoryError, EvaluationError) as error:
+                self._leave_out(name, error)
+                continue
+            self.integrands[name], self.planned[name] = integrand, planned
+            self.breaks = _united(self.breaks, instants)
+
+    def leave_out_all(self, why: str) -> None:
+        """Remark that none of them is known along the motion."""
+        for name in self.integrands:
+            self._leave_out(name, why)
+        self.integrands.clear()
+
+    def _leave_out(self, name: str, why: object) -> None:
+        self.remarks.append(f"integral {name}: not re-integrated. {why}")
+
+    def over_elements(self, gained: Array | None) -> dict[str, tuple[Array, Array]]:
+        """As planned, and along the motion of each element."""
+        if gained is None:
+            return {}
+        return {name: (self.planned[name], of) for name, of in zip(self.integrands, gained.T, strict=True)}
+
+
+def _united(breaks: Array, instants: Array) -> Array:
+    """Local fractions where parts end that rules ask for: those of rules that change quickly with the time."""
+    return breaks if len(instants) == SAMPLES + 1 else np.union1d(breaks, instants)
+
+
+def _planned(trajectory: Trajectory, names: Sequence[str], fractions: Array) -> Array:
+    """The states of a plan at fractions of its elements, shape ``(n, N, q)``."""
+    polynomials = trajectory.element_polynomials(fractions)
+    return np.stack([polynomials[name] for name in names])
+
+
+def _flows(
+    rates: RightHandSides,
+    formulas: RuleFormulas,
+    trajectory: Trajectory,
+    first: Array,
+    integrals: _KnownIntegrals,
+    ends_only: bool,
+) -> Flows:
+    names = formulas.record.names_of_states
+    scales = SMALLEST_SCALE + np.abs(np.array([trajectory.states[name] for name in names])).max(axis=1)
     fractions = instants_to_look_at(formulas, trajectory, rates.equations.statements)
-    is_quick = len(fractions) != SAMPLES + 1
+    parts = _united(np.array([0.0, 1.0]), fractions)
+    is_quick = len(parts) > 2
+    planned = partial(_planned, trajectory, names)
+
+    def followed(tolerance: float, at: Array, start: Array | None) -> Flows | None:
+        integrands = [*integrals.integrands.values()]
+        of_integrals = [SMALLEST_SCALE + np.abs(of).sum() for of in integrals.planned.values()][: len(integrands)]
+        sizes, breaks = np.append(scales, of_integrals), np.union1d(parts, integrals.breaks)
+        followed_too = RightHandSides(formulas, trajectory, rates.equations, integrands)
+        return integrate_flows(followed_too, planned, sizes, at, tolerance, start, breaks)
+
+    tolerance = TOLERANCE_IF_QUICK if is_quick else TOLERANCE
     if rates.are_delayed:
-        parts = fractions if is_quick else np.array([0.0, 1.0])
-        return _delayed_flows(rates, trajectory, parts, fractions, starts, first), False
+        along = followed(tolerance, fractions, None) if integrals.integrands else None
+        if along is None:
+            integrals.leave_out_all(_TOO_STIFF)
+        motion = _delayed_flows(rates, trajectory, parts, fractions, planned(np.zeros(1))[:, :, 0].T, first)
+        return replace(motion, gained=None if along is None else along.gained)
     if not rates.equations.needs_steps:
-        flows = None
-        if ends and not is_quick:
-            flows = integrate_flows(rates, starts, scales, fractions[:: SAMPLES // 2], TOLERANCE_OF_ENDS, None)
-        if flows is None:
-            tolerance = TOLERANCE_IF_QUICK if is_quick else TOLERANCE
-            flows = integrate_flows(rates, starts, scales, fractions, tolerance, first)
+        if ends_only and not is_quick:
+            flows = followed(TOLERANCE_OF_ENDS, fractions[:: SAMPLES // 2], None)
+        else:
+            flows = followed(tolerance, fractions, first)
+        if flows is None and integrals.integrands:
+            integrals.leave_out_all(_TOO_STIFF)
+            flows = followed(tolerance, fractions, first)
         if flows is not None:
-            return flows, False
-    return stepped_flows(rates, trajectory, fractions, scales, first), bool(rates.equations.pairs)
+            return flows
+    return stepped_flows(rates, trajectory, fractions, scales, first)
 
 
 def _delayed_flows(
@@ -239,44 +337,3 @@ def _delayed_flows(
         except (ArithmeticError, ValueError):
             return Flows(fractions, np.array(local), None)
     return Flows(fractions, np.array(local), np.array(carried))
-
-
-def _integrals(block: Any, trajectory: Trajectory) -> tuple[dict[str, tuple[Array, Array]], tuple[str, ...]]:
-    """Each integral per element: by quadrature and along the local motion; and remarks on those that are not known."""
-    known: dict[str, tuple[Array, Array]] = {}
-    remarks: list[str] = []
-    for position, statement in enumerate(block.record.integrals, start=1):
-        name = f"{statement.name} ({position})"
-        try:
-            known[name] = _integral(block, trajectory, statement)
-        except (TrajectoryError, EvaluationError) as error:
-            remarks.append(f"integral {name}: not re-integrated. {error}")
-    return known, tuple(remarks)
-
-
-def _integral(block: Any, trajectory: Trajectory, statement: Statement) -> tuple[Array, Array]:
-    what = f"phase '{block.name}': integral '{statement.name}'"
-    grid = trajectory.grid
-    formulas = RuleFormulas(block, trajectory.grid)
-    rates = RightHandSides(formulas, trajectory, InstantEquations, [statement])
-    if rates.equations.needs_steps:
-        raise TrajectoryError(
-            f"phase '{block.name}': its motion depends on contacts, or on hidden conditions, which single instants do "
-            "not tell."
-        )
-    names, width = block.record.names_of_states, grid.mesh.widths
-    nodes = {name: trajectory.element_states(name) for name in names}
-    planned = np.zeros(len(width))
-    with np.errstate(all="ignore"):
-        for fraction, weight in zip(grid.scheme.c.tolist(), grid.scheme.b.tolist(), strict=True):
-            here = np.array([nodes[name] @ grid.scheme.state_at([fraction])[0] for name in names])
-            planned += weight * rates(fraction, np.vstack([here, planned])[:, None, :])[-1, 0]
-    if not np.isfinite(planned).all():
-        raise TrajectoryError(f"{what} has no finite value on the plan.")
-    fractions = instants_to_look_at(formulas, trajectory, [*block.record.statements_of("ode"), statement])
-    starts = np.column_stack([*(nodes[name][:, 0] for name in names), np.zeros(len(width))])
-    sizes = [np.abs(nodes[name]).max() for name in names] + [np.abs(planned).sum()]
-    found = integrate_flows(rates, starts, SMALLEST_SCALE + np.array(sizes), fractions, TOLERANCE, None)
-    if found is None:
-        raise TrajectoryError(f"{what}: the equations are too stiff for an integration of all elements at once.")
-    return planned, found.local[:, -1, -1]

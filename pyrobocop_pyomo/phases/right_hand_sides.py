@@ -20,12 +20,29 @@ from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .delays import MotionSoFar, Past, past_of
-from .record import Statement
 from .rule_formulas import RuleFormulas
 from .step_equations import differences, stacked
 
 # Relative to an element: shorter delays would take too many steps.
 _SHORTEST_PART = 1e-5
+
+
+def known_equations(formulas: RuleFormulas, equations: Callable[[RuleFormulas], Any]) -> Any:
+    """The equations of a phase, of a kind.
+
+    Parameters
+    ----------
+    formulas : RuleFormulas
+    equations : callable
+        `InstantEquations`, or `StepEquations` by way of `by_rules`.
+
+    Raises
+    ------
+    TrajectoryError
+        When a rule gives no formula.
+    """
+    with failures_as(TrajectoryError, f"phase '{formulas.block.name}': its equations are no formulas"):
+        return equations(formulas)
 
 
 class TooManyEvaluations(Exception):
@@ -38,20 +55,22 @@ class RightHandSides:
     Parameters
     ----------
     formulas : RuleFormulas
-        Which have read nothing yet.
     trajectory : Trajectory
         Whose controls and parameters are taken. Algebraics are taken from it where nothing determines them, or the
         motion does not depend on them; elsewhere they are found at each instant, from there.
-    equations : callable
-        From `RuleFormulas` to the equations: `InstantEquations`, or `StepEquations`.
-    integrals : sequence of Statement
-        Whose integrands follow the states: what they gain over the local fraction.
+    equations : InstantEquations or StepEquations
+        Of the formulas.
+    integrands : sequence of expression
+        Formulas of the integrands whose integrals follow the states.
 
     Attributes
     ----------
     equations : InstantEquations or StepEquations
+    integrands : sequence of expression
     widths : array, shape (N,)
         Of the elements in real time.
+    are_delayed : bool
+        Whether the equations read earlier times.
     past : callable
         ``past(name, times)`` gives values at earlier times, where rules read such: those of the trajectory at first.
     most_evaluations : float
@@ -69,68 +88,64 @@ class RightHandSides:
         self,
         formulas: RuleFormulas,
         trajectory: Trajectory,
-        equations: Callable[[RuleFormulas], Any],
-        integrals: Sequence[Statement] = (),
+        equations: Any,
+        integrands: Sequence[Any] = (),
     ) -> None:
         self._formulas, self._names, self._trajectory = formulas, formulas.record.names_of_states, trajectory
         self.widths = trajectory.grid.mesh.widths
         of_signals = [trajectory.element_signals(name) for name in trajectory.signals]
         self._signals = np.array(of_signals).reshape(-1, len(self.widths), trajectory.grid.scheme.stages)
-        self._known: dict[float, dict[int, Any]] = {}
+        self._known: dict[bytes, dict[int, Any]] = {}
         meshes = trajectory.grid.mesh, formulas.indices.mesh
         self._starts, self._indices = (np.array(mesh.boundaries[:-1]) for mesh in meshes)
         self._index_widths = np.array(formulas.indices.mesh.widths)
-        with failures_as(TrajectoryError, f"phase '{formulas.block.name}': its equations are no formulas"):
-            self.equations = equations(formulas)
-            gained = [formulas.formulas_of(statement) for statement in integrals]
-        if self.equations.unknowns and formulas.delays:
+        self.equations, self.integrands = equations, integrands
+        pairs = equations.pairs
+        stated = [*equations.rows, *(pair.body for pair in pairs), *(pair.other for pair in pairs)]
+        of_equations = formulas.delays_in([*equations.rates, *stated])
+        self.are_delayed = bool(of_equations)
+        if self.equations.unknowns and of_equations:
             raise TrajectoryError(
                 f"phase '{formulas.block.name}': rules read earlier times, and equations determine "
                 f"{', '.join(self.equations.unknowns)}; such a motion cannot be followed."
             )
+        self._delays = [*of_equations, *formulas.delays_in(integrands)]
         self.past: Past = past_of(trajectory)
         self.most_evaluations, self.reached, self._evaluations = np.inf, self._starts[0], 0
-        self.smallest_delay = min((delay for _, delay in formulas.delays if delay > 0.0), default=np.inf)
-        pairs = self.equations.pairs
-        stated = [*self.equations.rows, *(pair.body for pair in pairs), *(pair.other for pair in pairs)]
-        self._rates = partial(formulas.values, [*self.equations.rates, *gained])
+        self.smallest_delay = min((delay for _, delay in of_equations if delay > 0.0), default=np.inf)
         self._stated = partial(formulas.values, stated)
         self._everything = partial(formulas.values, [*self.equations.rates, *stated])
         # Mean derivatives of the plan in each element: where the search for those begins that no ode states.
         nodes = {name: trajectory.element_states(name) for name in trajectory.states}
-        self._slopes = {name: (of[:, -1] - of[:, 0]) / self.widths for name, of in nodes.items()}
+        self._slopes = {name: (of[:, -1:] - of[:, :1]) / self.widths[:, None] for name, of in nodes.items()}
         self._unknowns = [id(variable) for variable in self.equations.unknowns.values()]
         # What stands for states and unknowns.
         self.keys = [*(id(formulas.at_instant[name]) for name in self._names), *self._unknowns]
-        self._inverse: Array | None = None
+        self._inverses: dict[tuple[int, ...], Array | None] = {}
         self._last: dict[int, Any] = {}
-
-    @property
-    def are_delayed(self) -> bool:
-        """Whether rules read earlier times."""
-        return bool(self._formulas.delays)
 
     # ---------------------------------------------------------------- for all elements
 
-    def __call__(self, fraction: float, states: Array) -> Array:
-        """Derivatives at a local fraction, of states of shape ``(n, k, N)``, those of integrals among them."""
-        leaves = self._given(fraction) | dict(zip(self.keys, states[: len(self._names)], strict=False))
+    def __call__(self, fractions: Array, states: Array) -> Array:
+        """Derivatives by local fractions, shape ``(n + g, k, N, q)``, of states (n, k, N, q) and of g integrals."""
+        leaves = self._given(fractions) | dict(zip(self.keys, states, strict=False))
         if self._unknowns:
             leaves |= dict(zip(self._unknowns, self._determined(leaves, states.shape[1:]), strict=True))
-        return stacked(self._rates(leaves), states.shape[1:]) * self.widths
+        derivatives = self._formulas.values([*self.equations.rates, *self.integrands], leaves)
+        return stacked(derivatives, states.shape[1:]) * self.widths[:, None]
 
     def _determined(self, leaves: dict[int, Any], shape: tuple[int, ...]) -> Array:
-        """The unknowns by Newton's method from the plan, shape ``(m, k, N)``; NaN where it finds none.
+        """The unknowns by Newton's method from the plan, shape ``(m, k, N, q)``; NaN where it finds none.
 
         Variants of a state are close to each other: one inverse serves all of them, as long as it gets on.
         """
         found = stacked([leaves[key] for key in self._unknowns], shape)
-        before, inverse = np.inf, self._inverse
+        before, inverse = np.inf, self._inverses.get(shape[1:])
         for _ in range(30):
             left = stacked(self._stated({**leaves, **dict(zip(self._unknowns, found, strict=True))}), found.shape[1:])
             if inverse is None:
                 inverse = self._inverse_at(leaves, found)
-            change = np.einsum("nab,bkn->akn", inverse, left)
+            change = np.einsum("nqab,bknq->aknq", inverse, left)
             found = found - change
             sizes = (np.abs(change) / (1.0 + np.abs(found))).max(axis=0)
             size = float(sizes.max())
@@ -138,22 +153,21 @@ class RightHandSides:
                 break
             inverse = None if size > 0.2 * before or not np.isfinite(size) else inverse
             before = size
-        self._inverse = inverse
+        self._inverses[shape[1:]] = inverse
         return np.where(sizes <= 1e-9, found, np.nan)
 
     def _inverse_at(self, leaves: Mapping[int, Any], unknowns: Array) -> Array:
-        """Of the derivatives of all rows by all unknowns in the first variant, shape ``(N, m, m)``."""
-        first = {key: leaf[:1] if np.ndim(leaf) == 2 else leaf for key, leaf in leaves.items()}
-        slopes = differences(self._stated, first, self._unknowns, unknowns[:, 0], 1.0)[1]
+        """Of the derivatives of all rows by all unknowns in the first variant, shape ``(N, q, m, m)``."""
+        first = {key: leaf[:1] if np.ndim(leaf) == 3 else leaf for key, leaf in leaves.items()}
+        slopes = differences(self._stated, first, self._unknowns, unknowns[:, 0], 1.0)[1].transpose(2, 3, 0, 1)
         try:
-            return np.asarray(np.linalg.inv(slopes.transpose(2, 0, 1)), dtype=np.float64)
+            return np.asarray(np.linalg.inv(slopes), dtype=np.float64)
         except np.linalg.LinAlgError:
-            return np.full(slopes.transpose(2, 0, 1).shape, np.nan)
+            return np.full(slopes.shape, np.nan)
 
     def in_element(self, i: int, fractions: Array, start: Array) -> dict[int, Any]:
         """What stands in place of each variable at some places of an element, as planned; arrays of their shape."""
-        places = [self._given(fraction) for fraction in fractions.tolist()]
-        found = {key: np.array([of[i] if np.ndim(of := at[key]) else of for at in places]) for key in places[0]}
+        found = {key: of[i] if np.ndim(of) else of for key, of in self._given(fractions).items()}
         return found | self._formulas.at_starts(dict(zip(self._names, start.tolist(), strict=True)))
 
     def with_slopes(self, leaves: Mapping[int, Any], point: Array, sizes: Array) -> tuple[Array, Array]:
@@ -164,24 +178,26 @@ class RightHandSides:
         """Real times at a local fraction of every element."""
         return np.asarray(self._starts + fraction * self.widths)
 
-    def _given(self, fraction: float) -> dict[int, Any]:
-        """Everything but the states as planned, at a local fraction of every element."""
-        if fraction not in self._known:
-            self._known[fraction] = self._planned(fraction, slice(None))
-        return self._known[fraction]
+    def _given(self, fractions: Array) -> dict[int, Any]:
+        """Everything but the states as planned, at local fractions of every element, shape ``(N, q)``."""
+        key = fractions.tobytes()
+        if key not in self._known:
+            self._known[key] = self._planned(fractions, slice(None))
+        return self._known[key]
 
-    def _planned(self, fraction: float, elements: slice) -> dict[int, Any]:
-        trajectory, widths = self._trajectory, self.widths[elements]
-        weights = trajectory.grid.scheme.stage_polynomial_at([fraction])[0]
-        times = self._starts[elements] + fraction * widths
-        found: dict[str, Any] = dict(zip(trajectory.signals, self._signals[:, elements] @ weights, strict=True))
+    def _planned(self, fractions: Array, elements: slice) -> dict[int, Any]:
+        trajectory, widths = self._trajectory, self.widths[elements, None]
+        weights = trajectory.grid.scheme.stage_polynomial_at(fractions)
+        times = self._starts[elements, None] + fractions * widths
+        found: dict[str, Any] = dict(zip(trajectory.signals, self._signals[:, elements] @ weights.T, strict=True))
         found |= {name: np.interp(times, *knots) for name, knots in trajectory.piecewise_linear.items()}
         found |= trajectory.parameters
-        index = self._indices[elements] + fraction * self._index_widths[elements]
-        leaves = self._formulas.leaves(found, index, times, {name: of[elements] for name, of in self._slopes.items()})
-        leaves |= self._formulas.delayed_numbers(self.past, times, widths, fraction)
-        beside = self._formulas.of_coupled_phases(np.array([fraction]))
-        return leaves | {key: of[0][elements] for key, of in beside.items()}
+        index = self._indices[elements, None] + fractions * self._index_widths[elements, None]
+        slopes = {name: of[elements] for name, of in self._slopes.items()}
+        leaves = self._formulas.leaves(found, index, times, slopes)
+        leaves |= self._formulas.delayed_numbers(self._delays, self.past, times, widths, fractions)
+        beside = self._formulas.of_coupled_phases(fractions)
+        return leaves | {key: of.T[elements] for key, of in beside.items()}
 
     # ---------------------------------------------------------------- in one element
 
@@ -191,11 +207,11 @@ class RightHandSides:
         self.reached = self._starts[i] + fraction * self.widths[i]
         if self._evaluations > self.most_evaluations:
             raise TooManyEvaluations
-        planned = self._planned(fraction, slice(i, i + 1))
-        leaves = {key: float(of[0] if np.ndim(of) else of) for key, of in planned.items()}
+        planned = self._planned(np.array([fraction]), slice(i, i + 1))
+        leaves = {key: float(of[0, 0] if np.ndim(of) else of) for key, of in planned.items()}
         leaves |= dict(zip(self.keys, states.tolist(), strict=True))
         self._last = leaves
-        rates = self._rates(leaves, FLOAT_FUNCTIONS)
+        rates = self._formulas.values(self.equations.rates, leaves, FLOAT_FUNCTIONS)
         if any(isinstance(rate, complex) for rate in rates):
             raise ValueError("a rate is no real number")
         return np.array(rates, dtype=float)
@@ -257,6 +273,31 @@ class RightHandSides:
                     so_far.append(begin + width * end, partial(_at_time, result.sol, begin, width))
                 first = end
         return found, ""
+
+    def roughly_through(self, i: int, state: Array, fractions: Array) -> Array:
+        """The motion through one element by a step of the classical Runge-Kutta method between two fractions.
+
+        Parameters
+        ----------
+        i : int
+        state : array, shape (n,)
+            At the first fraction.
+        fractions : array, shape (k,)
+
+        Returns
+        -------
+        array, shape (k, n)
+        """
+        states = [state]
+        for before, after in pairwise(fractions.tolist()):
+            width, middle = float(self.widths[i]) * (after - before), (before + after) / 2
+            first = self.at(i, before, state)
+            second = self.at(i, middle, state + 0.5 * width * first)
+            third = self.at(i, middle, state + 0.5 * width * second)
+            fourth = self.at(i, after, state + width * third)
+            state = state + width / 6.0 * (first + 2.0 * (second + third) + fourth)
+            states.append(state)
+        return np.array(states)
 
     def undefined(self) -> str:
         """Which part of a right-hand side has no value where they were evaluated last, in words; empty for none."""

@@ -21,6 +21,7 @@ from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions
 from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 from pyrobocop_pyomo.modeling.failures import failures_as
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.modeling.undefined_values import undefined_part
 from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.rules.slots import Always, Clock, Derivative, Item, NamedItem, Place, Slot, Time
@@ -66,12 +67,10 @@ class RuleFormulas:
         record: PhaseRecord = block.record
         self.block, self.record, self.coupled = block, record, tuple(coupled)
         self._scratch = scratch = ConcreteModel()  # Pyomo holds parents by weak references: keep the owner alive
-        scratch.declared = Var(list(record.declarations))
-        scratch.derivatives, scratch.previous = Var(record.names_of_states), Var(record.names_of_states)
-        # What of these rules have read.
-        scratch.delayed, scratch.beside = Var(AnyIndex, dense=False), Var(AnyIndex, dense=False)
-        scratch.index_of_time, scratch.clock = Var(), Var()
-        self.at_instant = dict(scratch.declared.items())
+        # Made when read: of delayed values and other phases they say what rules have read.
+        for kind in ("declared", "derivatives", "previous", "delayed", "beside", "times"):
+            scratch.add_component(kind, Var(AnyIndex, dense=False))
+        self.at_instant = {name: scratch.declared[name] for name in record.declarations}
         self._reads_derivatives = True
         self._standing_for = {id(block.component(name)): variable for name, variable in self.at_instant.items()}
         self.indices, self.grid, boundaries = indices_of(record, grid), grid, grid.mesh.boundaries
@@ -80,9 +79,10 @@ class RuleFormulas:
             id(block.start): boundaries[0],
             id(block.duration): boundaries[-1] - boundaries[0],
         }
-        self.index, self.clock = scratch.index_of_time, scratch.clock
+        self.index, self.clock = scratch.times["index"], scratch.times["clock"]
         self._steps: dict[tuple[int, ...], tuple[Any, ExpressionSteps]] = {}
         self._named: dict[NamedItem, Any] = {}
+        self._said: dict[tuple[Statement, bool], Any] = {}
 
     # ---------------------------------------------------------------- what rules read
 
@@ -146,12 +146,15 @@ class RuleFormulas:
         """
         more: tuple[Any, ...] = ()
         if statement.kind == "step map":
-            previous = dict(self._scratch.previous.items())
+            previous = {name: self._scratch.previous[name] for name in self.record.names_of_states}
             more = (PreviousStates(statement.label(self.block), previous, self.record.families),)
-        refuse_asked_by_point(self.block, statement, *more)
-        formulas: Any = statement.rule.formulas(self.block, *more)
+        key = statement, self._reads_derivatives
         with failures_as(TrajectoryError, f"{statement.label(self.block)} is no formula that holds at all times"):
-            return entries(formulas.at(self.read))
+            if key not in self._said:
+                refuse_asked_by_point(self.block, statement, *more)
+                formulas: Any = statement.rule.formulas(self.block, *more)
+                self._said[key] = formulas.at(self.read)
+            return entries(self._said[key])
 
     def gives_formulas(self, statement: Statement) -> bool:
         """Whether a rule holds at all times, and reads nothing whose values between the points are not known."""
@@ -256,30 +259,37 @@ class RuleFormulas:
         """What rules have read at earlier times, and how much earlier."""
         return list(self._scratch.delayed)
 
-    def delayed_numbers(self, past: Past, times: Array, widths: Array, fraction: float) -> dict[int, Array]:
+    def delays_in(self, expressions: Sequence[Any]) -> list[tuple[str, float]]:
+        """What formulas hold at earlier times, and how much earlier."""
+        held = variables_in_any(expressions) if self._scratch.delayed else {}
+        return [delay for delay, variable in self._scratch.delayed.items() if id(variable) in held]
+
+    def delayed_numbers(
+        self, delays: Sequence[tuple[str, float]], past: Past, times: Array, widths: Array, fractions: Array
+    ) -> dict[int, Array]:
         """Numbers of what rules have read at earlier times than these, by the identity of what stands for it.
 
         Parameters
         ----------
+        delays : sequence of (name, delay)
+            What is read, of what rules have read so far.
         past : callable
             ``past(name, times)``: values from the start of the phase on.
-        times, widths : array
-            At the fraction of elements with these widths.
-        fraction : float
+        times, widths, fractions : array
+            At these fractions of elements with these widths; they make one shape.
         """
         start, end = self.grid.mesh.boundaries[0], self.grid.mesh.boundaries[-1]
         found = {}
-        for (name, delay), variable in self._scratch.delayed.items():
+        for name, delay in delays:
             # A hair inside of each element: history ends, and all but states may jump, where they meet.
-            inside = times - delay + SAME_TIME * (0.5 - fraction) * widths
+            inside = times - delay + SAME_TIME * (0.5 - fractions) * widths
             earlier = times - delay if name in self.record.names_of_states else inside
             has_history = getattr(self.record.declarations[name], "history", None) is not None
             before = inside < (start if has_history else start - 1e-9 * (end - start))
-            numbers = np.empty(len(times))
+            numbers = np.empty(times.shape)
             if not before.all():
                 numbers[~before] = past(name, earlier[~before])
             asked = known_history(self.block, name, inside[before].tolist(), SAME_TIME * (end - start))
-            for i, time in zip(np.flatnonzero(before).tolist(), asked, strict=True):
-                numbers[i] = float(value(history_value(self.record, name, time, f"'{name}'", delay)))
-            found[id(variable)] = numbers
+            numbers[before] = [float(value(history_value(self.record, name, at, f"'{name}'", delay))) for at in asked]
+            found[id(self._scratch.delayed[name, delay])] = numbers
         return found

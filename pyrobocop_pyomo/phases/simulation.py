@@ -23,7 +23,6 @@ from pyrobocop_pyomo.errors import InitialGuessError, PyRobocopError, Simulation
 from pyrobocop_pyomo.modeling.rule_results import variables_read
 from pyrobocop_pyomo.modeling.variable_values import put_values, values_restored
 from pyrobocop_pyomo.numerics import Array, Grid, Mesh
-from pyrobocop_pyomo.numerics.flows import runge_kutta
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import InitialGuess, can_step, initial_number
 
@@ -36,7 +35,7 @@ from .impacts import Impacts
 from .implicit_steps import FormulaStep, RowStep, StepSystem
 from .phase_values import make_trajectory, pairs_of_phase, read_values
 from .record import PhaseRecord
-from .right_hand_sides import RightHandSides, TooManyEvaluations
+from .right_hand_sides import RightHandSides, TooManyEvaluations, known_equations
 from .rule_formulas import RuleFormulas
 from .stated_numbers import moving_end
 from .step_equations import by_points, by_rules, pairs_on_model
@@ -190,7 +189,7 @@ class _Run:
         equations = partial(by_rules, unknown=self._unknown, contact=self.contact)
         self._rates: RightHandSides | None = None
         try:
-            self._rates = RightHandSides(formulas, given, equations)
+            self._rates = RightHandSides(formulas, given, known_equations(formulas, equations))
         except TrajectoryError:
             if not self._is_stepped:
                 raise
@@ -238,12 +237,7 @@ class _Run:
         assert rates is not None
         places, why = np.union1d(scheme.state_nodes, [0.0, 1.0]), ""
         if options.method == ROUGHLY:
-            width = self.grid.mesh.widths[i]
-            paths, _ = runge_kutta(
-                lambda place, at: width * rates.at(i, place, at[:, 0, 0])[:, None, None],
-                self._start[:, None, None], places, 1,
-            )  # fmt: skip
-            states = paths[:, :, 0, 0]
+            states = rates.roughly_through(i, self._start, places)
         elif len(self._start):
             settings: dict[str, Any] = {"method": options.method, "rtol": options.rtol, "atol": options.atol}
             so_far = self._so_far if rates.are_delayed else None

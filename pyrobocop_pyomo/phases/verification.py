@@ -354,7 +354,7 @@ class _TrajectoryCheck:
         """What an ode or a step map gives at the points, by the names of the states."""
         if not self._asks_rows(statement):
             stated = self.formulas.by_state(statement)
-            return {name: at.value_of(of, statement) for name, of in stated.items()}
+            return dict(zip(stated, at.values_stated([*stated.values()], statement), strict=True))
         found = {}
         for name in (name for name, of in self.record.equation_of.items() if of == statement.name):
             given = self.record.rates.get(name)
@@ -383,12 +383,13 @@ class _TrajectoryCheck:
             else:
                 rows.append(sides_of_row(row))
         of_rows, natural, product = [0.0], [0.0], [0.0]
-        for sides in rows:
-            body, lower, upper = (at.value_of(side, statement) for side in sides)
+        sides = [*chain.from_iterable(rows), *(side for pair in pairs for side in (pair.a, pair.b))]
+        values = iter(at.values_stated(sides, statement))
+        for _ in rows:
+            body, lower, upper = next(values), next(values), next(values)
             of_rows.append(float(np.maximum(lower - body, body - upper).max()))
         for pair in pairs:
-            a, b = (at.value_of(side, statement) for side in (pair.a, pair.b))
-            a, b = part_of_side(a, pair.a_part), part_of_side(b, pair.b_part)
+            a, b = part_of_side(next(values), pair.a_part), part_of_side(next(values), pair.b_part)
             natural.append(float(np.abs(np.minimum(a, b)).max()))
             product.append(float(np.abs(a * b).max()))
         return max(of_rows), max(natural), max(product)
@@ -466,11 +467,13 @@ class _TrajectoryCheck:
             elif isinstance(declaration, State):
                 times, numbers = self.indices.times, trajectory.states[name]
                 violations += self._of_ends(name, declaration, numbers)
-                limits = declaration.derivative_bounds or UNBOUNDED
-                violations += [bound_violation(slope, *limits) for slope in self.slopes[name].ravel()]
+                violations += _beyond(self.slopes[name], *(declaration.derivative_bounds or UNBOUNDED))
             levels = getattr(declaration, "levels", None)
             if levels is not None:
                 violations += [min(abs(number - level) for level in levels) for number in numbers]
+            if not callable(declaration.bounds):
+                violations += _beyond(numbers, *declaration.bounds_at(0.0, name))
+                continue
             for time, number in zip(times, numbers, strict=True):
                 if declaration.knows_bounds_at(time):
                     violations.append(bound_violation(number, *declaration.bounds_at(time, name)))
@@ -509,10 +512,10 @@ class _TrajectoryCheck:
 
     def passed_between_points(self) -> dict[str, BoundPassed]:
         """What passes declared bounds, rates and path constraints between the points; remarks on what is not known."""
-        found = bounds_passed(self.block, self.trajectory)
+        found = bounds_passed(self.formulas, self.trajectory)
         for statement in self._stated("constraint"):
             try:
-                found |= rows_passed(self.block, self.trajectory, statement)
+                found |= rows_passed(self.formulas, self.trajectory, statement)
             except TrajectoryError as error:
                 self.remarks.append(f"not looked at between the points: '{statement.name}'. {error}")
         return found
@@ -527,7 +530,7 @@ class _TrajectoryCheck:
         if self._stated("ode") != self.record.statements_of("ode"):
             return None  # as remarked
         try:
-            found = reintegrate(self.block, self.trajectory, self.coupled)
+            found = reintegrate(self.block, self.trajectory, self.formulas)
         except TrajectoryError as error:
             self.remarks.append(f"re-integration, which asks between the points of the grid, failed: {error}")
             return None
@@ -538,3 +541,9 @@ class _TrajectoryCheck:
                 "from the plan."
             )
         return found
+
+
+def _beyond(numbers: Array, lower: float | None, upper: float | None) -> list[float]:
+    """How far the lowest and the highest of some numbers are from an interval."""
+    ends = [np.min(numbers), np.max(numbers)] if np.size(numbers) else []
+    return [bound_violation(float(end), lower, upper) for end in ends]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 from pyrobocop_pyomo.errors import PyRobocopError
 
@@ -93,6 +94,10 @@ class Item(Slot):
         return time if len(self.rest) == 1 else tuple([time if key is None else key for key in self.rest])
 
 
+# Expressions of the items of components that were found to be what the rule says: they do not change.
+_COMPARED: WeakKeyDictionary[Any, dict[Any, Any]] = WeakKeyDictionary()
+
+
 @dataclass(frozen=True, eq=False)
 class NamedItem(Item):
     """An item of an indexed Expression, which has a rule of its own.
@@ -119,7 +124,10 @@ class NamedItem(Item):
                 f"the rule of '{self.component.name}' has to know the time as a number, and was asked at the points of "
                 "the model: what it says between them is not known."
             )
+        compared = _COMPARED.setdefault(self.component, {})
         for index, data in self.component.items():
+            if compared.get(index, self) is data.expr:
+                continue
             parts = index if isinstance(index, tuple) else (index,)
             if any(key not in (None, part) for key, part in zip(self.rest, parts, strict=True)):
                 continue
@@ -129,6 +137,7 @@ class NamedItem(Item):
                     f"'{data.name}' is '{data.expr}', but its rule said '{stated}': it was given another value since, "
                     "and nothing says what it is between the points. State it by a rule alone."
                 )
+            compared[index] = data.expr
         return formulas
 
 

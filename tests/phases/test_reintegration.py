@@ -210,7 +210,9 @@ def test_ends_meet_for_unstable_equations_too(growth: float) -> None:
     """eq-open-loop: x' = growth x, from starts that are off by far more than the answer."""
     starts = np.linspace(1.0, 1.2, 10)[:, None]
     fractions = np.linspace(0.0, 1.0, 5)
-    flows = integrate_flows(lambda s, x: 0.1 * growth * x, starts, np.ones(1), fractions, 1e-10, starts[0])
+    flows = integrate_flows(
+        lambda s, x: 0.1 * growth * x, lambda s: np.tile(starts, len(s))[None], np.ones(1), fractions, 1e-10, starts[0]
+    )
     assert flows is not None
     times = (np.arange(10)[:, None] + flows.fractions[None, :]) * 0.1
     np.testing.assert_allclose(flows.whole[:, :, 0], np.exp(growth * times), rtol=1e-7)
@@ -221,12 +223,14 @@ def test_an_unstable_motion_is_followed_far_from_its_plan() -> None:
     """A pendulum let go near the top, in elements that start near the bottom: the whole turns over and over."""
     width, elements = 0.1, 80
 
-    def rates(fraction: float, states: np.ndarray) -> np.ndarray:
+    def rates(fractions: np.ndarray, states: np.ndarray) -> np.ndarray:
         return width * np.stack([states[1], 9.81 * np.sin(states[0])])
 
-    starts = np.tile([3.1, 0.0], (elements, 1))
+    def planned(fractions: np.ndarray) -> np.ndarray:
+        return np.tile(np.array([3.1, 0.0])[:, None, None], (1, elements, len(fractions)))
+
     first = np.array([0.05, 0.0])
-    flows = integrate_flows(rates, starts, np.array([3.0, 6.0]), np.linspace(0.0, 1.0, 5), 1e-9, first)
+    flows = integrate_flows(rates, planned, np.array([3.0, 6.0]), np.linspace(0.0, 1.0, 5), 1e-9, first)
     assert flows is not None
     assert flows.whole is not None
     exact = solve_ivp(
