@@ -68,9 +68,13 @@ def _scheme() -> Scheme:
 
 @cache
 def _eigenvalues() -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-    """Of the matrix of the method, with its eigenvectors and their inverse: they part its equations by stages."""
+    """Of the matrix of the method, with its eigenvectors and their inverse: they part its equations by stages.
+
+    Of two that are conjugate, one stands for both: what belongs to it counts twice, and its real part is taken.
+    """
     values, vectors = np.linalg.eig(_scheme().A.astype(complex))
-    return values, vectors, np.linalg.inv(vectors)
+    inverse, kept = np.linalg.inv(vectors), values.imag >= 0.0
+    return values[kept], vectors[:, kept] * np.where(values[kept].imag > 0.0, 2.0, 1.0), inverse[kept]
 
 
 @cache
@@ -285,8 +289,8 @@ class _Linear:
 
     Attributes
     ----------
-    inverses : complex array, shape (s, N, p, n, n)
-        For each eigenvalue of the method.
+    inverses : complex array, shape (m, N, p, n, n)
+        For each of m eigenvalues of the method.
     by_start : array, shape (s, N, p, n, n)
         Derivatives of the states at the stages by those at the start.
     """
