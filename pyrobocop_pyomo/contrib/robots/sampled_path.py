@@ -11,7 +11,7 @@ import numpy as np
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.contrib.robots.phase_rates import PhaseRates
+from pyrobocop_pyomo.contrib.robots.inverse_dynamics import InverseDynamics
 from pyrobocop_pyomo.errors import InitialGuessError, PyRobocopError
 from pyrobocop_pyomo.modeling.variable_values import within_bounds
 from pyrobocop_pyomo.numerics import Array
@@ -132,7 +132,7 @@ def _timed(phase: Any, space: ConfigurationSpace, path: Array) -> dict[str, Call
     guesses: dict[str, Callable[[float], float] | float] = {}
     columns = dict(zip(space.names, path.T, strict=True))
     try:
-        rates = PhaseRates(phase)
+        rates = InverseDynamics(phase)
         driven = [name for name in space.names if name in rates.rates]
         if any(name in rates.rates for name in rates.inputs(driven)):
             covered = shares**2 * (3.0 - 2.0 * shares)
@@ -154,7 +154,7 @@ def _course(fraction: Callable[[float], float], shares: Array, column: Array) ->
     return lambda t: float(np.interp(fraction(t), shares, column))
 
 
-def _least_duration(rates: PhaseRates, names: list[str], slopes: dict[str, Array]) -> float:
+def _least_duration(rates: InverseDynamics, names: list[str], slopes: dict[str, Array]) -> float:
     """How long the path takes where bounds of what drives a state say how fast it is."""
     least = 0.0
     values = rates.sampled(names, np.random.default_rng(0))

@@ -32,9 +32,9 @@ from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases import PhaseBlockData, phases_of
 from pyrobocop_pyomo.phases.horizon import horizon_fraction
 
-from .body_equations import BodyEquations, heading_of
 from .car_kinematics import Trailer
 from .car_path import CarPath
+from .inverse_kinematics import InverseKinematics, heading_of
 from .motion_primitives import CarSearch
 from .staged_search import ROOM, staged_search
 
@@ -77,7 +77,7 @@ class RecognisedCar:
     turning_radius: float
     speed: float | None
     trailer: Trailer | None
-    _equations: BodyEquations
+    _equations: InverseKinematics
 
     def path(self, block: Any, clearances: float, time_limit: float | None) -> CarPath:
         """Path from where the bodies start to where they end, clear of all that rests; with its whole turns if it can.
@@ -245,7 +245,7 @@ def _recognised(block: Any, phase: Any, bodies: list[str]) -> RecognisedCar:
     ObstacleError
         When they are none; says what is missing.
     """
-    equations = BodyEquations(block, phase, bodies)
+    equations = InverseKinematics(block, phase, bodies)
     if not all(pose.angles for pose in equations.poses) or len(equations.pose_states) != 2 + len(bodies):
         raise ObstacleError(
             f"the poses read {equations.pose_states}; expected {2 + len(bodies)} states: a position, and a heading for "
@@ -344,7 +344,7 @@ def _hitched(frames: list[Frame], poses: Array) -> tuple[list[Frame], float, flo
 
 
 def _limit(
-    block: Any, phase: Any, equations: BodyEquations, frames: list[Frame], shape: Polytope, trailer: Trailer
+    block: Any, phase: Any, equations: InverseKinematics, frames: list[Frame], shape: Polytope, trailer: Trailer
 ) -> float:
     """Up to which angle, to both sides, bounds and rows of headings hold, and car and trailer keep their clearance."""
     headings = equations.headings

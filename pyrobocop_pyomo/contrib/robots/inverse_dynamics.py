@@ -1,4 +1,4 @@
-"""The explicit equations of a phase as functions of arrays, solved for what drives states along given courses."""
+"""What drives states of a phase along given courses: its explicit equations, over arrays, are solved for it."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ Columns = dict[str, Array]
 SAMPLES = 300
 
 
-class PhaseRates:
-    """The explicit equations of a phase, as functions of arrays.
+class InverseDynamics:
+    """The explicit equations of a phase, solved for what its states are driven by.
 
     Parameters
     ----------

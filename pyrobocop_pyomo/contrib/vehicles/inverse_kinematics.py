@@ -1,4 +1,4 @@
-"""The equations of a phase and the poses of bodies in the plane, solved for what gives a motion of the bodies."""
+"""States and controls of a phase at which bodies in the plane have given poses and velocities."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from pyrobocop_pyomo.contrib.robots.inverse_dynamics import SAMPLES, InverseDynamics
 from pyrobocop_pyomo.contrib.robots.least_squares import DIFFERENCE
-from pyrobocop_pyomo.contrib.robots.phase_rates import SAMPLES, PhaseRates
 from pyrobocop_pyomo.geometry import Pose
 from pyrobocop_pyomo.modeling.expression_arrays import plain_entry
 from pyrobocop_pyomo.numerics import Array
@@ -19,8 +19,8 @@ def heading_of(pose: Pose) -> Any:
     return sum(map(plain_entry, pose.angles))
 
 
-class BodyEquations(PhaseRates):
-    """The explicit equations of a phase and the poses of bodies, as functions of arrays.
+class InverseKinematics(InverseDynamics):
+    """The poses of bodies, solved for the states that they read, and the equations of these for their controls.
 
     Parameters
     ----------
