@@ -36,8 +36,6 @@ _DIFFERENCE = 1e-6
 _STILL_LINEAR = 0.1
 # Sweeps that bring nothing before the motion counts as one that cannot be followed.
 _SWEEPS = 12
-# Sweeps times elements, at most, of an unstable motion.
-_MOST_ELEMENTS = 20_000
 
 
 @dataclass(frozen=True)
@@ -239,10 +237,10 @@ class _Search:
         trusted farther where moves of the starts have left little to move at the stages.
         """
         values, scheme = path.values.copy(), _scheme()
-        n, elements = values.shape[:2]
+        n = len(values)
         stages, by_stages = path.fractions(scheme.c), path.widths[:, None, None] * scheme.A
-        most, waited, before, linear, trust = -1, 0, np.inf, None, 1.0
-        for _ in range(max(2 * _SWEEPS, _MOST_ELEMENTS // elements)):
+        most, least, before, waited, linear, trust = -1, np.inf, np.inf, 0, None, 1.0
+        while waited < _SWEEPS:
             sizes = self._sizes(values)[:n]
             if linear is None:
                 linear, slopes = self._linearised(path.widths, stages, values)
@@ -264,10 +262,8 @@ class _Search:
             if not np.isfinite(size):
                 return None
             count = int(met.sum())
-            is_better = count > most or size <= 0.5 * before
-            most, waited = max(count, most), 0 if is_better else waited + 1
-            if waited >= _SWEEPS:
-                return None
+            is_better = count > most or size <= 0.5 * least
+            most, least, waited = max(count, most), min(size, least), 0 if is_better else waited + 1
             linear = linear if size <= 0.1 * before else None
             before = size
         return None

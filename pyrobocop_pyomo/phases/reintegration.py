@@ -34,10 +34,6 @@ from .rule_formulas import RuleFormulas
 
 # Of the integration, relative to the size of each state. Differences are of interest from there on.
 TOLERANCE = 1e-10
-# Where rules change quickly with the time many instants have to be followed.
-TOLERANCE_IF_QUICK = 1e-6
-# Of element ends alone, which every result asks for.
-TOLERANCE_OF_ENDS = 1e-8
 _TOO_STIFF = "The equations are too stiff for an integration of all elements at once."
 # A state that stays at zero has a size too.
 SMALLEST_SCALE = 1e-3
@@ -283,31 +279,27 @@ def _flows(
     scales = SMALLEST_SCALE + np.abs(np.array([trajectory.states[name] for name in names])).max(axis=1)
     fractions = instants_to_look_at(formulas, trajectory, rates.equations.statements)
     parts = _united(np.array([0.0, 1.0]), fractions)
-    is_quick = len(parts) > 2
     planned = partial(_planned, trajectory, names)
 
-    def followed(tolerance: float, at: Array, start: Array | None) -> Flows | None:
+    def followed(at: Array, start: Array | None) -> Flows | None:
         integrands = [*integrals.integrands.values()]
         of_integrals = [SMALLEST_SCALE + np.abs(of).sum() for of in integrals.planned.values()][: len(integrands)]
         sizes, breaks = np.append(scales, of_integrals), np.union1d(parts, integrals.breaks)
         followed_too = RightHandSides(formulas, trajectory, rates.equations, integrands)
-        return integrate_flows(followed_too, planned, sizes, at, tolerance, start, breaks)
+        return integrate_flows(followed_too, planned, sizes, at, TOLERANCE, start, breaks)
 
-    tolerance = TOLERANCE_IF_QUICK if is_quick else TOLERANCE
     if rates.are_delayed:
-        along = followed(tolerance, fractions, None) if integrals.integrands else None
+        along = followed(fractions, None) if integrals.integrands else None
         if along is None:
             integrals.leave_out_all(_TOO_STIFF)
         motion = _delayed_flows(rates, trajectory, parts, fractions, planned(np.zeros(1))[:, :, 0].T, first)
         return replace(motion, gained=None if along is None else along.gained)
     if not rates.equations.needs_steps:
-        if ends_only and not is_quick:
-            flows = followed(TOLERANCE_OF_ENDS, fractions[:: SAMPLES // 2], None)
-        else:
-            flows = followed(tolerance, fractions, first)
+        at, start = (fractions[[0, -1]], None) if ends_only else (fractions, first)
+        flows = followed(at, start)
         if flows is None and integrals.integrands:
             integrals.leave_out_all(_TOO_STIFF)
-            flows = followed(tolerance, fractions, first)
+            flows = followed(at, start)
         if flows is not None:
             return flows
     return stepped_flows(rates, trajectory, fractions, scales, first)
