@@ -154,7 +154,7 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
 
     # ---------------------------------------------------------------- start values
 
-    def initialize(self, directions: Mapping[BodyPair, Any] | None = None, seed: int = 0) -> None:
+    def initialize(self, directions: Mapping[BodyPair, Any] | None = None) -> None:
         """Set start values of the separations from exact distances at the current poses.
 
         Parameters
@@ -162,8 +162,6 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
         directions : mapping of body pair to direction, optional
             Where to pass wherever the initial guess overlaps: ``{("car", "wall"): (0, 1)}`` has the car above the wall.
             By default the directions that were given last, which `solve` uses too; ``{}`` forgets them.
-        seed : int
-            Of the random numbers that break ties where opposite directions are equally good.
 
         Raises
         ------
@@ -182,7 +180,7 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
         record.directions = given
         with PauseGC():
             apply_broad_phase(self, snapshot)
-            record.overlapping = set_start_values(self, snapshot, list(record.segments.values()), units, seed)
+            record.overlapping = set_start_values(self, snapshot, list(record.segments.values()), units)
             # The ball is easier for solvers, the sphere pushes shapes apart.
             self.set_norm("ball" if record.overlapping else "sphere")
 

@@ -33,7 +33,6 @@ def set_start_values(
     snapshot: Snapshot,
     segments: Sequence[MotionSegment],
     directions: Mapping[BodyPair, Array],
-    seed: int = 0,
 ) -> dict[BodyPair, int]:
     """Set start values of separations; others beside them in time have some, and are left alone.
 
@@ -45,15 +44,13 @@ def set_start_values(
         Of the separations.
     directions : mapping of body pair to unit vector (d,)
         Used wherever shapes overlap.
-    seed : int
-        Of the random numbers that break ties where opposite directions are equally good.
 
     Returns
     -------
     dict of pair of parts to int
         Number of segments on which they overlap at the initial guess; pairs without overlap are left out.
     """
-    record, generator = snapshot.record, np.random.default_rng(seed)
+    record, generator = snapshot.record, np.random.default_rng(0)
     gaps, nearest = swept_distances(snapshot, segments)
     known = {segment.index: k for k, segment in enumerate(segments)}
     by_pair = record.by_part_pair()
@@ -75,10 +72,9 @@ def set_start_values(
                 overlapping[pair] = overlapping.get(pair, 0) + count
     if overlapping:
         LOGGER.info(
-            "%s: the initial guess overlaps for %s; normals are chosen along time, ties broken with seed %d.",
+            "%s: the initial guess overlaps for %s; normals are chosen along time.",
             snapshot.what,
             ", ".join(f"'{a}' and '{b}' ({count} separations)" for (a, b), count in overlapping.items()),
-            seed,
         )
     return overlapping
 

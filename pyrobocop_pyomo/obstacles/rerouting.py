@@ -61,7 +61,7 @@ def reroute(block: Any) -> list[str]:
             continue
         poses = [motion.pose_at_node(body.pose, node, name=name) for node in nodes]
         entries = [pose.translation for pose in poses]
-        if _are_computed(entries) or not any(
+        if are_computed(entries) or not any(
             _is_variable(entry) and not entry.fixed for place in entries for entry in place
         ):
             continue
@@ -76,16 +76,6 @@ def reroute(block: Any) -> list[str]:
                     entry.set_value(within_bounds(number, entry), skip_validation=True)
         rerouted.append(name)
     return rerouted
-
-
-def can_be_rerouted(block: Any) -> bool:
-    """Whether the position of every body that moves consists of variables and numbers: no links of arms."""
-    motion, scene = block.motion, block.record.scene
-    poses = [
-        motion.pose_at_node(body.pose, motion.points[0], name=name)
-        for name, body in scene.bodies.items() if body.moves and name not in scene.obstacles
-    ]  # fmt: skip
-    return not _are_computed([pose.translation for pose in poses])
 
 
 def runs_into_several(block: Any) -> bool:
@@ -105,27 +95,6 @@ def overlaps_deeply(block: Any) -> bool:
     """Whether shapes overlap, where the separations of a block start now, by more than a tenth of the smallest body."""
     reach = min(part.shape.reach for part in block.record.scene.parts.values() if part.shape.is_bounded)
     return min(block.separation_gaps().values(), default=0.0) < -DEEP * reach
-
-
-def can_turn_at_both_ends(block: Any) -> bool:
-    """Whether every body that moves could turn on the spot where its motion starts and ends, clear of what rests.
-
-    A car whose start or goal has no such room needs manoeuvres, which a path for a ball does not know.
-    """
-    motion, scene = block.motion, block.record.scene
-    if not motion.intervals:
-        return False
-    for name, body in scene.bodies.items():
-        if name in scene.obstacles or body.pose is None:
-            continue
-        balls, walls = balls_of(scene, name), [wall.shape for _, wall in scene.walls_of(name)]
-        clearance = max(value for pair, value in scene.clearances.items() if name in pair)
-        ends = [motion.intervals[0][0], motion.intervals[-1][-1]]
-        poses = [motion.pose_at_node(body.pose, end, name=name).numbers() for end in ends]
-        middles = np.array([rotation @ balls.middle + place for rotation, place in poses])
-        if (distance_lower_bounds(middles, walls) < balls.outer + clearance).any():
-            return False
-    return True
 
 
 @dataclass(frozen=True)
@@ -304,7 +273,8 @@ def _along(path: Array, before: Array) -> Array:
     return np.stack([np.interp(shares, fine, column) for column in smooth.T], axis=1)
 
 
-def _are_computed(places: Sequence[Any]) -> bool:
+def are_computed(places: Sequence[Any]) -> bool:
+    """Whether a coordinate is neither a variable nor a number: the links of an arm cannot be led along a path."""
     return any(not (is_number(entry) or _is_variable(entry)) for place in places for entry in place)
 
 

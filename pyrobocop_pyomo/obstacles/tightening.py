@@ -21,6 +21,7 @@ from pyrobocop_pyomo.numerics import Array
 from .avoidance_record import MotionSegment
 from .broad_phase import places_of
 from .clearances import ClearanceRule
+from .containment import ContainmentData
 from .scene import SeparationIndex
 from .separation_rows import unit_normal_of
 
@@ -34,11 +35,11 @@ SMALLEST_PART = 1.0 / 32.0
 
 
 def tighten(block: Any, report: SafetyReport, *, split: bool) -> list[str]:
-    """Tighten an avoidance block where a motion is not proven to be clear.
+    """Tighten an avoidance block, or a containment, where a motion is not proven to keep its clearances.
 
     Parameters
     ----------
-    block : ObstacleAvoidanceBlockData
+    block : ObstacleAvoidanceBlockData or ContainmentData
         Its variables hold the motion.
     report : SafetyReport
         Of that motion, by this block.
@@ -50,6 +51,8 @@ def tighten(block: Any, report: SafetyReport, *, split: bool) -> list[str]:
     list of str
         What was done; empty where nothing could be done.
     """
+    if isinstance(block, ContainmentData):
+        return _tighten_region(block, report)
     record = block.record
     if not record.per_interval:
         return _restore_at_points(block, report)
@@ -95,20 +98,8 @@ def tighten(block: Any, report: SafetyReport, *, split: bool) -> list[str]:
     return _logged(block, [f"{count} {what}" for what, count in done.items()])
 
 
-def tighten_containment(region: Any, report: SafetyReport) -> list[str]:
-    """Raise margins where a motion leaves a region between the times at which corners have rows.
-
-    Parameters
-    ----------
-    region : ContainmentData
-    report : SafetyReport
-        Of the motion that its variables hold.
-
-    Returns
-    -------
-    list of str
-        What was done; empty where nothing could be done.
-    """
+def _tighten_region(region: ContainmentData, report: SafetyReport) -> list[str]:
+    """Raise margins where a motion leaves a region between the times at which corners have rows."""
     intervals = region.motion.intervals
     missing = np.zeros(len(intervals))
     for pair in report.body_pairs if intervals else ():
@@ -120,22 +111,6 @@ def tighten_containment(region: Any, report: SafetyReport) -> list[str]:
         region.set_margin(interval, before + DEVIATION_FACTOR * float(missing[interval]))
     count = int(np.count_nonzero(missing))
     return _logged(region, [f"{count} margins to a region raised"] if count else [])
-
-
-def split_violated(block: Any, tolerance: float = 1e-6) -> int:
-    """Split the separations that are violated at the current values: their segments may be too long for one plane.
-
-    Returns
-    -------
-    int
-        How many were split.
-    """
-    if not block.record.per_interval:
-        return 0
-    gaps = block.separation_gaps()
-    violated = [index for index, gap in gaps.items() if gap < value(block.required[index]) - tolerance]
-    paths = _Paths(block)
-    return sum(_split(block, index, paths) for index in violated)
 
 
 def _restore_at_points(block: Any, report: SafetyReport) -> list[str]:

@@ -100,13 +100,7 @@ class _Choice:
             total = values.sum(axis=0)
             return np.where(total > 0.0, values / np.where(total > 0.0, total, 1.0), 1.0 / len(values))
         levels = np.array(self.declaration.levels)
-        held = np.clip(values[0], levels[0], levels[-1])
-        lower = np.clip(np.searchsorted(levels, held, side="right") - 1, 0, len(levels) - 2)
-        share = (held - levels[lower]) / (levels[lower + 1] - levels[lower])
-        weights = np.zeros((len(levels), len(held)))
-        weights[lower, np.arange(len(held))] = 1.0 - share
-        weights[lower + 1, np.arange(len(held))] += share
-        return weights
+        return np.array([np.interp(values[0], levels, of_one) for of_one in np.eye(len(levels))])
 
     def rounded(self) -> IntegralApproximation:
         weights = self.weights()

@@ -8,7 +8,7 @@ errors of an answer, equations that lead a plan among obstacles astray, or pairs
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal
@@ -35,7 +35,7 @@ from pyrobocop_pyomo.solving.solve_result import SolveResult, with_steps_of_all
 from pyrobocop_pyomo.solving.starts import EXPLORED_ELEMENTS, elements_of
 from pyrobocop_pyomo.solving.strategies import ABSOLUTE_VALUES, SOLVE
 
-from .planning_point import PlanningPoint, RoundPoint
+from .planning_point import PlanningPoint
 
 logger = logging.getLogger(__name__)
 
@@ -116,7 +116,7 @@ class MeshLoop:
         start : PlanningPoint, optional
             Whose motion it is, where it is not the one on the model.
         """
-        back = RoundPoint(self._model)
+        back = PlanningPoint(self._model)
         logger.info("'%s': %s, for %s", self._model.name, plan, plan.why)
         try:
             with undone_on_failure(back.restore):
@@ -282,7 +282,7 @@ def solve_on_finer_meshes(model: Any, tolerance: float, settings: Settings) -> S
 # ------------------------------------------------------------------------- where equations lead away from what is safe
 
 
-def plan_for_safety(blocks: Iterable[Any], reports: Iterable[SafetyReport]) -> MeshPlan:
+def plan_for_safety(reports: Mapping[Any, SafetyReport]) -> MeshPlan:
     """Finer meshes where the plan alone keeps its clearances; of no phase where none is needed, or fine enough.
 
     A margin covers a small distance between the plan and the motion of its equations. Where that distance is a large
@@ -291,9 +291,8 @@ def plan_for_safety(blocks: Iterable[Any], reports: Iterable[SafetyReport]) -> M
 
     Parameters
     ----------
-    blocks : iterable of ObstacleAvoidanceBlockData and ContainmentData
-    reports : iterable of SafetyReport
-        Of each block, at the values on the model.
+    reports : mapping of ObstacleAvoidanceBlockData or ContainmentData to SafetyReport
+        At the values on the model.
 
     Raises
     ------
@@ -301,7 +300,7 @@ def plan_for_safety(blocks: Iterable[Any], reports: Iterable[SafetyReport]) -> M
         When the motion of some equations is not known.
     """
     wanted: dict[Any, float] = {}
-    for block, report in zip(blocks, reports, strict=True):
+    for block, report in reports.items():
         reduction = _reduction(report)
         read = block.motion.phase if reduction < 1.0 else None
         for phase, needed in () if read is None else needed_reductions(read, reduction):

@@ -1,8 +1,4 @@
-"""Points that were found on a model, to be put back when they are wanted.
-
-`PlanningPoint` keeps values and multipliers together with the meshes that they stand on, `RoundPoint` also what the
-separations among obstacles were asked for.
-"""
+"""Points that were found on a model, to be put back when they are wanted."""
 
 from __future__ import annotations
 
@@ -27,6 +23,8 @@ logger = logging.getLogger(__name__)
 class PlanningPoint:
     """Values of free variables and imported suffixes of a model, to be put back later, whatever its meshes are then.
 
+    The margins and norms of separations among obstacles, and the margins inside regions, come back with them.
+
     Parameters
     ----------
     model : Block
@@ -38,9 +36,16 @@ class PlanningPoint:
         self._named = _named(self._values.by_variable)
         self._suffixes = [(suffix, _named(suffix)) for suffix in imported_suffixes(model)]
         self._meshes = {id(phase): (phase, phase.grid.mesh) for phase in phases_of(model.model())}
+        self._blocks = [
+            (block, {index: value(block.margin[index]) for index in block.separations}, block.record.norm_now)
+            for block in avoidance_blocks(model)
+        ]
+        self._regions = [
+            (region, {time: value(region.margin[time]) for time in region.times}) for region in containments(model)
+        ]
 
-    def restore(self) -> bool:
-        """Put values and meshes back; returns whether a mesh was another one, so that separations are new."""
+    def restore(self) -> None:
+        """Put values, meshes and margins back; planes that are new by now start at the point."""
         moved = {phase: mesh for phase, mesh in self._meshes.values() if phase.grid.mesh != mesh}
         if moved:
             put_on_meshes(moved)  # they had them, and nothing has been stated since
@@ -56,30 +61,6 @@ class PlanningPoint:
                 for component, index, entry in entries
                 if component.parent_block() is not None and index in component
             )
-        return bool(moved)
-
-
-class RoundPoint(PlanningPoint):
-    """The same with the margins and norms of separations, and the margins inside regions.
-
-    Parameters
-    ----------
-    model : Block
-    """
-
-    def __init__(self, model: Any) -> None:
-        super().__init__(model)
-        self._blocks = [
-            (block, {index: value(block.margin[index]) for index in block.separations}, block.record.norm_now)
-            for block in avoidance_blocks(model)
-        ]
-        self._regions = [
-            (region, {time: value(region.margin[time]) for time in region.times}) for region in containments(model)
-        ]
-
-    def restore(self) -> bool:
-        """As that of `PlanningPoint`; planes that are new by now start at the point."""
-        moved = super().restore()
         for block, margins, norm in self._blocks:
             for index in block.separations:
                 block.margin[index] = margins.get(index, 0.0)
@@ -92,7 +73,6 @@ class RoundPoint(PlanningPoint):
                 logger.warning("the separations of '%s' have no start values at the best point: %s", block.name, error)
         for region, room in self._regions:
             region.margin.store_values(room)
-        return moved
 
 
 def _named(entries: Mapping[Any, Any]) -> list[tuple[Any, Any, Any]]:

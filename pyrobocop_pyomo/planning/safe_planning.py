@@ -11,7 +11,7 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -24,26 +24,24 @@ from pyrobocop_pyomo.motion.safety_report import joined_report
 from pyrobocop_pyomo.obstacles import avoidance_blocks, containments
 from pyrobocop_pyomo.obstacles.broad_phase import ran_through_what_was_left_out
 from pyrobocop_pyomo.obstacles.pictures import scene_of
-from pyrobocop_pyomo.obstacles.tightening import tighten, tighten_containment
+from pyrobocop_pyomo.obstacles.tightening import tighten
 from pyrobocop_pyomo.programs.compiled_model import KeptProgram
 from pyrobocop_pyomo.solving.ipopt_options import NEARLY_SAFE, NEARLY_THERE
 from pyrobocop_pyomo.solving.iterates import Quality, StopReason
 from pyrobocop_pyomo.solving.procedure import solve_model
-from pyrobocop_pyomo.solving.progress import Progress
-from pyrobocop_pyomo.solving.second_tries import ITERATIONS_OF_ONE, SIDE_ITERATIONS
 from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult, with_steps_of_all
 from pyrobocop_pyomo.solving.starts import EXPLORED_ELEMENTS, coarser_copy, elements_of, take_values_of_copy
 
 from .mesh_loop import MeshLoop, plan_for_safety
-from .planning_point import RoundPoint
-from .recovery import Recovery
+from .planning_point import PlanningPoint
+from .recovery import PlanStart, Recovery
 
 logger = logging.getLogger(__name__)
 
-# From so many separations on, or so many pairs of shapes in all intervals together, near and far, plans start on fewer
-# elements: the guess is near few of them, and its plan wanders among all.
-LEAST_SEPARATIONS, LEAST_PAIRS = 500, 5000
+# From so many pairs of shapes in all intervals together, near and far, plans start on fewer elements: the guess is near
+# few of them, and its plan wanders among all.
+LEAST_PAIRS = 5000
 # From one start. A motion that is not safe by then passes through an obstacle between the nodes, and stays there.
 MOST_ROUNDS = 7
 # Rounds without a feasible point, one after the other, until another start is tried; and rounds until planes of which
@@ -69,7 +67,7 @@ class PlanningRound:
     worst : str
         The two bodies for which that is so.
     safe : bool or None
-        As `SafetyReport.safe`; False as well where nobody looked.
+        As `SafetyReport.safe`.
     seconds : float
         Of the solve.
     """
@@ -89,10 +87,9 @@ class PlanningRound:
     )
 
     @classmethod
-    def of(cls, purpose: str, result: SolveResult) -> PlanningRound:
-        """The round that ended with a result, which was verified unless it has no report."""
-        report = result.safety
-        worst = None if report is None else report.worst
+    def of(cls, purpose: str, result: SolveResult, report: SafetyReport) -> PlanningRound:
+        """The round that ended with a result, and the report on its motion."""
+        worst = report.worst
         return cls(
             purpose,
             result.quality,
@@ -100,7 +97,7 @@ class PlanningRound:
             result.iterations,
             0.0 if worst is None else worst.shortfall,
             "" if worst is None else f"{worst.first} - {worst.second}",
-            False if report is None else report.safe,
+            report.safe,
             result.seconds,
         )
 
@@ -113,9 +110,9 @@ class PlanningRound:
         )
 
 
-def _with_safety(result: SolveResult, report: SafetyReport | None) -> SolveResult:
-    """A result with the report on its motion, if any, and what the motion lacks in its standing."""
-    safe, worst = (False, None) if report is None else (report.safe, report.worst)
+def _with_safety(result: SolveResult, report: SafetyReport) -> SolveResult:
+    """A result with the report on its motion, and what the motion lacks in its standing."""
+    safe, worst = report.safe, report.worst
     # A motion that is not proven stands behind every one that is, also where no instant of it is too close, and one
     # that is clear but not replayed behind those that are.
     unproven = max(worst.shortfall, worst.tolerance) if worst is not None and safe is False else 0.0
@@ -129,11 +126,8 @@ def _is_settled(result: SolveResult) -> bool:
 
 
 def _is_near(report: SafetyReport | None) -> bool:
-    """Whether a motion is too close by its clearance at most: what margins or a finer mesh make safe.
-
-    What was not verified is taken to be: a plan on a finer mesh starts from there.
-    """
-    return report is None or (report.worst is not None and report.worst.shortfall <= report.worst.clearance)
+    """Whether a motion is too close by its clearance at most: what margins or a finer mesh make safe."""
+    return report is not None and report.worst is not None and report.worst.shortfall <= report.worst.clearance
 
 
 class SafePlanning:
@@ -143,30 +137,25 @@ class SafePlanning:
     ----------
     model : Block
     settings : Settings
+    is_start : bool
+        Whether a plan on another mesh starts from this one: one that is nearly clear is enough then. The equations of
+        so coarse a mesh lead elsewhere than those of the user's: they are not looked at, and the mesh stays.
     """
 
-    def __init__(self, model: Any, settings: Settings) -> None:
+    def __init__(self, model: Any, settings: Settings, *, is_start: bool = False) -> None:
         self._model, self._blocks, self._regions = model, avoidance_blocks(model), containments(model)
         # Rounds in which margins alone have changed have the same program.
         self._settings = replace(settings, program=KeptProgram())
         self.rounds: list[PlanningRound] = []
         self.results: list[SolveResult] = []  # of the rounds
-        self._reports: list[SafetyReport]  # of each block, then of each region
-        self._best: tuple[SolveResult, RoundPoint] | None = None
+        self._reports: dict[Any, SafetyReport]  # of each block and region
+        self._best: tuple[SolveResult, PlanningPoint] | None = None
         self._seconds_per_element = 0.0  # of the longest verification so far
         self._interrupted = False
         self._meshes = MeshLoop(model)
-        self._is_start = self._is_any_start = False
+        self._meshes.has_ended = is_start
         self._began = VariableValues.of_free(model)
-        self._recovery = Recovery(model, self)
-
-    def is_for_a_start(self, *, any_point: bool) -> None:
-        """Be content with a plan that is nearly clear, or with any feasible point, on the mesh as it is.
-
-        The equations of so coarse a mesh lead elsewhere than those of the user's: they are not looked at.
-        """
-        self._is_start, self._is_any_start, self._recovery.is_for_a_start = True, any_point, True
-        self._meshes.has_ended = True
+        self._is_start, self._recovery = is_start, Recovery(model, self, is_for_a_start=is_start)
 
     def plan(self) -> SolveResult:
         """Solve from one start after the other until the motion is proven to be safe; the best point is kept.
@@ -196,88 +185,71 @@ class SafePlanning:
             self._best[1].restore()
 
     def _plan(self) -> None:
-        recovery = self._recovery
-        # Separations on a fine mesh take long to initialise: where a plan on a coarse one comes first, once is enough.
-        if not self._is_start and self._from_fewer_elements() and self._is_good_enough:
-            return
-        if not self._is_start:  # separations of a copy were made for its mesh, where it starts
-            recovery.start()
-        for step in recovery.steps():
-            result = step()
-            if result.quality is not Quality.INFEASIBLE and not self._is_any_start:
+        for start in self._starts():
+            result = self.solve(start)
+            if result.quality is not Quality.INFEASIBLE:
                 result = self._made_safe(result)
             if self._is_good_enough or not self.may_go_on(result):
                 break
 
-    def _from_fewer_elements(self) -> bool:
-        """Start from a plan on a copy with fewer elements, where there are many pairs; whether there was one.
+    def _starts(self) -> Iterator[PlanStart]:
+        """Starts on the model, one after the other: where there are many pairs, a plan on fewer elements first."""
+        if not self._is_start:
+            elements = self._put_plan_on_fewer_elements()
+            if elements:
+                yield PlanStart(f"from a plan on {elements} elements", is_near=True)
+            # Separations of a copy were made for its mesh, where it starts.
+            self._recovery.start()
+        yield from self._recovery.starts()
+
+    def _put_plan_on_fewer_elements(self) -> int:
+        """Start from a plan on a copy with fewer elements, where there are many pairs; their number, or 0.
 
         How to get around obstacles hardly depends on the mesh, and costs many iterations; on a fine mesh each of them
         is dear. The copy keeps the user's variables out of it.
         """
-        separations = sum(len(block.separations) for block in self._blocks)
-        pairs = separations + sum(len(block.record.pruned) for block in self._blocks)
-        many = separations >= LEAST_SEPARATIONS
-        copy = coarser_copy(self._model, EXPLORED_ELEMENTS) if many or pairs >= LEAST_PAIRS else None
+        pairs = sum(len(block.separations) + len(block.record.pruned) for block in self._blocks)
+        copy = coarser_copy(self._model, EXPLORED_ELEMENTS) if pairs >= LEAST_PAIRS else None
         if copy is None:
-            return False
+            return 0
         left = self._settings.deadline.left
         shorter = replace(self._settings, deadline=Deadline.after(None if left is None else 0.5 * left))
-        planning = SafePlanning(copy, shorter)
-        # Among few separations margins are cheaper on the user's mesh, among many on the coarse one.
-        planning.is_for_a_start(any_point=not many)
+        planning = SafePlanning(copy, shorter, is_start=True)
         try:
             plan = planning.plan()
         except PyRobocopError as error:
             logger.info("'%s': no start on fewer elements: %s", self._model.name, error)
-            return False
+            return 0
         found = plan.quality is not Quality.INFEASIBLE
         if found:
             take_values_of_copy(self._model, copy)
         if plan.stop_reason is StopReason.INTERRUPTED:
             raise KeyboardInterrupt
         if not found:
-            return False
+            return 0
         self.rounds += [replace(made, purpose=f"fewer elements: {made.purpose}") for made in planning.rounds]
         self.results += planning.results
         self._recovery.initialize_separations()
-        result = self.solve(
-            f"from a plan on {elements_of(copy)} elements", again=True, most_iterations=ITERATIONS_OF_ONE
-        )
-        if result.quality is not Quality.INFEASIBLE:
-            self._made_safe(result)
-        return True
+        return elements_of(copy)
 
     # ---------------------------------------------------------------- one round
 
-    def solve(self, purpose: str, *, again: bool = False, most_iterations: int | None = None) -> SolveResult:
-        """Solve the model as it stands, verify what comes out, and remember both.
-
-        Parameters
-        ----------
-        purpose : str
-            For the log.
-        again : bool
-            Whether the point on the model is nearly a solution already.
-        most_iterations : int, optional
-            Of Ipopt, where the user has not set ``max_iter``.
-        """
-        nearly = NEARLY_SAFE if self._is_nearly_safe else NEARLY_THERE
-        limit = {} if most_iterations is None else {"max_iter": most_iterations}
-        options = self._settings.options.with_default({**(nearly if again else {}), **limit})
+    def solve(self, start: PlanStart) -> SolveResult:
+        """Solve the model as it stands, verify what comes out, and remember both."""
+        limit = {} if start.most_iterations is None else {"max_iter": start.most_iterations}
+        near = (NEARLY_SAFE if self._is_nearly_safe else NEARLY_THERE) if start.is_near else {}
+        options = self._settings.options.with_default({**near, **limit})
         self._began = VariableValues.of_free(self._model)
         result = solve_model(self._model, replace(self._settings, options=options, deadline=self.deadline))
         # A plan that is not feasible is not integrated: its equations do not hold.
         equations = not self._is_start and result.quality is not Quality.INFEASIBLE
-        # What is only a start, at any feasible point, is not verified.
-        unseen, started = self._is_any_start, time.perf_counter()
-        self._reports = (
-            [] if unseen else [block.verify(equations=equations) for block in (*self._blocks, *self._regions)]
-        )
+        started = time.perf_counter()
+        self._reports = {block: block.verify(equations=equations) for block in (*self._blocks, *self._regions)}
         spent = time.perf_counter() - started
         self._seconds_per_element = max(self._seconds_per_element, spent / max(elements_of(self._model), 1))
-        result = _with_safety(result, None if unseen else joined_report(self._reports))
-        made = PlanningRound.of(purpose, result)
+        report = joined_report(self._reports.values())
+        result = _with_safety(result, report)
+        made = PlanningRound.of(start.purpose, result, report)
         self.rounds.append(made)
         self.results.append(result)
         if len(self.rounds) == 1:
@@ -285,7 +257,7 @@ class SafePlanning:
         self._settings.progress.line(str(made))
         logger.info("'%s': %s", self._model.name, made)
         if self._best is None or result.standing.is_better_than(self._best[0].standing):
-            self._best = result, RoundPoint(self._model)
+            self._best = result, PlanningPoint(self._model)
         return result
 
     @property
@@ -293,36 +265,6 @@ class SafePlanning:
         """Whether the last round found a plan that is too close by its clearance at most."""
         last = self.results[-1] if self.results else None
         return last is not None and last.quality is not Quality.INFEASIBLE and _is_near(last.safety)
-
-    def solve_without_obstacles(self) -> bool:
-        """Put the best motion without obstacles on the model, where it is found at once; else nothing changes.
-
-        Returns
-        -------
-        bool
-            Whether it was found.
-        """
-        # A clearance that the optimiser chooses has no meaning without obstacles.
-        if any(block.record.depends_on_what_is_far for block in self._blocks):
-            return False
-        guess, found = VariableValues.of_free(self._model), False
-        # It is only a start: what does not converge quickly is not worth waiting for.
-        options = self._settings.options.with_default({"max_iter": SIDE_ITERATIONS})
-        for block in self._blocks:
-            block.deactivate()
-        try:
-            settings = replace(self._settings, options=options, exploration=0.0, progress=Progress(False))
-            result = solve_model(self._model, settings)
-            # For a start it is enough that the run came to its end.
-            found = result.quality is not Quality.INFEASIBLE and result.stop_reason is StopReason.FINISHED
-        except PyRobocopError as error:
-            logger.info("'%s': no motion without obstacles: %s", self._model.name, error)
-        finally:
-            for block in self._blocks:
-                block.activate()
-            if not found:
-                guess.restore()
-        return found
 
     def may_go_on(self, result: SolveResult) -> bool:
         """Whether there is time, and nobody interrupted."""
@@ -340,7 +282,8 @@ class SafePlanning:
         start, can_go_back, in_vain = self._began, True, 0
         point, reports = VariableValues.of_free(self._model), self._reports
         for number in range(1, MOST_ROUNDS):
-            if self._is_clear_enough(joined_report(reports)) or not self.may_go_on(result):
+            report = joined_report(reports.values())
+            if report.safe is not False or (self._is_start and _is_near(report)) or not self.may_go_on(result):
                 break
             finer = self._on_a_finer_mesh(result, reports)
             if finer is not None:
@@ -349,16 +292,17 @@ class SafePlanning:
             else:
                 if not self.may_go_on(result):
                     break  # finer meshes took what was left
-                pairs = zip(self._blocks, reports[: len(self._blocks)], strict=True)
-                goes_back = can_go_back and any(ran_through_what_was_left_out(*pair) for pair in pairs)
-                purpose = self._tightened(reports, split=number >= MOST_IN_VAIN or result.quality is Quality.INFEASIBLE)
+                goes_back = can_go_back and any(ran_through_what_was_left_out(of, reports[of]) for of in self._blocks)
+                split = number >= MOST_IN_VAIN or result.quality is Quality.INFEASIBLE
+                done = [what for block, of in reports.items() for what in tighten(block, of, split=split)]
+                purpose = ", ".join(dict.fromkeys(done))
                 if not purpose:
                     break
                 if goes_back:
                     # The way out of an obstacle may be on its wrong side; the start was far from it.
                     start.restore()
                     self._recovery.initialize_separations()
-                result = self.solve(purpose, again=True, most_iterations=ITERATIONS_OF_ONE)
+                result = self.solve(PlanStart(purpose, is_near=True))
             if result.quality is Quality.INFEASIBLE:
                 in_vain += 1
                 if in_vain == MOST_IN_VAIN:
@@ -372,20 +316,20 @@ class SafePlanning:
                 start, can_go_back = point, True
         return result
 
-    def _on_a_finer_mesh(self, result: SolveResult, reports: Sequence[SafetyReport]) -> SolveResult | None:
+    def _on_a_finer_mesh(self, result: SolveResult, reports: Mapping[Any, SafetyReport]) -> SolveResult | None:
         """Solve again on a finer mesh where the plan is clear and its equations are not; or None."""
-        is_clear = not any(pair.violated for pair in joined_report(reports).body_pairs)
+        is_clear = not any(pair.violated for pair in joined_report(reports.values()).body_pairs)
         if self._meshes.has_ended or result.quality is Quality.INFEASIBLE or not is_clear:
             return None
         try:
-            plan = plan_for_safety([*self._blocks, *self._regions], reports)
+            plan = plan_for_safety(reports)
         except PyRobocopError as error:
             self._meshes.keep_meshes(error)
             return None
         purpose = str(plan)
 
         def solve() -> SolveResult | None:
-            return self.solve(purpose, again=True) if self.may_go_on(result) else None
+            return self.solve(PlanStart(purpose, None, is_near=True)) if self.may_go_on(result) else None
 
         def is_feasible(finer: SolveResult) -> bool:
             self._meshes.has_ended = finer.quality is Quality.INFEASIBLE
@@ -400,23 +344,10 @@ class SafePlanning:
         best = self._best[0]
         if _is_settled(best) or best.quality is Quality.INFEASIBLE:
             return _is_settled(best)
-        if self._is_start and not self._is_any_start:
+        if self._is_start:
             return _is_near(best.safety)
         asked = bool(self._regions) or any(block.record.per_interval for block in self._blocks)
-        return self._is_any_start or not asked
-
-    def _is_clear_enough(self, report: SafetyReport) -> bool:
-        """As safe as is known; or nearly clear, where another plan starts from this one."""
-        return report.safe is not False or (self._is_start and _is_near(report))
-
-    def _tightened(self, reports: Sequence[SafetyReport], *, split: bool) -> str:
-        """Ask for more where the motion was not safe; returns what was done, or nothing if nothing can be."""
-        count = len(self._blocks)
-        pairs = zip(self._blocks, reports[:count], strict=True)
-        done = [what for block, report in pairs for what in tighten(block, report, split=split)]
-        inside = zip(self._regions, reports[count:], strict=True)
-        done += [what for region, report in inside for what in tighten_containment(region, report)]
-        return ", ".join(dict.fromkeys(done))
+        return not asked
 
     def _best_of_all(self) -> SolveResult:
         """The best round, its point on the model, with the steps of all."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -18,11 +17,12 @@ from pyrobocop_pyomo.solving import Quality
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.strategies import in_order
 
-from .named_data import by_component, fixed_members
+from .named_data import by_component, finite_number, fixed_members, member_values
 from .outcomes import Column, Outcome, StudyResult, seconds_left, solve_as_given
 
 # Near a solution the tight problem is solved at once; what it leaves goes through looser ones.
 FOLLOWING_STRATEGIES = ("tight", "barrier", "continuation")
+_PATH = "its path"
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,21 +252,9 @@ class DataPath:
             component.set_value(number)
 
     def _add(self, component: Any, ends: Any) -> None:
-        members = fixed_members(component)
+        fixed_members(component)  # refuses what is part of the solution
         first, last = ends if isinstance(ends, (tuple, list)) and len(ends) == 2 else (None, ends)
-        for member in members:
-            now = value(member, exception=False)
-            numbers = [_end(member, now if end is None else end) for end in (first, last)]
-            if numbers[0] is not None and numbers[1] is not None:
-                self._lines.append((member, numbers[0], numbers[1]))
-
-
-def _end(member: Any, end: Any) -> float | None:
-    """The number of a member; None where a mapping leaves it out, which keeps its value."""
-    if isinstance(end, Mapping):
-        end = end.get(member.index())
-        if end is None:
-            return None
-    if isinstance(end, bool) or not isinstance(end, (int, float)) or not math.isfinite(end):
-        raise ModelError(f"'{member.name}': an end of its path is {end!r}; expected a finite number.")
-    return float(end)
+        starts = {} if first is None else {id(of): start for of, start in member_values(component, first, _PATH)}
+        for member, end in member_values(component, last, _PATH):
+            start = starts.get(id(member), value(member, exception=False))
+            self._lines.append((member, finite_number(start, member.name, _PATH), end))

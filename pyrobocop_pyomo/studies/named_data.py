@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+import numpy as np
 from pyomo.core.base.param import Param
 from pyomo.core.base.var import Var
 
+from pyrobocop_pyomo.diagnosis.findings import quoted
 from pyrobocop_pyomo.errors import ModelError
 
 
@@ -45,6 +48,54 @@ def fixed_members(component: Any) -> list[Any]:
         if member.is_variable_type() and not member.fixed:
             raise ModelError(f"'{member.name}': is free, so it is part of the solution. Fix it, or use a Param.")
     return members
+
+
+def member_values(component: Any, given: Any, label: str) -> list[tuple[Any, float]]:
+    """Members of a component, and the numbers that they are to get.
+
+    Parameters
+    ----------
+    component : Component
+    given : number, array or mapping
+        One for all members, one for each in their order, or some by index.
+    label : str
+        What gives them, for messages.
+
+    Raises
+    ------
+    ModelError
+        When it is none of these, or the component cannot change.
+    """
+    members, name = data_members(component), getattr(component, "name", None) or repr(component)
+    if isinstance(given, Mapping):
+        unknown = [index for index in given if index not in members]
+        if unknown:
+            raise ModelError(f"'{name}': has no index {unknown[0]!r}; it has {quoted(members)}.")
+        return [(members[index], finite_number(each, f"{name}[{index}]", label)) for index, each in given.items()]
+    if np.ndim(given) == 0:
+        number = finite_number(given, name, label)
+        return [(member, number) for member in members.values()]
+    values = np.asarray(given, dtype=object).ravel()
+    if values.size != len(members):
+        raise ModelError(f"'{name}': {label} has {values.size} values for its {len(members)} members.")
+    return [(of, finite_number(each, name, label)) for of, each in zip(members.values(), values.tolist(), strict=True)]
+
+
+def finite_number(given: Any, name: str, label: str) -> float:
+    """A number of a component that the user gave.
+
+    Raises
+    ------
+    ModelError
+        When it is no finite number.
+    """
+    try:
+        number = float(given)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise ModelError(f"'{name}': {label} gives it {given!r}; expected a finite number.")
+    return number
 
 
 def by_component(given: Any, model: Any) -> list[tuple[Any, Any]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -16,13 +15,12 @@ from pyomo.core.base.var import Var
 from pyomo.core.expr.visitor import identify_mutable_parameters
 
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
-from pyrobocop_pyomo.diagnosis.findings import quoted
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases.structure import sides_of
 
-from .named_data import by_component, data_members
+from .named_data import by_component, member_values
 
 ModeSequence = tuple[str, ...]
 
@@ -112,7 +110,7 @@ def put_mapping(model: Any, data: Any) -> None:
         When a component does not exist or cannot change, or a value is no finite number.
     """
     for component, given in by_component(data, model):
-        for member, number in _member_values(component, given):
+        for member, number in member_values(component, given, "a case"):
             if member.ctype is Var:
                 member.fix(number, skip_validation=True)
             else:
@@ -141,32 +139,6 @@ def doubts_on_cases(model: Any, data: Iterable[Any]) -> tuple[str, ...]:
     names = ", ".join(map(repr, unread.values()))
     said = f"no row, objective or bound reads {names}: the cases are all the same problem as far as that goes."
     return (f"{said} A rule that asks for pyo.value(...) or .value keeps that number: write the Param.",) * bool(unread)
-
-
-def _member_values(component: Any, given: Any) -> list[tuple[Any, float]]:
-    members, name = data_members(component), getattr(component, "name", None) or repr(component)
-    if isinstance(given, Mapping):
-        unknown = [index for index in given if index not in members]
-        if unknown:
-            raise ModelError(f"'{name}': has no index {unknown[0]!r}; it has {quoted(members)}.")
-        return [(members[index], _number(value, f"{name}[{index}]")) for index, value in given.items()]
-    if np.ndim(given) == 0:
-        number = _number(given, name)
-        return [(member, number) for member in members.values()]
-    values = np.asarray(given, dtype=object).ravel()
-    if values.size != len(members):
-        raise ModelError(f"'{name}': a case has {values.size} values for its {len(members)} members.")
-    return [(member, _number(value, name)) for member, value in zip(members.values(), values.tolist(), strict=True)]
-
-
-def _number(given: Any, name: str) -> float:
-    try:
-        number = float(given)
-    except (TypeError, ValueError):
-        number = math.nan
-    if not math.isfinite(number):
-        raise ModelError(f"'{name}': a case gives it {given!r}; expected a finite number.")
-    return number
 
 
 def starting_cases(cases: Sequence[SweepCase], start_from: Any) -> list[int | None]:

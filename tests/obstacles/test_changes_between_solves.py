@@ -123,9 +123,8 @@ def test_auto_takes_the_ball_where_the_guess_overlaps(caplog):
     m = turning_move(height=0)
     avoid = avoiding(m)
     with caplog.at_level(logging.INFO, logger="pyrobocop_pyomo"):
-        avoid.initialize(seed=7)
+        avoid.initialize()
     assert "'arrow' and 'wall'" in caplog.text
-    assert "seed 7" in caplog.text
     assert not any(row.equality for row in avoid.unit.values())
 
 
@@ -163,11 +162,11 @@ def normals_along_time(avoid):
 
 
 @settings(max_examples=20)
-@given(height=st.floats(-1, 1), seed=st.integers(0, 5), elements=st.integers(5, 20))
-def test_sides_never_flip_along_time(height, seed, elements):
+@given(height=st.floats(-1, 1), elements=st.integers(5, 20))
+def test_sides_never_flip_along_time(height, elements):
     m = turning_move(elements=elements, height=height)
     avoid = avoiding(m)
-    avoid.initialize(seed=seed)
+    avoid.initialize()
     normals = normals_along_time(avoid)
     assert np.linalg.norm(normals, axis=1) == pytest.approx(1.0)
     # A quarter turn at a time at most, up to the tilt that breaks ties.

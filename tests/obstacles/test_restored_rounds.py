@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Iterator
 
 import pyomo.environ as pyo
 import pytest
@@ -12,8 +12,8 @@ from harness.scenes import avoiding, turning_move
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import check_pose
-from pyrobocop_pyomo.planning import recovery
-from pyrobocop_pyomo.planning.planning_point import RoundPoint
+from pyrobocop_pyomo.planning.planning_point import PlanningPoint
+from pyrobocop_pyomo.planning.recovery import PlanStart, Recovery
 
 
 def flight() -> pyo.ConcreteModel:
@@ -38,7 +38,7 @@ def test_poses_between_nodes_are_not_judged_when_a_round_is_restored() -> None:
     m = flight()
     block = m.fly.avoid
     block.initialize()
-    point = RoundPoint(m)
+    point = PlanningPoint(m)
     first, second, start = next(iter(block.separations))
     _, right = block.split(first, second, start)
     between = block.record.poses[first, right[2]]
@@ -63,15 +63,14 @@ def test_a_start_that_cannot_be_made_does_not_lose_the_rounds_before(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     m = turning_move(elements=2)
-    # Walls on both sides of the only way: there is no plan.
-    walls = {f"wall {k}": rcp.Polytope.box(0.2, 40, center=(2 + 0.1 * k, 0)) for k in range(2)}
-    avoiding(m, obstacles=walls)
+    avoiding(m, obstacles={"wall": rcp.Polytope.box(0.2, 40, center=(2, 0))})
 
-    def fails(*arguments: Any) -> Any:
+    def starts(self: Recovery) -> Iterator[PlanStart]:
+        yield PlanStart("first")
         raise ObstacleError("no such start")
 
-    monkeypatch.setattr(recovery, "split_violated", fails)
-    result = rcp.solve(m, options={"max_iter": 30})
+    monkeypatch.setattr(Recovery, "starts", starts)
+    result = rcp.solve(m, options={"max_iter": 3})
     assert not result.safe
     assert result.rounds
     assert "no such start" in caplog.text

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import io
 import pickle
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from harness.scenes import ARROW, WALL, avoiding, placed, turning_move
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import SolveFailed
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
-from pyrobocop_pyomo.planning.recovery import Recovery
+from pyrobocop_pyomo.planning.recovery import PlanStart, Recovery
 from pyrobocop_pyomo.solving.solve_result import StopReason
 
 pytestmark = pytest.mark.ipopt
@@ -54,7 +53,7 @@ def closest(m: pyo.ConcreteModel, obstacles: Any, samples: int = 400) -> float:
 
 @pytest.fixture
 def no_recovery(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Recovery, "steps", lambda self: iter([self._from_initial_guess]))
+    monkeypatch.setattr(Recovery, "starts", lambda self: iter([PlanStart("first")]))
 
 
 # ---------------------------------------------------------------- what comes back
@@ -137,7 +136,7 @@ def failing_verify(monkeypatch: pytest.MonkeyPatch, calls: int, error: BaseExcep
 def test_ctrl_c_between_runs_ends_with_the_best_round(monkeypatch: pytest.MonkeyPatch) -> None:
     m = around_a_tall_wall(4)
     before = components(m)
-    monkeypatch.setattr(Recovery, "steps", lambda self: iter([self._from_initial_guess, self._new_planes]))
+    monkeypatch.setattr(Recovery, "starts", lambda self: iter([PlanStart("first"), PlanStart("second")]))
     failing_verify(monkeypatch, 1, KeyboardInterrupt())
     result = rcp.solve(m, options={"max_iter": 60})
     monkeypatch.undo()
@@ -157,7 +156,7 @@ def test_ctrl_c_in_the_first_round_is_passed_on(monkeypatch: pytest.MonkeyPatch)
 def test_an_error_is_passed_on_with_the_best_point_on_the_model(monkeypatch: pytest.MonkeyPatch) -> None:
     m = around_a_tall_wall(4)
     before = components(m)
-    monkeypatch.setattr(Recovery, "steps", lambda self: iter([self._from_initial_guess, self._new_planes]))
+    monkeypatch.setattr(Recovery, "starts", lambda self: iter([PlanStart("first"), PlanStart("second")]))
     failing_verify(monkeypatch, 1, ArithmeticError("lost"))
     with pytest.raises(ArithmeticError, match="lost"):
         rcp.solve(m, options={"max_iter": 60})
@@ -165,7 +164,7 @@ def test_an_error_is_passed_on_with_the_best_point_on_the_model(monkeypatch: pyt
     assert components(m) == before
     assert m.effort.active
     once = around_a_tall_wall(4)
-    monkeypatch.setattr(Recovery, "steps", lambda self: iter([self._from_initial_guess]))
+    monkeypatch.setattr(Recovery, "starts", lambda self: iter([PlanStart("first")]))
     rcp.solve(once, options={"max_iter": 60})
     assert pyo.value(m.effort) == pytest.approx(pyo.value(once.effort), rel=1e-9)
 
@@ -253,27 +252,6 @@ def test_progress_shows_every_round(monkeypatch: pytest.MonkeyPatch) -> None:
 
 # ---------------------------------------------------------------- recovery
 
-NEEDED = {  # elements of the tall wall with which the guess fails and the step succeeds
-    "_new_planes": 4,
-    180.0: 6,
-    90.0: 6,
-    -90.0: 6,
-}
-
-
-@pytest.mark.parametrize("step", NEEDED)
-def test_each_step_of_recovery_helps_where_the_guess_fails(step: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    def steps(self: Recovery) -> Iterator[Callable[[], Any]]:
-        yield self._from_initial_guess
-        yield partial(self._other_side, step) if isinstance(step, float) else getattr(self, step)
-
-    monkeypatch.setattr(Recovery, "steps", steps)
-    m = around_a_tall_wall(NEEDED[step])
-    result = rcp.solve(m, options={"max_iter": 400})
-    assert result.rounds[0].quality is rcp.Quality.INFEASIBLE
-    assert result.safe
-    assert closest(m, [box(0.8, 6, center=(2, 2))]) > 0.0495
-
 
 def closed_in(**options: Any) -> pyo.ConcreteModel:
     """The goal is walled in, and the body too slow to jump through a wall within an interval unseen."""
@@ -319,22 +297,6 @@ def test_where_there_is_no_way_none_is_claimed(state: Callable[..., Any]) -> Non
     assert "solved" not in str(result)
     assert components(m) == before
     assert m.effort.active
-
-
-def test_the_last_point_is_kept_where_no_way_around_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    m = closed_in()
-    last = []
-    monkeypatch.setattr(Recovery, "_new_planes", lambda self: last.append(positions(m)) or self._from_initial_guess())
-    monkeypatch.setattr("pyrobocop_pyomo.planning.recovery.TURNS", ())
-    guess = positions(m)
-    result = rcp.solve(m, time_limit=2, options={"max_iter": 30})
-    assert not result.safe
-    assert not any("led around" in each.purpose for each in result.rounds)
-    assert last[0] != pytest.approx(guess, abs=1e-3)
-
-
-def positions(m: pyo.ConcreteModel) -> list[float]:
-    return [variable.value for part in (m.move.x, m.move.y) for variable in part.values()]
 
 
 def test_recovery_ends_where_no_obstacle_takes_part() -> None:

@@ -31,7 +31,7 @@ def field(elements: int) -> Any:
 def test_a_start_on_fewer_elements_leads_to_the_same_plan_and_keeps_the_users_variables(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(safe_planning, "LEAST_SEPARATIONS", 50)
+    monkeypatch.setattr(safe_planning, "LEAST_PAIRS", 50)
     m = field(80)
     held = dict(m.move.x.items())
     result = rcp.solve(m)
@@ -47,21 +47,15 @@ def test_a_start_on_fewer_elements_leads_to_the_same_plan_and_keeps_the_users_va
     assert np.isfinite(result.objective)
 
 
-@pytest.mark.parametrize(("many", "verified"), [(50, {20, 80}), (10**6, {80})])
-def test_a_coarse_plan_is_verified_where_margins_are_cheaper_there_and_equations_on_the_users_mesh_alone(
-    many: int, verified: set[int], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(safe_planning, "LEAST_SEPARATIONS", many)
+def test_equations_are_looked_at_on_the_users_mesh_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(safe_planning, "LEAST_PAIRS", 50)
-    asked: list[tuple[int, bool]] = []
+    asked: set[tuple[int, bool]] = set()
     verify = ObstacleAvoidanceBlockData.verify
 
     def noted(block: Any, *, equations: bool) -> Any:
-        asked.append((len(block.motion.intervals), equations))
+        asked.add((len(block.motion.intervals), equations))
         return verify(block, equations=equations)
 
     monkeypatch.setattr(ObstacleAvoidanceBlockData, "verify", noted)
-    result = rcp.solve(field(80))
-    assert result.safe
-    assert {elements for elements, _ in asked} == verified
-    assert all(equations == (elements == 80) for elements, equations in asked)
+    assert rcp.solve(field(80)).safe
+    assert asked == {(20, False), (80, True)}

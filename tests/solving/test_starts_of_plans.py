@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
 
 import pyomo.environ as pyo
 import pytest
@@ -13,56 +12,32 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE
 from pyrobocop_pyomo.planning.recovery import Recovery
 
-
-class Fails:
-    """A planning in which nothing is ever feasible, and which writes down what it was asked to solve."""
-
-    deadline = NO_DEADLINE
-
-    def __init__(self, model: pyo.ConcreteModel) -> None:
-        self.model = model
-        self.told: dict[str, float] = {}
-
-    def solve(self, purpose: str, **_: Any) -> Any:
-        b = self.model.move
-        middle = min(b.time, key=lambda t: abs(b.x[t].value))
-        self.told[purpose] = b.y[middle].value
-        return SimpleNamespace(
-            constraint_violation=1.0, quality=rcp.Quality.INFEASIBLE, stop_reason=rcp.StopReason.ITERATION_LIMIT
-        )
-
-    def may_go_on(self, result: Any) -> bool:
-        return True
-
-    def solve_without_obstacles(self) -> bool:
-        return False
-
-
-def told(model: pyo.ConcreteModel) -> dict[str, float]:
-    planning = Fails(model)
-    recovery = Recovery(model, planning)
-    recovery.start()
-    for step in recovery.steps():
-        step()
-    return planning.told
+IN_VAIN = SimpleNamespace(
+    results=[SimpleNamespace(stop_reason=rcp.StopReason.ITERATION_LIMIT)],
+    deadline=NO_DEADLINE,
+)
 
 
 def test_the_guess_comes_first_then_one_that_is_led_around_and_others_start_from_the_users_again() -> None:
-    starts = told(through_a_wall(end=(2, 0, 0)))
-    assert list(starts)[:2] == ["from the initial guess", "led around all obstacles"]
-    assert starts["from the initial guess"] == 0.0
-    assert starts["led around all obstacles"] == pytest.approx(1.2, abs=0.25)
-    assert next(height for purpose, height in starts.items() if "degrees round" in purpose) == 0.0
-    assert list(starts)[-1] == "from the initial guess, to the end"  # the first solve was cut short
+    m = through_a_wall(end=(2, 0, 0))
+    b = m.move
+    recovery = Recovery(m, IN_VAIN)
+    recovery.start()
+    middle = min(b.time, key=lambda t: abs(b.x[t].value))
+    heights = {start.purpose: b.y[middle].value for start in recovery.starts()}
+    assert list(heights)[:2] == ["from the initial guess", "led around all obstacles"]
+    assert heights["from the initial guess"] == 0.0
+    assert heights["led around all obstacles"] == pytest.approx(1.2, abs=0.25)
+    assert list(heights)[-1] == "from the initial guess, to the end"  # the first solve was cut short
+    assert heights["from the initial guess, to the end"] == 0.0
 
 
 def test_margins_of_another_motion_are_forgotten() -> None:
     m = through_a_wall(end=(2, 0, 0))
     index = m.move.avoid.separations.first()
-    recovery = Recovery(m, Fails(m))
+    recovery = Recovery(m, IN_VAIN)
     m.move.avoid.set_margin(*index, 0.3)
     recovery.start()
-    for step, _ in zip(recovery.steps(), range(2), strict=False):
-        step()
+    for _ in recovery.starts():
         assert pyo.value(m.move.avoid.margin[index]) == 0.0
         m.move.avoid.set_margin(*index, 0.3)

@@ -11,7 +11,7 @@ import numpy as np
 from pyrobocop_pyomo.errors import InitialGuessError, ObstacleError
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.obstacles import avoidance_blocks
-from pyrobocop_pyomo.obstacles.rerouting import can_be_rerouted, overlaps_deeply
+from pyrobocop_pyomo.obstacles.rerouting import are_computed, overlaps_deeply
 from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.planning.recovery import PATH_CLEARANCES, Fit, register_starts
 
@@ -33,7 +33,7 @@ class ConfigurationStarts:
         if not spaces:
             return None
         blocks = avoidance_blocks(model)
-        if all(map(can_be_rerouted, blocks)):
+        if all(map(_can_be_rerouted, blocks)):
             return Fit()
         is_far_off = any(map(overlaps_deeply, blocks)) or not all(space.guess_ends_there() for space in spaces)
         return Fit(comes_first=is_far_off)
@@ -57,6 +57,16 @@ class ConfigurationStarts:
                 raise why
             if found:
                 yield f"along random configurations, {clearances:g} clearances away"
+
+
+def _can_be_rerouted(block: Any) -> bool:
+    """Whether the position of every body that moves consists of variables and numbers: no links of arms."""
+    motion, scene = block.motion, block.record.scene
+    poses = [
+        motion.pose_at_node(body.pose, motion.points[0], name=name)
+        for name, body in scene.bodies.items() if body.moves and name not in scene.obstacles
+    ]  # fmt: skip
+    return not are_computed([pose.translation for pose in poses])
 
 
 def _has_clear_ends(model: Any) -> bool:

@@ -6,10 +6,12 @@ import logging
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+
 from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.obstacles import avoidance_blocks
-from pyrobocop_pyomo.obstacles.rerouting import can_turn_at_both_ends, overlaps_deeply
+from pyrobocop_pyomo.obstacles.rerouting import balls_of, distance_lower_bounds, overlaps_deeply
 from pyrobocop_pyomo.planning.recovery import PATH_CLEARANCES, Fit, register_starts
 
 from .recognised_car import RecognisedCar, recognised_car
@@ -28,7 +30,7 @@ class CarStarts:
         # The path of a car comes close to obstacles, and is a good start nevertheless.
         pulls = any(car.trailer is not None for _, car in cars)
         blocks = avoidance_blocks(model)
-        free = not pulls and any(map(overlaps_deeply, blocks)) and all(map(can_turn_at_both_ends, blocks))
+        free = not pulls and any(map(overlaps_deeply, blocks)) and all(map(_can_turn_at_both_ends, blocks))
         return Fit(may_be_led_around=free, obeys_equations=True)
 
     def propose(self, model: Any, deadline: Deadline) -> Iterator[str]:
@@ -46,6 +48,27 @@ class CarStarts:
             if not found:
                 return
             yield f"along the path of a car, {clearances:g} clearances from obstacles"
+
+
+def _can_turn_at_both_ends(block: Any) -> bool:
+    """Whether every body that moves could turn on the spot where its motion starts and ends, clear of what rests.
+
+    A car whose start or goal has no such room needs manoeuvres, which a path for a ball does not know.
+    """
+    motion, scene = block.motion, block.record.scene
+    if not motion.intervals:
+        return False
+    for name, body in scene.bodies.items():
+        if name in scene.obstacles or body.pose is None:
+            continue
+        balls, walls = balls_of(scene, name), [wall.shape for _, wall in scene.walls_of(name)]
+        clearance = max(value for pair, value in scene.clearances.items() if name in pair)
+        ends = [motion.intervals[0][0], motion.intervals[-1][-1]]
+        poses = [motion.pose_at_node(body.pose, end, name=name).numbers() for end in ends]
+        middles = np.array([rotation @ balls.middle + place for rotation, place in poses])
+        if (distance_lower_bounds(middles, walls) < balls.outer + clearance).any():
+            return False
+    return True
 
 
 def _cars(model: Any) -> list[tuple[Any, RecognisedCar]]:
