@@ -1,6 +1,6 @@
 """What can be said about a model before it is solved."""
 
 from .diagnose import diagnose
-from .findings import DegreesOfFreedom, Diagnosis, Finding, Severity, Subject
+from .findings import Diagnosis, Finding, Severity
 
-__all__ = ["DegreesOfFreedom", "Diagnosis", "Finding", "Severity", "Subject", "diagnose"]
+__all__ = ["Diagnosis", "Finding", "Severity", "diagnose"]

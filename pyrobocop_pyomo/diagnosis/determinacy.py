@@ -24,7 +24,7 @@ from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.phases import Algebraic, phases_of
 from pyrobocop_pyomo.phases.structure import sides_of
 
-from .findings import Finding, Subject, error_about, quoted, warning_about
+from .findings import Finding, error_about, quoted, warning_about
 from .linearised_rows import Equations, equilibrate
 
 
@@ -40,7 +40,6 @@ def appearance_findings(block: Any, known: set[str]) -> Iterator[Finding]:
     ]
     if lost:
         yield warning_about(
-            Subject.UNDETERMINED,
             f"{len(lost)} variables are in no active row, pair or objective, for example '{lost[0].name}': their "
             "values come back as they are.",
             (data.parent_component().name for data in lost),
@@ -65,7 +64,6 @@ def freedom_findings(block: Any, equations: Equations, without: str) -> Iterator
     left = _undetermined(block, equations)
     if left:
         yield warning_about(
-            Subject.UNDETERMINED,
             f"{without}, and {len(left)} variable{'s are' if len(left) > 1 else ' is'} left that no equation "
             f"determines, for example {quoted(data.name for data in left)}: the point is one of many that meet all "
             "constraints.",
@@ -85,14 +83,13 @@ def excess_findings(block: Any, equations: Equations, without: str = "") -> Iter
         said = f"{len(over)} equations hold only {len(columns)} variables that may move: {quoted(names)}"
         if without:
             yield warning_about(
-                Subject.CONTRADICTION,
                 f"{without}, and {said}. A point that meets them all is chance.",
                 names,
                 "Free a variable that is fixed, such as an initial condition, or remove an equation.",
             )
         else:
             remedy = "Remove an equation, or free an initial or final value."
-            yield error_about(Subject.CONTRADICTION, f"{said}.{_fixed_ends(block)}", names, remedy)
+            yield error_about(f"{said}.{_fixed_ends(block)}", names, remedy)
 
 
 def _undetermined(block: Any, equations: Equations) -> list[Any]:
@@ -150,14 +147,12 @@ def dependence_findings(block: Any, equations: Equations) -> Iterator[Finding]:
     is_linear = all(row.body.polynomial_degree() in (0, 1) for row in concerned)
     if is_linear and gap > 1e-8 * max(1.0, largest):
         yield error_about(
-            Subject.CONTRADICTION,
             f"the equations {quoted(names)} contradict each other.{_fixed_ends(block)}",
             names,
             "Remove an equation, or free an initial or final value.",
         )
     else:
         yield warning_about(
-            Subject.DEPENDENT,
             f"at the initial guess one of the equations {quoted(names)} follows from the others.{_fixed_ends(block)}",
             names,
             "Remove one of them, free an initial or final value, or start from another initial guess.",

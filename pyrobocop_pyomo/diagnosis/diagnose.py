@@ -14,7 +14,7 @@ from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.phases.structure import HIGHER_INDEX_REMEDY, PointStructure, describe_higher_index
 
 from .determinacy import appearance_findings, dependence_findings, excess_findings, freedom_findings, stated_pairs
-from .findings import DegreesOfFreedom, Diagnosis, Finding, Severity, Subject, error_about, quoted, warning_about
+from .findings import Diagnosis, Finding, Severity, error_about, quoted, warning_about
 from .joining import joining_findings
 from .linearised_rows import Equations
 from .statements import (
@@ -67,7 +67,8 @@ def diagnose(model: Any) -> Diagnosis:
     phases = phases_of(model)
     remarks: list[str] = []
     equations = Equations(model)
-    findings = [*shared_findings(model, remarks), *statement_findings(model), *misplaced_findings(model)]
+    findings = [*shared_findings(model), *start_findings(model, remarks)]
+    findings += [*statement_findings(model), *misplaced_findings(model)]
     if model is model.model():  # what solves a part of it may have its objective elsewhere
         findings += objective_findings(model)
         if without := without_objective(model):
@@ -81,32 +82,32 @@ def diagnose(model: Any) -> Diagnosis:
     findings += appearance_findings(model, {name for finding in findings for name in finding.components})
     findings += [*excess_findings(model, equations)] or [*dependence_findings(model, equations)]
     findings += unit_findings(model)
-    degrees = [degrees_of_freedom(phase) for phase in phases]
-    if len(phases) != 1 or phases[0] is not model:
-        degrees.append(degrees_of_freedom(model))
+    counted = phases if len(phases) == 1 and phases[0] is model else [*phases, model]
     findings.sort(key=lambda finding: list(Severity).index(finding.severity))
-    return Diagnosis(model.name, tuple(findings), tuple(degrees), tuple(remarks))
+    return Diagnosis(model.name, tuple(findings), tuple(map(counts_of, counted)), tuple(remarks))
 
 
-def shared_findings(model: Any, remarks: list[str], rows_of_each: int | None = None) -> Iterator[Finding]:
-    """What both a solve and a diagnosis look at.
+def shared_findings(model: Any, rows_of_each: int | None = None) -> Iterator[Finding]:
+    """What both a solve and a diagnosis look at, beside given values.
 
     Parameters
     ----------
     model : Block
-    remarks : list of str
-        Gets what cannot be checked.
     rows_of_each : int, optional
         How many rows of each component are looked at for variables of another model; all by default.
     """
     yield from scaled_pair_findings(model)
     yield from unfinished_findings(model)
     yield from foreign_findings(model, rows_of_each)
-    yield from discretised_start_findings(model)
     if not is_renamed(model):
-        for phase in phases_of(model):
-            yield from boundary_findings(phase, remarks)
         yield from joining_findings(model)
+
+
+def start_findings(model: Any, remarks: list[str]) -> Iterator[Finding]:
+    """Values given at starts and ends that contradict what is stated; `remarks` gets what cannot be checked."""
+    yield from discretised_start_findings(model)
+    for phase in () if is_renamed(model) else phases_of(model):
+        yield from boundary_findings(phase, remarks)
 
 
 def is_renamed(model: Any) -> bool:
@@ -136,17 +137,17 @@ def doubts_before_solve(model: Any) -> tuple[Finding, ...]:
         When the model says something that nothing is done with.
     """
     # One row tells of most components; a variable that is met elsewhere is refused when the model is compiled.
-    findings = [*bound_findings(model), *shared_findings(model, [], rows_of_each=1)]
+    contradictions = [*bound_findings(model), *start_findings(model, [])]
+    findings = list(shared_findings(model, rows_of_each=1))
     if not is_renamed(model):
         findings += objective_findings(model)
         if without := without_objective(model):
             equations = Equations(model)
             findings += [*freedom_findings(model, equations, without), *excess_findings(model, equations, without)]
     errors = [finding for finding in findings if finding.severity is Severity.ERROR]
-    if errors:
-        said = " ".join(f"{finding.message} {finding.remedy}" for finding in errors)
-        contradiction = all(finding.subject in (Subject.CONTRADICTION, Subject.START) for finding in errors)
-        if contradiction:
+    if contradictions or errors:
+        said = " ".join(f"{finding.message} {finding.remedy}" for finding in (*contradictions, *errors))
+        if not errors:
             raise ContradictionError(f"'{model.name}' has no solution. {said}")
         raise ModelError(f"'{model.name}': {said}")
     return tuple(finding for finding in findings if finding.severity is Severity.WARNING)
@@ -158,7 +159,7 @@ def structural_findings(phase: Any) -> Iterator[Finding]:
         phase.check()
     except ModelError as error:
         if "index is higher" not in str(error):
-            yield error_about(Subject.STATEMENT, str(error), (phase.name,), "rcp.solve refuses this phase until then.")
+            yield error_about(str(error), (phase.name,), "rcp.solve refuses this phase until then.")
             return
     structures = [PointStructure(phase, time) for time in phase.record.grid.points]
     higher = next((point for point in structures if point.has_higher_index), None)
@@ -166,7 +167,6 @@ def structural_findings(phase: Any) -> Iterator[Finding]:
         allowed = phase.record.allow_higher_index
         yield Finding(
             Severity.WARNING if allowed else Severity.ERROR,
-            Subject.INDEX,
             f"phase '{phase.name}': {describe_higher_index(higher)}",
             _names(phase, [*higher.leftover_rows, *higher.undetermined]),
             "It was allowed; expect less accurate algebraics." if allowed else HIGHER_INDEX_REMEDY,
@@ -175,7 +175,6 @@ def structural_findings(phase: Any) -> Iterator[Finding]:
     leftover = next((point for point in structures if point.leftover_rows), None)
     if leftover is not None:
         yield warning_about(
-            Subject.INDEX,
             f"phase '{phase.name}': at t = {leftover.time:g} {quoted(leftover.leftover_rows)} can determine "
             "controls only.",
             _names(phase, leftover.leftover_rows),
@@ -185,7 +184,6 @@ def structural_findings(phase: Any) -> Iterator[Finding]:
     short = next((point for point in structures if point.of_rows.unmatched_columns and point.undetermined), None)
     if short is not None:
         yield warning_about(
-            Subject.UNDETERMINED,
             f"phase '{phase.name}': at t = {short.time:g} no equation and no pair is left to determine "
             f"{quoted(short.undetermined)}.",
             _names(phase, short.undetermined),
@@ -198,18 +196,15 @@ def _names(phase: Any, names: list[str]) -> tuple[str, ...]:
     return tuple(f"{phase.name}.{name.rsplit(' ', 1)[-1]}" for name in names)
 
 
-def degrees_of_freedom(block: Any) -> DegreesOfFreedom:
-    """Count a block with all its active blocks."""
+def counts_of(block: Any) -> str:
+    """Counts of a block with all its active blocks, in words: variables, rows, pairs, and what is left to choose."""
     # By identity: a zero-order hold is the same variable under two names.
     variables = {id(data): data for data in block.component_data_objects(Var, active=True, descend_into=Block)}
     rows = list(block.component_data_objects(Constraint, active=True, descend_into=Block))
-    equalities = sum(row.equality for row in rows)
-    return DegreesOfFreedom(
-        name=block.name,
-        variables=len(variables),
-        fixed=sum(data.fixed for data in variables.values()),
-        equalities=equalities,
-        inequalities=len(rows) - equalities,
-        pairs=len(stated_pairs(block)),
-        controls=len(set[int]().union(*free_controls(block).values())),
+    fixed, equalities = sum(data.fixed for data in variables.values()), sum(row.equality for row in rows)
+    controls = set[int]().union(*free_controls(block).values())
+    return (
+        f"{block.name}: {len(variables)} variables ({fixed} fixed), {equalities} equalities, "
+        f"{len(rows) - equalities} inequalities, {len(stated_pairs(block))} pairs: "
+        f"{len(variables) - fixed - equalities} degrees of freedom ({len(controls)} in controls)"
     )

@@ -18,21 +18,6 @@ class Severity(Enum):
     ADVICE = "advice"
 
 
-class Subject(Enum):
-    """What a finding is about."""
-
-    STATEMENT = "what was stated"
-    INDEX = "structural index"
-    UNDETERMINED = "undetermined variables"
-    DEPENDENT = "dependent equations"
-    CONTRADICTION = "contradicting equations"
-    START = "start and end values"
-    DATA = "numbers"
-    UNITS = "units"
-    OUTCOME = "outcome of the solve"
-    IDENTIFIABILITY = "what measurements see"
-
-
 @dataclass(frozen=True)
 class Finding(Presented):
     """One thing that is wrong, or could be better.
@@ -40,7 +25,6 @@ class Finding(Presented):
     Attributes
     ----------
     severity : Severity
-    subject : Subject
     message : str
         What was found, with names and numbers.
     components : tuple of str
@@ -50,23 +34,22 @@ class Finding(Presented):
     """
 
     severity: Severity
-    subject: Subject
     message: str
     components: tuple[str, ...]
     remedy: str
 
     def __str__(self) -> str:
-        return f"{self.severity.value}, {self.subject.value}: {self.message} {self.remedy}"
+        return f"{self.severity.value}: {self.message} {self.remedy}"
 
 
-def error_about(subject: Subject, message: str, components: Iterable[str], remedy: str) -> Finding:
+def error_about(message: str, components: Iterable[str], remedy: str) -> Finding:
     """What has to be changed before a solve can succeed."""
-    return Finding(Severity.ERROR, subject, message, tuple(dict.fromkeys(components)), remedy)
+    return Finding(Severity.ERROR, message, tuple(dict.fromkeys(components)), remedy)
 
 
-def warning_about(subject: Subject, message: str, components: Iterable[str], remedy: str) -> Finding:
+def warning_about(message: str, components: Iterable[str], remedy: str) -> Finding:
     """What may be meant."""
-    return Finding(Severity.WARNING, subject, message, tuple(dict.fromkeys(components)), remedy)
+    return Finding(Severity.WARNING, message, tuple(dict.fromkeys(components)), remedy)
 
 
 def quoted(names: Iterable[object], most: int = 4) -> str:
@@ -74,44 +57,6 @@ def quoted(names: Iterable[object], most: int = 4) -> str:
     shown = list(map(repr, names))
     more = f" and {len(shown) - most} more" if len(shown) > most else ""
     return ", ".join(shown[:most]) + more
-
-
-@dataclass(frozen=True)
-class DegreesOfFreedom(Presented):
-    """Counts of a phase or of a whole model.
-
-    Attributes
-    ----------
-    name : str
-    variables, fixed : int
-        All variables, and those among them that are fixed.
-    equalities, inequalities : int
-        Active constraints.
-    pairs : int
-        Complementarity pairs, relaxed or not.
-    controls : int
-        Variables of declared controls that are not fixed.
-    """
-
-    name: str
-    variables: int
-    fixed: int
-    equalities: int
-    inequalities: int
-    pairs: int
-    controls: int
-
-    @property
-    def degrees(self) -> int:
-        """Variables that may move, less equalities."""
-        return self.variables - self.fixed - self.equalities
-
-    def __str__(self) -> str:
-        return (
-            f"{self.name}: {self.variables} variables ({self.fixed} fixed), {self.equalities} equalities, "
-            f"{self.inequalities} inequalities, {self.pairs} pairs: {self.degrees} degrees of freedom "
-            f"({self.controls} in controls)"
-        )
 
 
 @dataclass(frozen=True)
@@ -124,20 +69,16 @@ class Diagnosis(Presented):
         Of the model or the phase.
     findings : tuple of Finding
         The worst first.
-    degrees_of_freedom : tuple of DegreesOfFreedom
-        One per phase, and the last of everything together.
+    counts : tuple of str
+        Variables, rows and pairs of each phase, and the last of everything together.
     remarks : tuple of str
         What could not be checked, and why.
     """
 
     name: str
     findings: tuple[Finding, ...]
-    degrees_of_freedom: tuple[DegreesOfFreedom, ...]
+    counts: tuple[str, ...]
     remarks: tuple[str, ...] = ()
-
-    def about(self, subject: Subject) -> list[Finding]:
-        """The findings on one subject."""
-        return [finding for finding in self.findings if finding.subject is subject]
 
     @property
     def errors(self) -> list[Finding]:
@@ -163,18 +104,18 @@ class Diagnosis(Presented):
         return f"{errors} error{'s' * (errors != 1)}, {others} other finding{'s' * (others != 1)}"
 
     def _html_parts(self) -> list[str]:
-        rows = [(one.severity.value, one.subject.value, one.message, one.remedy) for one in self.findings]
-        found = [table(("severity", "about", "finding", "remedy"), rows)] if rows else []
+        rows = [(one.severity.value, one.message, one.remedy) for one in self.findings]
+        found = [table(("severity", "finding", "remedy"), rows)] if rows else []
         return [*found, disclosed_text("as text", str(self))]
 
     def __str__(self) -> str:
         lines = [
             f"Diagnosis of '{self.name}': {self._counts()}",
-            *(f"  {counts}" for counts in self.degrees_of_freedom),
+            *(f"  {counts}" for counts in self.counts),
         ]
         for finding in self.findings:
             lines += [
-                f"- {finding.severity.value}, {finding.subject.value}: {finding.message}",
+                f"- {finding.severity.value}: {finding.message}",
                 *([f"    {finding.remedy}"] if finding.remedy else []),
             ]
         return "\n".join([*lines, *(f"  not checked: {remark}" for remark in self.remarks)])

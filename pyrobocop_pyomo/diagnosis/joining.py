@@ -22,7 +22,7 @@ from pyrobocop_pyomo.obstacles.snapshot import variables_of
 from pyrobocop_pyomo.phases import PhaseBlockData, phases_of
 from pyrobocop_pyomo.phases.structure import sides_of
 
-from .findings import Finding, Subject, quoted, warning_about
+from .findings import Finding, quoted, warning_about
 
 
 def joining_findings(block: Any) -> Iterator[Finding]:
@@ -39,7 +39,6 @@ def joining_findings(block: Any) -> Iterator[Finding]:
     for link in links:
         if left := joined.starts_left_open(link):
             yield warning_about(
-                Subject.STATEMENT,
                 f"link '{link.name}' leaves {quoted(left)} of '{link.second.name}' without a start: it may jump there.",
                 (link.name, link.second.name),
                 f"Give it in states= or jump=, or leave it alone by omit={left[:1]} where that is meant.",
@@ -48,7 +47,6 @@ def joining_findings(block: Any) -> Iterator[Finding]:
         start, end = joined.open_ends(second, first=True), joined.open_ends(first, first=False)
         if start and end and not joined.are_one_group(first, second):
             yield warning_about(
-                Subject.STATEMENT,
                 f"nothing joins the phases '{first.name}' and '{second.name}': no link, no constraint and no pair "
                 f"holds variables of both, nothing says where {quoted(start)} of '{second.name}' "
                 f"{'starts' if len(start) == 1 else 'start'}, and '{first.name}' may end anywhere.",
@@ -73,7 +71,6 @@ def _deactivated_findings(block: Any) -> Iterator[Finding]:
     for home, names in readers.items():
         name, reading = inactive[home].name, ", ".join(map(repr, names))
         yield warning_about(
-            Subject.STATEMENT,
             f"phase '{name}' is deactivated, and so are its equations, but its variables are free in {reading}: they "
             "may have any values.",
             (name, *names),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from itertools import chain, islice
 from typing import Any
 
@@ -28,7 +28,7 @@ from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.phases.declarations import Declaration
 from pyrobocop_pyomo.phases.structure import sides_of
 
-from .findings import Finding, Subject, error_about, quoted, warning_about
+from .findings import Finding, error_about, quoted, warning_about
 
 # Rows of one component come from one rule, which says the same at each time: the first ones are looked at.
 _ROWS = 8
@@ -40,12 +40,12 @@ def statement_findings(block: Any) -> Iterator[Finding]:
     objectives = [objective.name for objective in stated]
     if len(objectives) > 1:
         message = f"{len(objectives)} objectives are active: {', '.join(map(repr, objectives))}."
-        yield _error(message, objectives, "Add them up in one, or deactivate all but one.")
+        yield error_about(message, objectives, "Add them up in one, or deactivate all but one.")
     variables = block.component_data_objects(Var, active=True, descend_into=Block)
     discrete = (data for data in variables if not (data.is_continuous() or data.fixed))
     for name in dict.fromkeys(data.parent_component().name for data in discrete):
         remedy = "Ipopt knows real numbers only: fix it, or use a pair."
-        yield _error(f"'{name}' is a discrete variable.", (name,), remedy)
+        yield error_about(f"'{name}' is a discrete variable.", (name,), remedy)
     wrong: dict[str, str] = {}
     for source in active_sources(block):
         try:
@@ -53,11 +53,10 @@ def statement_findings(block: Any) -> Iterator[Finding]:
         except ComplementarityError as error:
             wrong.setdefault(source.parent_component().name, str(error))
     for name, message in wrong.items():
-        yield _error(message, (name,), "rcp.solve refuses the model until then.")
+        yield error_about(message, (name,), "rcp.solve refuses the model until then.")
     for phase in phases_of(block):
         if not phase.record.names_of_states:
             yield warning_about(
-                Subject.STATEMENT,
                 f"phase '{phase.name}' has no state: nothing connects its points in time.",
                 (phase.name,),
                 "Declare what has a derivative as State.",
@@ -80,11 +79,7 @@ def foreign_findings(block: Any, rows_of_each: int | None = None) -> Iterator[Fi
         read = variables_in_any(chain.from_iterable(map(sides_of, rows))).values()
         foreign = foreign_variable(block, (variable for variable in read if not variable.fixed))
         if foreign is not None:
-            yield _error(f"'{component.name}' {foreign_read(foreign, block)}", (component.name,), ONE_MODEL)
-
-
-def _error(message: str, names: Iterable[str], remedy: str) -> Finding:
-    return error_about(Subject.STATEMENT, message, names, remedy)
+            yield error_about(f"'{component.name}' {foreign_read(foreign, block)}", (component.name,), ONE_MODEL)
 
 
 def unfinished_findings(block: Any) -> Iterator[Finding]:
@@ -99,7 +94,7 @@ def unfinished_findings(block: Any) -> Iterator[Finding]:
             if "scheme" not in domain.get_discretization_info():
                 along.setdefault(domain.name, []).append(component.name)
     for name, components in along.items():
-        yield _error(
+        yield error_about(
             f"the ContinuousSet '{name}' was not discretised: nothing ties {quoted(components)} to values along it.",
             components,
             f"Call pyo.TransformationFactory('pyrobocop.collocation').apply_to(m, wrt=m.{name}, nfe=20), or Pyomo's "
@@ -108,7 +103,7 @@ def unfinished_findings(block: Any) -> Iterator[Finding]:
     choices = [*block.component_data_objects((Disjunction, Disjunct), active=True, descend_into=Block)]
     if choices:
         names = list(dict.fromkeys(data.parent_component().name for data in choices))
-        yield _error(
+        yield error_about(
             f"{quoted(names)} {'is a choice' if len(names) == 1 else 'are choices'} of pyomo.gdp, which no interior "
             "method sees.",
             names,
@@ -122,14 +117,14 @@ def misplaced_findings(block: Any) -> Iterator[Finding]:
     for part in block.block_data_objects(active=True, descend_into=Block):
         for name, held in vars(part).items():
             if isinstance(held, Declaration):
-                yield _error(
+                yield error_about(
                     f"'{name}' (declared at {held.declared_at}) is a {type(held).__name__} on '{part.name}', which is "
                     "no phase: nothing was made of it.",
                     (part.name,),
                     f"Assign it to a phase: m.p = rcp.PhaseBlock(...), m.p.{name} = rcp.{type(held).__name__}(...).",
                 )
             elif isinstance(held, Complements):
-                yield _error(
+                yield error_about(
                     f"'{name}' on '{part.name}' is a pair that no component holds: nothing was made of it.",
                     (part.name,),
                     f"Write m.{name} = rcp.Complementarity(expr=rcp.complements(...)).",
@@ -145,7 +140,7 @@ def scaled_pair_findings(block: Any) -> Iterator[Finding]:
         for variable in (variable for variable in held if factors.get(variable, 1) != 1):
             scaled.setdefault(source.parent_component().name, variable)
     for name, variable in scaled.items():
-        yield _error(
+        yield error_about(
             f"'{name}' holds '{variable.name}', which core.scale_model multiplied by {factors[variable]:g}; it "
             "changes constraints, and leaves pairs as they were: they mean something else now.",
             (name,),
@@ -174,7 +169,6 @@ def objective_findings(model: Any) -> Iterator[Finding]:
         # An objective of 0 says that any point will do that meets the constraints.
         if held or number != 0:
             yield warning_about(
-                Subject.STATEMENT,
                 f"objective '{objective.name}' is the number {number}: it holds no variable"
                 f"{' that is not fixed' if held else ''}.",
                 (objective.name,),
@@ -187,7 +181,6 @@ def objective_findings(model: Any) -> Iterator[Finding]:
         others = model.model().component_data_objects(Objective, active=True, descend_into=Block)
         elsewhere = next((data.name for data in others), None)
         yield warning_about(
-            Subject.STATEMENT,
             f"{without} in '{model.name}', while {quoted(controls)} may be chosen: any values that "
             "meet the constraints are an answer.",
             controls,
@@ -249,7 +242,6 @@ def unit_findings(block: Any, rows_of_each: int | None = None) -> Iterator[Findi
                     assert_units_consistent(part)
         except (InconsistentUnitsError, UnitsError) as inconsistency:
             yield error_about(
-                Subject.UNITS,
                 f"'{component.name}': {str(inconsistency).strip().rstrip('.')}.",
                 (component.name,),
                 "Give constants their units (9.81 * units.m / units.s**2), or correct the units of a declaration.",
@@ -292,7 +284,6 @@ def form_findings(model: Any) -> Iterator[Finding]:
             "difference it is, and their sum in place of abs(...). "
         )
         yield warning_about(
-            Subject.STATEMENT,
             f"'{component.name}' holds abs(...) of {text if len(text) <= 62 else 'an expression'}, which has no "
             "derivative at zero, where optima tend to be.",
             (component.name,),
@@ -304,7 +295,6 @@ def form_findings(model: Any) -> Iterator[Finding]:
     for component in model.component_objects(Constraint, active=True, descend_into=Block):
         if any(map(is_zero_product, map(as_read, islice(component.values(), _ROWS)))):
             yield warning_about(
-                Subject.STATEMENT,
                 f"constraint '{component.name}' states that a product is zero; its derivatives vanish where both "
                 "factors do, and solvers stall there.",
                 (component.name,),

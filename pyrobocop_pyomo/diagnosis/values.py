@@ -26,7 +26,7 @@ from pyrobocop_pyomo.phases.horizon import real_grid
 from pyrobocop_pyomo.phases.rule_formulas import RuleFormulas
 from pyrobocop_pyomo.phases.structure import sides_of
 
-from .findings import Finding, Subject, error_about
+from .findings import Finding, error_about
 from .places import at_point, place_in_words
 
 # So often are all expressions gone through, until each has a value.
@@ -132,7 +132,7 @@ def undefined_findings(block: Any) -> Iterator[Finding]:
         found.setdefault(row.component, []).append(row)
     for name, rows in found.items():
         message = f"no finite value or derivative at the initial guess: {rows[0]}{_and_more(len(rows), 'point')}."
-        yield error_about(Subject.DATA, message, (name,), REMEDY)
+        yield error_about(message, (name,), REMEDY)
 
 
 def parameter_findings(block: Any) -> Iterator[Finding]:
@@ -142,9 +142,7 @@ def parameter_findings(block: Any) -> Iterator[Finding]:
             number = number_or_nan(component[index], without=0.0)
             if not math.isfinite(number):
                 name = component.name if index is None else f"{component.name}[{index}]"
-                yield error_about(
-                    Subject.DATA, f"parameter '{name}' is {number:g}.", (name,), "Give it a finite number."
-                )
+                yield error_about(f"parameter '{name}' is {number:g}.", (name,), "Give it a finite number.")
 
 
 def _and_more(count: int, noun: str) -> str:
@@ -175,7 +173,6 @@ def boundary_findings(phase: Any, remarks: list[str]) -> Iterator[Finding]:
         for found in worst.values():
             known = ", ".join(f"{key} = {number:g}" for key, number in found.values.items())
             yield error_about(
-                Subject.START,
                 f"phase '{phase.name}': the {where} values violate {_KINDS.get(found.kind, found.kind)} '{found.row}' "
                 f"by {found.amount:.3g} at t = {time:g}: {known}.",
                 (f"{phase.name}.{found.statement}",),
@@ -216,7 +213,6 @@ def discretised_start_findings(block: Any) -> Iterator[Finding]:
             for relation, gap in violations_of(canonical_form(data) if pair else data.expr):
                 if gap > TOLERANCE and next(variables_in(relation, include_fixed=False), None) is None:
                     yield error_about(
-                        Subject.START,
                         f"the given values violate {'a side of the pair ' if pair else ''}'{data.name}' by {gap:.3g}.",
                         (data.parent_component().name,),
                         "Give values that satisfy it, or leave one of them free.",
@@ -237,7 +233,7 @@ def bound_findings(block: Any) -> Iterator[Finding]:
                 crossed.append((message, data.name, "Swap or widen them."))
         for wrong in filter(None, (outside, crossed)):
             message, name, remedy = wrong[0]
-            yield error_about(Subject.CONTRADICTION, f"{message}{_and_more(len(wrong), 'index')}.", (name,), remedy)
+            yield error_about(f"{message}{_and_more(len(wrong), 'index')}.", (name,), remedy)
 
 
 def decided_findings(block: Any) -> Iterator[Finding]:
@@ -248,7 +244,6 @@ def decided_findings(block: Any) -> Iterator[Finding]:
             gap = relation_violation(row.expr, unknown=0.0)
             if gap > TOLERANCE:
                 yield error_about(
-                    Subject.CONTRADICTION,
                     f"'{row.name}' holds no variable that may move and is violated by {gap:.3g}.",
                     (row.name,),
                     "Unfix a variable in it, or correct the fixed values.",

@@ -9,7 +9,7 @@ from numbers import Real
 from typing import Any, TextIO
 
 from pyrobocop_pyomo.diagnosis.diagnose import doubts_before_solve, is_renamed
-from pyrobocop_pyomo.diagnosis.findings import Finding, Severity, Subject
+from pyrobocop_pyomo.diagnosis.findings import Finding, Severity
 from pyrobocop_pyomo.diagnosis.statements import refuse_inconsistent_units, refuse_misplaced
 from pyrobocop_pyomo.discretisation.first_meshes import mesh_from_statement
 from pyrobocop_pyomo.discretisation.probe import stepped_over
@@ -259,7 +259,6 @@ def _missed_between_points(phases: Iterable[Any]) -> Iterator[Finding]:
             more = f", and {len(missed) - 1} more" if len(missed) > 1 else ""
             yield Finding(
                 Severity.WARNING,
-                Subject.OUTCOME,
                 f"phase '{phase.name}': constraint '{name}' holds at the points of the mesh, and is missed between "
                 f"them, at t = {moment:.6g} by {amount:.2g}{more}.",
                 tuple(f"{phase.name}.{name}" for name, _, _ in missed),

@@ -14,7 +14,7 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.complementarity import CanonicalPair, Crossed, active_pairs, side_values
 from pyrobocop_pyomo.complementarity.grouping import PerPair, as_grouping
-from pyrobocop_pyomo.diagnosis import Finding, Severity, Subject
+from pyrobocop_pyomo.diagnosis import Finding, Severity
 from pyrobocop_pyomo.discretisation.estimates import SMALL_MOTION_ERROR, SMALL_OBJECTIVE_ERROR, ZERO_OBJECTIVE
 from pyrobocop_pyomo.discretisation.jump_times import jump_fractions
 from pyrobocop_pyomo.errors import PyRobocopError, SolveFailed
@@ -142,7 +142,7 @@ class SwitchesAtBoundaries:
             'rcp.Strategy(grouping=rcp.relaxations.Crossed(left_end="first"))), with the side that is continuous in '
             "time first in each pair; or compare with more elements."
         )
-        return Finding(Severity.WARNING, Subject.OUTCOME, message, (family[0],), remedy)
+        return Finding(Severity.WARNING, message, (family[0],), remedy)
 
     # ---------------------------------------------------------------- the second try
 

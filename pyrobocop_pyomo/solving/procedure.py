@@ -12,7 +12,7 @@ from typing import Any
 from pyomo.common.errors import InfeasibleConstraintException
 
 from pyrobocop_pyomo.complementarity import CanonicalPair
-from pyrobocop_pyomo.diagnosis import Finding, Severity, Subject
+from pyrobocop_pyomo.diagnosis import Finding, Severity
 from pyrobocop_pyomo.diagnosis.statements import form_findings
 from pyrobocop_pyomo.diagnosis.values import boundary_findings, decided_findings
 from pyrobocop_pyomo.discretisation import DiscretisationProbe
@@ -378,7 +378,7 @@ def doubts_on_point(best: Iterate) -> tuple[Finding, ...]:
         "falls, and no better point was reached along it."
     )
     remedy = "Give an initial guess that is not symmetric, or compare several starts: rcp.studies.multistart(model)."
-    return (Finding(Severity.WARNING, Subject.OUTCOME, message, (), remedy),)
+    return (Finding(Severity.WARNING, message, (), remedy),)
 
 
 def doubts_on_pairs(too_small: Sequence[CanonicalPair]) -> tuple[Finding, ...]:
@@ -396,7 +396,7 @@ def doubts_on_pairs(too_small: Sequence[CanonicalPair]) -> tuple[Finding, ...]:
         f"all the time: whether such pairs are met, {len(too_small)} in all, is not known."
     )
     remedy = "State what is so small in a smaller unit, so that it has values near 1."
-    return (Finding(Severity.WARNING, Subject.OUTCOME, message, (), remedy),)
+    return (Finding(Severity.WARNING, message, (), remedy),)
 
 
 def _what_grows(values: VariableValues, unbounded: Iterate, best: Iterate) -> str:

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any
 
 from pyrobocop_pyomo.complementarity import PairResidual
-from pyrobocop_pyomo.diagnosis import Diagnosis, Finding, Severity, Subject, diagnose
+from pyrobocop_pyomo.diagnosis import Diagnosis, Finding, Severity, diagnose
 from pyrobocop_pyomo.discretisation import DiscretisationEstimate, DiscretisationProbe
 from pyrobocop_pyomo.errors import SolveFailed
 from pyrobocop_pyomo.modeling.variable_values import checksum_of_model
@@ -151,7 +151,7 @@ class SolveResult(Presented):
         Returns
         -------
         Diagnosis
-            The outcome and each violation are findings about ``Subject.OUTCOME``. Where the model is gone, or after
+            The outcome and each violation are findings as well. Where the model is gone, or after
             unpickling, there is nothing else.
         """
         model, least = self.model(), self.least_violation
@@ -159,11 +159,11 @@ class SolveResult(Presented):
         known = gone if model is None else diagnose(model)
         said = {f"{finding.message} {finding.remedy}" for finding in known.findings}
         remarks = (*(() if least is None else (str(least),)), *self.remarks)
-        own = [] if self.solved else [Finding(Severity.ERROR, Subject.OUTCOME, f"{verdict(self)}.", (), "")]
+        own = [] if self.solved else [Finding(Severity.ERROR, f"{verdict(self)}.", (), "")]
         for violation in self.violations:
             message, remedy = f"not met: {violation}.", "Relax it, or what drives it there."
-            own.append(Finding(Severity.ERROR, Subject.OUTCOME, message, (violation.name,), remedy))
-        own += [Finding(Severity.ADVICE, Subject.OUTCOME, remark, (), "") for remark in remarks if remark not in said]
+            own.append(Finding(Severity.ERROR, message, (violation.name,), remedy))
+        own += [Finding(Severity.ADVICE, remark, (), "") for remark in remarks if remark not in said]
         findings = sorted([*own, *known.findings], key=lambda finding: list(Severity).index(finding.severity))
         return replace(known, name=self.name, findings=tuple(findings))
 

@@ -13,7 +13,6 @@ from harness.small_problems import corner
 from pyomo.common.errors import InfeasibleConstraintException
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.diagnosis import Subject
 from pyrobocop_pyomo.diagnosis.diagnose import doubts_before_solve
 from pyrobocop_pyomo.errors import ContradictionError, ModelError
 
@@ -46,7 +45,7 @@ def test_a_start_that_breaks_a_constraint_is_refused_and_reported_and_not_verifi
     with pytest.raises(ContradictionError, match="initial values violate constraint 'limit' by 0.5 at t = 0: x = 1"):
         rcp.solve(m)
     assert issubclass(ContradictionError, InfeasibleConstraintException)  # as Pyomo's own writers say it
-    (finding,) = rcp.diagnose(m).about(Subject.START)
+    (finding,) = rcp.diagnose(m).errors
     assert finding.components == ("p.limit",)
     m.p.limit.deactivate()
     assert rcp.diagnose(m).errors == []  # what is not active is not meant
@@ -99,7 +98,7 @@ def test_a_contact_that_starts_inside_is_refused(gap: str) -> None:
         b.complementarity(lambda b, t: rcp.complements(b.y[t] >= 0, b.force[t] >= 0), name="contact")
     with pytest.raises(ContradictionError, match="violate a side of the pair 'contact' by 0.2 at t = 0"):
         rcp.solve(m)
-    assert rcp.diagnose(m).about(Subject.START)
+    assert rcp.diagnose(m).errors
     assert b.trajectory().verify().natural_residual >= 0.2 - 1e-9
     b.y[0].fix(0.2)
     assert rcp.diagnose(m).errors == []
@@ -111,7 +110,7 @@ def test_a_fixed_value_outside_its_bounds_is_refused() -> None:
     m.p.x[0].fix(1)
     with pytest.raises(ContradictionError, match=r"'p.x\[0.0\]' is fixed to 1, outside its bounds \(None, 0.5\)"):
         rcp.solve(m)
-    assert rcp.diagnose(m).about(Subject.CONTRADICTION)
+    assert rcp.diagnose(m).errors
 
 
 # -------------------------------------------------------------------- what is not transformed
@@ -225,7 +224,7 @@ def test_a_forgotten_link_is_doubted_in_the_first_lines() -> None:
     assert first.startswith("thrown: ")
     assert second.startswith("DOUBTFUL: nothing joins the phases 'first' and 'second'")
     assert "rcp.Link(m.first, m.second)" in second
-    assert [finding.message for finding in rcp.diagnose(m).about(Subject.STATEMENT)] == [result.doubts[0].message]
+    assert [finding.message for finding in rcp.diagnose(m).findings] == [result.doubts[0].message]
 
 
 def with_link(m: Any) -> None:
@@ -388,7 +387,7 @@ def test_an_objective_that_chooses_nothing_is_doubted_in_the_first_lines(spoil: 
     spoil(m)
     result = rcp.solve(m, progress=False)
     assert str(result).splitlines()[1].startswith(f"DOUBTFUL: {said}")
-    assert rcp.diagnose(m).about(Subject.STATEMENT) == list(result.doubts)
+    assert rcp.diagnose(m).findings == result.doubts
 
 
 @pytest.mark.parametrize("off", ["a", "b"])

@@ -12,7 +12,6 @@ from typing import Any
 import pyomo.environ as pyo
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.diagnosis import Subject
 
 Statement = Callable[[Any, bool], Any]
 
@@ -56,8 +55,6 @@ class Diagnosed:
     Attributes
     ----------
     state : callable
-    subject : Subject
-        Of the finding.
     words : str
         Regular expression that its message has to match.
     component : str
@@ -65,7 +62,6 @@ class Diagnosed:
     """
 
     state: Statement
-    subject: Subject
     words: str
     component: str
 
@@ -73,11 +69,11 @@ class Diagnosed:
 DIAGNOSED: dict[str, Diagnosed] = {}
 
 
-def diagnosed(subject: Subject, words: str, component: str) -> Callable[[Statement], Statement]:
+def diagnosed(words: str, component: str) -> Callable[[Statement], Statement]:
     """The statement stands, and a diagnosis of the model has a finding."""
 
     def enter(state: Statement) -> Statement:
-        DIAGNOSED[state.__name__.replace("_", " ")] = Diagnosed(state, subject, words, component)
+        DIAGNOSED[state.__name__.replace("_", " ")] = Diagnosed(state, words, component)
         return state
 
     return enter

@@ -5,7 +5,6 @@ from typing import Any
 import pyomo.environ as pyo
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.diagnosis import Subject
 
 from .entries import diagnosed, driven, effort
 
@@ -36,24 +35,24 @@ def pendulum(m: Any, followed: bool, **options: Any) -> Any:
 # -------------------------------------------------------------------- equations and unknowns
 
 
-@diagnosed(Subject.STATEMENT, "phase 'p': too few equations. 2 states and 1 algebraic need 3", "p")
+@diagnosed("phase 'p': too few equations. 2 states and 1 algebraic need 3", "p")
 def a_missing_equation(m: Any, followed: bool) -> None:
     b = pushed(m)
     if not followed:
         b.z = rcp.Algebraic()
 
 
-@diagnosed(Subject.INDEX, "1 .* equation 'rod' holds no .* determines unknown 'tension'", "swing.rod")
+@diagnosed("1 .* equation 'rod' holds no .* determines unknown 'tension'", "swing.rod")
 def an_index_of_three(m: Any, followed: bool) -> None:
     pendulum(m, followed)
 
 
-@diagnosed(Subject.INDEX, "phase 'swing': the index is higher than 1 .* 'rod'", "swing.rod")
+@diagnosed("phase 'swing': the index is higher than 1 .* 'rod'", "swing.rod")
 def a_higher_index_that_was_allowed(m: Any, followed: bool) -> None:
     pendulum(m, followed, allow_higher_index=True)
 
 
-@diagnosed(Subject.INDEX, "'feedback' can determine controls only", "p.feedback")
+@diagnosed("'feedback' can determine controls only", "p.feedback")
 def an_equation_that_determines_a_control(m: Any, followed: bool) -> None:
     b = pushed(m)
     b.z = rcp.Algebraic(bounds=(0, None))
@@ -62,7 +61,7 @@ def an_equation_that_determines_a_control(m: Any, followed: bool) -> None:
         b.complementarity(lambda b, t: rcp.complements(b.x[t] + 1 >= 0, b.z[t] >= 0), name="stop")
 
 
-@diagnosed(Subject.UNDETERMINED, "no equation and no pair is left to determine 'z'", "p.z")
+@diagnosed("no equation and no pair is left to determine 'z'", "p.z")
 def a_pair_that_does_not_hold_the_algebraic(m: Any, followed: bool) -> None:
     b = pushed(m)
     b.z = rcp.Algebraic(bounds=(0, 1))
@@ -72,7 +71,7 @@ def a_pair_that_does_not_hold_the_algebraic(m: Any, followed: bool) -> None:
     )
 
 
-@diagnosed(Subject.DEPENDENT, "one of the equations 'p.forces' follows from the others", "p.forces")
+@diagnosed("one of the equations 'p.forces' follows from the others", "p.forces")
 def a_redundant_equation(m: Any, followed: bool) -> None:
     b = pushed(m)
     b.y, b.z = rcp.Algebraic(), rcp.Algebraic()
@@ -83,20 +82,20 @@ def a_redundant_equation(m: Any, followed: bool) -> None:
 # -------------------------------------------------------------------- start and end
 
 
-@diagnosed(Subject.START, "initial values violate residual 'rod' by 3 at t = 0: x = 2", "swing.rod")
+@diagnosed("initial values violate residual 'rod' by 3 at t = 0: x = 2", "swing.rod")
 def an_inconsistent_start(m: Any, followed: bool) -> None:
     b = pendulum(m, False, allow_higher_index=True)
     b.x[0].fix(1 if followed else 2)
 
 
-@diagnosed(Subject.START, "the final values violate constraint 'corridor' by 0.5 at t = 1", "p.corridor")
+@diagnosed("the final values violate constraint 'corridor' by 0.5 at t = 1", "p.corridor")
 def an_end_outside_a_path_constraint(m: Any, followed: bool) -> None:
     b = pushed(m)
     b.x[1].fix(1.5)
     b.constraint(lambda b, t: b.x[t] <= (2 if followed else 1), name="corridor")
 
 
-@diagnosed(Subject.CONTRADICTION, "hold only .* 'p.y_collocation'. Fixed at both ends: 'p.y'", "p.y_collocation")
+@diagnosed("hold only .* 'p.y_collocation'. Fixed at both ends: 'p.y'", "p.y_collocation")
 def more_ends_fixed_than_possible(m: Any, followed: bool) -> None:
     b = pushed(m)
     b.y = rcp.State(initial=0, final=None if followed else 3)
@@ -106,40 +105,40 @@ def more_ends_fixed_than_possible(m: Any, followed: bool) -> None:
 # -------------------------------------------------------------------- numbers and units
 
 
-@diagnosed(Subject.DATA, "number nan, in right-hand side of 'y' of phase 'p' at t = 0.83.*, and at 1 more point", "p.y")
+@diagnosed("number nan, in right-hand side of 'y' of phase 'p' at t = 0.83.*, and at 1 more point", "p.y")
 def a_right_hand_side_without_a_value(m: Any, followed: bool) -> None:
     b = pushed(m)
     b.y = rcp.State(initial=0)
     b.ode(lambda b, t: {b.y: b.x[t] + (NAN if t > 0.75 and not followed else 1.0)})
 
 
-@diagnosed(Subject.DATA, r"by p.y\[.* = 0, in right-hand side of 'y' .* t = .*, and at 7 more points", "p.y")
+@diagnosed(r"by p.y\[.* = 0, in right-hand side of 'y' .* t = .*, and at 7 more points", "p.y")
 def a_division_by_zero_at_the_guess(m: Any, followed: bool) -> None:
     b = pushed(m)
     b.y = rcp.State(initial=0)
     b.ode(lambda b, t: {b.y: b.x[t] / (b.y[t] + (1 if followed else 0))})
 
 
-@diagnosed(Subject.DATA, "the number -?inf, in constraint 'p.limit' at t = 0.08", "p.limit")
+@diagnosed("the number -?inf, in constraint 'p.limit' at t = 0.08", "p.limit")
 def an_infinite_coefficient(m: Any, followed: bool) -> None:
     b = pushed(m)
     b.constraint(lambda b, t: (1 if followed else INF) * b.x[t] <= 1, name="limit")
 
 
-@diagnosed(Subject.DATA, r"derivative of sqrt.* p.z\[0.08.*, in constraint 'p.speed' at t = 0.08", "p.speed")
+@diagnosed(r"derivative of sqrt.* p.z\[0.08.*, in constraint 'p.speed' at t = 0.08", "p.speed")
 def a_root_of_zero(m: Any, followed: bool) -> None:
     b = pushed(m)
     b.z = rcp.Algebraic(initial_guess=1 if followed else 0, bounds=(0, None))
     b.residual(lambda b, t: pyo.sqrt(b.z[t]) == b.x[t], name="speed")
 
 
-@diagnosed(Subject.DATA, r"parameter 'table\[2\]' is nan", "table[2]")
+@diagnosed(r"parameter 'table\[2\]' is nan", "table[2]")
 def a_hole_in_a_table(m: Any, followed: bool) -> None:
     pushed(m)
     m.table = pyo.Param([1, 2, 3], initialize={1: 0.0, 2: 0.5 if followed else NAN, 3: 1.0}, mutable=True)
 
 
-@diagnosed(Subject.UNITS, "'p.fast': .*not consistent", "p.fast")
+@diagnosed("'p.fast': .*not consistent", "p.fast")
 def units_that_do_not_match(m: Any, followed: bool) -> None:
     u = pyo.units
     m.p = b = rcp.PhaseBlock(elements=3, time_units=u.s)
@@ -151,21 +150,21 @@ def units_that_do_not_match(m: Any, followed: bool) -> None:
 # -------------------------------------------------------------------- what a model holds besides
 
 
-@diagnosed(Subject.STATEMENT, "'gear' is a discrete variable", "gear")
+@diagnosed("'gear' is a discrete variable", "gear")
 def a_discrete_variable(m: Any, followed: bool) -> None:
     b = pushed(m)
     m.gear = pyo.Var(domain=pyo.Reals if followed else pyo.Binary, initialize=0)
     m.limit = pyo.Constraint(expr=b.u[1.0] <= m.gear)
 
 
-@diagnosed(Subject.STATEMENT, r"'p.contact\[.*side 'p.u\[.*' has two finite bounds", "p.contact")
+@diagnosed(r"'p.contact\[.*side 'p.u\[.*' has two finite bounds", "p.contact")
 def a_complementary_side_with_two_bounds(m: Any, followed: bool) -> None:
     b = pushed(m)
     b.z = rcp.Algebraic(bounds=(0, None))
     b.complementarity(lambda b, t: rcp.complements(b.u[t] >= -1 if followed else b.u[t], b.z[t]), name="contact")
 
 
-@diagnosed(Subject.STATEMENT, "phase 'p' has no state", "p")
+@diagnosed("phase 'p' has no state", "p")
 def a_phase_without_a_state(m: Any, followed: bool) -> None:
     m.p = rcp.PhaseBlock(elements=2)
     m.p.u = rcp.Control()
@@ -175,7 +174,7 @@ def a_phase_without_a_state(m: Any, followed: bool) -> None:
     m.cost = pyo.Objective(expr=m.p.integral(effort))
 
 
-@diagnosed(Subject.UNDETERMINED, "1 variables are in no active row.* example 'slack'", "slack")
+@diagnosed("1 variables are in no active row.* example 'slack'", "slack")
 def a_variable_of_the_users_in_no_row(m: Any, followed: bool) -> None:
     b = pushed(m)
     m.slack = pyo.Var(initialize=0)

@@ -9,7 +9,7 @@ import numpy as np
 
 from pyrobocop_pyomo.complementarity import active_sources
 from pyrobocop_pyomo.diagnosis import Diagnosis
-from pyrobocop_pyomo.diagnosis.findings import Finding, Severity, Subject
+from pyrobocop_pyomo.diagnosis.findings import Finding, Severity
 from pyrobocop_pyomo.errors import ModelError, PyRobocopError
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
@@ -139,7 +139,6 @@ def _finding(problem: EstimationProblem, combination: UnseenCombination, *, is_u
     how = "moves no measured output" if is_unseen else "hardly moves any measured output"
     return Finding(
         Severity.ERROR if is_error else Severity.WARNING,
-        Subject.IDENTIFIABILITY,
         f"{what} {how} at the guess{' and near it' if is_error else ''}: its singular value is "
         f"{combination.singular_value:.1e} of the largest.",
         combination.names,
