@@ -22,6 +22,6 @@ __all__ = [
 __getattr__ = removed_names(
     __name__,
     {
-        "nothing: estimates give its objects back": "EstimatedNumber EstimationResult HorizonEstimate Profile",
+        "nothing: estimates give its objects back": "EstimatedNumber EstimationResult HorizonEstimate",
     },
 )

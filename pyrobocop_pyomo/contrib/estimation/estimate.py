@@ -97,9 +97,7 @@ def estimate(
     References
     ----------
     Bard (1974), Nonlinear Parameter Estimation, sec. 7-5;
-    Raghunathan, Jha & Romeres, ICRA 2022, sec. V-E, doi:10.1109/ICRA46639.2022.9812069;
-    Raue et al. (2009), Structural and practical identifiability analysis of partially observed dynamical models by
-    exploiting the profile likelihood, doi:10.1093/bioinformatics/btp358
+    Raghunathan, Jha & Romeres, ICRA 2022, sec. V-E, doi:10.1109/ICRA46639.2022.9812069
     """
     started, deadline = time.perf_counter(), Deadline.after(time_limit)
     if not isinstance(confidence, (int, float)) or not 0.0 < confidence < 1.0:

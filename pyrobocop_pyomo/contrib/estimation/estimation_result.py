@@ -21,7 +21,6 @@ from pyrobocop_pyomo.trajectories import Trajectory
 from .experiments import Experiment
 from .fit_statistics import FitStatistics
 from .problem import EstimationProblem
-from .profiles import Profile, profile_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,26 +143,6 @@ class EstimationResult(Presented):
             )
         found: Trajectory = known[name].phase.trajectory()
         return found
-
-    def profile(self, name: str, points: int = 9) -> Profile:
-        """Profile likelihood of an unknown: the best fit of all others for values of it.
-
-        Parameters
-        ----------
-        name : str
-        points : int
-            How many values, the estimate included; they reach to three standard errors on either side.
-
-        Returns
-        -------
-        Profile
-
-        Raises
-        ------
-        EstimationError
-            When there is no such unknown, or it has no standard error.
-        """
-        return profile_of(self.problem, self.statistics, name, points, self.level)
 
     def to_pandas(self) -> Any:
         """A data frame with a row per unknown: estimate, standard error, interval, and whether a bound holds it."""
