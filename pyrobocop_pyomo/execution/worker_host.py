@@ -128,7 +128,7 @@ class Raised:
         """The exception itself, where it could be sent and is known here."""
         try:
             return None if self.error is None else pickle.loads(self.error)
-        except Exception:
+        except (ImportError, AttributeError):  # its class is known to the worker only
             return None
 
 

@@ -122,23 +122,28 @@ class IpoptCallbacks:
         compiled = None if self._compiled is None else self._compiled.undefined_at
         return self._undefined_at if compiled is None else compiled
 
-    def _write(self, address: int, evaluate: Callable[..., Any], *arguments: Any) -> int:
-        """Put the value of a function where Ipopt wants it; 0 tells Ipopt that there is none."""
-        if self.failure is not None:
-            return 0
+    def _answered(self, answer: Callable[..., int], *arguments: Any) -> int:
+        """What Ipopt is told; 0 after an exception, which is raised again after Ipopt, a KeyboardInterrupt as well."""
         try:
-            values = np.asarray(evaluate(*arguments), dtype=np.float64)
-            if not np.isfinite(values).all():
-                self._undefined_at = arguments[0].copy()
-                return 0
-            _view(address, values.size)[...] = values.ravel()
-            return 1
-        except EvaluationError:
-            self._undefined_at = arguments[0].copy()  # Ipopt's own memory
-            return 0
-        except BaseException as error:  # a KeyboardInterrupt as well: it is raised again after Ipopt
+            return 0 if self.failure is not None else answer(*arguments)
+        except BaseException as error:
             self.failure = error
             return 0
+
+    def _write(self, address: int, evaluate: Callable[..., Any], *arguments: Any) -> int:
+        """Put the value of a function where Ipopt wants it; 0 tells Ipopt that there is none."""
+        return self._answered(self._written, address, evaluate, *arguments)
+
+    def _written(self, address: int, evaluate: Callable[..., Any], *arguments: Any) -> int:
+        try:
+            values = np.asarray(evaluate(*arguments), dtype=np.float64)
+        except EvaluationError:
+            values = np.array(np.nan)
+        if not np.isfinite(values).all():
+            self._undefined_at = arguments[0].copy()  # Ipopt's own memory
+            return 0
+        _view(address, values.size)[...] = values.ravel()
+        return 1
 
     def _eval_f(self, n: int, x: int, new_x: int, value: int, data: Any) -> int:
         return self._write(value, self.nlp.objective, _view(x, n))
@@ -171,18 +176,16 @@ class IpoptCallbacks:
         record = IterationRecord(
             iteration, mode == 1, objective, primal, dual, mu, step, regularization, dual_step, primal_step, trials
         )
-        try:
-            self.records.append(record)
-            if self.after_record is not None:
-                self.after_record()
-            if self.failure is not None or self.interrupted:
-                return 0
-            if self.on_iteration is not None:
-                return int(self.on_iteration(record) is not False)
-        except BaseException as error:
-            self.failure = error
+        self.records.append(record)
+        return self._answered(self._continued, record)
+
+    def _continued(self, record: IterationRecord) -> int:
+        """1 where Ipopt may go on after an iteration."""
+        if self.after_record is not None:
+            self.after_record()
+        if self.interrupted:
             return 0
-        return 1
+        return int(self.on_iteration is None or self.on_iteration(record) is not False)
 
 
 def _view(address: int | None, size: int) -> FloatArray:

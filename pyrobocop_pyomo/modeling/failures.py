@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 from pyrobocop_pyomo.errors import PyRobocopError
 
@@ -19,11 +19,10 @@ _OPENING = "Constructing component"
 @contextmanager
 def undone_on_failure(undo: Callable[[], object]) -> Iterator[None]:
     """Undo a change where anything is raised inside, Ctrl-C included."""
-    try:
+    with ExitStack() as at_the_end:
+        at_the_end.callback(undo)
         yield
-    except BaseException:
-        undo()
-        raise
+        at_the_end.pop_all()
 
 
 @contextmanager

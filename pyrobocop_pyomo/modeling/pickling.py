@@ -10,6 +10,7 @@ def picklable_or_none(function: Any) -> Any:
     """The function if a pickle can hold it, which takes a function at the top level of a module; None otherwise."""
     try:
         pickle.dumps(function)
-    except Exception:
+    except (pickle.PicklingError, AttributeError, TypeError, ValueError, RuntimeError):
+        # Local functions, locks and open files, pointers, classes that refuse by NotImplementedError, deep recursion.
         return None
     return function

@@ -5,6 +5,10 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import struct
+import tokenize
+import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,6 +21,12 @@ from pyomo.core.base.set import Set
 
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.numerics import Array
+
+# What JSON, NumPy and the archive raise for bytes that are damaged or mean something else.
+_DAMAGED = (
+    *(ArithmeticError, EOFError, LookupError, MemoryError, OSError, RuntimeError, SyntaxError, TypeError, ValueError),
+    *(struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error),
+)
 
 
 def time_series(owner: str, times: Array, values: Mapping[str, Array]) -> TimeSeriesData:
@@ -120,7 +130,7 @@ def read_archive(path: str | Path) -> tuple[dict[str, Any], dict[str, dict[str, 
                     for group, names in header["names"].items()
                 }
                 return header["facts"], groups
-    except Exception as error:  # damaged bytes: zlib.error, struct.error, BadZipFile, NotImplementedError, EOFError ...
+    except _DAMAGED as error:
         raise TrajectoryError(
             f"{path}: no trajectory can be read from it ({type(error).__name__}: {error})."
         ) from error
