@@ -109,7 +109,8 @@ class Limits:
     descent_gap : float
         The same for a program that says whether any branch descends: a direction nearly as good leads on too.
     descent_nodes : int
-        Most linear programs for that question; without an answer the certificate is unknown.
+        Of the search tree for that question, and for a branch at a point that was made exact; without an answer the
+        certificate is unknown.
     exploring_iterations : int
         For one branch of that search.
     polishing_iterations : int
@@ -304,6 +305,7 @@ class ActiveSetSearch:
         started = time.perf_counter()
         try:
             deadline = self.deadline.within(self.limits.lpec_seconds)
+            choices = {"node_limit": self.limits.descent_nodes, **choices}
             return steepest_branch(
                 self.program, point, radius, deadline=deadline, on_nodes=self._count_nodes, **choices
             )
@@ -367,7 +369,6 @@ class ActiveSetSearch:
                 stay=best.branch,
                 least_gain=self.limits.descent * point.slope,
                 gap=self.limits.descent_gap,
-                node_limit=self.limits.descent_nodes,
             )
             if descent is None:
                 return best

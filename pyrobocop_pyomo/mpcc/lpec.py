@@ -20,8 +20,6 @@ from .problem import Branch, ComplementarityProgram, Linearisation, Sides, branc
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-# Nodes that one search may take where nothing else is said.
-NODES = 1000
 # A side this small counts as zero: HiGHS meets rows with integers no better.
 ZERO_SIDE = 1e-6
 
@@ -59,11 +57,11 @@ def steepest_branch(
     point: Linearisation,
     radius: float,
     *,
+    node_limit: int,
     stay: Branch | None = None,
     least_gain: float = 0.0,
     elastic: float | None = None,
     deadline: Deadline = NO_DEADLINE,
-    node_limit: int = NODES,
     gap: float = 1e-6,
     on_nodes: Callable[[int], object] | None = None,
 ) -> Descent | None:
@@ -83,6 +81,8 @@ def steepest_branch(
     point : Linearisation
     radius : float
         Of the trust region, in the units of the variables.
+    node_limit : int
+        Most nodes of the search tree: unlike seconds, the same on a busy machine.
     stay : Branch, optional
         A branch through the point: only what descends more than this one is looked for.
     least_gain : float
@@ -90,8 +90,6 @@ def steepest_branch(
     elastic : float, optional
         Price of violating a linearised row, per unit; needed at a point that is not feasible. By default rows hold.
     deadline : Deadline
-    node_limit : int
-        Most nodes of the search tree: unlike seconds, the same on a busy machine.
     gap : float
         Relative distance from the optimum at which the search may stop.
     on_nodes : callable, optional

@@ -18,6 +18,7 @@ from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoi
 from pyrobocop_pyomo.programs.stationarity import stationarity
 
 from .linear_programs import LinearProgram, LinearStatus, Rows
+from .lpec import ZERO_SIDE
 from .problem import Branch, ComplementarityProgram, Linearisation, Sides, restricted
 from .stationarity import Multipliers, Stationarity
 
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
 LARGEST_MULTIPLIER = 1e5
 # What multipliers may leave of the stationarity conditions, relative to what has to balance.
 STATIONARY = 1e-5
-# Multipliers that leave no more than this part of the tolerance need not be the best ones.
-NEARLY = 0.1
 
 
 # What a kind asks of nu (0) and xi (1) of each biactive pair, by its binaries z: ``sign * side <= bound - factors @ z``
@@ -59,24 +58,15 @@ class MultiplierProblem:
     ----------
     program : ComplementarityProgram
     point : Linearisation
-        At a feasible point.
-    biactive_tolerance : float
-        A side of at most this size counts as zero.
-    active_tolerance : float
-        A row or bound this close may have a multiplier; its distance times the multiplier is a residual as well.
+        At a feasible point. Rows and bounds up to a hundredth away may have multipliers; the distance times the
+        multiplier is a residual as well.
     """
 
-    def __init__(
-        self,
-        program: ComplementarityProgram,
-        point: Linearisation,
-        biactive_tolerance: float = 1e-6,
-        active_tolerance: float = 1e-2,
-    ) -> None:
+    def __init__(self, program: ComplementarityProgram, point: Linearisation) -> None:
         self._program, self._point = program, point
         nlp, eye = point.nlp, scipy.sparse.eye_array(point.nlp.n, format="csr")
         a, b = program.a.values(point.x), program.b.values(point.x)
-        a_zero, b_zero = a <= biactive_tolerance, b <= biactive_tolerance
+        a_zero, b_zero = a <= ZERO_SIDE, b <= ZERO_SIDE
         self._a_pairs = np.flatnonzero(a_zero & ~program.a.constant)
         self._b_pairs = np.flatnonzero(b_zero & ~program.b.constant)
         biactive = np.flatnonzero(a_zero & b_zero & ~program.a.constant & ~program.b.constant)
@@ -85,7 +75,7 @@ class MultiplierProblem:
         values = np.concatenate([point.rows, point.x])
         to_lower = np.abs(values - np.concatenate([nlp.g_lower, nlp.x_lower]))
         to_upper = np.abs(np.concatenate([nlp.g_upper, nlp.x_upper]) - values)
-        at_lower, at_upper = to_lower <= active_tolerance, to_upper <= active_tolerance
+        at_lower, at_upper = to_lower <= 1e-2, to_upper <= 1e-2
         # What only says that a zero side is nonnegative has no multiplier of its own: it is the pair's nu or xi.
         for at_bound, numbers in zip(
             (at_lower, at_upper), constraints_of_sides(program, gradients, (self._a_pairs, self._b_pairs)), strict=True
@@ -202,7 +192,6 @@ def strong_multipliers(
     solved: PrimalDualPoint,
     sizes: FloatArray,
     reach: float = 1e-3,
-    tolerance: float = 1e-6,
 ) -> Multipliers | None:
     """Read strong stationarity off the multipliers of a solved branch, where their signs show it.
 
@@ -218,8 +207,6 @@ def strong_multipliers(
         Of the variables there.
     reach : float
         A pair is biactive here if its other side is at most this large: nearly biactive pairs count as well.
-    tolerance : float
-        Of what counts as zero.
 
     Returns
     -------
@@ -249,7 +236,7 @@ def strong_multipliers(
         # Of many pairs all steps together: what a linear program would find.
         if np.minimum(held_multipliers[held & (partner <= reach)], 0.0).sum() < -STATIONARY * point.slope:
             return None
-        found.append(np.where(held, held_multipliers, np.where(sides.values(point.x) <= tolerance, of_bounds, 0.0)))
+        found.append(np.where(held, held_multipliers, np.where(sides.values(point.x) <= ZERO_SIDE, of_bounds, 0.0)))
     return Multipliers(Stationarity.S, found[0], found[1], rows, 0.0)
 
 
@@ -295,15 +282,13 @@ def _first_of_its_variable(sides: Sides, held: BoolArray) -> BoolArray:
 
 
 def classify(
-    problem: MultiplierProblem, tolerance: float = STATIONARY, time_limit: float = 5.0, deadline: Deadline = NO_DEADLINE
+    problem: MultiplierProblem, time_limit: float = 5.0, deadline: Deadline = NO_DEADLINE
 ) -> Multipliers | None:
     """Find the strongest kind of stationarity that a point meets.
 
     Parameters
     ----------
     problem : MultiplierProblem
-    tolerance : float
-        Largest residual, relative to the objective's gradient.
     time_limit : float
         Seconds for each kind.
     deadline : Deadline
@@ -320,18 +305,18 @@ def classify(
 
     # Most points are strongly stationary, and then nothing else has to be asked.
     strong = None if deadline.has_passed else problem.find_nearly_strong(deadline.within(time_limit))
-    if strong is None or not strong.residual <= NEARLY * tolerance:
+    if strong is None or not strong.residual <= STATIONARY:
         strong = find(Stationarity.S)
-    if strong is not None and strong.residual <= tolerance:
+    if strong is not None and strong.residual <= STATIONARY:
         return strong
     weak = find(Stationarity.W)
     if weak is None:
         return None
-    if not weak.residual <= tolerance:
+    if not weak.residual <= STATIONARY:
         return replace(weak, kind=Stationarity.NONE)
     for kind in (Stationarity.M, Stationarity.C, Stationarity.A):
         found = find(kind)
-        if found is not None and found.residual <= tolerance:
+        if found is not None and found.residual <= STATIONARY:
             return found
     return weak
 

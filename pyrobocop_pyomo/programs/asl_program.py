@@ -25,7 +25,7 @@ from pyomo.solvers.amplfunc_merge import amplfunc_merge
 from pyrobocop_pyomo.errors import EvaluationError, PyRobocopError, SolverNotFoundError
 
 from .model_checks import check_variables, refuse_function_calls, undefined_row
-from .nonlinear_program import FloatArray, finite
+from .nonlinear_program import FloatArray, finite, scattered
 
 ASL_REMEDY = (
     "Run 'python build_asl.py' in a clone (Debian, Ubuntu), or install conda-forge's pynumero_libraries, "
@@ -90,7 +90,7 @@ class AslProgram:
             AmplInterface.libname = library  # Pyomo itself found none: nothing of the user's is overruled
         self._asl = _open(str(path), external_functions)
         self.n = self._asl.get_n_vars()
-        self._pattern = np.modf(np.arange(1, self.n + 1) * 0.6180339887498949)[0]
+        self._pattern = scattered(self.n)
         self.m = self._asl.get_n_constraints()
         self.x_lower, self.x_upper = np.empty(self.n), np.empty(self.n)
         self.g_lower, self.g_upper = np.empty(self.m), np.empty(self.m)

@@ -93,6 +93,11 @@ def finite(values: FloatArray, derivatives: str, label: str) -> FloatArray:
     return values
 
 
+def scattered(count: int) -> FloatArray:
+    """Numbers from 0 to 1 of which no few are in proportion: multiples of the golden ratio, less their whole parts."""
+    return np.asarray(np.arange(1, count + 1) * ((np.sqrt(5.0) - 1.0) / 2.0) % 1.0)
+
+
 @dataclass(frozen=True, eq=False)
 class PrimalDualPoint:
     """A point of a nonlinear program with multipliers: where a run starts, and where it ends.

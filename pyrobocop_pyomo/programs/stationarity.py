@@ -9,12 +9,11 @@ import numpy as np
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.numerics.characteristic_scales import objective_scale
 
-from .nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint, finite
+from .nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint, finite, scattered
 
 # Derivatives at a point may be zero by chance, as those of an objective at its minimum: they are taken about a tenth of
 # each size beside it as well.
 _STEP = 0.1
-_GOLDEN = 0.6180339887498949
 # Of the change of the objective by all variables: what is less tells nothing beside the rounding of all the rest.
 _LEAST_SHARE = 1e-4
 
@@ -71,6 +70,6 @@ def stationarity(nlp: NonlinearProgram, point: PrimalDualPoint, sizes: FloatArra
 
 def beside(nlp: NonlinearProgram, x: FloatArray, sizes: FloatArray) -> FloatArray:
     """A point about a tenth of each size away, within the bounds; every variable goes its own way."""
-    steps = _STEP * sizes * (0.5 + np.arange(1, nlp.n + 1) * _GOLDEN % 1.0)
+    steps = _STEP * sizes * (0.5 + scattered(nlp.n))
     up = x + steps
     return np.clip(np.where(up <= nlp.x_upper, up, x - steps), nlp.x_lower, nlp.x_upper)

@@ -95,7 +95,7 @@ def test_strongly_stationary_points_are_b_stationary(c, A):
     point = Linearisation.at(program.nlp, np.zeros(4))
     found = classify(MultiplierProblem(program, point))
     assume(found.kind is Stationarity.S)
-    steepest = steepest_branch(program, point, 1.0)
+    steepest = steepest_branch(program, point, 1.0, node_limit=1000)
     assert steepest.decrease <= 1e-5
     d = np.zeros(4)
     d[:2] = 1.0  # into the branch where the second sides are held, if the rows let it
@@ -192,7 +192,7 @@ def test_the_linear_program_is_that_of_the_page(c, A, x, first):
     program = two_pairs(c, A.reshape(2, 4), [0.7, 0.2])
     point = np.zeros(4)
     point[[0, 1] if first else [2, 3]] = x
-    found = steepest_branch(program, Linearisation.at(program.nlp, point), 0.1)
+    found = steepest_branch(program, Linearisation.at(program.nlp, point), 0.1, node_limit=1000)
     assert found.proven
     assert found.decrease == pytest.approx(-lpec_by_hand(program, point, 0.1), abs=1e-4)
     if not point.any():
@@ -212,7 +212,7 @@ def test_what_counts_is_the_gain_beyond_the_present_branch(slope, certificate):
     branch = Branch(np.array([False]), np.array([True]))  # y held at zero; x is at its own bound
     point = np.array([0.0, 0.0, 1e-6])
     start = BranchPoint.at(program, PrimalDualPoint(point, np.zeros(0), np.zeros(3), np.zeros(3)), branch)
-    anywhere = steepest_branch(program, Linearisation.at(nlp, point), 1e-3)
+    anywhere = steepest_branch(program, Linearisation.at(nlp, point), 1e-3, node_limit=1000)
     assert anywhere.decrease > 1e-5, "the distance from the bound alone is more than the tolerance"
     solved: list[Any] = []
 
@@ -257,4 +257,4 @@ def test_the_trap_has_the_multipliers_of_the_page_and_no_certificate():
     point = Linearisation.at(program.nlp, np.zeros(2))
     found = classify(MultiplierProblem(program, point))
     assert (found.kind, *found.nu, *found.xi) == (Stationarity.M, 0.0, pytest.approx(-2.0))
-    assert steepest_branch(program, point, 1e-3).decrease == pytest.approx(2.0)
+    assert steepest_branch(program, point, 1e-3, node_limit=1000).decrease == pytest.approx(2.0)

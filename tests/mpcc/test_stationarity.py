@@ -164,7 +164,7 @@ def test_what_is_certified_does_not_depend_on_the_unit_of_the_objective(pairs, g
     )
     point = Linearisation.at(program.nlp, held.x)
     strong = strong_multipliers(program, point, held.branch, solved, np.ones(2 * pairs))
-    steepest = steepest_branch(program, point, 1e-3, stay=held.branch)
+    steepest = steepest_branch(program, point, 1e-3, stay=held.branch, node_limit=1000)
     assert (strong is None) == descends
     assert (steepest.gain > 1e-5 * factor) == descends
     assert steepest.gain == pytest.approx(pairs * gain * factor if descends else 0.0, rel=1e-3, abs=1e-5 * factor)
@@ -289,7 +289,7 @@ def test_what_only_rounded_integers_gain_is_refuted(k):
     program = ComplementarityProgram(nlp, sides(np.arange(k)), sides(k + np.arange(k)))
     a_zero = np.ones(k, dtype=bool)
     point, stay = Linearisation.at(nlp, np.zeros(2 * k)), Branch(a_zero, ~a_zero)
-    found = steepest_branch(program, point, 1e-3, stay=stay, least_gain=1e-7)
+    found = steepest_branch(program, point, 1e-3, stay=stay, least_gain=1e-7, node_limit=1000)
     assert (found.proven, found.gain) == (True, 0.0)
 
 
