@@ -21,8 +21,8 @@ from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.obstacles import avoidance_blocks, containments
 from pyrobocop_pyomo.obstacles.rerouting import overlaps_deeply, reroute, runs_into_several
+from pyrobocop_pyomo.solving.ipopt_options import ITERATIONS_OF_ONE, SIDE_ITERATIONS
 from pyrobocop_pyomo.solving.iterates import StopReason
-from pyrobocop_pyomo.solving.second_tries import ITERATIONS_OF_ONE, SIDE_ITERATIONS
 
 from .planning_point import PlanningPoint
 

@@ -85,47 +85,26 @@ def solve(
 
     The model is checked first, then relaxed, solved by runs of Ipopt, and taken back: afterwards it holds the best
     point found and is otherwise as it was. A relaxation that the user has applied is used and kept, without polish
-    where it is not lifted. Where all strategies end infeasible from the initial guess, two follow from elsewhere:
-    "simulated, with pairs" and "straight lines, with pairs".
+    where it is not lifted.
 
-    Models without pairs are solved by one run, "solve". Where it fails or takes more than 500 iterations, further
-    strategies follow until one gives a solution by recomputed residuals; together they may take 1500 iterations, each
-    at most 500:
-
-    * "absolute values as pairs": where the model holds absolute values, a copy with their two parts is solved; in a
-      model with pairs this comes last;
-    * "tighter": from a point that is solved by Ipopt's scaled tolerances only, with smaller ones, before all others;
-    * "own units": with Ipopt's scaling instead of that by typical sizes;
-    * "simulated": from the motion of the phases under the controls of the initial guess;
-    * "elastic rows": all rows may be violated at a price first, then on from there; what has more equations than
-      variables, or equations that follow from each other, is solved by this one;
-    * "coarse mesh": from the answer on a quarter of the elements;
-    * "adaptive": with Ipopt's adaptive barrier parameter;
-    * "straight lines", "inside bounds": from states on lines between their ends, and from the middle of all bounds;
-    * "random controls 1", "random start 1": short runs from beside a guess that may be symmetric; first of all after
-      500 iterations, and then, where nothing helps, "solve to the end" has the rest of Ipopt's limit.
+    Strategies follow each other in the order of a table until one gives a certified point, and the best point of all
+    wins (see "When a run fails" in the documentation). Models without pairs are solved by one run, "solve". Where it
+    fails or takes more than 500 iterations, what follows may take 1500 iterations together, each at most 500; after a
+    limit that the caller set by ``options={"max_iter": ...}``, nothing does. With obstacles, the recovery has starts of
+    its own instead. An initial guess at which an expression has no value is left for one at which all have, and the
+    result names it.
 
     A solution of a model with phases is a local one, so that a few other starts follow (see `Strategy`), unless its
     rows are linear and its objective is quadratic and convex: the motion under mirrored controls of the answer
-    ("mirrored"), under random controls ("random motion 1", ...), random controls with states on lines ("random
-    controls 1", ...), random values ("random start 1", ...). The best certified point wins. From 80 elements in a phase
-    on, they run on a quarter of the elements, and only a better answer there leads on, as "other optimum".
+    ("mirrored"), under random controls ("random motion", "random motion 2", ...), random controls with states on lines
+    ("random controls", ...), random values ("random start", ...). From 80 elements in a phase on, they run on a quarter
+    of the elements, and only a better answer there leads on, as "other optimum".
 
-    After local infeasibility only "own units", "simulated", "elastic rows" and "straight lines"
-    follow; after a limit that the caller set by ``options={"max_iter": ...}``, none. With obstacles, the recovery has
-    starts of its own instead. An initial guess at which an expression has no value is left for one at which all have,
-    and the result names it.
+    With pairs, "barrier" lets delta follow Ipopt's barrier parameter in one solve, ``FollowBarrier(factor=2)``,
+    "continuation" takes it from 1 to 1e-8 by factors of 0.1, warm in primal and dual values, "elastic" bounds the
+    products by a variable with a penalty term in the objective, and "tight" is one solve at delta = 1e-8.
 
-    With pairs, strategies follow each other until one gives a certified point, and the best point of all wins:
-
-    * "barrier": delta follows Ipopt's barrier parameter in one solve, ``FollowBarrier(factor=2)``;
-    * "continuation": delta from 1 to 1e-8 by factors of 0.1, warm in primal and dual values; also a second opinion
-      on certified points;
-    * "elastic": the products below a variable with a penalty term in the objective; also a second opinion where there
-      are up to 100 pairs;
-    * "tight", where none of these has led to a certified point: one solve at delta = 1e-8.
-
-    Where all of them end at worse points than the initial guess, and rows and pairs hold there, the initial guess is
+    Where all of these end at worse points than the initial guess, and rows and pairs hold there, the initial guess is
     polished itself.
 
     Every strategy ends with a *polish*: the nonlinear program of the nearest branch is solved, so that each pair is met

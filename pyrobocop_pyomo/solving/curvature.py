@@ -20,8 +20,7 @@ from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProg
 LEAST_DECREASE = 1e-4
 # On the rows' part of the diagonal, relative to the Hessian, so that rows that depend on each other do not matter.
 _ROWS = -1e-8
-# Each is at most ten times the one before, so a shift of this many of them is beyond all curvatures.
-_SHIFTS, _HALVINGS, _INVERSE_STEPS = 24, 4, 20
+_HALVINGS, _INVERSE_STEPS = 4, 20
 
 
 def direction_of_descent(nlp: NonlinearProgram, point: PrimalDualPoint) -> FloatArray | None:
@@ -108,12 +107,9 @@ class _System:
         """The direction of the most negative curvature; None where all are above minus the shift."""
         if self.is_convex(shift):
             return None
-        below = shift
-        for _ in range(_SHIFTS):
-            shift = 10.0 * below
-            if self.is_convex(shift):
-                break
-            below = shift
+        below, shift = shift, 10.0 * shift
+        while not self.is_convex(shift) and shift < self._size * self.n:
+            below, shift = shift, 10.0 * shift
         for _ in range(_HALVINGS):
             middle = (below * shift) ** 0.5
             below, shift = (below, middle) if self.is_convex(middle) else (middle, shift)

@@ -16,7 +16,7 @@ from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
 from pyrobocop_pyomo.ipopt.linear_solvers import FELL_BACK
 from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader, scaling_factors, starting_point
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE, ROUNDING
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, PrimalDualPoint, Scales, missing_rank
 from pyrobocop_pyomo.programs.wrapped_programs import ElasticRows, ScaledProgram, ShiftedRows
@@ -29,8 +29,8 @@ from .relaxed_model import RelaxedModel
 from .session import DeltaFollowsBarrier, OnIteration, Session
 from .settings import Settings
 
-# So many iterations in a row stand; below this relative change of the objective, there is none.
-STANDING_ITERATIONS, SAME_OBJECTIVE = 50, 1e-12
+# So many iterations in a row stand.
+STANDING_ITERATIONS = 50
 
 
 class InProcessSession(Session):
@@ -248,5 +248,5 @@ def _stands(before: IterationRecord, now: IterationRecord) -> bool:
     return (
         now.mu == before.mu
         and now.step_norm <= NEGLIGIBLE
-        and abs(now.objective - before.objective) <= SAME_OBJECTIVE * max(1.0, abs(now.objective))
+        and abs(now.objective - before.objective) <= ROUNDING * max(1.0, abs(now.objective))
     )

@@ -30,8 +30,8 @@ DEFAULT = {"max_iter": 3000, "diverging_iterates_tol": 1e15}
 DEFAULT_WITH_PAIRS = {**DEFAULT, "bound_relax_factor": 0.0}
 
 # A warm run that takes more does not get anywhere, nor does one that goes on from a failed run. A first run without
-# pairs that takes more goes on when others were tried.
-ITERATIONS_OF_ONE = 500
+# pairs that takes more goes on when others were tried. A start beside a symmetric guess takes few.
+ITERATIONS_OF_ONE, SIDE_ITERATIONS = 500, 100
 
 _WARM_PUSHES = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac", "mult_bound_push")
 

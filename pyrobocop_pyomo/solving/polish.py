@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import logging
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +16,7 @@ from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
 from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
-from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, BranchPoint, Certificate, ExploredBranches, Limits
+from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, BranchPoint, Certificate, Limits
 from pyrobocop_pyomo.mpcc.multipliers import STATIONARY, MultiplierProblem, classify, strong_multipliers
 from pyrobocop_pyomo.mpcc.problem import Linearisation, nearest_branch, restricted
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
@@ -28,11 +26,10 @@ from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProg
 from pyrobocop_pyomo.programs.stationarity import stationarity
 
 from .automatic_scaling import objective_slope, variable_sizes
-from .found_points import CROSS_CHECKED_PAIRS
 from .ipopt_options import OVERDETERMINED, POLISH
-from .iterate_log import IterateLog
 from .iterates import Iterate, Quality, StopReason
 from .numeric_pairs import numeric_pairs, without_crossed
+from .record import Record
 from .relaxed_model import RelaxedModel
 from .settings import Settings
 
@@ -42,102 +39,12 @@ logger = logging.getLogger(__name__)
 POLISHED_VIOLATION = 1e-2
 # A pair this near to a change of its branch is looked at, as if it were there.
 NEARLY_BIACTIVE = 1e-3
-# By default exploration may take as long as the rest of the solve with up to `CROSS_CHECKED_PAIRS` pairs. The
-# more pairs, the less a look beyond the nearest solution pays: at twice as many there is none, unless it is requested.
-# It may take this long in any case: where a solve ends after tenths of a second, its answer is not to depend
-# on which of them the machine was busy in.
-EXPLORED_SECONDS = 1.0
-# By default it may take as many iterations of Ipopt as the rest of the solve took, linear programs counted as parts of
-# one, but so many in any case: unlike seconds, these are the same on every machine.
-EXPLORED_WORK = 300
 # Without pairs: so many iterations and a share of those so far, on the user's mesh. From so many variables on, where
 # iterations take most of the time, fewer, but not less than a part.
 PLAIN_WORK, PLAIN_WORK_SHARE = 80, 0.4
 SMALL_PROGRAM, LEAST_PART = 500, 0.25
 # Objectives that differ by less, relative to their size, are those of one solution, relaxed and exact.
 SAME_COST = 1e-6
-
-
-@dataclass(eq=False)
-class Exploration:
-    """What one solve has explored, over all strategies.
-
-    Attributes
-    ----------
-    factor : float or None
-        How long it may take, as a multiple of the time that the rest of the solve took so far.
-    started : float
-        When the solve started, on the clock `time.perf_counter`.
-    most_work : float or None
-        Iterations that other starts of a model without pairs may take; see `plain_work`.
-    seconds : float
-        Elapsed in exploring.
-    work : float
-        Iterations of Ipopt and linear programs of exploring.
-    explored_iterations : int
-        Of Ipopt, in exploring.
-    branches : ExploredBranches
-        What need not be tried again.
-    """
-
-    factor: float | None
-    started: float
-    most_work: float | None = None
-    seconds: float = 0.0
-    work: float = 0.0
-    explored_iterations: int = 0
-    branches: ExploredBranches = field(default_factory=ExploredBranches)
-
-    def budget(self, pairs: int) -> float:
-        """Seconds that may be spent from now on in a problem with so many pairs; by default any number without them."""
-        if not pairs and self.factor is None:
-            return np.inf
-        elsewhere = time.perf_counter() - self.started - self.seconds
-        factor = self._share(pairs)
-        least = EXPLORED_SECONDS if self.factor is None else 0.0
-        return max(least, factor * elsewhere) - self.seconds if factor > 0.0 else 0.0
-
-    def work_within(self, pairs: int, iterations: int) -> float:
-        """Iterations and linear programs that may be spent from now on; as many as one likes where a factor is given.
-
-        Parameters
-        ----------
-        pairs : int
-        iterations : int
-            Of Ipopt, in all runs so far.
-        """
-        if self.factor is not None:
-            return np.inf
-        if not pairs:
-            return (np.inf if self.most_work is None else self.most_work) - self.work
-        return self._share(pairs) * max(EXPLORED_WORK, iterations - self.explored_iterations) - self.work
-
-    def may_go_on(self, pairs: int, iterations: int) -> bool:
-        """Whether anything is left of the budget, in seconds and in work."""
-        return self.budget(pairs) > 0.0 and self.work_within(pairs, iterations) >= 1.0
-
-    @contextlib.contextmanager
-    def counted(self, log: IterateLog) -> Iterator[None]:
-        """Count what is done meanwhile as exploring.
-
-        Parameters
-        ----------
-        log : IterateLog
-            Of all runs of the solve.
-        """
-        started, before, explored = time.perf_counter(), log.iterations, self.explored_iterations
-        seconds = self.seconds
-        try:
-            yield
-        finally:
-            # What explores branches in between has counted itself.
-            taken = log.iterations - before - (self.explored_iterations - explored)
-            self.seconds = seconds + time.perf_counter() - started
-            self.work += taken
-            self.explored_iterations += taken
-
-    def _share(self, pairs: int) -> float:
-        return min(1.0, max(0.0, 2.0 - pairs / CROSS_CHECKED_PAIRS)) if self.factor is None else self.factor
 
 
 def plain_work(variables: int, iterations: int) -> float:
@@ -162,10 +69,9 @@ class Polish:
     relaxed : RelaxedModel
     compiled : CompiledModel
         Of the relaxed model.
-    log : IterateLog
+    record : Record
     values : VariableValues
         The user's variables.
-    exploration : Exploration
 
     Attributes
     ----------
@@ -180,12 +86,10 @@ class Polish:
         settings: Settings,
         relaxed: RelaxedModel,
         compiled: CompiledModel,
-        log: IterateLog,
+        record: Record,
         values: VariableValues,
-        exploration: Exploration,
     ) -> None:
-        self._settings, self._compiled, self._log = settings, compiled, log
-        self._values, self._exploration = values, exploration
+        self._settings, self._compiled, self._record, self._values = settings, compiled, record, values
         self._crossed = relaxed.crossed
         # What is absolute in linear programs, and where a branch ends, then means the same for every objective.
         self._slope = objective_slope(compiled, below=1.0)
@@ -241,23 +145,24 @@ class Polish:
 
     def explore(self, iterate: Iterate) -> Iterate:
         """Look for a better optimum beyond a certified one, in the time that this may take; or return the same."""
-        pairs, iterations = self._program.pairs, self._log.iterations
-        if not self._exploration.may_go_on(pairs, iterations) or self._settings.deadline.has_passed:
+        record, spent = self._record, self._record.exploration
+        pairs, iterations = len(record.pairs), record.iterations
+        if not record.may_explore() or self._settings.deadline.has_passed:
             return iterate
-        work = self._exploration.work_within(pairs, iterations)
+        work = spent.work_within(pairs, iterations)
         _ = scipy.optimize.milp  # loaded before the time counts: else a new process would explore less than an old one
-        deadline = self._settings.deadline.within(self._exploration.budget(pairs))
+        deadline = self._settings.deadline.within(spent.budget(pairs))
         self._settings.progress.live(f"exploring other branches, at most {deadline.left:.1f} s")
         started = time.perf_counter()
         x = self._compiled.current_point()
         start = BranchPoint.at(self._program, PrimalDualPoint(x), nearest_branch(self._program, x))
         try:
-            found = self._search.explore(start, self._exploration.branches, deadline, work)
+            found = self._search.explore(start, spent.branches, deadline, work)
             self._add_linear_programs("explore", found)
         finally:
-            self._exploration.seconds += time.perf_counter() - started
-            self._exploration.work += work - self._search.work_left if np.isfinite(work) else 0.0
-            self._exploration.explored_iterations += self._log.iterations - iterations
+            spent.seconds += time.perf_counter() - started
+            spent.work += work - self._search.work_left if np.isfinite(work) else 0.0
+            spent.explored_iterations += record.iterations - iterations
             self._search.work_left = np.inf
         return iterate if found is start else self._examined(iterate, found, start)
 
@@ -370,7 +275,7 @@ class Polish:
 
     def _add(self, purpose: str, outcome: IpoptOutcome, found: BranchPoint, kept: bool) -> None:
         self._compiled.load_point(found.x)
-        iterate = self._log.add(
+        iterate = self._record.add(
             Iterate.of_run(
                 purpose if kept else f"{purpose} (not kept)",
                 outcome.status,
@@ -393,7 +298,7 @@ class Polish:
             label = f"{purpose} (linear)"
             if purpose == "certificate" and self._search.undecided:
                 label = f"{purpose} (linear, {self._search.undecided} pairs undecided)"
-            self._log.add(Iterate(label, seconds=seconds), exact=True)
+            self._record.add(Iterate(label, seconds=seconds), exact=True)
 
     def _linear_seconds(self) -> float:
         seconds, self._search.linear_seconds = self._search.linear_seconds, 0.0

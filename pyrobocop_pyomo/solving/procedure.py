@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import logging
+import math
 import time
 import weakref
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 from pyomo.common.errors import InfeasibleConstraintException
 
-from pyrobocop_pyomo.complementarity import CanonicalPair
+from pyrobocop_pyomo.complementarity import CanonicalPair, Geometric
 from pyrobocop_pyomo.diagnosis import Finding, Severity
 from pyrobocop_pyomo.diagnosis.statements import form_findings
 from pyrobocop_pyomo.diagnosis.values import boundary_findings, decided_findings
@@ -26,24 +28,27 @@ from pyrobocop_pyomo.phases import phases_of
 
 from .curvature import is_convex
 from .ipopt_options import ITERATIONS_OF_ONE, NEARLY_THERE
-from .iterate_log import SMALLEST_SIZE
 from .iterates import Iterate, Quality, StopReason
-from .polish import EXPLORED_WORK, plain_work
+from .model_check import SMALLEST_SIZE
+from .polish import plain_work
+from .record import EXPLORED_WORK
 from .relaxed_model import forget_removed
 from .runner import Runner
-from .second_tries import second_tries
 from .settings import Settings
 from .solve_result import SolveResult
 from .strategies import (
     ABSOLUTE_VALUES,
-    DEFAULT_SEQUENCE,
+    ELASTIC,
     OTHER_OPTIMUM,
-    OTHER_STARTS,
-    OTHER_STARTS_WITHOUT_PAIRS,
-    OTHER_WAYS,
+    OTHER_START,
     SOLVE,
+    STRATEGIES,
+    TIGHT,
+    TIGHTER,
     StartingPoint,
     Strategy,
+    other_starts,
+    starts_at_the_side,
 )
 from .violations import (
     GROWING,
@@ -65,6 +70,8 @@ MIXED_INTEGER_PROGRAM = (
 # Without pairs and by default one start may take a third of what all may, but so many in any case; with less, few come
 # to an end.
 FEW_ITERATIONS = 50
+# Without pairs all that follows a first run may take so many iterations together.
+LATER_ITERATIONS = 3 * ITERATIONS_OF_ONE
 
 
 def solve_model(model: Any, settings: Settings) -> SolveResult:
@@ -75,19 +82,15 @@ def solve_model(model: Any, settings: Settings) -> SolveResult:
     model : Block
     settings : Settings
     """
-    return _Procedure(model, settings).solve()
+    return _Procedure(model, settings, solve_model).solve()
 
 
 class _Procedure(Runner):
     """One solve: which strategies follow each other, and what comes out."""
 
-    def __init__(self, model: Any, settings: Settings) -> None:
-        super().__init__(model, settings, solve_model)
-        self._tried: set[str] = set()
-
     def _leave_best_point(self) -> None:
         """Whatever ends it, the model is left with the best point that there is."""
-        best = self.found.best
+        best = self.record.best
         self.values.write(self.guess.values if best is None else best.values)
 
     def solve(self) -> SolveResult:
@@ -97,7 +100,7 @@ class _Procedure(Runner):
                 self._go_through()
         except InfeasibleConstraintException as error:
             raise _contradiction(self.model, error) from error
-        best = self.found.best
+        best = self.record.best
         if best is None:
             raise ComplementarityError(
                 f"'{self.model.name}': delta cannot follow the barrier parameter with the relaxation "
@@ -105,14 +108,14 @@ class _Procedure(Runner):
                 "Fixed(...), or other strategies."
             )
         if best.stop_reason is StopReason.ITERATION_LIMIT and any(
-            step.stop_reason is StopReason.DIVERGED for step in self.log.steps
+            step.stop_reason is StopReason.DIVERGED for step in self.record.steps
         ):
             best = replace(best, stop_reason=StopReason.DIVERGED)  # it was on the same way
         # Where there is no time left, that is the reason, and not a value somewhere on the way.
-        if best.quality(self.settings.tolerances) is not Quality.OPTIMAL and self.found.cut is None:
-            first = self.found.first
+        if best.quality(self.settings.tolerances) is not Quality.OPTIMAL and self.record.cut is None:
+            first = self.record.first
             self.guess.explain(began=first is not None and first.iterations > 0)
-        unbounded = self.found.unbounded
+        unbounded = self.record.unbounded
         if unbounded is not None:
             self.values.write(unbounded.values)
             self.guess.remarks += [_what_grows(self.values, unbounded, best)]
@@ -125,107 +128,109 @@ class _Procedure(Runner):
 
     def _go_through(self) -> None:
         with self.places:
+            for strategy in self._strategies():
+                self._try(strategy)
+                if self.record.cut is not None or (self.has_pairs and self.places.place and not self.places.pairs):
+                    break
             if self.has_pairs:
-                self._go_through_those_for_pairs()
                 self.go_back_to_start()
-            else:
-                self._go_through_those_without_pairs()
             self.explore()
             self._go_other_ways()
-            if self.found.best is not None and self.found.cut is not StopReason.INTERRUPTED:
-                self._classify(self.found.best)
+            if self.record.best is not None and self.record.cut is not StopReason.INTERRUPTED:
+                self._classify(self.record.best)
         # A copy is made when the relaxation is taken back.
-        if self.has_pairs and self.settings.strategies is None and not self.found.are_enough():
+        open_end = self.has_pairs and self.settings.strategies is None and not self.record.is_cut()
+        if open_end and not self.record.is_certified(self.record.best):
             self.guess.write_start()
-            split = self._copies.with_absolute_values_split()
+            split = self.with_absolute_values_split()
             if split is not None:
-                self.found.keep(split)
+                self.record.keep(split)
 
-    def _go_through_those_for_pairs(self) -> None:
-        for strategy in self._first_strategies((*DEFAULT_SEQUENCE, *OTHER_STARTS)):
-            if not self.found.need(strategy, self.places.pairs):
-                continue
-            self._try(strategy)
-            if self.found.cut is not None or (self.places.place is not None and not self.places.pairs):
-                return
-
-    def _first_strategies(self, default: tuple[Strategy, ...]) -> tuple[Strategy, ...]:
-        """Those of the caller's strategies that are for such a model; the default ones where there are none."""
-        chosen = self.settings.strategies or ()
-        return tuple(strategy for strategy in chosen if strategy.for_pairs == self.has_pairs) or default
+    def _strategies(self) -> Iterator[Strategy]:
+        """Those of the caller's strategies that are for such a model, or else those of the table that follow."""
+        record, settings = self.record, self.settings
+        rows = [row for row in settings.strategies or () if row.for_pairs in (None, self.has_pairs)]
+        if rows or (settings.strategies is not None and not self.has_pairs):
+            yield from (row for row in rows if record.is_followed_by(row, is_chosen=True))
+            if record.best is None and not self.has_pairs:
+                yield SOLVE  # what was chosen has no start of its own here
+            return
+        rows = [row for row in STRATEGIES if row.for_pairs in (None, self.has_pairs)]
+        is_alone = not (self.has_pairs or settings.second_tries)
+        if is_alone:  # other starts are the caller's
+            rows = [row for row in rows if row in (SOLVE, TIGHTER, ABSOLUTE_VALUES)]
+        most = math.inf
+        for row in rows:
+            # Runs that take long rarely get anywhere where the next strategy does; a continuation is several of them.
+            is_cut_short = not ((is_alone and row is SOLVE) or (self.has_pairs and isinstance(row.schedule, Geometric)))
+            for strategy in starts_at_the_side() if row is OTHER_START else (row,):
+                if record.is_followed_by(row) and row.name not in self.tried and record.iterations < most:
+                    limit = int(min(ITERATIONS_OF_ONE, most - record.iterations))
+                    options = {"max_iter": limit, **row.options} if is_cut_short else row.options
+                    yield replace(strategy, options=options)
+            if row is rows[0]:
+                record.first = record.best
+                most = most if self.has_pairs else record.iterations + LATER_ITERATIONS
+        ends = TIGHT.follows | {StopReason.ITERATION_LIMIT}
+        rest = replace(rows[0], name=f"{rows[0].name} to the end", most_iterations=None, follows=ends)
+        was_cut_short = record.first is not None and record.first.stop_reason is StopReason.ITERATION_LIMIT
+        if was_cut_short and not is_alone and record.is_followed_by(rest):
+            yield rest  # with its remaining iterations
 
     def _go_other_ways(self) -> None:
         """Beyond a certified point: other ways down, then other starts, as long as there is a budget and it pays."""
-        pairs, found, without_gain = self.places.pairs, self.found, 0
+        pairs, record, without_gain = self.places.pairs, self.record, 0
         missing: set[StartingPoint] = set()  # kinds of starts that this model has not
-        requested, before, ends = self.settings.exploration is not None, found.best, []
-        by_default = self.log.iterations <= EXPLORED_WORK if pairs else bool(phases_of(self.model))
+        requested, before, ends = self.settings.exploration is not None, record.best, []
+        by_default = record.iterations <= EXPLORED_WORK if pairs else bool(phases_of(self.model))
         if self.settings.strategies is not None or not (requested or by_default):
             return
         patience = PATIENCE if pairs and not requested else REQUESTED_PATIENCE
-        for strategy in OTHER_WAYS if pairs else self._other_starts(requested=requested):
-            best = found.best
-            if best is None or not found.is_certified(best) or found.are_cut():
+        for strategy in chain([ELASTIC], other_starts(has_pairs=True)) if pairs else self._other_starts(requested):
+            best = record.best
+            if best is None or not record.is_certified(best) or record.is_cut():
                 break
             if pairs and best.certificate is not Certificate.PROVEN:
                 break
-            if without_gain == patience or not self.exploration.may_go_on(pairs, self.log.iterations):
+            if without_gain == patience or not record.may_explore():
                 break
-            if strategy.name in self._tried or strategy.start in missing:
+            if strategy.name in self.tried or strategy.start in missing:
                 continue
             self._classify(best)  # another relaxation takes away the rows whose multipliers this asks for
-            with self.exploration.counted(self.log):
+            with record.counted_as_exploring():
                 iterate = self._try(strategy, certified=not pairs)
             ends.append(f"'{strategy.name}' " + (f"{iterate.objective:.6g}" if iterate is not None else "no point"))
             if iterate is None:
                 missing.add(strategy.start)
-            without_gain = without_gain + 1 if found.best is best else 0
+            without_gain = without_gain + 1 if record.best is best else 0
             if not without_gain:
                 self.explore()
-        if ends and before is not None and (requested or found.best is not before):
+        if ends and before is not None and (requested or record.best is not before):
             relaxed = ", relaxed where they led to nothing better" if pairs else ""
             self.guess.remarks.append(
                 f"Objectives of other ways and starts, beside {before.objective:.6g} of '{before.strategy}'{relaxed}: "
                 f"{', '.join(ends)}. Strategy(exploration=...) asks for more of them."
             )
 
-    def _other_starts(self, *, requested: bool) -> Iterator[Strategy]:
+    def _other_starts(self, requested: bool) -> Iterator[Strategy]:
         """For a solved model without pairs, on fewer elements where there are many; none where it is convex."""
-        place, exploration = self.places.place, self.exploration
+        place, exploration = self.places.place, self.record.exploration
         if place is None or not self.settings.second_tries or exploration.factor == 0.0:
             return
         compiled = place.session.compiled()
         if compiled is None or is_convex(compiled.nlp, compiled.current_point()):
             return
         if exploration.most_work is None:
-            exploration.most_work = plain_work(compiled.nlp.n, self.log.iterations)
-        coarse = self._copies.has_fewer_elements()
+            exploration.most_work = plain_work(compiled.nlp.n, self.record.iterations)
+        coarse = self.has_fewer_elements()
         most = ITERATIONS_OF_ONE if requested else int(max(FEW_ITERATIONS, (exploration.most_work or 0.0) / 3.0))
         if coarse:
             yield replace(OTHER_OPTIMUM, most_iterations=most)
-        for strategy in OTHER_STARTS_WITHOUT_PAIRS if requested or not coarse else ():
-            left = exploration.work_within(0, self.log.iterations)
+        for strategy in other_starts(has_pairs=False) if requested or not coarse else ():
+            left = exploration.work_within(0, self.record.iterations)
             if left < FEW_ITERATIONS and not requested:
                 return
             yield replace(strategy, most_iterations=int(min(most, left)))
-
-    def _go_through_those_without_pairs(self) -> None:
-        """One run; where it fails, what else may lead to a solution."""
-        chosen = self.settings.strategies
-        for strategy in self._first_strategies((SOLVE,)):
-            self._try(strategy)
-            if self.found.are_enough():
-                return
-        if self.found.best is None:
-            self._try(SOLVE)  # what was chosen has no start of its own here
-        if chosen is not None or self.found.best is None:
-            return
-        for strategy in second_tries(self.settings, self.found.best, self.log, scaled=self.places.scaling is not None):
-            if any(step.label == strategy.name for step in self.log.steps):
-                continue  # a dependent start was simulated first
-            self._try(strategy)
-            if self.found.are_enough():
-                return
 
     def _try(self, strategy: Strategy, *, certified: bool = False) -> Iterate | None:
         """Run a strategy, and return where it ended; what an earlier one found stays whatever happens.
@@ -236,12 +241,12 @@ class _Procedure(Runner):
         certified : bool
             Whether to go on from a better point that is not certified, and to keep none that is not.
         """
-        found = self.found
-        self._tried.add(strategy.name)
+        found = self.record
+        self.tried.add(strategy.name)
         try:
             iterate = self.run(strategy)
             if certified and iterate is not None and not found.is_certified(iterate):
-                if found.best is None or not found.is_better(iterate, found.best) or found.are_cut():
+                if found.best is None or not found.is_better(iterate, found.best) or found.is_cut():
                     return iterate
                 options = {**NEARLY_THERE, **strategy.options}
                 start, most = StartingPoint.REACHED, ITERATIONS_OF_ONE
@@ -273,17 +278,18 @@ class _Procedure(Runner):
             best.classify()
         except EvaluationError as error:
             logger.info("'%s': no multipliers of the pairs: %s", self.model.name, error)
-            self.found.best = replace(best, classify=lambda: None)
+            self.record.best = replace(best, classify=lambda: None)
         except KeyboardInterrupt:
-            self.found.cut = StopReason.INTERRUPTED
-            self.found.best = replace(best, classify=lambda: None)
+            self.record.cut = StopReason.INTERRUPTED
+            self.record.best = replace(best, classify=lambda: None)
 
     def _result(self, best: Iterate) -> SolveResult:
-        cut, places = self.found.cut, self.places
+        cut, place = self.record.cut, self.places.last
+        scaling = None if place is None else place.session.scaling
         multipliers = None if cut is StopReason.INTERRUPTED else best.classify()
         if multipliers is not None and multipliers.kind is Stationarity.S:
             best = replace(best, certificate=Certificate.PROVEN)
-        residuals, quality = self.log.residuals(), best.quality(self.settings.tolerances)
+        residuals, quality = self.record.residuals(), best.quality(self.settings.tolerances)
         return SolveResult(
             name=self.model.name,
             stop_reason=cut or self._why_it_ended(best, quality),
@@ -292,25 +298,23 @@ class _Procedure(Runner):
             multipliers=multipliers,
             residuals=residuals,
             violations=self._violations() if quality is Quality.INFEASIBLE else (),
-            remarks=(*self.guess.remarks, *remarks_on_runs(self.log.steps, best.certificate)),
-            doubts=doubts_on_pairs(self.log.too_small(self.settings.tolerances))
-            if residuals
-            else doubts_on_point(best),
-            steps=self.log.steps,
-            standing=best.standing(self.settings.tolerances, self.check.sign),
-            decided_pairs=places.decided_pairs,
-            solver=places.solver,
-            derivatives=places.derivatives,
-            scaling=places.scaling,
-            checking_seconds=self.log.seconds,
+            remarks=(*self.guess.remarks, *remarks_on_runs(self.record.steps, best.certificate)),
+            doubts=doubts_on_pairs(self.record.too_small()) if residuals else doubts_on_point(best),
+            steps=self.record.steps,
+            standing=best.standing(self.settings.tolerances, self.record.check.sign),
+            decided_pairs=0 if place is None else len(place.relaxed.decided),
+            solver="" if place is None else place.session.solver,
+            derivatives="" if place is None else place.session.derivatives,
+            scaling=None if scaling is None else scaling.record,
+            checking_seconds=self.record.seconds,
             model=weakref.ref(self.model),
             probe=DiscretisationProbe(self.model, best.row_multipliers, best.objective),
-            seconds=time.perf_counter() - self.started,
+            seconds=time.perf_counter() - self.record.exploration.started,
         )
 
     def _why_it_ended(self, best: Iterate, quality: Quality) -> StopReason:
         """That of the best point; where it is a solution of relaxed pairs alone, what became of those that go on."""
-        ends = [step.stop_reason for step in self.log.steps]
+        ends = [step.stop_reason for step in self.record.steps]
         if quality is Quality.INFEASIBLE and best.converged and StopReason.INFEASIBLE in ends:
             return StopReason.INFEASIBLE
         return best.stop_reason
@@ -318,20 +322,19 @@ class _Procedure(Runner):
     def _explanations(self, best: Iterate) -> list[str]:
         """What may be the cause of a failure, beside what is not met."""
         said, quality = [], best.quality(self.settings.tolerances)
-        if best.diverged and self.found.unbounded is None and (growing := growing_variables(self.values, GROWING)):
+        if best.diverged and self.record.unbounded is None and (growing := growing_variables(self.values, GROWING)):
             said.append(f"What grows: {growing}.")
         said += remarks_on_phases_with_pairs(self.model) if quality is Quality.INFEASIBLE else []
         if self.has_linear_rows and quality is Quality.OPTIMAL:
             said.append(MIXED_INTEGER_PROGRAM)
         # A run that reached its limit of iterations is a sign of them, even where another one found a solution.
-        stalled = any(step.stop_reason is StopReason.ITERATION_LIMIT for step in self.log.steps)
+        stalled = any(step.stop_reason is StopReason.ITERATION_LIMIT for step in self.record.steps)
         if (stalled or quality is not Quality.OPTIMAL) and not best.stop_reason.is_final:
             said += [f"{finding.message} {finding.remedy}" for finding in form_findings(self.model)]
         return said
 
     def _violations(self) -> tuple[Violation, ...]:
-        tolerances = self.settings.tolerances
-        return worst_of_each_component([*self.check.violated(tolerances), *self.log.unmet(tolerances)])
+        return worst_of_each_component(self.record.unmet())
 
 
 def remarks_on_runs(steps: Iterable[Iterate], certificate: Certificate) -> Iterator[str]:

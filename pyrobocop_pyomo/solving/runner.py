@@ -25,23 +25,19 @@ from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint, Scales
 from pyrobocop_pyomo.programs.wrapped_programs import ScaledProgram
 
 from .curvature import direction_of_descent
-from .found_points import SAME_OBJECTIVE, FoundPoints
 from .initial_guess import InitialGuess
 from .ipopt_options import ITERATIONS_OF_ONE, NEARLY_THERE, IpoptOptions, inexact, warm_continuation
-from .iterate_log import IterateLog, ModelCheck
 from .iterates import Iterate, Quality, StopReason
-from .polish import Exploration, Polish
+from .polish import Polish
 from .progress import Progress
+from .record import SAME_OBJECTIVE, Record
 from .session import Session
 from .settings import Settings
 from .solve_result import SolveResult
 from .starts import EXPLORED_ELEMENTS, coarser_copy, elements_of, elements_of_copy, put_start, take_values_of_copy
 from .strategies import (
     ABSOLUTE_VALUES,
-    ADAPTIVE,
     BEYOND_SADDLE,
-    COARSE_MESH,
-    CUT_SHORT,
     OTHER_OPTIMUM,
     SIMULATED,
     SOLVE,
@@ -69,7 +65,7 @@ class Continuation:
 
     Parameters
     ----------
-    state : Runner
+    runner : Runner
     place : Workplace
     session : Session
         That of the workplace, or another one of the same model.
@@ -85,19 +81,13 @@ class Continuation:
     best: Iterate
     last: Iterate
 
-    def __init__(self, state: Runner, place: Workplace, session: Session, options: IpoptOptions) -> None:
-        self._log, self._settings, self._found = state.log, state.settings, state.found
+    def __init__(self, runner: Runner, place: Workplace, session: Session, options: IpoptOptions) -> None:
+        self._record, self._deadline = runner.record, runner.settings.deadline
         self._session, self._values, self._options = session, place.values, options
         # Where multipliers decide how the relaxation goes on, all runs have to be solved to the end.
         self._exact = not place.relaxed.shifted_rows
 
-    def run(
-        self,
-        schedule: Schedule | None,
-        *,
-        label: str = "solve",
-        leads_no_further: Callable[[Iterate], bool] = lambda iterate: False,
-    ) -> Iterate:
+    def run(self, schedule: Schedule | None, label: str) -> Iterate:
         """Run the schedule from the point on the model, and return the best one, which need not be there then.
 
         Parameters
@@ -106,26 +96,24 @@ class Continuation:
             None stands for one run of a model without pairs.
         label : str
             Of the one run of a model without pairs.
-        leads_no_further : callable
-            Whether to end a shrinking schedule at a point, though it is not the last one.
         """
         if schedule is None:
-            self._take(replace(self._session.run(None, self._options.resolve(), self._settings.deadline), label=label))
+            self._take(replace(self._session.run(None, self._options.resolve(), self._deadline), label=label))
         elif isinstance(schedule, BarrierSchedule):
             self._follow(schedule)
         else:
-            self._shrink(list(schedule.steps()), leads_no_further)
+            self._shrink(list(schedule.steps()))
         return self.best
 
     def _follow(self, schedule: BarrierSchedule) -> None:
-        for iterate in self._session.follow(schedule, self._options, self._settings.deadline):
+        for iterate in self._session.follow(schedule, self._options, self._deadline):
             self._take(iterate)
         # The rows may have moved in the very last iterations; products above their final bound say so.
         final = list(schedule.steps())[-1]
         if self.last.converged and self.last.largest_product > 10 * final:
             self._run(final, self.last, {})
 
-    def _shrink(self, steps: Sequence[float], leads_no_further: Callable[[Iterate], bool]) -> None:
+    def _shrink(self, steps: Sequence[float]) -> None:
         """Solve for one delta after the other; where a step is too long, take a shorter one from the last solution."""
         wanted, shortened = list(steps)[::-1], 0
         start: Iterate | None = None
@@ -137,7 +125,7 @@ class Continuation:
             if iterate.stop_reason.is_final or (iterate.converged and iterate.largest_natural_residual <= 1e-9):
                 return
             if iterate.converged:
-                if leads_no_further(iterate):
+                if self._record.leads_no_further(iterate):
                     return
                 start = iterate
             elif start is not None and start.delta is not None and start.delta > delta and shortened < SHORTENED_STEPS:
@@ -154,15 +142,15 @@ class Continuation:
     def _run(self, delta: float, start: Iterate | None, purpose: Mapping[str, Any]) -> Iterate:
         warm = {} if start is None else warm_continuation(delta)
         options = self._options.resolve(warm, purpose)
-        return self._take(self._session.run(delta, options, self._settings.deadline, start))
+        return self._take(self._session.run(delta, options, self._deadline, start))
 
     def _take(self, iterate: Iterate) -> Iterate:
-        if iterate.stop_reason is StopReason.TIME_LIMIT and not self._settings.deadline.has_passed:
+        if iterate.stop_reason is StopReason.TIME_LIMIT and not self._deadline.has_passed:
             iterate = replace(iterate, stop_reason=StopReason.ITERATION_LIMIT)  # the user's of one run, not the solve's
         if iterate.stop_reason in (StopReason.ITERATION_LIMIT, StopReason.FAILED) and growing_variables(self._values):
             # More iterations would only take it further: Ipopt itself calls that diverging much later.
             iterate = replace(iterate, stop_reason=StopReason.DIVERGED)
-        self.last = iterate = replace(self._log.add(iterate), values=self._values.read())
+        self.last = iterate = replace(self._record.add(iterate), values=self._values.read())
         if not hasattr(self, "best") or self._is_better(iterate):
             self.best = iterate
         return iterate
@@ -171,118 +159,7 @@ class Continuation:
         """Whether it is no worse than the best; what grows without end leads nowhere, even if it is feasible."""
         if iterate.diverged != self.best.diverged:
             return self.best.diverged
-        return not self._found.is_better(self.best, iterate)
-
-
-class SolvedCopies:
-    """Copies of the model that are solved on the way, in another form or on another mesh.
-
-    Parameters
-    ----------
-    state : Runner
-        Its log has the runs of copies too, under the names of their strategies.
-    solve_copy : callable
-        ``solve_copy(copy, settings)`` solves another model.
-    """
-
-    def __init__(self, state: Runner, solve_copy: Callable[[Any, Settings], SolveResult]) -> None:
-        self._model, self._values, self._settings = state.model, state.values, state.settings
-        self._log, self._found, self._started, self._solve_copy = state.log, state.found, state.started, solve_copy
-
-    def start_on_fewer_elements(self) -> bool:
-        """Solve a copy with fewer elements; its answer is put on the model, as a start. False where there is none."""
-        copy = coarser_copy(self._model)
-        result = None if copy is None else self._answer(copy, COARSE_MESH, (SOLVE, ADAPTIVE))
-        if result is None or result.quality is Quality.INFEASIBLE or self._found.cut is not None:
-            return False
-        take_values_of_copy(self._model, copy)
-        return True
-
-    def has_fewer_elements(self) -> bool:
-        """Whether other starts are tried on fewer elements: where these are enough to tell optima of the problem."""
-        return bool(elements_of_copy(self._model, EXPLORED_ELEMENTS))
-
-    def start_at_other_optimum(self, work: float) -> bool:
-        """Try other starts on a copy with fewer elements; where they lead to a better answer, put it on the model.
-
-        The copy is solved from the answer on the model first: fewer elements may flatter the objective.
-
-        Parameters
-        ----------
-        work : float
-            Iterations that it may take, of the model's size.
-
-        Returns
-        -------
-        bool
-            Whether there is a better answer. False where less time is left than has passed.
-        """
-        left = self._settings.deadline.left
-        # Making a copy is not cut off. There is an answer already: its solve tells what another one would take.
-        if left is not None and left < time.perf_counter() - self._started:
-            return False
-        copy = coarser_copy(self._model, EXPLORED_ELEMENTS)
-        if copy is None:
-            return False
-        share = elements_of(copy) / elements_of(self._model)
-        result = self._answer(copy, OTHER_OPTIMUM, None, exploration=None, explored_work=work / share)
-        if result is None or self._found.cut is not None:
-            return False
-        first = result.steps[0]
-        gain = abs(first.objective - result.objective) > SAME_OBJECTIVE * max(1.0, abs(first.objective))
-        # Of two solutions the copy has kept the better one.
-        if result.quality is not Quality.OPTIMAL or result.best.number == 0 or not (gain or not first.converged):
-            return False
-        take_values_of_copy(self._model, copy)
-        return True
-
-    def with_absolute_values_split(self) -> Iterate | None:
-        """Solve a copy with its absolute values in two parts; its answer is one of the model, and is checked there.
-
-        Returns
-        -------
-        Iterate or None
-            None where there are no absolute values, or the model is part of another one.
-        """
-        if self._model.model() is not self._model or not any(absolute_values_in(self._model)):
-            return None
-        split = TransformationFactory("pyrobocop.absolute_values_to_complementarity")
-        copy = split.create_using(self._model)
-        result = self._answer(copy, ABSOLUTE_VALUES, None)
-        if result is None:
-            return None
-        take_values_of_copy(self._model, copy)
-        best = replace(
-            result.best,
-            label=ABSOLUTE_VALUES.name,
-            strategy=ABSOLUTE_VALUES.name,
-            number=len(self._log.steps) - len(result.steps) + result.best.number,
-            delta=None,
-            values=self._values.read(),
-            load_suffixes=lambda: _take_suffixes(self._model, copy),
-        )
-        if not self._log.pairs and best.certificate is Certificate.PROVEN:
-            best = replace(best, certificate=Certificate.UNKNOWN)  # which is of pairs, and the model has none
-        best = self._log.checked(best)
-        self._settings.progress.line(best.line(pairs=bool(self._log.pairs)))
-        return best
-
-    def _answer(
-        self, copy: Any, strategy: Strategy, strategies: tuple[Strategy, ...] | None, **changes: Any
-    ) -> SolveResult | None:
-        """Solve a copy, and log its runs as those of a strategy; None where it cannot be solved at all."""
-        options = self._settings.options.with_default({"max_iter": ITERATIONS_OF_ONE})
-        settings = replace(self._settings, options=options, strategies=strategies, progress=Progress(False), **changes)
-        try:
-            result = self._solve_copy(copy, settings)
-        except PyRobocopError as error:
-            logger.info("'%s': no answer of the copy for '%s': %s", self._model.name, strategy.name, error)
-            return None
-        for step in result.steps:
-            self._log.steps.append(replace(step, label=strategy.name, number=len(self._log.steps)))
-        if result.stop_reason.is_final:
-            self._found.cut = result.stop_reason
-        return result
+        return not self._record.is_better(self.best, iterate)
 
 
 def _take_suffixes(model: Any, copy: Any) -> None:
@@ -306,34 +183,29 @@ class Runner:
 
     Attributes
     ----------
-    started : float
-        On the clock `time.perf_counter`.
-    check : ModelCheck
     has_pairs : bool
         Whether the user has stated any.
-    log : IterateLog
+    record : Record
     values : VariableValues
         The user's free variables.
     guess : InitialGuess
-    found : FoundPoints
     places : Workplaces
-    exploration : Exploration
     has_linear_rows : bool or None
         Whether all rows are linear but for the pairs; None before the first polish, which looks.
+    tried : set of str
+        Names of the strategies that have run.
     """
 
     def __init__(self, model: Any, settings: Settings, solve_copy: Callable[[Any, Settings], SolveResult]) -> None:
-        self.model, self.settings, self.started = model, settings, time.perf_counter()
-        self.check = ModelCheck(model)
+        self.model, self.settings = model, settings
+        self.record = Record(model, settings)
         self.has_pairs = bool(active_sources(model) or pairs_of(model))
-        self.log = IterateLog(self.check, settings.progress)
         self.values = VariableValues.of_free(model)
         self.guess = InitialGuess(model, self.values)
-        self.found = FoundPoints(settings, self.check.sign)
         self.places = Workplaces(model, settings, self.guess)
-        self.exploration = Exploration(settings.exploration, self.started, settings.explored_work)
         self.has_linear_rows: bool | None = None
-        self._copies = SolvedCopies(self, solve_copy)
+        self.tried: set[str] = set()
+        self._solve_copy = solve_copy
 
     def run(self, strategy: Strategy) -> Iterate | None:
         """Run a strategy, from elsewhere where it cannot begin at the initial guess.
@@ -343,12 +215,11 @@ class Runner:
         Iterate or None
             None where the strategy has nothing to work on here.
         """
-        explores = not self.has_pairs and self.found.is_certified(self.found.best)
         try:
             iterate = self._run_here(strategy)
         except EvaluationError as error:
             return self._without_derivatives(strategy, str(error))
-        if iterate is None or iterate.converged or explores:
+        if iterate is None or iterate.converged:
             return iterate
         # The executable does not say why it could not begin.
         if iterate.iterations == 0 and not iterate.stop_reason.is_final and self.guess.move():
@@ -358,7 +229,7 @@ class Runner:
 
     def keep(self, iterate: Iterate) -> None:
         """Remember what was found, and where a function had no value on the way."""
-        self.found.keep(iterate)
+        self.record.keep(iterate)
         if self.places.place is not None:
             self.guess.note(iterate, self.places.place.session)
 
@@ -367,26 +238,26 @@ class Runner:
 
         They go through relaxed points, and an interior-point method leaves a start that lies on bounds.
         """
-        place, best = self.places.place, self.found.best
-        if place is None or not place.relaxed.pairs or best is None or self.found.are_cut():
+        place, best = self.places.place, self.record.best
+        if place is None or not place.relaxed.pairs or best is None or self.record.is_cut():
             return
         if place.relaxed.crossed:
             return  # products of sides of different pairs are more than the pairs say
         place.values.write(place.start)
         place.relaxed.start_lifted()
-        start = self.log.checked(Iterate(START, strategy=START, stop_reason=StopReason.ITERATION_LIMIT))
+        start = self.record.checked(Iterate(START, strategy=START, stop_reason=StopReason.ITERATION_LIMIT))
         tolerances = self.settings.tolerances
         is_met = start.excess(tolerances) <= 1.0 and start.is_exact(tolerances)
-        if not is_met or not self.found.is_better(start, best):
+        if not is_met or not self.record.is_better(start, best):
             return
-        start = replace(self.log.add(start), values=self.values.read())
+        start = replace(self.record.add(start), values=self.values.read())
         polished, _ = self._polished(place, start, lambda compiled: PrimalDualPoint(compiled.current_point()))
         self.keep(polished)
 
     def explore(self) -> None:
         """Look for better optima beyond the best point, if that is certified and there is time for it."""
-        best, place = self.found.best, self.places.place
-        if place is None or best is None or self.found.cut is not None or best.certificate is not Certificate.PROVEN:
+        best, place = self.record.best, self.places.place
+        if place is None or best is None or self.record.cut is not None or best.certificate is not Certificate.PROVEN:
             return
         try:
             polish, _ = self._polish(place)
@@ -399,13 +270,13 @@ class Runner:
             if explored is not best:
                 self.keep(explored)
         except KeyboardInterrupt:
-            self.found.cut = StopReason.INTERRUPTED
+            self.record.cut = StopReason.INTERRUPTED
         except EvaluationError as error:
             logger.info("exploration ends: %s", error)
 
     def _run_here(self, strategy: Strategy) -> Iterate | None:
         place = self.places.move_to(strategy)
-        self.log.check_pairs(place.relaxed.pairs)
+        self.record.check_pairs(place.relaxed.pairs)
         if not place.relaxed.pairs:
             # The presolve may have settled all of them: then strategies for pairs are one solve.
             return self._run_without_pairs(place, SOLVE if self.has_pairs else strategy)
@@ -421,32 +292,32 @@ class Runner:
     def _without_derivatives(self, strategy: Strategy, why: str) -> Iterate | None:
         """The user's point itself, where there is no other one."""
         logger.info("'%s': strategy '%s': %s", self.model.name, strategy.name, why)
-        if self.found.best is not None:
+        if self.record.best is not None:
             return None
         self.guess.write()
-        run = self.log.add(Iterate.of_run("no derivatives", IpoptStatus.INVALID_NUMBER))
+        run = self.record.add(Iterate.of_run("no derivatives", IpoptStatus.INVALID_NUMBER))
         return replace(run, strategy=strategy.name, values=self.guess.values)
 
     def _run_without_pairs(self, place: Workplace, strategy: Strategy) -> Iterate | None:
         """Run a strategy, and go on from where it ends at a saddle; None where it has no start, or no program."""
         if strategy.start is StartingPoint.ABSOLUTE_VALUES:
             place.values.write(place.start)
-            return self._copies.with_absolute_values_split()
+            return self.with_absolute_values_split()
         iterate = self._run_from_start(place, strategy)
         return None if iterate is None else self._beyond_saddles(place, iterate)
 
     def _beyond_saddles(self, place: Workplace, iterate: Iterate) -> Iterate:
         """The point on the model, or a better one that runs lead to from it where it is stationary and no minimum."""
-        known = self.found.best
-        if known is not None and not self.found.is_better(iterate, known):
+        known = self.record.best
+        if known is not None and not self.record.is_better(iterate, known):
             return iterate  # whatever it is
         starts = self._starts_beyond(place, iterate)
         if not starts:
             return iterate
         saddle = replace(iterate, certificate=Certificate.DESCENT)
-        if known is not None and not self.found.is_better(saddle, known):
+        if known is not None and not self.record.is_better(saddle, known):
             return saddle
-        if not self.found.is_certified(known):
+        if not self.record.is_certified(known):
             self.keep(saddle)
         for start in starts:
             place.values.write(start)
@@ -455,13 +326,13 @@ class Runner:
             except EvaluationError:
                 continue
             lower = self._beyond_saddles(place, lower)
-            if lower.stop_reason.is_final or self.found.is_better(lower, saddle):
+            if lower.stop_reason.is_final or self.record.is_better(lower, saddle):
                 return lower
         return saddle
 
     def _starts_beyond(self, place: Workplace, iterate: Iterate) -> list[Values]:
         """Starts on both sides of the point on the model, if it is stationary and no minimum; otherwise none."""
-        compiled = place.session.compiled() if self.found.is_certified(iterate) else None
+        compiled = place.session.compiled() if self.record.is_certified(iterate) else None
         if compiled is None:
             return []
         nlp, point, scaling = compiled.nlp, place.session.primal_dual(iterate, compiled), place.session.scaling
@@ -480,7 +351,7 @@ class Runner:
         return starts
 
     def _run_from_start(self, place: Workplace, strategy: Strategy) -> Iterate | None:
-        if strategy.name != SOLVE.name and strategy.start is not StartingPoint.REACHED:
+        if strategy.start is not StartingPoint.REACHED:
             place.values.write(place.start)
             if not self._put_start(place, strategy):
                 return None
@@ -488,7 +359,7 @@ class Runner:
             return self._run_elastic(place, strategy)
         if strategy.name == SOLVE.name and self.settings.strategies is None and self.settings.second_tries:
             simulated = self._run_simulated_first(place)
-            if simulated is not None and (self.found.is_certified(simulated) or simulated.stop_reason.is_final):
+            if simulated is not None and (self.record.is_certified(simulated) or simulated.stop_reason.is_final):
                 return simulated
             if simulated is not None:
                 self.keep(simulated)
@@ -501,20 +372,19 @@ class Runner:
         if not dependent or not put_start(self.model, SIMULATED):
             return None
         logger.info("'%s': %d equations are dependent at the initial guess", self.model.name, dependent)
-        strategy = replace(SIMULATED, options={"max_iter": ITERATIONS_OF_ONE, **SIMULATED.options})
-        return self._run_polished(place, strategy, SIMULATED.name)
+        self.tried.add(SIMULATED.name)
+        return self._run_polished(place, replace(SIMULATED, options={"max_iter": ITERATIONS_OF_ONE}), SIMULATED.name)
 
     def _put_start(self, place: Workplace, strategy: Strategy) -> bool:
-        if strategy.start is StartingPoint.COARSE_MESH:
-            return self._copies.start_on_fewer_elements()
         if strategy.start not in (StartingPoint.BEST, StartingPoint.MIRRORED, StartingPoint.OTHER_OPTIMUM):
             return put_start(self.model, strategy)
-        best = self.found.best
+        best = self.record.best
         if best is None or best.values is None:
             return False
         place.values.write(best.values)
         if strategy.start is StartingPoint.OTHER_OPTIMUM:
-            return self._copies.start_at_other_optimum(self.exploration.work_within(0, self.log.iterations))
+            work = self.record.exploration.work_within(0, self.record.iterations)
+            return self.start_at_other_optimum(work)
         return strategy.start is StartingPoint.BEST or put_start(self.model, strategy)
 
     def _run_elastic(self, place: Workplace, strategy: Strategy) -> Iterate | None:
@@ -522,11 +392,11 @@ class Runner:
         session = place.session.with_elastic_rows(PENALTY)
         if session is None:
             return None
-        elastic = self._continuation(place, strategy, session).run(None, label=strategy.name)
+        elastic = self._continuation(place, strategy, session).run(None, strategy.name)
         if not elastic.excess(self.settings.tolerances) <= 1.0 and elastic.converged:
             elastic = replace(elastic, stop_reason=StopReason.INFEASIBLE)
         iterate = replace(elastic, strategy=strategy.name)
-        if self.found.is_certified(iterate) or iterate.stop_reason.is_final:
+        if self.record.is_certified(iterate) or iterate.stop_reason.is_final:
             return iterate
         self.keep(iterate)
         on = replace(strategy, options={**NEARLY_THERE, **strategy.options})
@@ -534,9 +404,9 @@ class Runner:
 
     def _run_polished(self, place: Workplace, strategy: Strategy, label: str = "solve") -> Iterate:
         """Run the strategy's schedule and polish the best point of it."""
-        found, continuation = self.found, self._continuation(place, strategy)
-        relaxed = continuation.run(strategy.schedule, label=label, leads_no_further=found.leads_no_further)
-        if found.leads_no_further(continuation.last):
+        continuation = self._continuation(place, strategy)
+        relaxed = continuation.run(strategy.schedule if place.relaxed.pairs else None, label)
+        if self.record.leads_no_further(continuation.last):
             place.values.write(relaxed.values)
             return replace(relaxed, strategy=strategy.name, values=self.values.read())
         return self._improved(place, strategy, relaxed, continuation)
@@ -552,10 +422,10 @@ class Runner:
         if relaxed.diverged:
             return iterate
         if continuation.last.stop_reason.is_final:
-            self.found.cut = continuation.last.stop_reason
+            self.record.cut = continuation.last.stop_reason
             return iterate
         improved, diverged = self._polished(place, iterate, partial(place.session.primal_dual, relaxed))
-        if diverged and not self.found.is_certified(improved):
+        if diverged and not self.record.is_certified(improved):
             return replace(improved, stop_reason=StopReason.DIVERGED)  # it was on the same way
         return improved
 
@@ -592,19 +462,99 @@ class Runner:
         if compiled is None:
             return None, None
         settings = replace(self.settings, options=place.options(self.settings))
-        return Polish(settings, place.relaxed, compiled, self.log, self.values, self.exploration), compiled
+        return Polish(settings, place.relaxed, compiled, self.record, self.values), compiled
 
     def _note_end(self, polish: Polish) -> None:
         if self.has_linear_rows is None:
             self.has_linear_rows = polish.has_linear_rows
         for diverged in polish.diverged:
-            self.found.note_diverged(diverged)
+            self.record.note_diverged(diverged)
         if polish.interrupted:
-            self.found.cut = StopReason.INTERRUPTED
+            self.record.cut = StopReason.INTERRUPTED
 
     def _options(self, place: Workplace, strategy: Strategy) -> IpoptOptions:
-        options: Mapping[str, Any] = strategy.options
-        others_follow = bool(place.relaxed.pairs) or (self.settings.second_tries and not self.has_pairs)
-        if self.settings.strategies is None and others_follow and strategy in CUT_SHORT:
-            options = {"max_iter": ITERATIONS_OF_ONE, **options}
-        return place.options(self.settings).with_strategy(options, strategy.most_iterations)
+        return place.options(self.settings).with_strategy(strategy.options, strategy.most_iterations)
+
+    def has_fewer_elements(self) -> bool:
+        """Whether other starts are tried on fewer elements: where these are enough to tell optima of the problem."""
+        return bool(elements_of_copy(self.model, EXPLORED_ELEMENTS))
+
+    def start_at_other_optimum(self, work: float) -> bool:
+        """Try other starts on a copy with fewer elements; where they lead to a better answer, put it on the model.
+
+        The copy is solved from the answer on the model first: fewer elements may flatter the objective.
+
+        Parameters
+        ----------
+        work : float
+            Iterations that it may take, of the model's size.
+
+        Returns
+        -------
+        bool
+            Whether there is a better answer. False where less time is left than has passed.
+        """
+        left = self.settings.deadline.left
+        # Making a copy is not cut off. There is an answer already: its solve tells what another one would take.
+        if left is not None and left < time.perf_counter() - self.record.exploration.started:
+            return False
+        copy = coarser_copy(self.model, EXPLORED_ELEMENTS)
+        if copy is None:
+            return False
+        share = elements_of(copy) / elements_of(self.model)
+        result = self._answer(copy, OTHER_OPTIMUM, exploration=None, explored_work=work / share)
+        if result is None or self.record.cut is not None:
+            return False
+        first = result.steps[0]
+        gain = abs(first.objective - result.objective) > SAME_OBJECTIVE * max(1.0, abs(first.objective))
+        # Of two solutions the copy has kept the better one.
+        if result.quality is not Quality.OPTIMAL or result.best.number == 0 or not (gain or not first.converged):
+            return False
+        take_values_of_copy(self.model, copy)
+        return True
+
+    def with_absolute_values_split(self) -> Iterate | None:
+        """Solve a copy with its absolute values in two parts; its answer is one of the model, and is checked there.
+
+        Returns
+        -------
+        Iterate or None
+            None where there are no absolute values, or the model is part of another one.
+        """
+        if self.model.model() is not self.model or not any(absolute_values_in(self.model)):
+            return None
+        split = TransformationFactory("pyrobocop.absolute_values_to_complementarity")
+        copy = split.create_using(self.model)
+        result = self._answer(copy, ABSOLUTE_VALUES)
+        if result is None:
+            return None
+        take_values_of_copy(self.model, copy)
+        best = replace(
+            result.best,
+            label=ABSOLUTE_VALUES.name,
+            strategy=ABSOLUTE_VALUES.name,
+            number=len(self.record.steps) - len(result.steps) + result.best.number,
+            delta=None,
+            values=self.values.read(),
+            load_suffixes=lambda: _take_suffixes(self.model, copy),
+        )
+        if not self.record.pairs and best.certificate is Certificate.PROVEN:
+            best = replace(best, certificate=Certificate.UNKNOWN)  # which is of pairs, and the model has none
+        best = self.record.checked(best)
+        self.settings.progress.line(best.line(pairs=bool(self.record.pairs)))
+        return best
+
+    def _answer(self, copy: Any, strategy: Strategy, **changes: Any) -> SolveResult | None:
+        """Solve a copy, and log its runs as those of a strategy; None where it cannot be solved at all."""
+        options = self.settings.options.with_default({"max_iter": ITERATIONS_OF_ONE})
+        settings = replace(self.settings, options=options, strategies=None, progress=Progress(False), **changes)
+        try:
+            result = self._solve_copy(copy, settings)
+        except PyRobocopError as error:
+            logger.info("'%s': no answer of the copy for '%s': %s", self.model.name, strategy.name, error)
+            return None
+        for step in result.steps:
+            self.record.steps.append(replace(step, label=strategy.name, number=len(self.record.steps)))
+        if result.stop_reason.is_final:
+            self.record.cut = result.stop_reason
+        return result

@@ -145,11 +145,9 @@ def put_start(model: Any, strategy: Strategy) -> bool:
         False where there is no such start, or it is the initial guess.
     """
     start = strategy.start
-    if start is StartingPoint.RANDOM:
+    if start is StartingPoint.RANDOM_START:
         RandomStarts(model, 0, {None: 1.0}).put(strategy.draw)  # the same starts where a solve is repeated
         return True
-    if start is StartingPoint.INSIDE_BOUNDS:
-        return _put_inside_bounds(model)
     if start is StartingPoint.INITIAL_GUESS:
         return True
     if is_renamed(model):
@@ -320,16 +318,3 @@ def _simulate(model: Any) -> bool:
     if not simulated:
         before.restore()
     return simulated
-
-
-def _put_inside_bounds(model: Any) -> bool:
-    """Each variable to the middle of its bounds, or inside the one that it has; returns whether any value changed."""
-    before = VariableValues.of_free(model)
-    for variable in before.variables:
-        lower, upper = variable.bounds
-        if lower is not None and upper is not None:
-            variable.set_value(0.5 * (lower + upper), skip_validation=True)
-        elif variable.value in (None, within_bounds(0.0, variable)) and (lower, upper) != (None, None):
-            inside = lower + max(1.0, abs(lower)) if upper is None else upper - max(1.0, abs(upper))
-            variable.set_value(inside, skip_validation=True)
-    return before.read() != before.taken

@@ -12,7 +12,6 @@ from pyrobocop_pyomo.errors import EvaluationError, FunctionError, ModelError
 from pyrobocop_pyomo.ipopt.backends import Backend
 from pyrobocop_pyomo.modeling.variable_values import Values, VariableValues
 
-from .automatic_scaling import ScalingRecord
 from .executable_session import ExecutableSession
 from .in_process_session import InProcessSession
 from .initial_guess import InitialGuess
@@ -65,10 +64,8 @@ class Workplaces:
     ----------
     place : Workplace or None
         The one that is open.
-    decided_pairs : int
-        How many pairs the presolve has settled.
-    solver, derivatives : str
-        Of the last session.
+    last : Workplace or None
+        The last that was, also after it is closed.
     """
 
     def __init__(self, model: Any, settings: Settings, guess: InitialGuess) -> None:
@@ -76,21 +73,13 @@ class Workplaces:
         self._backends = [settings.backend, *settings.fallbacks]
         self._stack = contextlib.ExitStack()
         self.place: Workplace | None = None
-        self.decided_pairs = 0
-        self.solver = self.derivatives = ""
-        self._session: Session | None = None
+        self.last: Workplace | None = None
 
     def __enter__(self) -> Workplaces:
         return self
 
     def __exit__(self, *exception: object) -> None:
         self._stack.close()
-
-    @property
-    def scaling(self) -> ScalingRecord | None:
-        """What the last run was divided by."""
-        scaling = None if self._session is None else self._session.scaling
-        return None if scaling is None else scaling.record
 
     @property
     def pairs(self) -> int:
@@ -112,16 +101,14 @@ class Workplaces:
         self.place = None
         self._stack.close()
         self._guess.write_start()
-        self.place = self._stack.enter_context(self._opened(relaxation, strategy))
+        self.place = self.last = self._stack.enter_context(self._opened(relaxation, strategy))
         return self.place
 
     @contextlib.contextmanager
     def _opened(self, relaxation: Any, strategy: Strategy) -> Iterator[Workplace]:
         delta = 1e-2 if strategy.schedule is None else next(iter(strategy.schedule.steps()))
         with relaxed_model(self._model, relaxation, self._settings.grouping, delta) as relaxed:
-            self.decided_pairs = len(relaxed.decided)
-            session = self._session = self._open_session(relaxed)
-            self.solver, self.derivatives = session.solver, session.derivatives
+            session = self._open_session(relaxed)
             values = VariableValues.of_free(self._model)
             try:
                 yield Workplace(relaxation, relaxed, session, values, values.read())

@@ -34,8 +34,8 @@ from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 from pyrobocop_pyomo.programs.wrapped_programs import WrappedProgram
-from pyrobocop_pyomo.solving.iterate_log import ModelCheck
 from pyrobocop_pyomo.solving.iterates import Quality
+from pyrobocop_pyomo.solving.model_check import ModelCheck
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 
 from .named_data import by_component, fixed_members, named

@@ -22,7 +22,7 @@ from known_mpccs import mpcc_problem
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.mpcc.active_set import Certificate
-from pyrobocop_pyomo.solving.polish import EXPLORED_SECONDS
+from pyrobocop_pyomo.solving.record import EXPLORED_SECONDS
 
 pytestmark = pytest.mark.casadi
 

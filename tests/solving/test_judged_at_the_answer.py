@@ -19,7 +19,7 @@ from pyrobocop_pyomo.programs.row_values import RowTerms
 from pyrobocop_pyomo.programs.stationarity import stationarity
 from pyrobocop_pyomo.programs.wrapped_programs import ScaledProgram
 from pyrobocop_pyomo.solving.automatic_scaling import variable_sizes
-from pyrobocop_pyomo.solving.iterate_log import ModelCheck
+from pyrobocop_pyomo.solving.model_check import ModelCheck
 
 POWERS = st.integers(-12, 12)
 

@@ -17,7 +17,7 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.solving import procedure
 from pyrobocop_pyomo.solving.iterates import StopReason
-from pyrobocop_pyomo.solving.strategies import BARRIER, BARRIER_TO_THE_END, DEFAULT_SEQUENCE, StartingPoint
+from pyrobocop_pyomo.solving.strategies import BARRIER, STRATEGIES, StartingPoint
 
 pytestmark = pytest.mark.casadi
 
@@ -99,7 +99,7 @@ def test_ctrl_c_on_another_way_keeps_the_certified_point(monkeypatch: pytest.Mon
 
 def test_a_strategy_that_is_cut_short_leaves_the_solve_to_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     short = replace(BARRIER, most_iterations=3)
-    monkeypatch.setattr(procedure, "DEFAULT_SEQUENCE", (short, *DEFAULT_SEQUENCE[1:]))
+    monkeypatch.setattr(procedure, "STRATEGIES", (short, *STRATEGIES[1:]))
     model = made("traffic", 100)
     check, result = PointCheck(model), solve(model, strategies=rcp.Strategy(exploration=0))
     assert result.solved
@@ -109,7 +109,7 @@ def test_a_strategy_that_is_cut_short_leaves_the_solve_to_the_others(monkeypatch
 
 def test_what_nothing_else_solved_is_taken_up_again(monkeypatch: pytest.MonkeyPatch) -> None:
     short = replace(BARRIER, most_iterations=3)
-    monkeypatch.setattr(procedure, "DEFAULT_SEQUENCE", (short, BARRIER_TO_THE_END))
+    monkeypatch.setattr(procedure, "STRATEGIES", (short,))
     model = made("traffic", 101)
     check, result = PointCheck(model), solve(model, strategies=rcp.Strategy(exploration=0))
     assert result.strategy == "barrier to the end"
@@ -204,7 +204,7 @@ def test_a_way_down_that_ends_at_a_worse_point_goes_back_to_the_start() -> None:
     solve(m)
     known = pyo.value(m.cost)
     fixed, cut = rcp.relaxations.Fixed(1e-8), {"max_iter": 3}
-    away = rcp.Strategy("away", fixed, start=StartingPoint.RANDOM, draw=1, options=cut, exploration=0)
+    away = rcp.Strategy("away", fixed, start=StartingPoint.RANDOM_START, draw=1, options=cut, exploration=0)
     result = solve(m, strategies=away)
     assert result.strategy == "initial guess"
     assert result.solved

@@ -7,7 +7,7 @@ import pytest
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
-from pyrobocop_pyomo.solving import runner
+from pyrobocop_pyomo.solving import procedure, runner
 from pyrobocop_pyomo.solving.curvature import direction_of_descent
 
 pytestmark = pytest.mark.casadi
@@ -59,7 +59,7 @@ def test_a_saddle_is_left_whatever_the_sense_and_the_scaling(sense, options):
 
 @pytest.mark.executable
 def test_a_saddle_is_left_by_the_executable(monkeypatch):
-    monkeypatch.setattr(runner, "ITERATIONS_OF_ONE", 3000)  # so many come to rest on it
+    monkeypatch.setattr(procedure, "ITERATIONS_OF_ONE", 3000)  # so many come to rest on it
     m = saddle()
     result = rcp.solve(m, backend="executable")
     assert result.solved

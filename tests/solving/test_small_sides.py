@@ -11,8 +11,8 @@ from pyomo.mpec import Complementarity, complements
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.mpcc.active_set import Certificate
-from pyrobocop_pyomo.solving.iterate_log import SideSizes
 from pyrobocop_pyomo.solving.iterates import Iterate, Quality, Tolerances
+from pyrobocop_pyomo.solving.model_check import SideSizes
 
 pytestmark = pytest.mark.ipopt
 

@@ -29,7 +29,7 @@ from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.solving import PersistentNLP, runner
 from pyrobocop_pyomo.solving.procedure import solve_model
-from pyrobocop_pyomo.solving.runner import Runner, SolvedCopies
+from pyrobocop_pyomo.solving.runner import Runner
 from pyrobocop_pyomo.solving.settings import Settings
 
 pytestmark = pytest.mark.casadi
@@ -112,8 +112,8 @@ def test_no_copy_is_made_where_less_time_is_left_than_the_answer_took(monkeypatc
     settings = Settings("scholtes", "pair", Backend.IN_PROCESS_VECTORISED, deadline=Deadline.after(5.0))
     state = Runner(crossed_pairs(1), settings, solve_model)
     for passed in (1.0, 10.0):
-        state.started = time.perf_counter() - passed
-        assert not SolvedCopies(state, solve_model).start_at_other_optimum(100.0)
+        state.record.exploration.started = time.perf_counter() - passed
+        assert not state.start_at_other_optimum(100.0)
     assert len(made) == 1
 
 

@@ -18,7 +18,7 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.contrib.vehicles.recognised_car import _axle, recognised_car
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE
 from pyrobocop_pyomo.planning.recovery import Recovery
-from pyrobocop_pyomo.solving.second_tries import SIDE_ITERATIONS
+from pyrobocop_pyomo.solving.ipopt_options import SIDE_ITERATIONS
 
 from .car_scenes import CAR, REVERSE, START, WHEELBASE
 

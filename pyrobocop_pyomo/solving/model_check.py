@@ -1,11 +1,8 @@
-"""How good a point is, by the user's own expressions, and the log of all points that runs ended at."""
+"""How good a point is, by the user's own expressions, and of what size the sides of its pairs are."""
 
 from __future__ import annotations
 
-import logging
-import time
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,19 +12,16 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
 
-from pyrobocop_pyomo.complementarity import CanonicalPair, PairResidual, active_sources, canonical_form
-from pyrobocop_pyomo.complementarity.residuals import part_of_side
+from pyrobocop_pyomo.complementarity import CanonicalPair, active_sources, canonical_form
 from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan, relation_violation
 from pyrobocop_pyomo.modeling.rows_by_rule import bounds_of, content_of, follows_rule, rows_by_component
 from pyrobocop_pyomo.numerics.rounding import ROUNDING
 from pyrobocop_pyomo.programs.row_values import RowTerms, RowValues, SumValue, VariableBounds
 
-from .iterates import Iterate, Tolerances
-from .progress import Progress
-from .violations import Violation, violations_of_pairs, violations_of_rows
-
-logger = logging.getLogger(__name__)
+from .ipopt_options import IPOPT_TOLERANCE
+from .iterates import Tolerances
+from .violations import Violation, violations_of_rows
 
 
 class ModelCheck:
@@ -126,8 +120,6 @@ class ModelCheck:
 
 # Below, a side is zero and not small: what a relaxation leaves of it.
 SMALLEST_SIZE = 1e-6
-# Runs with the smallest parameters leave less than this of zero.
-_LEFT_OF_ZERO = 1e-8
 
 
 class SideSizes:
@@ -167,9 +159,10 @@ class SideSizes:
             Of the smaller side, relative to its size.
         """
         sizes = self._largest(sides)
-        small = (sizes > _LEFT_OF_ZERO) & (sizes < SMALLEST_SIZE)
+        # Runs with the smallest parameters leave less than Ipopt's tolerance of zero.
+        small = (sizes > IPOPT_TOLERANCE) & (sizes < SMALLEST_SIZE)
         # What bounds keep as small as that is small all the same, as a force is in units of large masses.
-        for place, side in np.argwhere(sizes <= _LEFT_OF_ZERO).tolist():
+        for place, side in np.argwhere(sizes <= IPOPT_TOLERANCE).tolist():
             pair = self._pairs[place]
             _, most = ExpressionBounds(use_fixed_var_values_as_bounds=True).walk_expression((pair.a, pair.b)[side])
             if 0.0 < most < SMALLEST_SIZE:
@@ -189,116 +182,3 @@ def _first_middle_and_last(rows: Sequence[Any]) -> dict[int, Any]:
     """Bodies of three rows of each component, of those that follow a rule, by their positions."""
     positions = [of[i] for of in rows_by_component(rows) for i in {0, len(of) // 2, len(of) - 1}]
     return {k: content_of(rows[k]) for k in positions}
-
-
-class IterateLog:
-    """Checks the point on the model after each run and keeps the record.
-
-    Parameters
-    ----------
-    check : ModelCheck
-    progress : Progress
-
-    Attributes
-    ----------
-    pairs : sequence of CanonicalPair
-        To be checked.
-    steps : list of Iterate
-        Without values and multipliers.
-    seconds : float
-        Elapsed in checking.
-    """
-
-    def __init__(self, check: ModelCheck, progress: Progress) -> None:
-        self._check, self._progress = check, progress
-        self.pairs: Sequence[CanonicalPair] = ()
-        self._sizes = SideSizes((), np.empty((0, 2)))
-        self._side_values: RowValues | None = None
-        self.steps: list[Iterate] = []
-        self.seconds = 0.0
-
-    @property
-    def iterations(self) -> int:
-        """Those of Ipopt, in all runs so far."""
-        return sum(step.iterations for step in self.steps)
-
-    def check_pairs(self, pairs: Sequence[CanonicalPair]) -> None:
-        """Take the pairs that are to be checked from now on; their start is on the model."""
-        known = len(self.pairs) == len(pairs)  # again, by another relaxation
-        if pairs is not self.pairs:
-            self.pairs, self._side_values = pairs, None
-        if not known:
-            self._sizes = SideSizes(pairs, self._sides())
-
-    def add(self, iterate: Iterate, *, exact: bool = False) -> Iterate:
-        """Check the point on the model, and log the run that ended there.
-
-        Parameters
-        ----------
-        iterate : Iterate
-            Not checked yet.
-        exact : bool
-            Whether one side of each pair was held at zero, whatever rounding leaves of it.
-        """
-        iterate = replace(self.checked(iterate, exact=exact), number=len(self.steps))
-        self.steps.append(iterate.record())
-        line = iterate.line(pairs=bool(self.pairs))
-        self._progress.line(line)
-        logger.info("%s", line)
-        return iterate
-
-    def checked(self, iterate: Iterate, *, exact: bool = False) -> Iterate:
-        """The iterate with the residuals of the point on the model; see `add`."""
-        started = time.perf_counter()
-        sides = self._sides()
-        violation, relative = self._check.violations()
-        if np.isnan(sides).any():  # an expression without a value is infinitely far from what is required of it
-            sides = np.full_like(sides, -np.inf)
-        least_side = float(-sides.min(initial=0.0))
-        checked = replace(
-            iterate,
-            objective=self._check.objective(),
-            constraint_violation=max(violation, least_side),
-            relative_violation=max(relative, least_side),
-            largest_product=_largest_product(sides),
-            largest_natural_residual=_largest_natural_residual(sides),
-        )
-        if not exact:
-            relative_sides = sides / self._sizes.at(sides)
-            checked = replace(
-                checked,
-                relative_product=_largest_product(relative_sides),
-                relative_natural_residual=_largest_natural_residual(relative_sides),
-            )
-        self.seconds += time.perf_counter() - started
-        return checked
-
-    def _sides(self) -> NDArray[np.float64]:
-        """Values of both sides of each pair, shape (pairs, 2)."""
-        pairs = self.pairs
-        if self._side_values is None:
-            self._side_values = RowValues([side for pair in pairs for side in (pair.a, pair.b)])
-        parts = [part for pair in pairs for part in (pair.a_part, pair.b_part)]
-        return np.array(list(map(part_of_side, self._side_values.values(), parts)), dtype=float).reshape(-1, 2)
-
-    def unmet(self, tolerances: Tolerances) -> list[Violation]:
-        """Pairs that are not met at the model's current values, the sides relative to their sizes."""
-        sizes = self._sizes.at(self._sides())
-        return list(violations_of_pairs(self.residuals(), tolerances, sizes.prod(axis=1).tolist()))
-
-    def too_small(self, tolerances: Tolerances) -> list[CanonicalPair]:
-        """Pairs that are met only if what their sides have left is zero and not small."""
-        found = self._sizes.too_small(self._sides(), tolerances.natural)
-        return [self.pairs[place] for place in np.flatnonzero(found).tolist()]
-
-    def residuals(self) -> list[PairResidual]:
-        """The pairs at the model's current values."""
-        return [PairResidual(pair.name, *sides) for pair, sides in zip(self.pairs, self._sides().tolist(), strict=True)]
-
-
-def _largest_product(sides: NDArray[np.float64]) -> float:
-    return float(np.abs(sides.prod(axis=1)).max(initial=0.0))
-
-
-def _largest_natural_residual(sides: NDArray[np.float64]) -> float:
-    return float(np.abs(sides.min(axis=1)).max(initial=0.0))

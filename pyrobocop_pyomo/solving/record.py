@@ -1,0 +1,364 @@
+"""`Record`: all that the runs of one solve ended at, which point is the best, and what was spent."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyrobocop_pyomo.complementarity import CanonicalPair, PairResidual
+from pyrobocop_pyomo.complementarity.residuals import part_of_side
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
+from pyrobocop_pyomo.mpcc.active_set import Certificate, ExploredBranches
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
+from pyrobocop_pyomo.programs.row_values import RowValues
+
+from .iterates import Iterate, Quality, StopReason
+from .model_check import ModelCheck, SideSizes
+from .settings import Settings
+from .strategies import CROSS_CHECKED_PAIRS, End, StartingPoint, Strategy
+from .violations import Violation, violations_of_pairs
+
+logger = logging.getLogger(__name__)
+
+# Objectives that differ by less, relative to their size, are those of one solution.
+SAME_OBJECTIVE = 1e-4
+# By default exploration may take as long as the rest of the solve with up to `CROSS_CHECKED_PAIRS` pairs. The
+# more pairs, the less a look beyond the nearest solution pays: at twice as many there is none, unless it is requested.
+# It may take this long in any case: where a solve ends after tenths of a second, its answer is not to depend
+# on which of them the machine was busy in.
+EXPLORED_SECONDS = 1.0
+# By default it may take as many iterations of Ipopt as the rest of the solve took, linear programs counted as parts of
+# one, but so many in any case: unlike seconds, these are the same on every machine.
+EXPLORED_WORK = 300
+# What another way to go cannot change; only strategies that name such an end follow it.
+_ENDS_BY_STATUS = (
+    IpoptStatus.INVALID_PROBLEM,
+    IpoptStatus.INVALID_OPTION,
+    IpoptStatus.OUT_OF_MEMORY,
+    IpoptStatus.INTERNAL_ERROR,
+    IpoptStatus.TOO_FEW_FREEDOMS,
+)
+
+
+class Exploration:
+    """What one solve has explored, over all strategies.
+
+    Parameters
+    ----------
+    factor : float or None
+        How long it may take, as a multiple of the time that the rest of the solve took so far.
+    most_work : float or None
+        Iterations that other starts of a model without pairs may take; see `plain_work`.
+
+    Attributes
+    ----------
+    seconds : float
+        Elapsed in exploring.
+    work : float
+        Iterations of Ipopt and linear programs of exploring.
+    explored_iterations : int
+        Of Ipopt, in exploring.
+    branches : ExploredBranches
+        What need not be tried again.
+    """
+
+    def __init__(self, factor: float | None, most_work: float | None) -> None:
+        self.factor, self.most_work = factor, most_work
+        self.started = time.perf_counter()
+        self.seconds = self.work = 0.0
+        self.explored_iterations = 0
+        self.branches = ExploredBranches()
+
+    def budget(self, pairs: int) -> float:
+        """Seconds that may be spent from now on in a problem with so many pairs; by default any number without them."""
+        if not pairs and self.factor is None:
+            return np.inf
+        elsewhere = time.perf_counter() - self.started - self.seconds
+        factor = self._share(pairs)
+        least = EXPLORED_SECONDS if self.factor is None else 0.0
+        return max(least, factor * elsewhere) - self.seconds if factor > 0.0 else 0.0
+
+    def work_within(self, pairs: int, iterations: int) -> float:
+        """Iterations and linear programs that may be spent from now on; as many as one likes where a factor is given.
+
+        Parameters
+        ----------
+        pairs : int
+        iterations : int
+            Of Ipopt, in all runs so far.
+        """
+        if self.factor is not None:
+            return np.inf
+        if not pairs:
+            return (np.inf if self.most_work is None else self.most_work) - self.work
+        return self._share(pairs) * max(EXPLORED_WORK, iterations - self.explored_iterations) - self.work
+
+    def _share(self, pairs: int) -> float:
+        return min(1.0, max(0.0, 2.0 - pairs / CROSS_CHECKED_PAIRS)) if self.factor is None else self.factor
+
+
+class Record:
+    """The runs of one solve, the best of the points that they ended at, and what ends the solve.
+
+    Parameters
+    ----------
+    model : Block
+        As the user stated it.
+    settings : Settings
+
+    Attributes
+    ----------
+    check : ModelCheck
+    pairs : sequence of CanonicalPair
+        To be checked.
+    steps : list of Iterate
+        Every run, without values and multipliers.
+    seconds : float
+        Elapsed in checking.
+    exploration : Exploration
+    first : Iterate or None
+        Where the first strategy ended, from the user's initial guess, unless that has no value.
+    best : Iterate or None
+    cut : StopReason or None
+        What ended the solve from outside: the clock, or Ctrl-C.
+    """
+
+    def __init__(self, model: Any, settings: Settings) -> None:
+        self._settings = settings
+        self.exploration = Exploration(settings.exploration, settings.explored_work)
+        self.check = ModelCheck(model)
+        self.pairs: Sequence[CanonicalPair] = ()
+        self._sizes = SideSizes((), np.empty((0, 2)))
+        self._side_values: RowValues | None = None
+        self.steps: list[Iterate] = []
+        self.seconds = 0.0
+        self._diverged: list[Iterate] = []
+        self.first: Iterate | None = None
+        self.best: Iterate | None = None
+        self.cut: StopReason | None = None
+
+    @property
+    def iterations(self) -> int:
+        """Those of Ipopt, in all runs so far."""
+        return sum(step.iterations for step in self.steps)
+
+    # ---------------------------------------------------------------- runs
+
+    def check_pairs(self, pairs: Sequence[CanonicalPair]) -> None:
+        """Take the pairs that are to be checked from now on; their start is on the model."""
+        known = len(self.pairs) == len(pairs)  # again, by another relaxation
+        if pairs is not self.pairs:
+            self.pairs, self._side_values = pairs, None
+        if not known:
+            self._sizes = SideSizes(pairs, self._sides())
+
+    def add(self, iterate: Iterate, *, exact: bool = False) -> Iterate:
+        """Check the point on the model, and log the run that ended there.
+
+        Parameters
+        ----------
+        iterate : Iterate
+            Not checked yet.
+        exact : bool
+            Whether one side of each pair was held at zero, whatever rounding leaves of it.
+        """
+        iterate = replace(self.checked(iterate, exact=exact), number=len(self.steps))
+        self.steps.append(iterate.record())
+        line = iterate.line(pairs=bool(self.pairs))
+        self._settings.progress.line(line)
+        logger.info("%s", line)
+        return iterate
+
+    def checked(self, iterate: Iterate, *, exact: bool = False) -> Iterate:
+        """The iterate with the residuals of the point on the model; see `add`."""
+        started = time.perf_counter()
+        sides = self._sides()
+        violation, relative = self.check.violations()
+        if np.isnan(sides).any():  # an expression without a value is infinitely far from what is required of it
+            sides = np.full_like(sides, -np.inf)
+        least_side = float(-sides.min(initial=0.0))
+        checked = replace(
+            iterate,
+            objective=self.check.objective(),
+            constraint_violation=max(violation, least_side),
+            relative_violation=max(relative, least_side),
+            largest_product=_largest_product(sides),
+            largest_natural_residual=_largest_natural_residual(sides),
+        )
+        if not exact:
+            relative_sides = sides / self._sizes.at(sides)
+            checked = replace(
+                checked,
+                relative_product=_largest_product(relative_sides),
+                relative_natural_residual=_largest_natural_residual(relative_sides),
+            )
+        self.seconds += time.perf_counter() - started
+        return checked
+
+    def _sides(self) -> NDArray[np.float64]:
+        """Values of both sides of each pair, shape (pairs, 2)."""
+        pairs = self.pairs
+        if self._side_values is None:
+            self._side_values = RowValues([side for pair in pairs for side in (pair.a, pair.b)])
+        parts = [part for pair in pairs for part in (pair.a_part, pair.b_part)]
+        return np.array(list(map(part_of_side, self._side_values.values(), parts)), dtype=float).reshape(-1, 2)
+
+    def unmet(self) -> list[Violation]:
+        """Rows, bounds and pairs that are not met at the model's current values, sides relative to their sizes."""
+        sizes, tolerances = self._sizes.at(self._sides()), self._settings.tolerances
+        of_pairs = violations_of_pairs(self.residuals(), tolerances, sizes.prod(axis=1).tolist())
+        return [*self.check.violated(tolerances), *of_pairs]
+
+    def too_small(self) -> list[CanonicalPair]:
+        """Pairs that are met only if what their sides have left is zero and not small."""
+        found = self._sizes.too_small(self._sides(), self._settings.tolerances.natural)
+        return [self.pairs[place] for place in np.flatnonzero(found).tolist()]
+
+    def residuals(self) -> list[PairResidual]:
+        """The pairs at the model's current values."""
+        return [PairResidual(pair.name, *sides) for pair, sides in zip(self.pairs, self._sides().tolist(), strict=True)]
+
+    @contextlib.contextmanager
+    def counted_as_exploring(self) -> Iterator[None]:
+        """Count the runs that are done meanwhile as exploring."""
+        spent = self.exploration
+        started, before, explored, seconds = (
+            time.perf_counter(),
+            self.iterations,
+            spent.explored_iterations,
+            spent.seconds,
+        )
+        try:
+            yield
+        finally:
+            # What explores branches in between has counted itself.
+            taken = self.iterations - before - (spent.explored_iterations - explored)
+            spent.seconds = seconds + time.perf_counter() - started
+            spent.work += taken
+            spent.explored_iterations += taken
+
+    def may_explore(self) -> bool:
+        """Whether anything is left of the budget of exploration, in seconds and in work."""
+        pairs = len(self.pairs)
+        return self.exploration.budget(pairs) > 0.0 and self.exploration.work_within(pairs, self.iterations) >= 1.0
+
+    # ---------------------------------------------------------------- the best of the points
+
+    def keep(self, iterate: Iterate) -> None:
+        """Remember a point where a strategy ended, and whether it is the best."""
+        self.first = self.first or iterate
+        self.note_diverged(iterate)
+        # By so little the products that are left flatter an objective.
+        flattered = iterate.delta is not None and self.leads_no_further(iterate)
+        if self.best is None or (self.is_better(iterate, self.best) and not flattered):
+            logger.info("strategy '%s' has the best point so far", iterate.strategy)
+            self.best = iterate
+
+    def note_diverged(self, iterate: Iterate) -> None:
+        """Remember a point of a run whose variables grow without end; another one is forgotten."""
+        if iterate.diverged and iterate.values is not None:
+            self._diverged.append(iterate)
+
+    @property
+    def unbounded(self) -> Iterate | None:
+        """A point that shows that there is no optimum; None for none.
+
+        Of the points whose rows and pairs hold while variables grow without end, the lowest one, if it is far below the
+        best point.
+        """
+        lowest = min(filter(self._holds, self._diverged), key=self._cost, default=None)
+        if lowest is None or self.best is None:
+            return lowest
+        best = self._cost(self.best)
+        below = self._cost(lowest) < best - max(1.0, abs(best))
+        return lowest if below or self.best.diverged or not self.best.excess(self._settings.tolerances) <= 1.0 else None
+
+    def _cost(self, iterate: Iterate) -> float:
+        return self.check.sign * iterate.objective
+
+    def _holds(self, diverged: Iterate) -> bool:
+        """Whether rows and pairs hold as well as rounding lets them, beside values of this size."""
+        size = max((abs(number) for number in diverged.values if number is not None), default=0.0)
+        violation = max(diverged.constraint_violation, diverged.largest_natural_residual)
+        return violation <= max(self._settings.tolerances.feasibility, NEGLIGIBLE * size)
+
+    def is_better(self, first: Iterate, second: Iterate) -> bool:
+        """Whether the first of two points is the better one."""
+        one, other = (iterate.standing(self._settings.tolerances, self.check.sign) for iterate in (first, second))
+        return one.is_better_than(other)
+
+    def is_certified(self, iterate: Iterate | None) -> bool:
+        """Whether there is such a point, and no further strategy is needed after it."""
+        return iterate is not None and iterate.is_certified(self._settings.tolerances, self._settings.polish)
+
+    def leads_no_further(self, relaxed: Iterate) -> bool:
+        """Whether smaller products and a polish of a relaxed point hardly lead to a better point than a certified one.
+
+        The products that are left flatter its objective: with them it falls, and does not rise.
+        """
+        best = self.best
+        if best is None or not self.is_certified(best):
+            return False
+        loss = self.check.sign * (relaxed.objective - best.objective)
+        feasible = relaxed.converged and relaxed.constraint_violation <= self._settings.tolerances.feasibility
+        return feasible and loss >= -SAME_OBJECTIVE * max(1.0, abs(best.objective))
+
+    # ---------------------------------------------------------------- how the solve goes on
+
+    def is_cut(self) -> bool:
+        """Whether there is no time left, or somebody interrupted; without a solution, a time limit is noted."""
+        if self.cut is None and self._settings.deadline.has_passed and not self.is_certified(self.best):
+            self.cut = StopReason.TIME_LIMIT
+        return self.cut is not None or self._settings.deadline.has_passed
+
+    def is_followed_by(self, strategy: Strategy, *, is_chosen: bool = False) -> bool:
+        """Whether a strategy is to be run, after what the others have found.
+
+        Parameters
+        ----------
+        strategy : Strategy
+        is_chosen : bool
+            Whether the caller has named it: then it follows wherever there is no solution.
+        """
+        best = self.best
+        if best is None:
+            return True
+        if self.is_cut() or (self.unbounded is not None and not best.diverged):
+            return False
+        if self.is_certified(best):
+            # It is a local solution: another way down finds a better one now and then, and ends at once where its
+            # relaxed points are no better. Other starts have a budget, and follow later.
+            is_way_down = Quality.OPTIMAL in strategy.follows and strategy.start is StartingPoint.INITIAL_GUESS
+            few = strategy.most_pairs is None or len(self.pairs) <= strategy.most_pairs
+            return self._settings.polish and few and is_way_down
+        return is_chosen or bool(strategy.follows & self._ends(best))
+
+    def _ends(self, best: Iterate) -> set[End]:
+        """What there is instead of a solution, in the terms of `Strategy.follows`."""
+        tolerances, first = self._settings.tolerances, self.first
+        if self.pairs:
+            return {Quality.FEASIBLE if best.excess(tolerances) <= 1.0 else Quality.INFEASIBLE}
+        assert first is not None
+        if first.certificate is Certificate.DESCENT:
+            return set()  # the same starts lead to the same saddle, and what follows one was tried
+        if first.status is IpoptStatus.ITERATION_LIMIT and "max_iter" in self._settings.options.user:
+            return set()
+        if first.status in _ENDS_BY_STATUS:
+            return {first.status}
+        stuck = not first.diverged and first.excess(tolerances) <= 1.0
+        return {first.stop_reason, *([Quality.FEASIBLE] if stuck else [])}
+
+
+def _largest_product(sides: NDArray[np.float64]) -> float:
+    return float(np.abs(sides.prod(axis=1)).max(initial=0.0))
+
+
+def _largest_natural_residual(sides: NDArray[np.float64]) -> float:
+    return float(np.abs(sides.min(axis=1)).max(initial=0.0))
