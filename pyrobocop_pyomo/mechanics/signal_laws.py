@@ -25,7 +25,7 @@ from pyrobocop_pyomo.phases import Algebraic, Law
 from pyrobocop_pyomo.phases.declarations import Bounds
 from pyrobocop_pyomo.phases.equations import add_expression
 from pyrobocop_pyomo.phases.record import Statement
-from pyrobocop_pyomo.rules.rule_template import RuleTemplate
+from pyrobocop_pyomo.templates.template import Template
 from pyrobocop_pyomo.transcription import InitialGuess
 
 Rule = Callable[[Any, float], Any]
@@ -126,7 +126,7 @@ class SignalLaw(Law):
             )
         formula = law.expression_of(name)
         if formula is not None:
-            add_expression(phase, Statement("expression", name, RuleTemplate(formula)))
+            add_expression(phase, Statement("expression", name, Template(formula)))
         if law.equations(first) is not None:
             phase.residual(LawRule(law, name, "equations"))
         phase.complementarity(LawRule(law, name, "pairs"))

@@ -10,7 +10,7 @@ from typing import Any
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.presentation import Presented
-from pyrobocop_pyomo.rules.rule_template import templated
+from pyrobocop_pyomo.templates.template import templated
 
 PoseRule = Callable[[Any, Any], Any]
 

@@ -18,7 +18,7 @@ from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose, planar_pose
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
-from pyrobocop_pyomo.rules.slots import Item
+from pyrobocop_pyomo.templates.slots import Item
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .interpolation import STATES_ONLY, intervals_of_grid

@@ -26,7 +26,7 @@ from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
 from pyrobocop_pyomo.numerics.rounding import ROUNDING
 from pyrobocop_pyomo.phases import PhaseBlockData
 from pyrobocop_pyomo.phases.horizon import element_widths
-from pyrobocop_pyomo.rules.slots import Item
+from pyrobocop_pyomo.templates.slots import Item
 
 from .motion import Motion, Nodes
 from .rules_along_motion import item_at, parent_of

@@ -19,7 +19,7 @@ from pyomo.core.expr.numvalue import value
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.rounding import ROUNDING
-from pyrobocop_pyomo.rules.slots import Item
+from pyrobocop_pyomo.templates.slots import Item
 
 from .rules_along_motion import checked_pose, expressions_between, item_at, pose_formulas, rule_at_node
 

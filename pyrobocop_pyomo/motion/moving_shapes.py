@@ -11,7 +11,7 @@ from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.numerics import Array, Indices
 from pyrobocop_pyomo.numerics.interval_arithmetic import Interval
-from pyrobocop_pyomo.rules.rule_template import templated
+from pyrobocop_pyomo.templates.template import templated
 
 from .bodies import Body
 from .motion import Motion

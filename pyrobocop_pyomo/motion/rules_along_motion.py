@@ -28,8 +28,8 @@ from pyrobocop_pyomo.numerics.bernstein import bernstein_from_samples
 from pyrobocop_pyomo.numerics.taylor_forms import TaylorForm
 from pyrobocop_pyomo.numerics.taylor_functions import TAYLOR_FUNCTIONS
 from pyrobocop_pyomo.phases.bounds_between_points import PiecewisePolynomial
-from pyrobocop_pyomo.rules.rule_template import templated
-from pyrobocop_pyomo.rules.slots import Always, Clock, Item, NamedItem, Place, Slot, Time, is_on_indices
+from pyrobocop_pyomo.templates.slots import Always, Clock, Item, NamedItem, Place, Slot, Time, is_on_indices
+from pyrobocop_pyomo.templates.template import templated
 
 from .table_functions import TableFunction
 

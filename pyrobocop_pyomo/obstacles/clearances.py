@@ -16,12 +16,12 @@ from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
 from pyrobocop_pyomo.motion.motion import Motion
 from pyrobocop_pyomo.motion.required_clearance import clearance_text, clearance_value, is_clearance_rule
 from pyrobocop_pyomo.motion.rules_along_motion import expressions_between, formulas_between, rule_at_node
-from pyrobocop_pyomo.rules.rule_template import RuleTemplate
+from pyrobocop_pyomo.templates.template import Template
 
 from .scene import BodyPair, checked_pair
 
 
-class ClearanceRule(RuleTemplate):
+class ClearanceRule(Template):
     """A clearance that changes in time: ``rule(block, t)``, as the user gave it."""
 
 

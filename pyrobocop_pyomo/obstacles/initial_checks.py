@@ -31,7 +31,7 @@ from pyrobocop_pyomo.motion.moving_shapes import moving_shapes
 from pyrobocop_pyomo.motion.required_clearance import clearance_text, required_clearance
 from pyrobocop_pyomo.motion.rules_along_motion import errors_naming, pose_formulas
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
-from pyrobocop_pyomo.rules.slots import Always, Clock, Item, Slot, Time, is_on_indices
+from pyrobocop_pyomo.templates.slots import Always, Clock, Item, Slot, Time, is_on_indices
 
 from .avoidance_record import AvoidanceRecord, MotionSegment
 from .broad_phase import swept_distances

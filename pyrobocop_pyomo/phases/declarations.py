@@ -21,7 +21,7 @@ from pyrobocop_pyomo.modeling.keywords import check_keywords
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 from pyrobocop_pyomo.modeling.rule_slips import number_at
 from pyrobocop_pyomo.numerics import Grid
-from pyrobocop_pyomo.rules.rule_template import RuleTemplate
+from pyrobocop_pyomo.templates.template import Template
 from pyrobocop_pyomo.transcription import InitialGuess
 
 from .nodes import IntervalNodes, KnotNodes, Nodes, StageNodes, StateNodes, knots_on_mesh
@@ -73,7 +73,7 @@ class FunctionOfTime:
     """
 
     def __init__(self, function: Callable[[float], Any]) -> None:
-        self._template = RuleTemplate(lambda block, t: function(t))
+        self._template = Template(lambda block, t: function(t))
         self._said: dict[float, Any] = {}
 
     @property

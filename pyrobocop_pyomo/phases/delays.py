@@ -24,8 +24,8 @@ from pyrobocop_pyomo.modeling.rule_slips import number_at
 from pyrobocop_pyomo.modeling.time_index import point_of
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.rounding import ROUNDING
-from pyrobocop_pyomo.rules.rule_template import Reading, TimeTemplate, is_asked_for_all_times
-from pyrobocop_pyomo.rules.slots import Place, Slot
+from pyrobocop_pyomo.templates.slots import Place, Slot
+from pyrobocop_pyomo.templates.template import Reading, TimeTemplate, is_asked_for_all_times
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .declarations import Duration

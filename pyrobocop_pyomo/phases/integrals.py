@@ -14,7 +14,7 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_scalar
 from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, SumRule, follow_rule, follows_rule, let_follow_rule
 from pyrobocop_pyomo.modeling.rule_slips import slips_explained
-from pyrobocop_pyomo.rules.rule_template import RuleTemplate
+from pyrobocop_pyomo.templates.template import Template
 from pyrobocop_pyomo.transcription import quadrature
 
 from .equations import Rule, refuse_foreign_reads, rule_name
@@ -26,7 +26,7 @@ INTEGRALS = "stated_integrals"
 
 def named_integral(block: Any, integrand: Rule) -> Any:
     """See `PhaseBlock.integral`: a member of the named expression that holds the integrals of the phase."""
-    statement = Statement("integral", rule_name(integrand), RuleTemplate(integrand))
+    statement = Statement("integral", rule_name(integrand), Template(integrand))
     is_part = block.record.asking or block.record.restating is not None  # a rule that is evaluated anew makes its own
     is_read_later = not is_part and _is_read_later(block, statement)
     total = None if is_read_later else _stated(block, statement)

@@ -23,8 +23,8 @@ from pyrobocop_pyomo.modeling.blocks import BuiltBlockData, Rule, blocks_of_kind
 from pyrobocop_pyomo.modeling.variable_families import VariableFamily
 from pyrobocop_pyomo.numerics import Array, Grid, Scheme, find_scheme
 from pyrobocop_pyomo.presentation import facts_table, table
-from pyrobocop_pyomo.rules.rule_template import OverTime, Reading, RuleTemplate, TimeTemplate, is_asked_for_all_times
-from pyrobocop_pyomo.rules.slots import Clock, Derivative, RateOf
+from pyrobocop_pyomo.templates.slots import Clock, Derivative, RateOf
+from pyrobocop_pyomo.templates.template import OverTime, Reading, Template, TimeTemplate, is_asked_for_all_times
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import InitialGuess
 
@@ -693,7 +693,7 @@ class PhaseBlockData(BuiltBlockData):
         name = name_of_rows(self, kind, rule, name)
         with self._all_or_nothing(), PauseGC():
             self.record.asking = True
-            statement = Statement(kind, name, RuleTemplate(rule))
+            statement = Statement(kind, name, Template(rule))
             try:
                 add(self, statement)
             finally:

@@ -15,8 +15,8 @@ from pyrobocop_pyomo.modeling.expression_arrays import array, plain_expressions
 from pyrobocop_pyomo.modeling.time_index import TimeIndex
 from pyrobocop_pyomo.modeling.variable_families import FamilyNames
 from pyrobocop_pyomo.numerics import Grid
-from pyrobocop_pyomo.rules.rule_template import Reading, RuleTemplate
-from pyrobocop_pyomo.rules.slots import Place, Slot
+from pyrobocop_pyomo.templates.slots import Place, Slot
+from pyrobocop_pyomo.templates.template import Reading, Template
 
 from .declarations import Algebraic, Bounds, Control, Declaration, Duration, State
 from .nodes import Nodes, StageNodes
@@ -35,7 +35,7 @@ class Statement:
 
     kind: str
     name: str
-    rule: RuleTemplate
+    rule: Template
 
     def __call__(self, block: Any, t: Any, *more: Any) -> Any:
         """What the rule says at a time; where it is a template it is called once."""

@@ -28,7 +28,7 @@ from pyrobocop_pyomo.modeling.bulk_parts import put_part
 from pyrobocop_pyomo.modeling.in_place_changes import InPlaceChanges, expressions_of, state_anew
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.numerics import Grid
-from pyrobocop_pyomo.rules.rule_template import same_results
+from pyrobocop_pyomo.templates.template import same_results
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .asked_by_point import asked_by_point

@@ -13,7 +13,7 @@ from pyomo.core.expr.relational_expr import RelationalExpression
 
 from pyrobocop_pyomo.modeling.expression_arrays import plain_scalar
 from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, RowRule
-from pyrobocop_pyomo.rules.slots import Slot
+from pyrobocop_pyomo.templates.slots import Slot
 from pyrobocop_pyomo.transcription import collocation_row
 
 from .families import family_in

@@ -24,7 +24,7 @@ from pyrobocop_pyomo.modeling.failures import failures_as
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.modeling.undefined_values import undefined_part
 from pyrobocop_pyomo.numerics import Array, Grid
-from pyrobocop_pyomo.rules.slots import Always, Clock, Derivative, Item, NamedItem, Place, Slot, Time
+from pyrobocop_pyomo.templates.slots import Always, Clock, Derivative, Item, NamedItem, Place, Slot, Time
 
 from .asked_by_point import known_history, refuse_asked_by_point
 from .coupled_phases import CoupledPhase, indices_of

@@ -13,8 +13,8 @@ from pyomo.core.expr.numvalue import value
 from pyrobocop_pyomo.modeling.time_index import point_of
 from pyrobocop_pyomo.numerics.rounding import ROUNDING
 from pyrobocop_pyomo.presentation import as_html, one_line
-from pyrobocop_pyomo.rules.rule_template import Reading, TimeTemplate
-from pyrobocop_pyomo.rules.slots import Item
+from pyrobocop_pyomo.templates.slots import Item
+from pyrobocop_pyomo.templates.template import Reading, TimeTemplate
 
 from .delays import delayed_value, value_at_time
 

@@ -14,7 +14,7 @@ import pytest
 from .sources import folder_trees, imported_files, nodes, trees
 
 ORDER = [
-    "errors", "optional_imports", "native", "presentation", "modeling", "rules", "numerics", "linear_solver",
+    "errors", "optional_imports", "native", "presentation", "modeling", "templates", "numerics", "linear_solver",
     "geometry", "plotting", "complementarity", "trajectories", "transcription", "continuous", "phases",
     "links", "motion", "obstacles", "mechanics", "discretisation",
     "diagnosis", "programs", "ipopt", "mpcc", "solving", "planning", "execution", "studies",

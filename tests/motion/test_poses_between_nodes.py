@@ -18,7 +18,7 @@ from pyrobocop_pyomo.errors import ModelError, ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, planar_pose
 from pyrobocop_pyomo.motion import Body, motion_of
 from pyrobocop_pyomo.motion.moving_shapes import template_of
-from pyrobocop_pyomo.rules.rule_template import templated
+from pyrobocop_pyomo.templates.template import templated
 
 SCHEMES = [("radau", 3), ("radau", 1), ("gauss", 2), ("lobatto", 3), ("explicit", 3), ("implicit_midpoint", None)]
 FREE = {"duration": rcp.Duration(bounds=(0.5, 3), initial_guess=2.0), "free_element_widths": (0.2, 4.0)}

@@ -12,8 +12,8 @@ from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.phases import Parameter
 from pyrobocop_pyomo.phases.nodes import Nodes, StageNodes, StateNodes
-from pyrobocop_pyomo.rules.rule_template import RuleTemplate
-from pyrobocop_pyomo.rules.slots import Item, NamedItem, Place, Slot
+from pyrobocop_pyomo.templates.slots import Item, NamedItem, Place, Slot
+from pyrobocop_pyomo.templates.template import Template
 
 
 class PhaseOutputs:
@@ -48,7 +48,7 @@ class PhaseOutputs:
             )
         names = outputs or ()
         given = dict(names) if isinstance(names, Mapping) else {name: name for name in names}
-        self.given: dict[str, Any] = {name: RuleTemplate(of) if callable(of) else of for name, of in given.items()}
+        self.given: dict[str, Any] = {name: Template(of) if callable(of) else of for name, of in given.items()}
         for name, given in self.given.items():
             if not callable(given):
                 self.at(name, phase.grid.mesh.boundaries[0])  # says what there is

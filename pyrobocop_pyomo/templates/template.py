@@ -1,4 +1,4 @@
-"""`RuleTemplate`: a rule ``rule(block, t)`` that is called once, for all times, and answers everywhere.
+"""`Template`: a rule ``rule(block, t)`` that is called once, for all times, and answers everywhere.
 
 The rule gets a template of the time in place of ``t``, as Pyomo's own templates do: ``b.x[t]`` becomes an item of the
 template, however the rule gets hold of ``b.x``. What it returns is compiled to a function of what it reads. Its answer
@@ -143,7 +143,7 @@ class OverTime:
         return Reading(self._slot)
 
 
-class RuleTemplate:
+class Template:
     """A rule of the user's, which is called as the user's is.
 
     Parameters
@@ -169,7 +169,7 @@ class RuleTemplate:
         self.rule = self.__wrapped__ = state["rule"] or _Lost()
         self._answers = WeakKeyDictionary(state["answers"])
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> RuleTemplate:
+    def __deepcopy__(self, memo: dict[int, Any]) -> Template:
         twin = type(self)(self.rule)
         for block, answer in self._answers.items():
             own = memo.get(id(block))
@@ -262,7 +262,7 @@ _COMPARED = 2
 
 def templated(rule: Any) -> Any:
     """A rule as a template; None where there is none."""
-    return rule if rule is None or isinstance(rule, RuleTemplate) else RuleTemplate(rule)
+    return rule if rule is None or isinstance(rule, Template) else Template(rule)
 
 
 def _formulas_of(rule: Callable[..., Any], home: Any, more: tuple[Any, ...]) -> _Formulas | None:
@@ -410,7 +410,7 @@ def _slot_of(node: Any, time: TimeTemplate, named: list[NamedItem]) -> Slot | No
         if known.component is component and known.rest == item.rest:
             return known
     # The rule of the expression is called while the rule that reads it is.
-    said = RuleTemplate(lambda block, t: rule(block, item.key_at(t)))
+    said = Template(lambda block, t: rule(block, item.key_at(t)))
     said.formulas(component.parent_block())
     named.append(NamedItem(component, item.rest, said))
     return named[-1]

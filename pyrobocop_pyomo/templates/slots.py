@@ -104,7 +104,7 @@ class NamedItem(Item):
 
     Attributes
     ----------
-    rule : RuleTemplate
+    rule : Template
     """
 
     rule: Any = None
