@@ -19,7 +19,7 @@ from textbook_problems import PROBLEMS
 
 import pyrobocop_pyomo as rcp
 
-STRATEGIES = ("simulated", "elastic rows", "straight lines")
+STRATEGIES = ("own units", "simulated", "elastic rows", "straight lines")
 STARTS = ("zeros", "random 1", "random 2")
 ELEMENTS = 16
 FIRST, LATER = 1000, 500  # iterations at most

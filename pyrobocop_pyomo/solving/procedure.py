@@ -41,6 +41,7 @@ from .strategies import (
     ELASTIC,
     OTHER_OPTIMUM,
     OTHER_START,
+    OWN_UNITS,
     SOLVE,
     STRATEGIES,
     TIGHT,
@@ -161,6 +162,9 @@ class _Procedure(Runner):
             rows = [row for row in rows if row in (SOLVE, TIGHTER, ABSOLUTE_VALUES)]
         most = math.inf
         for row in rows:
+            place = self.places.place
+            if row is OWN_UNITS and (place is None or place.session.scaling is None):
+                continue  # how the first run went
             # Runs that take long rarely get anywhere where the next strategy does; a continuation is several of them.
             is_cut_short = not ((is_alone and row is SOLVE) or (self.has_pairs and isinstance(row.schedule, Geometric)))
             for strategy in starts_at_the_side() if row is OTHER_START else (row,):

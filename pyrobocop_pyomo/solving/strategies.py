@@ -148,6 +148,10 @@ STRATEGIES = (
         figure="20 of 21 problems with several optima end at the best one, 11 without",
     ),
     Strategy(
+        "own units", for_pairs=False, options={"nlp_scaling_method": "gradient-based"}, follows=_ANY_END,
+        figure="the secretion of a protein: 61 iterations after 500 that led nowhere in scaled units",
+    ),
+    Strategy(
         "simulated", _BARRIER, for_pairs=None, start=StartingPoint.SIMULATED, follows=_ANY_END | {Quality.INFEASIBLE},
         figure="up to 3 of the 11 starts of textbook problems that one run leaves",
     ),
@@ -166,8 +170,8 @@ STRATEGIES = (
     ),
 )  # fmt: skip
 (
-    BARRIER, CONTINUATION, ELASTIC, TIGHT, SOLVE, TIGHTER, ABSOLUTE_VALUES, OTHER_START, SIMULATED, ELASTIC_ROWS,
-    STRAIGHT_LINES, OTHER_OPTIMUM,
+    BARRIER, CONTINUATION, ELASTIC, TIGHT, SOLVE, TIGHTER, ABSOLUTE_VALUES, OTHER_START, OWN_UNITS, SIMULATED,
+    ELASTIC_ROWS, STRAIGHT_LINES, OTHER_OPTIMUM,
 ) = STRATEGIES  # fmt: skip
 
 # From beside a point that is stationary and no minimum; it follows by itself, and is none to choose.

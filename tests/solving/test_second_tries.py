@@ -71,7 +71,7 @@ def test_what_has_no_solution_ends_after_a_few_tries() -> None:
     result = rcp.solve(m)
     assert result.quality is rcp.Quality.INFEASIBLE
     assert result.stop_reason is rcp.StopReason.INFEASIBLE
-    assert [step.label for step in result.steps] == ["solve", "elastic rows", "solve from there"]
+    assert [step.label for step in result.steps] == ["solve", "own units", "elastic rows", "solve from there"]
     assert sum(step.iterations for step in result.steps[1:]) <= max(1500, 2 * result.steps[0].iterations)
     alone = rcp.solve(m, strategies="solve")
     assert len(alone.steps) == 1
