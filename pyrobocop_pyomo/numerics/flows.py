@@ -28,8 +28,8 @@ _STAGES = 8
 # From so many parts more than the rules ask for there is a corner, beside which more of them bring little; and how
 # exactly it is met there.
 _PARTS_AT_CORNER, _AT_CORNER = 64, 1e-6
-# More parts than that, and the equations cannot be followed.
-_MOST_PARTS = 512
+# With more parts than that, or more derivatives of states in all (hundreds of megabytes), equations are not followed.
+_MOST_PARTS, _MOST_DERIVATIVES = 512, 5_000_000
 # Relative to the scale of each state: the step of differences.
 _DIFFERENCE = 1e-6
 # Slopes are trusted farther where what they leave is less than this share of how far they were trusted.
@@ -191,9 +191,10 @@ class _Search:
 
     def solved(self, path: _Path, first: Array | None) -> tuple[_Path, Array] | None:
         """The path from these starts on, and the slopes at its stages; None where it cannot be followed."""
-        asked = len(path.widths)
+        asked, states = len(path.widths), len(path.values)
         while True:
-            met = self._met(path, first)
+            is_large = path.values[0, ..., 0].size * states**2 > _MOST_DERIVATIVES
+            met = None if is_large else self._met(path, first)
             if met is None:
                 return None
             slopes, defects = self._defects(met)

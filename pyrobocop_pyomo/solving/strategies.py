@@ -165,13 +165,18 @@ STRATEGIES = (
         follows=_ANY_END | {Quality.INFEASIBLE}, figure="5 of the 11",
     ),
     Strategy(
+        "random controls", for_pairs=False, start=StartingPoint.RANDOM_CONTROLS, most_iterations=SIDE_ITERATIONS,
+        follows=frozenset({StopReason.FINISHED, StopReason.FAILED}),
+        figure="a swimmer at rest, where seven others come back to rest (benchmarks/several_optima.py)",
+    ),
+    Strategy(
         "other optimum", for_pairs=False, start=StartingPoint.OTHER_OPTIMUM, options=NEARLY_THERE, follows=_CERTIFIED,
         figure="the better way past a hill on 80 elements (tests/solving/test_other_optima.py)",
     ),
 )  # fmt: skip
 (
     BARRIER, CONTINUATION, ELASTIC, TIGHT, SOLVE, TIGHTER, ABSOLUTE_VALUES, OTHER_START, OWN_UNITS, SIMULATED,
-    ELASTIC_ROWS, STRAIGHT_LINES, OTHER_OPTIMUM,
+    ELASTIC_ROWS, STRAIGHT_LINES, RANDOM_CONTROLS, OTHER_OPTIMUM,
 ) = STRATEGIES  # fmt: skip
 
 # From beside a point that is stationary and no minimum; it follows by itself, and is none to choose.
