@@ -79,7 +79,7 @@ class Recovery:
         provided = fitting_providers(self._model)
         may_be_led_around = all(fit.may_be_led_around for _, fit in provided)
         in_the_way = may_be_led_around and any(map(runs_into_several, self._blocks))
-        is_led_around = in_the_way and self._lead_around()
+        is_led_around = in_the_way and self._lead_around(freely=True)
         if is_led_around:
             yield self._from_here("led around all obstacles")
         proposed = self._proposed([provider for provider, _ in provided])
@@ -137,12 +137,15 @@ class Recovery:
                     break
                 yield self._from_here(purpose)
 
-    def _lead_around(self) -> bool:
+    def _lead_around(self, *, freely: bool = False) -> bool:
         """Lead the initial guess around all obstacles at once, where there is a way; whether there was one.
 
-        The guess says how fast it goes and where it starts and ends.
+        The guess says how fast it goes and where it starts and ends. Where it runs into everything (`freely`), the best
+        motion without obstacles says so better, if that is found at once.
         """
         self._initial.restore()
+        if freely:
+            self._planning.put_motion_without_obstacles()
         rerouted = [name for block in self._blocks for name in reroute(block)]
         return bool(rerouted)
 

@@ -26,9 +26,10 @@ from pyrobocop_pyomo.obstacles.broad_phase import ran_through_what_was_left_out
 from pyrobocop_pyomo.obstacles.pictures import scene_of
 from pyrobocop_pyomo.obstacles.tightening import tighten
 from pyrobocop_pyomo.programs.compiled_model import KeptProgram
-from pyrobocop_pyomo.solving.ipopt_options import NEARLY_SAFE, NEARLY_THERE
+from pyrobocop_pyomo.solving.ipopt_options import NEARLY_SAFE, NEARLY_THERE, SIDE_ITERATIONS
 from pyrobocop_pyomo.solving.iterates import Quality, StopReason
 from pyrobocop_pyomo.solving.procedure import solve_model
+from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult, with_steps_of_all
 from pyrobocop_pyomo.solving.starts import EXPLORED_ELEMENTS, coarser_copy, elements_of, take_values_of_copy
@@ -265,6 +266,29 @@ class SafePlanning:
         """Whether the last round found a plan that is too close by its clearance at most."""
         last = self.results[-1] if self.results else None
         return last is not None and last.quality is not Quality.INFEASIBLE and _is_near(last.safety)
+
+    def put_motion_without_obstacles(self) -> None:
+        """Put the best motion without obstacles on the model, where it is found at once; else nothing changes."""
+        # A clearance that the optimiser chooses has no meaning without obstacles.
+        if any(block.record.depends_on_what_is_far for block in self._blocks):
+            return
+        guess, found = VariableValues.of_free(self._model), False
+        # It is only a start: what does not converge quickly is not worth waiting for.
+        options = self._settings.options.with_default({"max_iter": SIDE_ITERATIONS})
+        for block in self._blocks:
+            block.deactivate()
+        try:
+            settings = replace(self._settings, options=options, exploration=0.0, progress=Progress(False))
+            result = solve_model(self._model, settings)
+            # For a start it is enough that the run came to its end.
+            found = result.quality is not Quality.INFEASIBLE and result.stop_reason is StopReason.FINISHED
+        except PyRobocopError as error:
+            logger.info("'%s': no motion without obstacles: %s", self._model.name, error)
+        finally:
+            for block in self._blocks:
+                block.activate()
+            if not found:
+                guess.restore()
 
     def may_go_on(self, result: SolveResult) -> bool:
         """Whether there is time, and nobody interrupted."""
