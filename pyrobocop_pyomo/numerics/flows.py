@@ -98,6 +98,13 @@ class _Path:
     breaks: Array
     values: Array
 
+    @classmethod
+    def of(cls, breaks: Array, states: Callable[[Array], Array]) -> _Path:
+        """Through what states are at local fractions, shape ``(n, N, q)``."""
+        nodes = breaks[:-1, None] + np.diff(breaks)[:, None] * _scheme().state_nodes
+        values = states(nodes.ravel())
+        return cls(breaks, values.reshape(*values.shape[:2], *nodes.shape))
+
     @cached_property
     def widths(self) -> Array:
         """Of the parts."""
@@ -112,12 +119,6 @@ class _Path:
         part = np.clip(np.searchsorted(self.breaks, fractions, side="right") - 1, 0, len(self.widths) - 1)
         basis = evaluation_matrix(_scheme().state_nodes, (fractions - self.breaks[part]) / self.widths[part])
         return np.einsum("aeqs,qs->aeq", self.values[:, :, part], basis)
-
-    def on(self, breaks: Array) -> _Path:
-        """The same states on other parts."""
-        finer = _Path(breaks, np.empty(0))
-        values = self.at(finer.fractions(_scheme().state_nodes))
-        return _Path(breaks, values.reshape(*values.shape[:2], len(breaks) - 1, -1))
 
 
 def integrate_flows(
@@ -156,10 +157,9 @@ def integrate_flows(
     """
     search = _Search(rates, scales, tolerance)
     breaks = np.array([0.0, 1.0]) if breaks is None else breaks
-    guess = _Path(breaks, np.empty(0))
-    values = planned(guess.fractions(_scheme().state_nodes))
+    guess = _Path.of(breaks, planned)
     with np.errstate(all="ignore"):  # what is unstable may overflow, and is not taken
-        found = search.solved(_Path(breaks, values.reshape(*values.shape[:2], len(breaks) - 1, -1)), None)
+        found = search.solved(guess, None)
         if found is None:
             return None
         local, slopes = found
@@ -168,7 +168,7 @@ def integrate_flows(
         fractions,
         _by_element(local, fractions),
         None if whole is None else _by_element(whole[0], fractions),
-        np.einsum("geps,p,s->eg", slopes[len(values) :], local.widths, _scheme().b),
+        np.einsum("geps,p,s->eg", slopes[len(guess.values) :], local.widths, _scheme().b),
     )
 
 
@@ -207,7 +207,7 @@ class _Search:
             if not np.isfinite(defects).all() or parts + int(large.sum()) > asked + _MOST_PARTS:
                 return None
             middles = (met.breaks[1:] + met.breaks[:-1])[large] / 2
-            path = met.on(np.sort(np.concatenate([met.breaks, middles])))
+            path = _Path.of(np.sort(np.concatenate([met.breaks, middles])), met.at)
 
     def _slopes(self, fractions: Array, states: Array) -> Array:
         """Rates of states of shape ``(n, k, N, p, s)``, as they are after these fractions of all parts."""

@@ -163,6 +163,7 @@ def real_grid(block: Any) -> Grid:
     if not block.record.normalised:
         return block.record.grid
     refuse_no_duration(block)
+    # What `real_time` gives at boundaries, without an expression for each.
     record: PhaseRecord = block.record
     boundaries = record.grid.mesh.boundaries
     if record.free_widths:

@@ -245,6 +245,7 @@ class _KnownIntegrals:
         for name in self.integrands:
             self._leave_out(name, why)
         self.integrands.clear()
+        self.planned.clear()
 
     def _leave_out(self, name: str, why: object) -> None:
         self.remarks.append(f"integral {name}: not re-integrated. {why}")
@@ -283,10 +284,10 @@ def _flows(
 
     def followed(at: Array, start: Array | None) -> Flows | None:
         integrands = [*integrals.integrands.values()]
-        of_integrals = [SMALLEST_SCALE + np.abs(of).sum() for of in integrals.planned.values()][: len(integrands)]
+        of_integrals = [SMALLEST_SCALE + np.abs(of).sum() for of in integrals.planned.values()]
         sizes, breaks = np.append(scales, of_integrals), np.union1d(parts, integrals.breaks)
-        followed_too = RightHandSides(formulas, trajectory, rates.equations, integrands)
-        return integrate_flows(followed_too, planned, sizes, at, TOLERANCE, start, breaks)
+        of_all = RightHandSides(formulas, trajectory, rates.equations, integrands) if integrands else rates
+        return integrate_flows(of_all, planned, sizes, at, TOLERANCE, start, breaks)
 
     if rates.are_delayed:
         along = followed(fractions, None) if integrals.integrands else None
