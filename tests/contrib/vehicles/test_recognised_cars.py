@@ -191,6 +191,7 @@ def test_the_axle_is_found_from_velocities(angle: float, ahead: float, aside: fl
 IN_VAIN = SimpleNamespace(
     results=[SimpleNamespace(stop_reason=rcp.StopReason.ITERATION_LIMIT)],
     deadline=NO_DEADLINE,
+    put_motion_without_obstacles=lambda: None,
 )
 
 
