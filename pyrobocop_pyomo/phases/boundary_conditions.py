@@ -70,7 +70,7 @@ def end_violations(
     Parameters
     ----------
     formulas : RuleFormulas
-        Used up: what is known is fixed in them.
+        Used up for everything else: what is known at this end stays fixed in them.
     time : float
         Index of the end.
     values : mapping of name to float
@@ -84,8 +84,11 @@ def end_violations(
     if not statements:
         return
     formulas.set_bounds(time)
-    for name, number in values.items():
-        formulas.at_instant[name].fix(number, skip_validation=True)
+    for name, variable in formulas.at_instant.items():
+        if name in values:
+            variable.fix(values[name], skip_validation=True)
+        else:
+            variable.unfix()
     formulas.index.fix(time)
     formulas.clock.fix(float(np.interp(time, formulas.indices.mesh.boundaries, formulas.grid.mesh.boundaries)))
     rows: list[tuple[Statement, str, Any]] = []

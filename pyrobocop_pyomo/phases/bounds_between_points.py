@@ -268,6 +268,8 @@ def instants_to_look_at(formulas: RuleFormulas, trajectory: Trajectory, statemen
     usual = np.linspace(0.0, 1.0, SAMPLES + 1)
     times = {id(formulas.index), id(formulas.clock)}
     stated = [expression for statement in statements for expression in stated_formulas(formulas, statement)]
+    if not times & variables_in_any(stated).keys():
+        return usual
     steps = ExpressionSteps(stated)
     places = changing_places(steps, times)
     if not places:

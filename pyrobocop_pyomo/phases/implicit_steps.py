@@ -7,7 +7,7 @@ at all of their stages. Where contact opens, closes or slips, the shortest steps
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from itertools import pairwise
@@ -120,15 +120,16 @@ class StepSystem:
         )
         return MixedComplementarity(self.values, lower.astype(float), upper.astype(float), either.astype(bool))
 
-    def is_determined(self, problem: MixedComplementarity, values: ComplementarityValues, little: float) -> bool:
-        """Whether nothing that the equations leave free moves a state; forces may be shared in many ways."""
+    def determined(self, problem: MixedComplementarity, values: ComplementarityValues, little: float) -> Iterator[bool]:
+        """For each choice of equations of the pairs near a point, whether nothing that it leaves free moves a state.
+
+        Forces may be shared in many ways.
+        """
         for matrix in problem.matrices(values, little):
             sizes = np.abs(matrix).max(axis=1, keepdims=True)
             _, singular, directions = np.linalg.svd(matrix / np.where(sizes > 0, sizes, 1.0))
             free = directions[singular <= 1e-11 * singular[0], : self._layout.states]
-            if not (np.abs(free) <= 1e-6 * self._lengths.max()).all():
-                return False
-        return True
+            yield bool((np.abs(free) <= 1e-6 * self._lengths.max()).all())
 
     def at_stages(self, point: Array, nodes: Array, unknowns: Array) -> tuple[Array, Array]:
         """Rates, rows and both sides of all pairs at the stages (v, s), and derivatives (v, s, size), at `parts`."""
@@ -252,7 +253,7 @@ class _Step:
     unknowns: Array
     sides: NDArray[np.int64]
     solved: bool
-    is_determined: Callable[[], bool]
+    determined: Callable[[], Iterator[bool]]
 
 
 class ElementSteps:
@@ -304,11 +305,15 @@ class ElementSteps:
             return found
         self._path = []
         with np.errstate(all="ignore"):
+            whole = None
             if self._equations.pairs and self._before is None:
+                whole = self._step(i, parts[0], parts[1], state, _radau(3))
+                if whole.solved and not all(whole.determined()):
+                    raise self._left_open(i, parts[0])
                 little = 2.0**-self._halvings * parts[1]
                 self._before = self._step(i, parts[0], little, state, _radau(1), thorough=True)
             for begin, end in pairwise(parts.tolist()):
-                following = self._advance(i, begin, end, state, self._halvings)
+                following, whole = self._advance(i, begin, end, state, self._halvings, whole), None
                 if following is None:
                     return found
                 state = following
@@ -325,7 +330,8 @@ class ElementSteps:
         if self._left < 0:
             return None
         middle, first = 0.5 * (begin + end), None
-        whole = whole or self._step(i, begin, end, state, _radau(3))
+        if whole is None or not whole.solved:
+            whole = self._step(i, begin, end, state, _radau(3))
         if whole.solved:
             first = self._step(i, begin, middle, state, _radau(3))
             second = self._step(i, middle, end, first.nodes[-1], _radau(3), first)
@@ -350,9 +356,12 @@ class ElementSteps:
         time = float(self._rates.times_at(fraction)[i])
         return f"under the plan's controls the motion goes on to t = {time:g}, from where on"
 
+    def _left_open(self, i: int, fraction: float) -> TrajectoryError:
+        return TrajectoryError(f"{self._at(i, fraction)} pairs and controls leave open what happens.")
+
     def _take(self, i: int, *steps: _Step) -> Array:
-        if self._equations.pairs and not steps[-1].is_determined():
-            raise TrajectoryError(f"{self._at(i, steps[-1].begin)} pairs and controls leave open what happens.")
+        if self._equations.pairs and not all(steps[-1].determined()):
+            raise self._left_open(i, steps[-1].begin)
         self._path += steps
         self._before = steps[-1]
         return steps[-1].nodes[-1]
@@ -383,11 +392,13 @@ class ElementSteps:
         values = system.values(found.point)
         little = 1e-8 * max(1.0, float(np.abs(found.point).max()))
         sides = _sides(problem, values, len(self._equations.pairs), little)
-        # A residual that is small beside a large force need not be small beside the states.
-        left = np.abs(values.rows[: nodes[1:].size].reshape(len(state), -1))
-        solved = found.residual <= 1e-9 and bool((left <= self._tolerance * self._scales[:, None]).all())
-        is_determined = partial(system.is_determined, problem, values, little)
-        return _Step(scheme, begin, end, nodes, unknowns, sides, solved, is_determined)
+        # A residual that is small beside a large force need not be small beside the states, or sides of pairs.
+        left = np.abs(problem.residuals(values))
+        of_states, of_pairs = left[: nodes[1:].size].reshape(len(state), -1), left[len(values.rows) :]
+        is_small = (of_states <= self._tolerance * self._scales[:, None]).all() and (of_pairs <= self._tolerance).all()
+        solved = found.residual <= 1e-9 and bool(is_small)
+        determined = partial(system.determined, problem, values, little)
+        return _Step(scheme, begin, end, nodes, unknowns, sides, solved, determined)
 
 
 def _sides(

@@ -222,15 +222,16 @@ def _listed(names: Iterable[str]) -> str:
 
 def _equations_stated(block: Any) -> Iterator[tuple[Statement, set[tuple[Any, ...]]]]:
     """Statements of equalities and pairs, with the labels of those that hold at more instants than the ends."""
+    enough = min(3, len(block.record.grid.points))
     for statement in block.record.statements:
         component = block.component(statement.name)
         if component is None or statement.kind not in ("residual", "constraint", "complementarity"):
             continue
-        counts = Counter(
-            as_tuple(index)[1:]
-            for index, data in component.items()
-            if data.active and (data.ctype is not Constraint or is_equality(data))
-        )
-        labels = {label for label, count in counts.items() if count > 2 or count == len(block.record.grid.points)}
+        counts: Counter[tuple[Any, ...]] = Counter()
+        for index, data in component.items():
+            label = as_tuple(index)[1:]
+            if counts[label] < enough and data.active and (data.ctype is not Constraint or is_equality(data)):
+                counts[label] += 1
+        labels = {label for label, count in counts.items() if count == enough}
         if labels:
             yield statement, labels

@@ -228,15 +228,16 @@ def verify(block: Any, trajectory: Trajectory, beside: Sequence[Trajectory] = ()
         check.remark_what_is_not_stated(block)
         defect, equations, natural, product = check.at_collocation_points()
         motion, passed = check.reintegrate(), check.passed_between_points()
+        at_ends, of_pairs = check.at_given_ends()  # the last: it uses up the formulas
         ends = None if motion is None else motion.end_errors(motion.local, trajectory)
         integrals = {} if motion is None else dict(motion.integral_errors)
         horizon = None if motion is None else float(motion.end_errors(motion.open_loop, trajectory).max())
         return Verification(
             defect=defect,
             continuity=check.continuity(),
-            equations=equations,
+            equations=max(equations, at_ends),
             bounds=check.bounds(),
-            natural_residual=natural,
+            natural_residual=max(natural, of_pairs),
             product=product,
             element_error=None if ends is None else float(ends.max()),
             horizon_error=horizon,
@@ -344,8 +345,7 @@ class _TrajectoryCheck:
         at_boundaries = self._stated(AT_BOUNDARIES)
         ends = self._instants(np.array([0.0, 1.0]))
         equations = max([equations, *(self._violations(statement, ends)[0] for statement in at_boundaries)])
-        at_ends, of_pairs = self._at_given_ends()
-        return max(of_steps, self._defect(rates)), max(equations, at_ends), max(natural, of_pairs), product
+        return max(of_steps, self._defect(rates)), equations, natural, product
 
     def _instants(self, fractions: Array) -> ElementInstants:
         return ElementInstants(self.formulas, self.trajectory, fractions)
@@ -417,7 +417,7 @@ class _TrajectoryCheck:
             raise TrajectoryError(f"phase '{self.block.name}': the rule '{statement.name}' {words}")
         return asks
 
-    def _at_given_ends(self) -> tuple[float, float]:
+    def at_given_ends(self) -> tuple[float, float]:
         """Violation of equations and of sides of pairs by the values that are given at ends without a stage."""
         worst = dict.fromkeys((*KINDS, "bounds"), 0.0)
         ends = (self.record.grid.times[0], 0), (self.record.grid.times[-1], -1)
@@ -427,9 +427,8 @@ class _TrajectoryCheck:
             values = {name: states[name][position] if name in states else parameters[name] for name in given}
             if self.indices.times[position] in self.indices.points or not values:
                 continue
-            formulas = RuleFormulas(self.block, self.grid)
             # A rule that cannot be evaluated there says nothing of it: no remark.
-            for found in end_violations(formulas, time, values, self.statements, []):
+            for found in end_violations(self.formulas, time, values, self.statements, []):
                 worst[found.kind] = max(worst[found.kind], found.amount)
         return max(worst["residual"], worst["constraint"], worst["bounds"]), worst["complementarity"]
 
