@@ -109,7 +109,7 @@ def _least_change(
             for body, least, largest, slopes in rows:
                 sides = [(side - body - of_others(slopes, j)) / slopes[j] for side in (least, largest)]
                 low, high = np.fmin(*sides), np.fmax(*sides)
-                low, high = np.where(low >= -sizes[j], low, -np.inf), np.where(high <= sizes[j], high, np.inf)
+                low, high = np.where(low <= sizes[j], low, -np.inf), np.where(high >= -sizes[j], high, np.inf)
                 lower, upper = np.maximum(lower, np.minimum(low, upper)), np.minimum(upper, np.maximum(high, lower))
             downhill = model.slope[j] + of_others(model.curvature[j], j)
             curved = model.curvature[j][j] > flat / sizes[j] ** 2

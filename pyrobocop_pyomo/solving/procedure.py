@@ -232,7 +232,7 @@ class _Procedure(Runner):
             yield replace(OTHER_OPTIMUM, most_iterations=most)
         for strategy in other_starts(has_pairs=False) if requested or not coarse else ():
             left = exploration.work_within(0, self.record.iterations)
-            if left < FEW_ITERATIONS and not requested:
+            if left < FEW_ITERATIONS / 2 and not requested:
                 return
             yield replace(strategy, most_iterations=int(min(most, left)))
 

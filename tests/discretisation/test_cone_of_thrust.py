@@ -44,3 +44,23 @@ def test_the_optimum_is_not_improved_and_not_made_worse(worth: float) -> None:
     cone = Cone(worth)
     here = {"size": np.full((1, 1), cone.best), "along": np.full((1, 1), cone.best)}
     assert least_integrand_within_rows(cone, here) == pytest.approx(cone.integrand(here), abs=1e-6)
+
+
+class HalfPlane:
+    """Two controls, each best at one; a row limits the first alone, and the answer is a hair beyond it."""
+
+    def integrand(self, given: Mapping[str, Array], *, apart: bool = False) -> Array:
+        return (given["limited"] - 1.0) ** 2 + (given["other"] - 1.0) ** 2
+
+    def own_rows(self, given: Mapping[str, Array]) -> list[tuple[Array, Array, Array]]:
+        body = given["limited"]
+        return [(body, np.full(body.shape, -np.inf), np.full(body.shape, 1.0 - 1e-9))]
+
+    def limits(self, name: str) -> tuple[Array, Array]:
+        return np.full((1, 1), -3.0), np.full((1, 1), 3.0)
+
+
+def test_a_row_that_is_missed_by_a_hair_moves_no_control_that_it_does_not_read() -> None:
+    plane, here = HalfPlane(), {"limited": np.ones((1, 1)), "other": np.ones((1, 1))}
+    with np.errstate(all="ignore"):  # as its caller does
+        assert least_integrand_within_rows(plane, here) == pytest.approx(0.0, abs=1e-6)
