@@ -201,14 +201,24 @@ class RightHandSides:
 
     # ---------------------------------------------------------------- in one element
 
-    def at(self, i: int, fraction: float, states: Array) -> Array:
-        """Derivatives of all states by real time at a local fraction of one element."""
+    def at(self, i: int, fraction: float, states: Array, *, of_all: bool = False) -> Array:
+        """Derivatives of all states by real time at a local fraction of one element.
+
+        Parameters
+        ----------
+        i : int
+        fraction : float
+        states : array, shape (n,)
+        of_all : bool
+            Whether the same fraction is one of all elements: what is planned there is read at once, and kept.
+        """
         self._evaluations += 1
         self.reached = self._starts[i] + fraction * self.widths[i]
         if self._evaluations > self.most_evaluations:
             raise TooManyEvaluations
-        planned = self._planned(np.array([fraction]), slice(i, i + 1))
-        leaves = {key: float(of[0, 0] if np.ndim(of) else of) for key, of in planned.items()}
+        here, is_kept = np.array([fraction]), of_all and not self._delays
+        planned, place = (self._given(here), i) if is_kept else (self._planned(here, slice(i, i + 1)), 0)
+        leaves = {key: float(of[place, 0] if np.ndim(of) else of) for key, of in planned.items()}
         leaves |= dict(zip(self.keys, states.tolist(), strict=True))
         self._last = leaves
         rates = self._formulas.values(self.equations.rates, leaves, FLOAT_FUNCTIONS)
@@ -288,13 +298,13 @@ class RightHandSides:
         -------
         array, shape (k, n)
         """
-        states = [state]
+        states, slope = [state], partial(self.at, i, of_all=True)
         for before, after in pairwise(fractions.tolist()):
             width, middle = float(self.widths[i]) * (after - before), (before + after) / 2
-            first = self.at(i, before, state)
-            second = self.at(i, middle, state + 0.5 * width * first)
-            third = self.at(i, middle, state + 0.5 * width * second)
-            fourth = self.at(i, after, state + width * third)
+            first = slope(before, state)
+            second = slope(middle, state + 0.5 * width * first)
+            third = slope(middle, state + 0.5 * width * second)
+            fourth = slope(after, state + width * third)
             state = state + width / 6.0 * (first + 2.0 * (second + third) + fourth)
             states.append(state)
         return np.array(states)

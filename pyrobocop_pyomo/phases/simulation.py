@@ -250,7 +250,7 @@ class _Run:
         nodes = states[np.searchsorted(places, scheme.state_nodes)]
         nodes[0] = self._start  # which is known without rounding
         first = 0 if scheme.starts_on_a_stage else 1
-        at_stages = [rates.at(i, place, nodes[first + k]) for k, place in enumerate(scheme.c.tolist())]
+        at_stages = [rates.at(i, c, nodes[first + k], of_all=True) for k, c in enumerate(scheme.c.tolist())]
         self._take(i, nodes, states[-1], np.array(at_stages).T, np.zeros((0, scheme.stages)))
         return ""
 
