@@ -96,6 +96,7 @@ class RightHandSides:
         of_signals = [trajectory.element_signals(name) for name in trajectory.signals]
         self._signals = np.array(of_signals).reshape(-1, len(self.widths), trajectory.grid.scheme.stages)
         self._known: dict[bytes, dict[int, Any]] = {}
+        self._floats: dict[float, list[dict[int, float]]] = {}
         meshes = trajectory.grid.mesh, formulas.indices.mesh
         self._starts, self._indices = (np.array(mesh.boundaries[:-1]) for mesh in meshes)
         self._index_widths = np.array(formulas.indices.mesh.widths)
@@ -216,10 +217,13 @@ class RightHandSides:
         self.reached = self._starts[i] + fraction * self.widths[i]
         if self._evaluations > self.most_evaluations:
             raise TooManyEvaluations
-        here, is_kept = np.array([fraction]), of_all and not self._delays
-        planned, place = (self._given(here), i) if is_kept else (self._planned(here, slice(i, i + 1)), 0)
-        leaves = {key: float(of[place, 0] if np.ndim(of) else of) for key, of in planned.items()}
-        leaves |= dict(zip(self.keys, states.tolist(), strict=True))
+        if of_all and not self._delays:
+            if fraction not in self._floats:
+                self._floats[fraction] = _by_element(self._given(np.array([fraction])), len(self.widths))
+            planned = self._floats[fraction][i]
+        else:
+            [planned] = _by_element(self._planned(np.array([fraction]), slice(i, i + 1)), 1)
+        leaves = planned | dict(zip(self.keys, states.tolist(), strict=True))
         self._last = leaves
         rates = self._formulas.values(self.equations.rates, leaves, FLOAT_FUNCTIONS)
         if any(isinstance(rate, complex) for rate in rates):
@@ -316,6 +320,12 @@ class RightHandSides:
             if part:
                 return f"{part}, in the right-hand side of '{name}'"
         return ""
+
+
+def _by_element(given: Mapping[int, Any], count: int) -> list[dict[int, float]]:
+    """What is given at one place of some elements, as numbers of each of them."""
+    columns = [(np.zeros((count, 1)) + of)[:, 0].tolist() for of in given.values()]
+    return [dict(zip(given, numbers, strict=True)) for numbers in zip(*columns, strict=True)]
 
 
 def _at_time(solution: Callable[[float], Array], begin: float, width: float, time: float) -> Array:

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain, compress
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -33,7 +33,7 @@ from .families import guesses_by_component, names_by_component
 from .horizon import real_grid
 from .impacts import Impacts
 from .implicit_steps import FormulaStep, RowStep, StepSystem
-from .phase_values import make_trajectory, pairs_of_phase, read_values
+from .phase_values import PhaseValues, make_trajectory, pairs_of_phase, read_values
 from .record import PhaseRecord
 from .right_hand_sides import RightHandSides, TooManyEvaluations, known_equations
 from .rule_formulas import RuleFormulas
@@ -47,8 +47,6 @@ _LITTLE = 1e-6
 
 _WHAT_IS_MISSING = "has no value to simulate with. Give it in the call, or an initial guess."
 
-# One step of Runge and Kutta from node to node, which is enough for a start.
-ROUGHLY = "Runge-Kutta"
 METHODS = ("RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA", "scheme")
 
 
@@ -84,7 +82,7 @@ def simulate(
     """See `PhaseBlockData.simulate`."""
     record: PhaseRecord = block.record
     what = f"phase '{block.name}'"
-    if options.method not in (*METHODS, ROUGHLY):
+    if options.method not in METHODS:
         raise InitialGuessError(f"{what}: method {options.method!r} is unknown; choose one of {', '.join(METHODS)}.")
     controls, initial = (guesses_by_component(record, given, what) for given in (controls, initial))
     if options.unknown is not None:
@@ -236,9 +234,7 @@ class _Run:
         scheme, options, rates = self._record.grid.scheme, self._options, self._rates
         assert rates is not None
         places, why = np.union1d(scheme.state_nodes, [0.0, 1.0]), ""
-        if options.method == ROUGHLY:
-            states = rates.roughly_through(i, self._start, places)
-        elif len(self._start):
+        if len(self._start):
             settings: dict[str, Any] = {"method": options.method, "rtol": options.rtol, "atol": options.atol}
             so_far = self._so_far if rates.are_delayed else None
             states, why = rates.through(i, self._start, np.array([0.0, 1.0]), places, so_far, **settings)
@@ -463,6 +459,8 @@ def replay(block: Any, trajectory: Trajectory, options: SimulationOptions) -> Re
 def put_rough_motion(block: Any) -> bool:
     """Let the states of a phase follow its controls and algebraics, as well as a start needs it.
 
+    One step of Runge and Kutta leads from node to node.
+
     Parameters
     ----------
     block : PhaseBlock
@@ -474,20 +472,30 @@ def put_rough_motion(block: Any) -> bool:
         Whether there is such a motion: every state has an explicit equation, and stays moderate. Otherwise values are
         as before.
     """
-    record, names = block.record, block.record.names_of_states
+    record, names, grid = block.record, block.record.names_of_states, block.record.grid
     explicit = set(record.equation_of) - record.discrete_states >= set(names)
     if not explicit or record.delayed_names or not names:
         return False
+    found, nodes = np.empty((len(grid.times), len(names))), grid.scheme.state_nodes
+    places, ends = np.union1d(nodes, [0.0, 1.0]), np.searchsorted(grid.times, grid.mesh.boundaries)
     try:
-        found = simulate(block, {}, {}, SimulationOptions(method=ROUGHLY, unknown=()))
+        planned = PhaseValues(block).trajectory(evaluate=False)
+        formulas = RuleFormulas(block, planned.grid, coupled_phases_of(block, planned.grid))
+        equations = known_equations(formulas, partial(by_rules, unknown=(), contact=False))
+        rates, state = RightHandSides(formulas, planned, equations), initial_states(block, {})
+        with np.errstate(all="ignore"):
+            for i in range(grid.mesh.elements):
+                states = rates.roughly_through(i, state, places)
+                found[grid.node_positions[i]] = states[np.searchsorted(places, nodes)]
+                found[ends[i + 1]] = state = states[-1]
     except (PyRobocopError, ArithmeticError, ValueError, TypeError, KeyError):
         return False  # a rule may raise anything at such values
-    if not all(is_moderate(values) for values in found.states.values()):
+    if not is_moderate(found):
         return False
-    for name in names:
-        free = [not variable.fixed for variable in record.nodes(name).variables(block)]
-        variables = compress(record.nodes(name).variables(block), free)
-        put_values(list(variables), found.states[name][free].tolist())
+    for name, numbers in zip(names, found.T, strict=True):
+        variables = record.nodes(name).variables(block)
+        free = [k for k, variable in enumerate(variables) if not variable.fixed]
+        put_values([variables[k] for k in free], numbers[free].tolist())
     return True
 
 
