@@ -42,8 +42,8 @@ logger = logging.getLogger(__name__)
 # What is aimed at, as a part of the tolerance: estimates are right within a factor, and one solve more costs more than
 # some elements.
 AIMED = 0.3
-# So many meshes follow the first one, with at most `MOST_TIMES` its elements, or as many as a small problem may have.
-MOST_MESHES, SMALL_ELEMENTS = 8, 200
+# Meshes have at most `MOST_TIMES` the elements of the first one, or as many as a small problem may have.
+SMALL_ELEMENTS = 200
 # Iterations times elements of all of them: a multiple of that of the first solve, or a small problem's.
 EFFORT, SMALL_EFFORT = 10, 30_000
 # As shares of a clearance: equations that lead farther away from the plan call for a finer mesh, which aims at the
@@ -164,6 +164,7 @@ class _FinerMeshes:
         self._phases = {phase.name: phase for phase in phases_of(model)}
         self._boundaries = {name: frozenset(phase.grid.mesh.boundaries) for name, phase in self._phases.items()}
         self._results, self._elements = [first], elements_of(model)
+        self._ratio = np.inf  # of the errors of the last answer and the tolerance
         self._most = min(max(MOST_TIMES * self._elements, SMALL_ELEMENTS), MOST_ELEMENTS)
         self._left = max(SMALL_EFFORT, EFFORT * self._elements * first.iterations)
 
@@ -190,8 +191,11 @@ class _FinerMeshes:
     def _next(self, best: SolveResult, halved: bool) -> MeshPlan | None:
         """The next meshes; None where it ends."""
         now = {name: phase.grid.mesh for name, phase in self._phases.items()}
-        if _is_optimal(best) and not best.discretisation.ratio(self._tolerance) > 1.0:  # or not known
+        ratio = best.discretisation.ratio(self._tolerance) if _is_optimal(best) else np.inf
+        if not ratio > 1.0:  # or not known
             return None
+        # Errors that a finer mesh has not made smaller are none of the mesh, as where controls turn at every point.
+        is_in_vain, self._ratio = _is_optimal(best) and not halved and not ratio < self._ratio, ratio
         if halved:
             meshes = {name: halves_of(mesh) for name, mesh in now.items()}
         else:
@@ -199,9 +203,9 @@ class _FinerMeshes:
             meshes = best.discretisation.finer(now, trajectories, AIMED * self._tolerance, keep=self._boundaries)
         plan = MeshPlan({self._phases[name]: mesh for name, mesh in meshes.items()}, "errors")
         at_an_end = (
-            best.stop_reason is StopReason.INTERRUPTED
+            is_in_vain
+            or best.stop_reason is StopReason.INTERRUPTED
             or self._settings.deadline.has_passed
-            or len(self._results) > MOST_MESHES
             or plan.elements > min(self._most, self._left)
             or meshes == now
         )

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.discretisation import DiscretisationEstimate
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.planning import mesh_loop
 
@@ -56,6 +57,13 @@ def test_a_smaller_tolerance_gives_a_finer_mesh(exact: float) -> None:
     assert elements[0] < elements[1] < elements[2]
     assert errors[1] < 1e-4
     assert errors[2] < 1e-6
+
+
+def test_errors_that_a_finer_mesh_does_not_lessen_end_the_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A control may turn by any number of circles from point to point: no mesh makes its polynomials mean more."""
+    monkeypatch.setattr(DiscretisationEstimate, "ratio", lambda estimate, tolerance: 5.0)
+    result = rcp.solve(forced(), strategies=rcp.Strategy(exploration=0))
+    assert [step.label for step in result.steps] == ["solve", "finer mesh"]
 
 
 def test_the_mesh_stays_without_tolerance_and_where_it_is_fine_enough() -> None:
