@@ -164,7 +164,7 @@ class _FinerMeshes:
         self._phases = {phase.name: phase for phase in phases_of(model)}
         self._boundaries = {name: frozenset(phase.grid.mesh.boundaries) for name, phase in self._phases.items()}
         self._results, self._elements = [first], elements_of(model)
-        self._ratio = np.inf  # of the errors of the last answer and the tolerance
+        self._before: SolveResult | None = None  # on the mesh before that of the best answer
         self._most = min(max(MOST_TIMES * self._elements, SMALL_ELEMENTS), MOST_ELEMENTS)
         self._left = max(SMALL_EFFORT, EFFORT * self._elements * first.iterations)
 
@@ -191,11 +191,9 @@ class _FinerMeshes:
     def _next(self, best: SolveResult, halved: bool) -> MeshPlan | None:
         """The next meshes; None where it ends."""
         now = {name: phase.grid.mesh for name, phase in self._phases.items()}
-        ratio = best.discretisation.ratio(self._tolerance) if _is_optimal(best) else np.inf
-        if not ratio > 1.0:  # or not known
+        if _is_optimal(best) and not best.discretisation.ratio(self._tolerance) > 1.0:  # or not known
             return None
-        # Errors that a finer mesh has not made smaller are none of the mesh, as where controls turn at every point.
-        is_in_vain, self._ratio = _is_optimal(best) and not halved and not ratio < self._ratio, ratio
+        was_in_vain = not halved and self._was_in_vain(best)
         if halved:
             meshes = {name: halves_of(mesh) for name, mesh in now.items()}
         else:
@@ -203,13 +201,25 @@ class _FinerMeshes:
             meshes = best.discretisation.finer(now, trajectories, AIMED * self._tolerance, keep=self._boundaries)
         plan = MeshPlan({self._phases[name]: mesh for name, mesh in meshes.items()}, "errors")
         at_an_end = (
-            is_in_vain
+            was_in_vain
             or best.stop_reason is StopReason.INTERRUPTED
             or self._settings.deadline.has_passed
             or plan.elements > min(self._most, self._left)
             or meshes == now
         )
         return None if at_an_end else plan
+
+    def _was_in_vain(self, best: SolveResult) -> bool:
+        """Whether the last mesh has led to the same answer, and to errors that are no smaller.
+
+        These are none of the mesh: a control may turn by full circles from point to point.
+        """
+        before, self._before = self._before, best
+        if before is None or not (_is_optimal(best) and _is_optimal(before)):
+            return False
+        is_same = abs(best.objective - before.objective) <= self._tolerance * abs(before.objective)
+        now, then = (result.discretisation.ratio(self._tolerance) for result in (best, before))
+        return is_same and not now < then
 
     def _solved(self, options: Mapping[str, Any] | None) -> SolveResult:
         """The answer on the meshes that there are now; without options by the strategies of a first solve."""

@@ -62,7 +62,7 @@ def test_a_smaller_tolerance_gives_a_finer_mesh(exact: float) -> None:
 def test_errors_that_a_finer_mesh_does_not_lessen_end_the_loop(monkeypatch: pytest.MonkeyPatch) -> None:
     """A control may turn by any number of circles from point to point: no mesh makes its polynomials mean more."""
     monkeypatch.setattr(DiscretisationEstimate, "ratio", lambda estimate, tolerance: 5.0)
-    result = rcp.solve(forced(), strategies=rcp.Strategy(exploration=0))
+    result = rcp.solve(forced(elements=10), strategies=rcp.Strategy(exploration=0))
     assert [step.label for step in result.steps] == ["solve", "finer mesh"]
 
 
