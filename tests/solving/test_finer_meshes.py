@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.discretisation import DiscretisationEstimate
 from pyrobocop_pyomo.errors import EvaluationError
+from pyrobocop_pyomo.numerics.remeshing import halves_of
 from pyrobocop_pyomo.planning import mesh_loop
 
 pytestmark = pytest.mark.ipopt
@@ -62,7 +63,10 @@ def test_a_smaller_tolerance_gives_a_finer_mesh(exact: float) -> None:
 def test_errors_that_a_finer_mesh_does_not_lessen_end_the_loop(monkeypatch: pytest.MonkeyPatch) -> None:
     """A control may turn by any number of circles from point to point: no mesh makes its polynomials mean more."""
     monkeypatch.setattr(DiscretisationEstimate, "ratio", lambda estimate, tolerance: 5.0)
-    result = rcp.solve(forced(elements=10), strategies=rcp.Strategy(exploration=0))
+    monkeypatch.setattr(
+        DiscretisationEstimate, "finer", lambda estimate, meshes, *_, **__: {n: halves_of(m) for n, m in meshes.items()}
+    )
+    result = rcp.solve(forced(elements=20), strategies=rcp.Strategy(exploration=0))
     assert [step.label for step in result.steps] == ["solve", "finer mesh"]
 
 
