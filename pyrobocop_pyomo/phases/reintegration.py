@@ -8,7 +8,7 @@ integration that knows nothing of the scheme.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -293,7 +293,7 @@ def _flows(
         along = followed(fractions, None) if integrals.integrands else None
         if along is None:
             integrals.leave_out_all(_TOO_STIFF)
-        motion = _delayed_flows(rates, trajectory, parts, fractions, planned(np.zeros(1))[:, :, 0].T, first)
+        motion = _flows_by_scipy(rates, trajectory, parts, fractions, first)
         return replace(motion, gained=None if along is None else along.gained)
     if not rates.equations.needs_steps:
         at, start = (fractions[[0, -1]], None) if ends_only else (fractions, first)
@@ -303,17 +303,20 @@ def _flows(
             flows = followed(at, start)
         if flows is not None:
             return flows
+        if not rates.equations.unknowns:  # what is not smooth takes short steps, and these are SciPy's business
+            with suppress(ArithmeticError, ValueError):
+                flows = _flows_by_scipy(rates, trajectory, parts, fractions, first)
+                if np.isfinite(flows.local).all():
+                    return flows
     return stepped_flows(rates, trajectory, fractions, scales, first)
 
 
-def _delayed_flows(
-    rates: RightHandSides, trajectory: Trajectory, parts: Array, fractions: Array, starts: Array, first: Array
+def _flows_by_scipy(
+    rates: RightHandSides, trajectory: Trajectory, parts: Array, fractions: Array, first: Array
 ) -> Flows:
-    """One element after the other: the whole motion reads itself, and what is delayed may jump anywhere in them.
-
-    From their own starts, elements read the trajectory at earlier times.
-    """
-    exactly: dict[str, Any] = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-11}
+    """One element after the other. With delays the whole motion reads itself; elements alone read the trajectory."""
+    exactly: dict[str, Any] = {"method": "LSODA", "rtol": 1e-10, "atol": 1e-11}
+    starts = _planned(trajectory, list(trajectory.states), np.zeros(1))[:, :, 0].T
     carried: list[Array] = []
     with np.errstate(all="ignore"):
         local = [rates.through(i, start, parts, fractions, **exactly)[0] for i, start in enumerate(starts)]
