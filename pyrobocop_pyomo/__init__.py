@@ -31,23 +31,39 @@ from pyrobocop_pyomo.phases import (
 from pyrobocop_pyomo.trajectories import JoinedTrajectory, Trajectory, join_trajectories
 
 if TYPE_CHECKING:
-    from pyrobocop_pyomo import ipopt, mechanics, scenes, studies, teams
-    from pyrobocop_pyomo.contrib import estimation
-    from pyrobocop_pyomo.contrib.estimation.estimate import estimate
-    from pyrobocop_pyomo.contrib.estimation.measurements import label_measurements
-    from pyrobocop_pyomo.contrib.pyrobocop_classes import from_pyrobocop, solution_arrays
-    from pyrobocop_pyomo.diagnosis import diagnose
-    from pyrobocop_pyomo.distributed.agents import Agent, KeepApart, Shared
-    from pyrobocop_pyomo.distributed.team import Team
-    from pyrobocop_pyomo.geometry import Polytope, planar_pose, spatial_pose
-    from pyrobocop_pyomo.motion import Body, TablePath
-    from pyrobocop_pyomo.mpcc import Certificate, Stationarity
-    from pyrobocop_pyomo.numerics.gaussian_process import GaussianProcessMean
-    from pyrobocop_pyomo.obstacles import Containment, ObstacleAvoidanceBlock, verify_motion
-    from pyrobocop_pyomo.phases import Verification
-    from pyrobocop_pyomo.planning import solve
-    from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason, Strategy
-    from pyrobocop_pyomo.studies.sweep import sweep
+    from pyrobocop_pyomo import ipopt as ipopt
+    from pyrobocop_pyomo import mechanics as mechanics
+    from pyrobocop_pyomo import scenes as scenes
+    from pyrobocop_pyomo import studies as studies
+    from pyrobocop_pyomo import teams as teams
+    from pyrobocop_pyomo.contrib import estimation as estimation
+    from pyrobocop_pyomo.contrib.estimation.estimate import estimate as estimate
+    from pyrobocop_pyomo.contrib.estimation.measurements import label_measurements as label_measurements
+    from pyrobocop_pyomo.contrib.pyrobocop_classes import from_pyrobocop as from_pyrobocop
+    from pyrobocop_pyomo.contrib.pyrobocop_classes import solution_arrays as solution_arrays
+    from pyrobocop_pyomo.diagnosis import diagnose as diagnose
+    from pyrobocop_pyomo.distributed.agents import Agent as Agent
+    from pyrobocop_pyomo.distributed.agents import KeepApart as KeepApart
+    from pyrobocop_pyomo.distributed.agents import Shared as Shared
+    from pyrobocop_pyomo.distributed.team import Team as Team
+    from pyrobocop_pyomo.geometry import Polytope as Polytope
+    from pyrobocop_pyomo.geometry import planar_pose as planar_pose
+    from pyrobocop_pyomo.geometry import spatial_pose as spatial_pose
+    from pyrobocop_pyomo.motion import Body as Body
+    from pyrobocop_pyomo.motion import TablePath as TablePath
+    from pyrobocop_pyomo.mpcc import Certificate as Certificate
+    from pyrobocop_pyomo.mpcc import Stationarity as Stationarity
+    from pyrobocop_pyomo.numerics.gaussian_process import GaussianProcessMean as GaussianProcessMean
+    from pyrobocop_pyomo.obstacles import Containment as Containment
+    from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlock as ObstacleAvoidanceBlock
+    from pyrobocop_pyomo.obstacles import verify_motion as verify_motion
+    from pyrobocop_pyomo.phases import Verification as Verification
+    from pyrobocop_pyomo.planning import solve as solve
+    from pyrobocop_pyomo.solving import Quality as Quality
+    from pyrobocop_pyomo.solving import SolveResult as SolveResult
+    from pyrobocop_pyomo.solving import StopReason as StopReason
+    from pyrobocop_pyomo.solving import Strategy as Strategy
+    from pyrobocop_pyomo.studies.sweep import sweep as sweep
 
 # What states a problem is loaded at once; what reads obstacles, solves, studies or draws, when it is first used: a
 # program that only builds models starts in half the time. The solvers' names are known to Pyomo all the same.
@@ -81,64 +97,33 @@ _removed = errors.removed_names(
 )
 
 __all__ = [
-    "Agent",
     "Algebraic",
-    "Body",
-    "Certificate",
     "Complementarity",
-    "Containment",
     "Control",
     "Duration",
     "Function",
-    "GaussianProcessMean",
     "JoinedTrajectory",
-    "KeepApart",
     "Link",
-    "ObstacleAvoidanceBlock",
     "Parameter",
     "PhaseBlock",
-    "Polytope",
-    "Quality",
-    "Shared",
-    "SolveResult",
     "Start",
     "State",
-    "Stationarity",
-    "StopReason",
-    "Strategy",
     "Table",
-    "TablePath",
-    "Team",
     "Trajectory",
-    "Verification",
     "__version__",
     "active_pairs",
     "array",
     "complements",
     "dae_trajectory",
-    "diagnose",
     "either_zero",
     "errors",
-    "estimate",
-    "estimation",
-    "from_pyrobocop",
-    "ipopt",
     "join_trajectories",
-    "label_measurements",
-    "mechanics",
     "phases_of",
-    "planar_pose",
     "relaxations",
     "remesh_phases",
-    "scenes",
     "schemes",
-    "solution_arrays",
-    "solve",
-    "spatial_pose",
-    "studies",
-    "sweep",
-    "teams",
-    "verify_motion",
+    *_HOMES_ON_DEMAND,
+    *_NAMESPACES_ON_DEMAND,
 ]
 
 

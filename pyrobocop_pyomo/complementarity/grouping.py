@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
+from functools import cache
+from operator import attrgetter
 from typing import Any, Protocol, runtime_checkable
 
 from pyrobocop_pyomo.errors import ComplementarityError
@@ -25,7 +27,6 @@ class Grouping(Protocol):
 
     def groups(self, pairs: Sequence[CanonicalPair]) -> list[tuple[Hashable | None, list[CanonicalPair]]]:
         """Split the pairs into named lists; every pair comes once."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -55,17 +56,14 @@ class PerElement:
 
     def groups(self, pairs: Sequence[CanonicalPair]) -> list[tuple[Hashable | None, list[CanonicalPair]]]:
         """One group per block and label, in the order of the first pair of each."""
-        found: dict[str, list[CanonicalPair]] = {}
-        block_names: dict[int, str] = {}
-        for pair in pairs:
-            block = pair.source.parent_block()
-            block_name = block_names.get(id(block))
-            if block_name is None:
-                block_name = block_names[id(block)] = block.name
+        name = cache(attrgetter("name"))
+
+        def label(pair: CanonicalPair) -> str:
             # A label and an index may be equal numbers and yet mean different things: keep them apart.
-            label = f"index {pair.source.index()!r}" if pair.group is None else f"group {pair.group!r}"
-            found.setdefault(f"{block_name}, {label}", []).append(pair)
-        return list(found.items())
+            own = f"index {pair.source.index()!r}" if pair.group is None else f"group {pair.group!r}"
+            return f"{name(pair.source.parent_block())}, {own}"
+
+        return _collected(pairs, label)
 
 
 @dataclass(frozen=True)
@@ -78,13 +76,8 @@ class PerPhase:
 
     def groups(self, pairs: Sequence[CanonicalPair]) -> list[tuple[Hashable | None, list[CanonicalPair]]]:
         """One group per block, in the order of the first pair of each."""
-        blocks: dict[int, Any] = {}
-        found: dict[int, list[CanonicalPair]] = {}
-        for pair in pairs:
-            block = pair.source.parent_block()
-            blocks[id(block)] = block
-            found.setdefault(id(block), []).append(pair)
-        return [(f"block {blocks[key].name}", members) for key, members in found.items()]
+        name = cache(attrgetter("name"))
+        return _collected(pairs, lambda pair: f"block {name(pair.source.parent_block())}")
 
 
 @dataclass(frozen=True)
@@ -135,13 +128,9 @@ class Crossed:
 
         With left ends, the elements of a family form one group, since their products overlap.
         """
-        found: dict[Hashable, list[CanonicalPair]] = {}
-        names: dict[int, str] = {}
-        for pair in pairs:
-            component = pair.source.parent_component()
-            name = names.get(id(component))
-            if name is None:
-                name = names[id(component)] = component.name
+        name = cache(attrgetter("name"))
+
+        def family(pair: CanonicalPair) -> Hashable:
             if pair.group is None:
                 key: tuple[Hashable, ...] = ("index", pair.source.index())
             elif self.left_end is None:
@@ -149,8 +138,9 @@ class Crossed:
             else:
                 self._check_number(pair)
                 key = ("family", pair.source.family)
-            found.setdefault((name, *key, pair.role), []).append(pair)
-        return list(found.items())
+            return (name(pair.source.parent_component()), *key, pair.role)
+
+        return _collected(pairs, family)
 
     def products(self, pairs: Sequence[CanonicalPair]) -> list[tuple[CanonicalPair, CanonicalPair]]:
         """The products of a family, element by element."""
@@ -173,6 +163,16 @@ class Crossed:
                 f"'{pair.name}': its group label is {pair.group!r}, and {self} looks for the element before by number. "
                 "Number the elements, as phases do: group= gives 0, 1, 2, ..."
             )
+
+
+def _collected(
+    pairs: Sequence[CanonicalPair], key: Callable[[CanonicalPair], Hashable]
+) -> list[tuple[Hashable | None, list[CanonicalPair]]]:
+    """Pairs of one key together, in the order of the first pair of each."""
+    found: dict[Hashable | None, list[CanonicalPair]] = {}
+    for pair in pairs:
+        found.setdefault(key(pair), []).append(pair)
+    return list(found.items())
 
 
 GROUPINGS: dict[str, type] = {

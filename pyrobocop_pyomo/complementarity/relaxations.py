@@ -20,7 +20,6 @@ class Relaxation(Protocol):
 
     def residual(self, a: Any, b: Any, delta: Any) -> Any:
         """Return what must not be positive, for sides within their signs."""
-        ...
 
     def shift(self, delta: Any) -> Any:
         """Return s(delta) if ``residual(a, b, delta) == residual(a, b, 0) - s(delta)``, else None.
@@ -28,7 +27,6 @@ class Relaxation(Protocol):
         Such a row can follow delta inside a solve: only its bound moves, Jacobian and Hessian stay. And such
         residuals are added up over a group under one delta; of others, each product is bounded by itself.
         """
-        ...
 
 
 @runtime_checkable
@@ -44,7 +42,6 @@ class ObjectiveTerm(Protocol):
 
     def coefficient(self, delta: Any) -> Any:
         """Return the factor before the sum."""
-        ...
 
 
 @dataclass(frozen=True)

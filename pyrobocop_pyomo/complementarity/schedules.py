@@ -16,7 +16,6 @@ class Schedule(Protocol):
 
     def steps(self) -> Iterator[float]:
         """Yield delta for each solve, never increasing."""
-        ...
 
 
 @runtime_checkable
@@ -28,7 +27,6 @@ class BarrierSchedule(Schedule, Protocol):
 
     def delta_for(self, mu: float) -> float:
         """Return delta for a barrier parameter: positive, and never increasing as mu decreases."""
-        ...
 
 
 def _require(met: bool, schedule: object, label: str) -> None:

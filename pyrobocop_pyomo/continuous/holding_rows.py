@@ -43,7 +43,7 @@ from pyomo.dae import DerivativeVar
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
-from pyrobocop_pyomo.numerics import Matching, maximum_matching
+from pyrobocop_pyomo.numerics import Matching
 
 from .record import Discretisation, open_sets
 from .structure import PAIRS, Spot, axes_of, continuous_sets, variables_of_row
@@ -434,26 +434,20 @@ def rows_that_hold(
     """
     own = [[id(variable) for variable in variables] for _, variables in pending]
     first = [[id(variable) for variable in variables] for variables in conditions]
-    with_states = _matched([*first, *own])
-    possible = [i for i in range(len(own)) if with_states.column_of[len(first) + i] >= 0]
-    unknown = [[key for key in own[i] if key in candidates] for i in possible]
-    with_known_states = _matched(unknown)
-    short = set(with_known_states.underdetermined[0])
-    decisions = [SURPLUS] * len(own)
-    for position, i in enumerate(possible):
-        decisions[i] = UNDECIDED if position in short else HOLDS
-    return decisions
+    surplus = {row - len(first) for row in Matching([*first, *own], chain(*first, *own)).unmatched_rows}
+    left = [() if i in surplus else row for i, row in enumerate(own)]
+    short = set(Matching(left, (key for row in left for key in row if key in candidates)).underdetermined[0])
+    return [SURPLUS if i in surplus else UNDECIDED if i in short else HOLDS for i in range(len(own))]
 
 
 def columns_that_rows_give(rows: Sequence[Sequence[int]], order: Iterable[int]) -> set[int]:
     """As many unknowns as the rows can give, those that come first in an order before others."""
     rows_with: dict[int, list[int]] = {key: [] for key in order}
     for i, row in enumerate(rows):
-        for key in row:
-            if key in rows_with:
-                rows_with[key].append(i)
-    matching = maximum_matching(list(rows_with.values()), len(rows))
-    return {key for key, row in zip(rows_with, matching.column_of, strict=True) if row >= 0}
+        for key in rows_with.keys() & row:
+            rows_with[key].append(i)
+    keys = list(rows_with)
+    return {keys[i] for i in Matching(rows_with.values(), range(len(rows))).row_of.values()}
 
 
 def undecided_parts(rows: Sequence[tuple[Any, list[Any]]], absent: Collection[int]) -> list[tuple[list[Any], set[int]]]:
@@ -474,10 +468,3 @@ def undecided_parts(rows: Sequence[tuple[Any, list[Any]]], absent: Collection[in
         part_of.update(dict.fromkeys(part[1], part))
     parts = {min(part[0]): part for part in part_of.values()}
     return [([rows[i][0] for i in sorted(parts[first][0])], parts[first][1]) for first in sorted(parts)]
-
-
-def _matched(rows: Sequence[Sequence[int]]) -> Matching:
-    """The matching that prefers the rows before; unknowns are given by their ids."""
-    column: dict[int, int] = {}
-    incidence = [[column.setdefault(key, len(column)) for key in row] for row in rows]
-    return maximum_matching(incidence, len(column))

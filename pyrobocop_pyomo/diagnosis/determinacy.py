@@ -18,7 +18,7 @@ from pyrobocop_pyomo.complementarity.record import records_above, records_below
 from pyrobocop_pyomo.modeling.activity import is_inside
 from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
-from pyrobocop_pyomo.numerics import Array, maximum_matching
+from pyrobocop_pyomo.numerics import Array, Matching
 from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.phases import Algebraic, phases_of
@@ -77,7 +77,7 @@ def excess_findings(block: Any, equations: Equations, without: str = "") -> Iter
 
     Such a model is meant to be square, and its equations may hold all the same.
     """
-    over, columns = maximum_matching(equations.incidence, len(equations.variables)).overdetermined
+    over, columns = Matching(equations.incidence, range(len(equations.variables))).overdetermined
     if over:
         names = _components(equations.rows[i] for i in over)
         said = f"{len(over)} equations hold only {len(columns)} variables that may move: {quoted(names)}"
@@ -103,13 +103,10 @@ def _undetermined(block: Any, equations: Equations) -> list[Any]:
         for data in component.values()
         if not data.fixed
     }
-    column = {key: i for i, key in enumerate(variables)}
-    held = [[equations.variables[j] for j in own] for own in equations.incidence]
-    held += [list(variables_in_any(sides_of(source)).values()) for source in stated_pairs(block)]
-    incidence = [sorted((column[id(v)] for v in own if id(v) in column), reverse=True) for own in held]
-    left = maximum_matching(incidence, len(column)).unmatched_columns
-    read = set(chain.from_iterable(incidence)).intersection(left)
-    return [variable for i, variable in enumerate(variables.values()) if i in read]
+    held = [[id(equations.variables[j]) for j in own] for own in equations.incidence]
+    held += [list(variables_in_any(sides_of(source))) for source in stated_pairs(block)]
+    read = set(chain.from_iterable(held))
+    return [variables[key] for key in Matching(held, reversed(variables)).unmatched_columns[::-1] if key in read]
 
 
 def stated_pairs(block: Any) -> list[Any]:

@@ -16,7 +16,7 @@ from pyrobocop_pyomo.links import LinkData
 from pyrobocop_pyomo.modeling.activity import enclosing_blocks, outermost_inactive
 from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
-from pyrobocop_pyomo.numerics import maximum_matching
+from pyrobocop_pyomo.numerics import Matching
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.obstacles.snapshot import variables_of
 from pyrobocop_pyomo.phases import PhaseBlockData, phases_of
@@ -168,6 +168,5 @@ class _Joined:
     def starts_left_open(self, link: Any) -> list[str]:
         """Starts of states behind a link that no equation is left for: one equation gives one of them."""
         ends = {name: self._end(link.second, name, first=True) for name in link.starts_asked_for}
-        starts = {name: id(data) for name, data in ends.items() if data is not None and id(data) not in self._in_others}
-        incidence = [[i for i, key in enumerate(starts.values()) if key in held] for held in self._equations]
-        return [list(starts)[i] for i in maximum_matching(incidence, len(starts)).unmatched_columns]
+        starts = {id(data): name for name, data in ends.items() if data is not None and id(data) not in self._in_others}
+        return [starts[key] for key in Matching(self._equations, starts).unmatched_columns]

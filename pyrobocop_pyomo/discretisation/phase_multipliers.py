@@ -67,15 +67,15 @@ class PhaseMultipliers:
     room: Mapping[str, tuple[Array, Array]]
 
 
-def phase_multipliers(phase: Any, found: RowMultipliers, widths: Array) -> PhaseMultipliers:
+def phase_multipliers(phase: Any, found: RowMultipliers, real: Grid) -> PhaseMultipliers:
     """Read the multipliers of a phase.
 
     Parameters
     ----------
     phase : PhaseBlock
     found : RowMultipliers
-    widths : array, shape (N,)
-        Of the elements, in real time.
+    real : Grid
+        That of the phase in real time.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def phase_multipliers(phase: Any, found: RowMultipliers, widths: Array) -> Phase
         raise TrajectoryError(f"phase '{phase.name}': {scheme.name} has stages without weight, and no costates there.")
     if record.discrete_states:
         raise TrajectoryError(f"phase '{phase.name}': states that a step map leads have no costates.")
-    weights = _weights(grid, widths)
+    weights = _at_points(real, real.quadrature_weights)
     costates, starts = {}, {}
     for name in record.names_of_states:
         if name not in record.equation_of:
@@ -117,16 +117,6 @@ def _by_index(found: RowMultipliers, rows: Any) -> dict[Any, float]:
         missing = next(rows[index] for index, number in by_index.items() if number is None)
         raise TrajectoryError(f"'{missing.name}' has no multiplier.")
     return cast("dict[Any, float]", by_index)
-
-
-def _weights(grid: Grid, widths: Array) -> Array:
-    """Weight of each stage in an integral over time; a point that two elements share has that of both."""
-    parts = widths[:, None] * grid.scheme.b
-    total: dict[float, float] = {}
-    for times, of_element in zip(grid.stage_times, parts.tolist(), strict=True):
-        for time, weight in zip(times, of_element, strict=True):
-            total[time] = total.get(time, 0.0) + weight
-    return _at_points(grid, total)
 
 
 def _at_points(grid: Grid, by_time: Mapping[float, float]) -> Array:

@@ -123,7 +123,7 @@ class _Captured:
             self._why = "It has pairs, whose forces and multipliers jump inside elements."
         elif known is not None and not constant:
             try:
-                self._multipliers = phase_multipliers(phase, known, self._trajectory.grid.mesh.widths)
+                self._multipliers = phase_multipliers(phase, known, self._trajectory.grid)
             except TrajectoryError as error:
                 self._why = str(error)
 

@@ -14,6 +14,7 @@ from pyomo.core.base.PyomoModel import ConcreteModel
 from pyomo.core.base.set import Any as AnyIndex
 
 from pyrobocop_pyomo.errors import TeamError
+from pyrobocop_pyomo.numerics.arrays import finite_numbers
 
 _NAMES_ON_A_MERGED_MODEL = ("objective", "keep_apart", "agreement")
 # Times the distance to keep: nearer robots are too near for a plan that holds, and the closing step moves them apart.
@@ -87,12 +88,9 @@ class Shared:
         if not components or not all(isinstance(name, str) and name for name in components):
             raise TeamError(f"Shared{components!r}: name one component or several, such as 'body.qx'.")
         what = f"Shared({', '.join(map(repr, components))})"
-        try:
-            weights = np.asarray(penalty, dtype=float)
-        except (TypeError, ValueError):
-            raise TeamError(f"{what}: penalty = {penalty!r}; expected numbers.") from None
-        if weights.ndim > 1 or not np.isfinite(weights).all() or weights.size == 0:
-            raise TeamError(f"{what}: penalty = {penalty!r}; expected a finite number, or one for each variable.")
+        weights = finite_numbers(penalty, f"{what}: penalty", TeamError)
+        if weights.ndim > 1 or weights.size == 0:
+            raise TeamError(f"{what}: penalty = {penalty!r}; expected a number, or one for each variable.")
         if weights.min() <= 0:
             raise TeamError(
                 f"{what}: the penalty is not positive: its least weight is {weights.min():g}. Every disagreement has "

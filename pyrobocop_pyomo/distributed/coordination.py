@@ -36,16 +36,13 @@ class Physics(Protocol):
     @property
     def robot_components(self) -> Sequence[str]:
         """Names of what it reads of each robot's plan."""
-        ...
 
     @property
     def hub_components(self) -> Sequence[str]:
         """Names of what it reads of the hub's plan."""
-        ...
 
     def __call__(self, plans: Plans) -> PlanScore:
         """Score the plans of all agents."""
-        ...
 
 
 @dataclass

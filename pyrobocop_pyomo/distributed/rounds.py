@@ -21,12 +21,10 @@ class PlanScore(Protocol):
     @property
     def strict(self) -> bool:
         """Whether the plan holds to small tolerances."""
-        ...
 
     @property
     def practical(self) -> bool:
         """Whether the plan would do its work."""
-        ...
 
 
 def is_success(score: PlanScore | None) -> bool:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.numerics.arrays import finite_numbers
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
 from .polyhedra import EmptyInterior, affine_basis, convex_hull, corners_of
@@ -20,17 +21,11 @@ logger = logging.getLogger(__name__)
 
 def read_points(points: Any, name: str, label: str = "vertices") -> np.ndarray:
     """Finite points (v, 2 or 3) as an array of floats, or a ObstacleError that names the body."""
-    try:
-        array = np.array(points, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise ObstacleError(f"'{name}': {label} are no list of points of numbers: {error}.") from None
+    array = finite_numbers(points, f"'{name}': {label}", ObstacleError)
     if array.ndim != 2 or array.shape[1] not in (2, 3):
         raise ObstacleError(
             f"'{name}': {label} have the shape {array.shape}; expected one row per point, with 2 or 3 coordinates."
         )
-    if not np.isfinite(array).all():
-        row = int(np.argmax(~np.isfinite(array).all(axis=1)))
-        raise ObstacleError(f"'{name}': {label} have an entry that is not finite, in row {row}: {array[row]}.")
     return array
 
 
@@ -119,12 +114,9 @@ def corners_of_halfspaces(normals: Any, offsets: Any, *, bounded: bool, name: st
         For rows that are zero or not finite, a set that is empty or flat, and one without end if `bounded`.
     """
     rows = read_points(normals, name, "normals")
-    try:
-        sides = np.array(offsets, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise ObstacleError(f"'{name}': offsets are no list of numbers: {error}.") from None
-    if sides.shape != (len(rows),) or not np.isfinite(sides).all():
-        raise ObstacleError(f"'{name}': {len(rows)} normals need as many finite offsets; given: {sides}.")
+    sides = finite_numbers(offsets, f"'{name}': offsets", ObstacleError)
+    if sides.shape != (len(rows),):
+        raise ObstacleError(f"'{name}': {len(rows)} normals need as many offsets; given: {sides}.")
     lengths = np.linalg.norm(rows, axis=1)
     if len(rows) == 0 or lengths.min() == 0.0:
         where = f"row {int(np.argmin(lengths))} of the normals is zero" if len(rows) else "there are no rows"

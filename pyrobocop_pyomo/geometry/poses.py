@@ -9,8 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from pyomo.core.expr import cos as expression_cos
-from pyomo.core.expr import sin as expression_sin
+from pyomo.core.expr import cos, sin
 from pyomo.core.expr.numvalue import native_numeric_types, value
 
 from pyrobocop_pyomo.errors import ObstacleError
@@ -191,10 +190,7 @@ def _value(entry: Entry) -> float:
 
 
 def _turn(angle: Entry) -> tuple[tuple[Entry, ...], ...]:
-    if is_number(angle):
-        cosine, sine = math.cos(angle), math.sin(angle)
-    else:
-        cosine, sine = expression_cos(angle), expression_sin(angle)
+    cosine, sine = cos(angle), sin(angle)
     return ((cosine, -sine), (sine, cosine))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import enum
 import os
 import subprocess
@@ -11,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from pyomo.common import Executable
+from pyomo.common.fileutils import find_executable
 
 from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.programs.asl_program import asl_available
@@ -19,8 +19,6 @@ from pyrobocop_pyomo.programs.vectorised_program import casadi_available
 from .ipopt_library import LIBRARY_VARIABLE, find_ipopt_library
 
 EXECUTABLE_VARIABLE = "PYROBOCOP_IPOPT_EXECUTABLE"
-
-_NAME = "ipopt.exe" if sys.platform == "win32" else "ipopt"
 
 
 def find_ipopt_executable() -> str | None:
@@ -45,14 +43,13 @@ def find_ipopt_executable() -> str | None:
     known = Executable("ipopt").path()
     if known:
         return str(known)
-    folders = [Path(sys.prefix) / "bin", Path(sys.prefix) / "Library" / "bin"]
-    with contextlib.suppress(RuntimeError):  # a container's user may have no home
-        folders.append(Path.home() / ".idaes" / "bin")
-    for folder in folders:
-        path = folder / _NAME
-        if path.is_file() and os.access(path, os.X_OK):
-            return str(path)
-    return None
+    folders = [
+        os.path.join(sys.prefix, "bin"),
+        os.path.join(sys.prefix, "Library", "bin"),
+        os.path.expanduser("~/.idaes/bin"),
+    ]
+    found: str | None = find_executable("ipopt", cwd=False, include_PATH=False, pathlist=folders)
+    return found
 
 
 def configure_ipopt_executable() -> str | None:

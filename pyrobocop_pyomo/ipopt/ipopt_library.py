@@ -11,6 +11,7 @@ import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from pyrobocop_pyomo.errors import SolverNotFoundError
 
@@ -133,27 +134,21 @@ def _load(path: str) -> IpoptLibrary:
 
 
 def _declare(functions: ctypes.CDLL) -> None:
-    functions.CreateIpoptProblem.restype = ctypes.c_void_p
-    functions.CreateIpoptProblem.argtypes = [
-        _index, _address, _address, _index, _address, _address, _index, _index, _index,
-        EvalF, EvalG, EvalGradF, EvalJacG, EvalH,
-    ]  # fmt: skip
-    functions.FreeIpoptProblem.restype = None
-    functions.FreeIpoptProblem.argtypes = [ctypes.c_void_p]
-    for name, kind in (
-        ("AddIpoptStrOption", ctypes.c_char_p),
-        ("AddIpoptNumOption", _number),
-        ("AddIpoptIntOption", _index),
-    ):
-        function = getattr(functions, name)
-        function.restype = ctypes.c_bool
-        function.argtypes = [ctypes.c_void_p, ctypes.c_char_p, kind]
-    functions.SetIntermediateCallback.restype = ctypes.c_bool
-    functions.SetIntermediateCallback.argtypes = [ctypes.c_void_p, Intermediate]
-    functions.SetIpoptProblemScaling.restype = ctypes.c_bool
-    functions.SetIpoptProblemScaling.argtypes = [ctypes.c_void_p, _number, _address, _address]
-    functions.IpoptSolve.restype = ctypes.c_int
-    functions.IpoptSolve.argtypes = [ctypes.c_void_p] + [_address] * 7
+    problem, name, truth = ctypes.c_void_p, ctypes.c_char_p, ctypes.c_bool
+    sizes_and_bounds = [_index, _address, _address, _index, _address, _address, _index, _index, _index]
+    signatures: dict[str, tuple[Any, list[Any]]] = {
+        "CreateIpoptProblem": (problem, [*sizes_and_bounds, EvalF, EvalG, EvalGradF, EvalJacG, EvalH]),
+        "FreeIpoptProblem": (None, [problem]),
+        "AddIpoptStrOption": (truth, [problem, name, ctypes.c_char_p]),
+        "AddIpoptNumOption": (truth, [problem, name, _number]),
+        "AddIpoptIntOption": (truth, [problem, name, _index]),
+        "SetIntermediateCallback": (truth, [problem, Intermediate]),
+        "SetIpoptProblemScaling": (truth, [problem, _number, _address, _address]),
+        "IpoptSolve": (_index, [problem] + [_address] * 7),
+    }
+    for function, (returned, arguments) in signatures.items():
+        declared = getattr(functions, function)
+        declared.restype, declared.argtypes = returned, arguments
 
 
 def _version(functions: ctypes.CDLL) -> tuple[int, int, int] | None:

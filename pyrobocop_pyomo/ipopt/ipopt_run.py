@@ -20,8 +20,8 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import EvaluationError, ModelError
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
-from pyrobocop_pyomo.programs.compiled_terms import EVALUATIONS, compiled_functions_of
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
+from pyrobocop_pyomo.programs.vectorised_program import EVALUATIONS, compiled_functions_of
 
 from .c_output import c_output_captured, c_output_sent_to, flush_c_streams
 from .ipopt_library import EvalF, EvalG, EvalGradF, EvalH, EvalJacG, Intermediate, IpoptLibrary, load_ipopt_library
@@ -169,13 +169,8 @@ class IpoptCallbacks:
             return _write_structure(self.nlp.hessian_structure, rows, columns)
         return self._write(values, self.nlp.hessian, _view(x, n), factor, _view(multipliers, m))
 
-    def _intermediate(
-        self, mode: int, iteration: int, objective: float, primal: float, dual: float, mu: float, step: float,
-        regularization: float, dual_step: float, primal_step: float, trials: int, data: Any,
-    ) -> int:  # fmt: skip
-        record = IterationRecord(
-            iteration, mode == 1, objective, primal, dual, mu, step, regularization, dual_step, primal_step, trials
-        )
+    def _intermediate(self, mode: int, iteration: int, *numbers: Any) -> int:
+        record = IterationRecord(iteration, mode == 1, *numbers[:-1])
         self.records.append(record)
         return self._answered(self._continued, record)
 
@@ -463,6 +458,7 @@ FREQUENT_OPTIONS = (
     "max_wall_time", "mu_init", "mu_strategy", "mu_target", "nlp_scaling_method", "output_file", "print_level",
     "print_timing_statistics", "tol", "warm_start_init_point",
 )  # fmt: skip
+_ADDED_BY = {str: "AddIpoptStrOption", int: "AddIpoptIntOption", float: "AddIpoptNumOption"}
 # What a library has accepted once, and as what: it need not be watched again for what it prints, which takes a third of
 # a millisecond.
 _ACCEPTED: dict[tuple[str, ...], str | int | float] = {}
@@ -522,15 +518,10 @@ def _key(library: IpoptLibrary, name: str, value: Any) -> tuple[str, ...]:
 
 
 def _set(library: IpoptLibrary, problem: int, name: str, value: Any) -> bool:
-    functions, key, known = library.functions, name.encode(), _key(library, name, value)
+    known = _key(library, name, value)
     for attempt in [_ACCEPTED[known]] if known in _ACCEPTED else readings(name, value):
-        if isinstance(attempt, str):
-            is_taken = functions.AddIpoptStrOption(problem, key, attempt.encode())
-        elif isinstance(attempt, int):
-            is_taken = functions.AddIpoptIntOption(problem, key, attempt)
-        else:
-            is_taken = functions.AddIpoptNumOption(problem, key, attempt)
-        if is_taken:
+        add = getattr(library.functions, _ADDED_BY[type(attempt)])
+        if add(problem, name.encode(), attempt.encode() if isinstance(attempt, str) else attempt):
             _ACCEPTED[known] = attempt
             return True
     return False

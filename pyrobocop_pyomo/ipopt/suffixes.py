@@ -11,13 +11,13 @@ AMPL: ``dual`` is the change of the objective, as the user stated it, per unit o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from pyomo.common.collections import ComponentMap
 from pyomo.contrib.solver.common.solution_loader import SolutionLoader
+from pyomo.contrib.solver.common.util import NoSolutionError
 from pyomo.core.base.block import BlockData
 from pyomo.core.base.constraint import ConstraintData
 from pyomo.core.base.enums import TraversalStrategy
@@ -30,6 +30,9 @@ from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoi
 
 from .ipopt_outcome import IpoptOutcome
 from .ipopt_run import ProblemScaling
+
+# Components, and their numbers.
+Entries = tuple[Sequence[Any], Sequence[Any]]
 
 
 def starting_point(compiled: CompiledModel) -> PrimalDualPoint:
@@ -79,7 +82,70 @@ def _exported(model: BlockData, name: str, components: Sequence[Any], missing: f
     return np.array([values.get(component, missing) for component in components], dtype=float)
 
 
-class InProcessSolutionLoader(SolutionLoader):
+class FoundPoint(SolutionLoader):
+    """A point with its multipliers, loaded into the model when it is requested.
+
+    Parameters
+    ----------
+    model : Block
+    values : pair of sequences
+        Variables and their values.
+    suffixes : mapping of str to pair of sequences
+        What suffixes hold: components and numbers.
+    """
+
+    def __init__(self, model: BlockData, values: Entries, suffixes: Mapping[str, Entries]) -> None:
+        self._pyomo_model, self._values, self._suffixes = model, values, suffixes
+
+    def get_number_of_solutions(self) -> int:
+        """Always one: the last or best point exists whatever stopped the solver."""
+        return 1
+
+    def get_vars(self, vars_to_load: Sequence[VarData] | None = None) -> Mapping[VarData, float]:
+        """Values of variables."""
+        return _selected(self._values, vars_to_load)
+
+    def get_duals(self, cons_to_load: Sequence[ConstraintData] | None = None) -> Mapping[ConstraintData, float]:
+        """Multipliers of the user's constraints, in the sign of Pyomo's ``dual``.
+
+        Raises
+        ------
+        NoSolutionError
+            Where a component of the name ``dual`` is on the model that is no suffix for import.
+        """
+        return self._multipliers("dual", cons_to_load)
+
+    def get_reduced_costs(self, vars_to_load: Sequence[VarData] | None = None) -> Mapping[VarData, float]:
+        """Multipliers of bounds, in the sign of Pyomo's ``rc``: of the two, the one that is larger in size.
+
+        Raises
+        ------
+        NoSolutionError
+            Where a component of the name ``rc`` is on the model that is no suffix for import.
+        """
+        return self._multipliers("rc", vars_to_load)
+
+    def load_import_suffixes(self) -> None:
+        """Fill the suffixes that the model declares for import, as far as they are known here."""
+        for name, suffix in self._collect_and_clear_import_suffixes().items():
+            if name in self._suffixes:
+                suffix.update(_selected(self._suffixes[name]))
+
+    def _multipliers(self, name: str, wanted: Sequence[Any] | None) -> Mapping[Any, float]:
+        if name not in self._suffixes:
+            raise NoSolutionError(
+                f"'{self._pyomo_model.name}': multipliers were not kept, since '{name}' is taken. Make it a "
+                "Suffix(direction=Suffix.IMPORT), or free the name."
+            )
+        return _selected(self._suffixes[name], wanted)
+
+
+def _selected(entries: Entries, wanted: Sequence[Any] | None = None) -> ComponentMap:
+    everything = ComponentMap(zip(*entries, strict=True))
+    return everything if wanted is None else ComponentMap((component, everything[component]) for component in wanted)
+
+
+class InProcessSolutionLoader(FoundPoint):
     """The last point and multipliers of a run, in terms of the model's components.
 
     Parameters
@@ -91,59 +157,23 @@ class InProcessSolutionLoader(SolutionLoader):
     """
 
     def __init__(self, compiled: CompiledModel, outcome: IpoptOutcome) -> None:
-        self._pyomo_model = compiled.model
-        self._compiled = compiled
-        self._outcome = outcome
-
-    def get_number_of_solutions(self) -> int:
-        """Always one: the last point exists whatever stopped Ipopt."""
-        return 1
+        self._compiled, self._x, sign = compiled, outcome.x, compiled.sign
+        # Adding zero turns -0.0 into 0.0, which reads better in a report.
+        lower, upper = sign * outcome.lower_multipliers + 0.0, -sign * outcome.upper_multipliers + 0.0
+        larger = np.where(np.abs(upper) > np.abs(lower), upper, lower)
+        suffixes: dict[str, Entries] = {"dual": (compiled.constraints, (-sign * outcome.g_multipliers).tolist())}
+        for name, numbers in (("rc", larger), ("ipopt_zL_out", lower), ("ipopt_zU_out", upper)):
+            suffixes[name] = compiled.variables, numbers.tolist()
+        super().__init__(compiled.model, (compiled.variables, outcome.x.tolist()), suffixes)
 
     def load_vars(self, vars_to_load: Sequence[VarData] | None = None) -> None:
         """Put values into the model's variables."""
         if vars_to_load is None:
-            self._compiled.load_point(self._outcome.x)
+            self._compiled.load_point(self._x)
         else:
             super().load_vars(vars_to_load)
 
-    def get_vars(self, vars_to_load: Sequence[VarData] | None = None) -> Mapping[VarData, float]:
-        """Values of variables."""
-        return _selected(self._compiled.variables, self._outcome.x, vars_to_load)
-
-    def get_duals(self, cons_to_load: Sequence[ConstraintData] | None = None) -> Mapping[ConstraintData, float]:
-        """Multipliers of constraints, in the sign of Pyomo's ``dual``."""
-        duals = dict(zip(self._compiled.constraints, self._row_multipliers().tolist(), strict=True))
-        return duals if cons_to_load is None else {constraint: duals[constraint] for constraint in cons_to_load}
-
-    def get_reduced_costs(self, vars_to_load: Sequence[VarData] | None = None) -> Mapping[VarData, float]:
-        """Multipliers of bounds: that of the lower or of the upper one, whichever is larger in size."""
-        lower, upper = self._bound_multipliers()
-        return _selected(self._compiled.variables, np.where(np.abs(upper) > np.abs(lower), upper, lower), vars_to_load)
-
     def row_multipliers(self) -> RowMultipliers:
         """Multipliers of rows and bounds, in the signs of Pyomo's suffixes."""
-        variables, lower_upper = [id(variable) for variable in self._compiled.variables], self._bound_multipliers()
-        duals = dict(zip(map(id, self._compiled.constraints), self._row_multipliers().tolist(), strict=True))
-        return RowMultipliers(duals, *(dict(zip(variables, of.tolist(), strict=True)) for of in lower_upper))
-
-    def load_import_suffixes(self) -> None:
-        """Fill ``dual``, ``rc``, ``ipopt_zL_out`` and ``ipopt_zU_out`` where they are declared for import."""
-        sources: dict[str, Callable[[], Any]] = {"dual": self.get_duals, "rc": self.get_reduced_costs}
-        for name, of in zip(("ipopt_zL_out", "ipopt_zU_out"), self._bound_multipliers(), strict=True):
-            sources[name] = partial(_selected, self._compiled.variables, of, None)
-        for name, suffix in self._collect_and_clear_import_suffixes().items():
-            if name in sources:
-                suffix.update(sources[name]())
-
-    def _row_multipliers(self) -> FloatArray:
-        return -self._compiled.sign * self._outcome.g_multipliers
-
-    def _bound_multipliers(self) -> tuple[FloatArray, FloatArray]:
-        sign = self._compiled.sign
-        # Adding zero turns -0.0 into 0.0, which reads better in a report.
-        return sign * self._outcome.lower_multipliers + 0.0, -sign * self._outcome.upper_multipliers + 0.0
-
-
-def _selected(variables: Sequence[VarData], values: FloatArray, wanted: Sequence[VarData] | None) -> ComponentMap:
-    everything = ComponentMap(zip(variables, values.tolist(), strict=True))
-    return everything if wanted is None else ComponentMap((variable, everything[variable]) for variable in wanted)
+        found = (self._suffixes[name] for name in ("dual", "ipopt_zL_out", "ipopt_zU_out"))
+        return RowMultipliers(*(dict(zip(map(id, parts), numbers, strict=True)) for parts, numbers in found))

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from itertools import pairwise
 from typing import Any
 
-from pyomo.core.base.constraint import Constraint
-from pyomo.core.expr.relational_expr import EqualityExpression, RelationalExpression
+from pyomo.core.base.constraint import Constraint, ConstraintData
+from pyomo.core.expr.relational_expr import RelationalExpression
 
 from .shared_nodes import shared_value
 
@@ -45,6 +44,17 @@ def largest_violation(rows: Iterable[Any]) -> float:
     return math.nan if any(map(math.isnan, violations)) else max(violations, default=0.0)
 
 
+def sides_of_row(row: Any) -> tuple[Any, Any, Any]:
+    """Body and bounds of a row that a rule returned, in the orientation that Pyomo gives it."""
+    if row is Constraint.Skip or row is Constraint.Feasible:
+        return 0.0, -math.inf, math.inf
+    row = row if isinstance(row, (tuple, RelationalExpression)) else (row, 0.0)  # an expression which is zero
+    parts = row if isinstance(row, tuple) else row.args
+    # Of two bounds both may change with the time, which a constraint refuses.
+    lower, body, upper = parts if len(parts) == 3 else ConstraintData(row).to_bounded_expression()
+    return body, -math.inf if lower is None else lower, math.inf if upper is None else upper
+
+
 def relation_violation(relation: Any, unknown: float | None = None) -> float:
     """How far what a rule returns is from holding: a relation, a tuple as Pyomo takes it, or what has to be zero.
 
@@ -59,20 +69,8 @@ def relation_violation(relation: Any, unknown: float | None = None) -> float:
     ValueError
         When a variable has no value.
     """
-    if relation is Constraint.Skip:
-        return 0.0
-    is_relation = isinstance(relation, RelationalExpression)
-    terms = relation.args if is_relation else relation if isinstance(relation, tuple) else (relation,)
+    sides = sides_of_row(relation)
     if unknown is None:
-        numbers = [None if term is None else float(shared_value(term)) for term in terms]
-    else:
-        numbers = [None if term is None else number_or_nan(term) for term in terms]
-        if numbers == [None] or any(number is not None and math.isnan(number) for number in numbers):
-            return unknown
-    if is_relation and not isinstance(relation, EqualityExpression):
-        return max(bound_violation(smaller, None, larger) for smaller, larger in pairwise(numbers))  # type: ignore[arg-type]
-    if len(numbers) == 3:  # (lower, body, upper)
-        lower, body, upper = numbers
-        return bound_violation(body, lower, upper)  # type: ignore[arg-type]
-    left, right = numbers if len(numbers) == 2 else (numbers[0], 0.0)
-    return bound_violation(left - right, 0.0, 0.0)  # type: ignore[operator]
+        return bound_violation(*(float(shared_value(side)) for side in sides))
+    numbers = list(map(number_or_nan, sides))
+    return unknown if any(map(math.isnan, numbers)) else bound_violation(*numbers)

@@ -9,7 +9,7 @@ from typing import Any
 
 from pyomo.core.expr.calculus.diff_with_pyomo import DifferentiationException, reverse_ad
 from pyomo.core.expr.numeric_expr import DivisionExpression, Expr_ifExpression, PowExpression, UnaryFunctionExpression
-from pyomo.core.expr.numvalue import native_numeric_types, value
+from pyomo.core.expr.numvalue import native_numeric_types
 from pyomo.core.expr.visitor import StreamBasedExpressionVisitor
 
 from .row_violations import number_or_nan
@@ -28,6 +28,9 @@ _DOMAINS = {
     "acos": (-1.0, 1.0),
     "atanh": (-1.0, 1.0),
     "acosh": (1.0, math.inf),
+    "exp": (-math.inf, _LARGEST_EXPONENT),
+    "sinh": (-_LARGEST_EXPONENT, _LARGEST_EXPONENT),
+    "cosh": (-_LARGEST_EXPONENT, _LARGEST_EXPONENT),
 }
 _GROWING = ("exp", "sinh", "cosh")
 _NO_VALUE = (ArithmeticError, ValueError, TypeError)
@@ -79,36 +82,23 @@ def undefined_part(expression: Any) -> UndefinedPart | None:
     """
     if not hasattr(expression, "is_expression_type") or not expression.is_expression_type():
         return None
-    found: list[UndefinedPart] = []
-    known: dict[int, float] = {}  # of nodes that several parents share
+    known: dict[int, float | UndefinedPart] = {}  # of nodes that several parents share
 
-    def enter(node: Any) -> tuple[Any, list[float]]:
-        if found:
-            return (), []
-        return _branch(node) if isinstance(node, Expr_ifExpression) else node.args, []
-
-    def before(node: Any, child: Any, index: int) -> tuple[bool, float | None]:
-        if child.__class__ in native_numeric_types or not child.is_expression_type():
-            number = number_or_nan(child)
-            if not found and not math.isfinite(number) and getattr(child, "value", child) is not None:
-                named = "" if child.__class__ in native_numeric_types else f" of '{child.name}'"
-                found.append(UndefinedPart(f"the number {number:g}{named}", child, number))
+    def read(node: Any, child: Any, index: int) -> tuple[bool, float | UndefinedPart | None]:
+        is_number = child.__class__ in native_numeric_types
+        if not is_number and child.is_expression_type():
+            return (False, known[id(child)]) if id(child) in known else (True, None)
+        number = number_or_nan(child)
+        if math.isfinite(number) or getattr(child, "value", child) is None:
             return False, number
-        return (False, known[id(child)]) if id(child) in known else (True, None)
+        return False, UndefinedPart(f"the number {number:g}{'' if is_number else f' of {child.name!r}'}", child, number)
 
-    def leave(node: Any, numbers: Any) -> float:
-        if found:
-            return math.nan
-        number = _apply(node, numbers)
-        if all(map(math.isfinite, numbers)):
-            part = _undefined_here(node, numbers, number)
-            if part is not None:
-                found.append(part)
-        known[id(node)] = number
-        return number
+    def leave(node: Any, arguments: list[float | UndefinedPart]) -> float | UndefinedPart:
+        known[id(node)] = found = _evaluated(node, arguments)
+        return found
 
-    StreamBasedExpressionVisitor(enterNode=enter, beforeChild=before, exitNode=leave).walk_expression(expression)
-    return found[0] if found else None
+    found = StreamBasedExpressionVisitor(beforeChild=read, exitNode=leave).walk_expression(expression)
+    return found if isinstance(found, UndefinedPart) else None
 
 
 def moved_into_domain(part: UndefinedPart) -> bool:
@@ -134,10 +124,7 @@ def moved_into_domain(part: UndefinedPart) -> bool:
             steps = [(variables[0], math.sqrt(abs(missing)))]
         for variable, step in steps:
             variable.set_value(_inside_bounds(variable.value + step, variable), skip_validation=True)
-    return _is_inside(part, number_or_nan(part.argument))
-
-
-def _is_inside(part: UndefinedPart, number: float) -> bool:
+    number = number_or_nan(part.argument)
     return part.lower < number < part.upper and (not part.outside or number != 0.0)
 
 
@@ -163,38 +150,38 @@ def _inside_bounds(number: float, variable: Any) -> float:
     return within_bounds(number if upper is None else min(number, upper - inside), variable)
 
 
-def _branch(node: Any) -> tuple[Any, ...]:
-    """Of an `Expr_if`, what its condition chooses: the other side need not have a value."""
-    condition = value(node.arg(0), exception=False)
-    return () if condition is None else (node.arg(1 if condition else 2),)
-
-
-def _apply(node: Any, numbers: Any) -> float:
+def _evaluated(node: Any, arguments: list[Any]) -> float | UndefinedPart:
+    """The value of a node, NaN where one is missing; or the part of it that has none."""
     if isinstance(node, Expr_ifExpression):
-        return float(numbers[0]) if numbers else math.nan
-    try:
-        number = node._apply_operation(list(numbers))
-    except _NO_VALUE:
+        condition, then, otherwise = arguments
+        if isinstance(condition, UndefinedPart) or math.isnan(condition):
+            return condition
+        return then if condition else otherwise  # the other side need not have a value
+    undefined = next((each for each in arguments if isinstance(each, UndefinedPart)), None)
+    if undefined is not None:
+        return undefined
+    if any(map(math.isnan, arguments)):
         return math.nan
-    return math.nan if number is None or isinstance(number, complex) else float(number)
+    try:
+        number = node._apply_operation(list(arguments))
+    except _NO_VALUE:
+        number = math.nan
+    number = math.nan if number is None or isinstance(number, complex) else float(number)
+    return _undefined_here(node, arguments, number) or number
 
 
-def _undefined_here(node: Any, numbers: Any, number: float) -> UndefinedPart | None:
-    if isinstance(node, DivisionExpression):
-        return _division(node, numbers, number)
+def _undefined_here(node: Any, numbers: list[float], number: float) -> UndefinedPart | None:
+    """What a node lacks at the values of its arguments."""
     if isinstance(node, PowExpression):
         return _power(node, numbers, number)
     if isinstance(node, UnaryFunctionExpression):
         return _function(node, numbers[0], number)
-    if numbers and not math.isfinite(number):
-        return UndefinedPart(f"{_words(node)} is not finite", node, number)
-    return None
-
-
-def _division(node: Any, numbers: Any, number: float) -> UndefinedPart | None:
     if math.isfinite(number):
         return None
-    return UndefinedPart(f"division by {_equation(node.arg(1), numbers[1])}", node.arg(1), numbers[1], outside=_INSIDE)
+    if isinstance(node, DivisionExpression):
+        what = f"division by {_equation(node.arg(1), numbers[1])}"
+        return UndefinedPart(what, node.arg(1), numbers[1], outside=_INSIDE)
+    return UndefinedPart(f"{_words(node)} is not finite", node, number)
 
 
 def _power(node: Any, numbers: Any, number: float) -> UndefinedPart | None:
@@ -214,22 +201,13 @@ def _power(node: Any, numbers: Any, number: float) -> UndefinedPart | None:
 
 
 def _function(node: Any, argument: float, number: float) -> UndefinedPart | None:
-    name = node.getname()
-    domain = _DOMAINS.get(name)
-    if domain is not None:
-        lower, upper = domain
-        if math.isfinite(number) and argument not in domain:
-            return None
-        which = "the derivative of " if math.isfinite(number) else ""
-        what = f"{which}{name}(...) of {_equation(node.arg(0), argument)}"
-        return UndefinedPart(what, node.arg(0), argument, lower, upper)
-    if math.isfinite(number):
+    name, is_finite = node.getname(), math.isfinite(number)
+    domain = _DOMAINS.get(name, (-math.inf, math.inf))
+    if is_finite and (name in _GROWING or argument not in domain):
         return None
-    if name in _GROWING:
-        what = f"overflow of {name}(...) of {_equation(node.arg(0), argument)}"
-        limits = {"lower": -math.inf if name == "exp" else -_LARGEST_EXPONENT, "upper": _LARGEST_EXPONENT}
-        return UndefinedPart(what, node.arg(0), argument, **limits)
-    return UndefinedPart(f"{name}(...) of {_equation(node.arg(0), argument)}", node.arg(0), argument)
+    which = "the derivative of " if is_finite else "overflow of " if name in _GROWING else ""
+    what = f"{which}{name}(...) of {_equation(node.arg(0), argument)}"
+    return UndefinedPart(what, node.arg(0), argument, *domain)
 
 
 def _equation(argument: Any, number: float) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from pyomo.core.base.set import Set
 from pyomo.core.expr import cos, sin
 
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.geometry import Pose, planar_pose
+from pyrobocop_pyomo.geometry import Pose
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
 from pyrobocop_pyomo.templates.slots import Item
@@ -108,69 +108,48 @@ def motion_along_paths(
         _add_line(model, samples, name, values)
     rules = {}
     for number, (name, path) in enumerate(paths.items(), start=1):
-        make = _planar_rule if path.rotations is None else _spatial_rule
-        rules[name] = make(model, samples, number, path)
+        rules[name] = _add_path(model, samples, number, path)
     return GivenMotion(model, points, tuple(pairwise(points)), samples), rules
 
 
-def _add(model: Any, name: str, values: Array) -> str:
+def _add(model: Any, samples: dict[str, Array], name: str, values: Array, within: Array) -> None:
+    """What has values at the times, and at evenly spaced fractions within each interval."""
     times = model.component(_TIMES)
     model.add_component(name, Param(times, initialize=dict(zip(times, values.tolist(), strict=True))))
-    return name
+    samples[name] = within
 
 
-def _add_line(model: Any, samples: dict[str, Array], name: str, values: Array) -> str:
+def _add_line(model: Any, samples: dict[str, Array], name: str, values: Array) -> None:
     """What is linear from each time to the next."""
-    samples[name] = np.column_stack([values[:-1], values[1:]])
-    return _add(model, name, values)
+    _add(model, samples, name, values, np.column_stack([values[:-1], values[1:]]))
 
 
-def _planar_rule(model: Any, samples: dict[str, Array], number: int, path: SampledPath) -> Callable[..., Any]:
-    assert path.angles is not None
-    columns = {"x": path.positions[:, 0], "y": path.positions[:, 1], "theta": path.angles}
-    x, y, theta = (_add_line(model, samples, f"{name} {number}", of) for name, of in columns.items())
-
-    def pose(block: Any, t: Any) -> Pose:
-        return planar_pose(getattr(block, x)[t], getattr(block, y)[t], getattr(block, theta)[t])
-
-    return pose
-
-
-def _spatial_rule(model: Any, samples: dict[str, Array], number: int, path: SampledPath) -> Callable[..., Any]:
-    """Rodrigues' formula on each interval: ``R_k (u u' + (I - u u') cos(angle) + [u] sin(angle))``, ``u`` the axis."""
-    assert path.rotations is not None
-    turns = np.vstack([path.turns(), np.zeros(3)])
-    angles = np.linalg.norm(turns, axis=1)
-    axes = np.where(angles[:, None] > 0.0, turns / np.where(angles > 0.0, angles, 1.0)[:, None], [0.0, 0.0, 1.0])
-    along = axes[:, :, None] * axes[:, None, :]
-    crossed = np.cross(axes[:, None, :], np.eye(3)[None, :, :]).transpose(0, 2, 1)
-    factors = [path.rotations @ along, path.rotations @ (np.eye(3) - along), path.rotations @ crossed]
-    position = [_add_line(model, samples, f"{axis} {number}", path.positions[:, k]) for k, axis in enumerate("xyz")]
-
-    def constant(name: str, values: Array) -> str:
-        samples[name] = values[:-1, None]
-        return _add(model, name, values)
-
-    entries = [
-        [
-            [constant(f"constant {number} {kind} {i}{j}", of[:, i, j]) for kind, of in enumerate(factors)]
-            for j in range(3)
-        ]
-        for i in range(3)
-    ]
-    turn = _add(model, f"turn {number}", np.zeros(len(angles)))
-    samples[turn] = np.column_stack([np.zeros(len(angles) - 1), angles[:-1]])
+def _add_path(model: Any, samples: dict[str, Array], number: int, path: SampledPath) -> Callable[..., Any]:
+    """Rodrigues' formula on each interval: ``R (u u' + (I - u u') cos(angle) + [u] sin(angle))``, ``u`` the axis."""
+    along = path.axes[:, :, None] * path.axes[:, None, :]
+    crossed = np.cross(path.axes[:, None, :], np.eye(3)[None, :, :]).transpose(0, 2, 1)
+    factors = {"still": along, "cosine": np.eye(3) - along, "sine": crossed}
+    dimension = path.positions.shape[1]
+    for axis, column in zip("xyz", path.positions.T, strict=False):
+        _add_line(model, samples, f"{axis} {number}", column)
+    for (kind, factor), i, j in product(factors.items(), range(dimension), range(dimension)):
+        values = (path.rotations @ factor)[:, i, j]
+        _add(model, samples, f"{kind} {i}{j} {number}", np.append(values, values[-1]), values[:, None])
+    _add(model, samples, f"turn {number}", np.append(path.angles[:, 0], path.angles[-1, 1]), path.angles)
 
     def pose(block: Any, t: Any) -> Pose:
-        angle = getattr(block, turn)[t]
-        cosine, sine = cos(angle), sin(angle)
+        def at(name: str) -> Any:
+            return getattr(block, f"{name} {number}")[t]
 
-        def entry(names: list[str]) -> Any:
-            still, with_cosine, with_sine = (getattr(block, name)[t] for name in names)
-            return still + with_cosine * cosine + with_sine * sine
-
-        rotation = tuple(tuple(entry(names) for names in row) for row in entries)
-        return Pose(rotation, tuple(getattr(block, name)[t] for name in position))
+        cosine, sine = cos(at("turn")), sin(at("turn"))
+        rotation = tuple(
+            tuple(
+                at(f"still {i}{j}") + at(f"cosine {i}{j}") * cosine + at(f"sine {i}{j}") * sine
+                for j in range(dimension)
+            )
+            for i in range(dimension)
+        )
+        return Pose(rotation, tuple(map(at, "xyz"[:dimension])))
 
     return pose
 

@@ -22,6 +22,7 @@ from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.modeling.expressions import same_expression
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array, Grid
+from pyrobocop_pyomo.numerics.arrays import increasing_numbers
 from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
 from pyrobocop_pyomo.numerics.rounding import ROUNDING
 from pyrobocop_pyomo.phases import PhaseBlockData
@@ -378,12 +379,7 @@ def motion_of(point_set: Any, parent_block: Any) -> Motion:
     alone = "the points alone; nothing is known of the motion between them"
     if not _is_ordered(point_set) or not all(map(_is_number, points)) or len(points) < 2:
         return NodalMotion(parent_block, points, (), (), _refuse_nothing, alone, is_assumed=False)
-    for before, after in itertools.pairwise(points):
-        if not before < after:
-            raise ObstacleError(
-                f"'{getattr(point_set, 'name', 'points')}': points that are numbers are times and must increase, "
-                f"but {before:g} is followed by {after:g}. Sort them, or use names for points without an order."
-            )
+    increasing_numbers(points, f"'{getattr(point_set, 'name', 'points')}': numbers are times, and", ObstacleError)
     intervals = tuple(itertools.pairwise(points))
     return NodalMotion(parent_block, points, intervals, intervals, _refuse_sampled_states(points[0]))
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.plotting import plot_clearances
-from pyrobocop_pyomo.presentation import Presented, disclosed_text, table
+from pyrobocop_pyomo.presentation import Presented, aligned, disclosed_text, table
 
 NOT_REPLAYED = "the motion under the controls was not replayed"
 _NOT_BY_EQUATIONS = "but not for the motion of its equations"
@@ -273,12 +273,7 @@ class SafetyReport(Presented):
     def table(self) -> str:
         """One line per body pair, the worst first."""
         rows = self._rows()
-        widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-        lines = []
-        for row in rows:
-            numbers = [text.rjust(width) for text, width in zip(row[1:-1], widths[1:-1], strict=True)]
-            lines.append("  ".join([row[0].ljust(widths[0]), *numbers, row[-1]]))
-        return "\n".join(lines)
+        return aligned(rows, ["<", *">" * (len(rows[0]) - 2), "<"])
 
     def _html_parts(self) -> list[str]:
         header, *rows = self._rows()

@@ -10,7 +10,7 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose, check_pose, spatial_pose
-from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.numerics.arrays import Array, finite_numbers
 from pyrobocop_pyomo.optional_imports import scipy
 
 QUATERNION_ORDERS = ("wxyz", "xyzw")
@@ -32,21 +32,18 @@ class SampledPath:
     Attributes
     ----------
     positions : array, shape (N, d)
-    angles : array, shape (N,), or None
-        In the plane: heading in radians, linear between the times.
-    rotations : array, shape (N, 3, 3), or None
-        In space: each turns into the next about an axis that does not change, the shorter way.
+    rotations : array, shape (N - 1, 3, 3)
+        From which the body turns in each interval.
+    axes : array, shape (N - 1, 3)
+        About which it turns, in its own frame; in the plane the z axis.
+    angles : array, shape (N - 1, 2)
+        By how much at both ends, the shorter way.
     """
 
     positions: Array
-    angles: Array | None
-    rotations: Array | None
-
-    def turns(self) -> Array:
-        """In space: the turn from each rotation to the next, axis times angle in the body's frame, shape (N - 1, 3)."""
-        assert self.rotations is not None
-        between = self.rotations[:-1].transpose(0, 2, 1) @ self.rotations[1:]
-        return np.asarray(scipy.spatial.transform.Rotation.from_matrix(between).as_rotvec(), dtype=np.float64)
+    rotations: Array
+    axes: Array
+    angles: Array
 
 
 def read_path(
@@ -75,25 +72,20 @@ def read_path(
     poses = _as_array(given, dimension, name, what)
     if len(poses) != len(times):
         raise ObstacleError(f"{what}: {len(poses)} poses for {len(times)} times; give one pose for each time.")
-    finite = np.isfinite(poses.reshape(len(poses), -1)).all(axis=1)
-    if not finite.all():
-        raise ObstacleError(f"{what}: row {int(np.argmin(finite))} has an entry that is not finite.")
-    if dimension == 2:
-        return _planar(poses, what)
-    positions, rotations = _spatial(poses, what, quaternion_order)
-    path = SampledPath(positions, None, rotations)
-    angles = np.linalg.norm(path.turns(), axis=1)
-    _refuse_half_turns(angles, what)
+    path = _planar(poses, what) if dimension == 2 else _spatial(poses, what, quaternion_order)
+    half = np.flatnonzero(np.abs(np.diff(path.angles, axis=1)) >= np.pi - _ROTATION_ERROR)
+    if len(half):
+        raise ObstacleError(
+            f"{what}: from row {half[0]} to row {half[0] + 1} the body turns by half a turn, and both ways are "
+            "equally short. Give poses in between."
+        )
     return path
 
 
 def _as_array(given: Any, dimension: int, name: str, label: str) -> Array:
     if isinstance(given, Sequence) and len(given) and all(isinstance(pose, Pose) for pose in given):
         return _matrices(given, dimension, name)
-    try:
-        poses = np.array(given, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise ObstacleError(f"{label}: no array of numbers ({error}); expected {_SHAPES[dimension]}.") from None
+    poses = finite_numbers(given, label, ObstacleError)
     allowed = {2: [(2,), (3,), (3, 3)], 3: [(3,), (6,), (7,), (4, 4)]}[dimension]
     if poses.ndim < 2 or poses.shape[1:] not in allowed:
         raise ObstacleError(f"{label}: an array of shape {poses.shape}; expected {_SHAPES[dimension]}.")
@@ -119,20 +111,20 @@ def _planar(poses: Array, label: str) -> SampledPath:
         positions = poses[:, :2]
         angles = poses[:, 2] if poses.shape[1] == 3 else np.zeros(len(poses))
     shorter = np.unwrap(angles)
-    _refuse_half_turns(np.abs(np.diff(shorter)), label)
-    return SampledPath(positions, shorter, None)
+    ends = np.column_stack([shorter[:-1], shorter[1:]])
+    return SampledPath(positions, np.tile(np.eye(3), (len(ends), 1, 1)), np.tile([0.0, 0.0, 1.0], (len(ends), 1)), ends)
 
 
-def _refuse_half_turns(angles: Array, label: str) -> None:
-    half = np.flatnonzero(angles >= np.pi - _ROTATION_ERROR)
-    if len(half):
-        raise ObstacleError(
-            f"{label}: from row {half[0]} to row {half[0] + 1} the body turns by half a turn, and both ways are "
-            "equally short. Give poses in between."
-        )
+def _spatial(poses: Array, label: str, quaternion_order: str | None) -> SampledPath:
+    positions, rotations = _positions_and_rotations(poses, label, quaternion_order)
+    between = rotations[:-1].transpose(0, 2, 1) @ rotations[1:]
+    turns = scipy.spatial.transform.Rotation.from_matrix(between).as_rotvec()
+    angles = np.linalg.norm(turns, axis=1)
+    axes = np.where(angles[:, None] > 0.0, turns / np.where(angles > 0.0, angles, 1.0)[:, None], [0.0, 0.0, 1.0])
+    return SampledPath(positions, rotations[:-1], axes, np.column_stack([np.zeros(len(angles)), angles]))
 
 
-def _spatial(poses: Array, label: str, quaternion_order: str | None) -> tuple[Array, Array]:
+def _positions_and_rotations(poses: Array, label: str, quaternion_order: str | None) -> tuple[Array, Array]:
     if poses.ndim == 3:
         return poses[:, :3, 3], _checked_rotations(poses, label)
     positions = poses[:, :3]

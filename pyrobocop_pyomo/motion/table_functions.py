@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.modeling.functions import Function
 from pyrobocop_pyomo.numerics import Array, Indices
 from pyrobocop_pyomo.numerics.bernstein import restrict
@@ -125,32 +123,3 @@ def _widened(bound: Interval, where: Array, number: float) -> Interval:
         np.where(where, np.minimum(bound.low, number), bound.low),
         np.where(where, np.maximum(bound.high, number), bound.high),
     )
-
-
-def increasing_times(given: Any, label: str) -> Array:
-    """Finite numbers that increase, two or more.
-
-    Raises
-    ------
-    ObstacleError
-        Saying which of them does not fit.
-    """
-    try:
-        times = np.array(given, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise ObstacleError(f"{label}: expected numbers, such as seconds: {error}.") from None
-    if times.ndim != 1 or len(times) < 2:
-        raise ObstacleError(
-            f"{label}: an array of shape {times.shape}; expected two times or more, shape (N,). Where only the order "
-            "of the poses is known, give range(N)."
-        )
-    if not np.isfinite(times).all():
-        raise ObstacleError(f"{label}: the time of row {int(np.argmin(np.isfinite(times)))} is not finite.")
-    wrong = np.flatnonzero(np.diff(times) <= 0.0)
-    if len(wrong):
-        k = int(wrong[0])
-        raise ObstacleError(
-            f"{label}: times must increase, but row {k + 1} ({times[k + 1]:g}) follows row {k} ({times[k]:g}). Sort "
-            "the rows, and leave out those that are repeated."
-        )
-    return times

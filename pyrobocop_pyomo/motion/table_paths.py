@@ -10,10 +10,10 @@ from pyomo.core.expr.numvalue import native_numeric_types
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose, planar_pose, spatial_pose
-from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.numerics.arrays import Array, finite_numbers, increasing_numbers
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
-from .table_functions import TableFunction, increasing_times
+from .table_functions import TableFunction
 
 
 class TablePath:
@@ -72,7 +72,7 @@ class TablePath:
     ) -> None:
         if kind not in ("linear", "cubic"):
             raise ObstacleError(f'TablePath: kind is {kind!r}; it is "linear" or "cubic".')
-        self.times = increasing_times(times, "TablePath")
+        self.times = increasing_numbers(times, "TablePath: times", ObstacleError)
         self.kind, self.hold_ends, self.clock = kind, bool(hold_ends), clock
         given = {"x": x, "y": y, "theta": theta}
         if z is not None:
@@ -91,12 +91,12 @@ class TablePath:
         )
 
     def _column(self, name: str, given: Any) -> Array:
-        column = np.asarray(given, dtype=float)
+        column = finite_numbers(given, f"TablePath: {name}", ObstacleError)
         if column.ndim == 0:
             column = np.full(len(self.times), float(column))
-        if column.shape != self.times.shape or not np.isfinite(column).all():
+        if column.shape != self.times.shape:
             raise ObstacleError(
-                f"TablePath: {name} has the shape {column.shape}; expected one finite number for each of the "
+                f"TablePath: {name} has the shape {column.shape}; expected one number for each of the "
                 f"{len(self.times)} times, or one for all."
             )
         return np.unwrap(column) if name in ("theta", "roll", "pitch") else column

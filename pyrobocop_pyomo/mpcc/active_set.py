@@ -75,7 +75,6 @@ class NlpSolver(Protocol):
 
     def __call__(self, nlp: NonlinearProgram, start: PrimalDualPoint, iterations: int) -> IpoptOutcome:
         """Return how it ended, with the last point in any case; with at most so many iterations."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ from .lagrange import differentiation_matrix as differentiation_matrix
 from .lagrange import evaluation_matrix as evaluation_matrix
 from .lagrange import integration_matrix as integration_matrix
 from .matching import Matching as Matching
-from .matching import maximum_matching as maximum_matching
 from .mesh import Grid as Grid
 from .mesh import Mesh as Mesh
 from .remeshing import remesh as remesh

@@ -1,4 +1,6 @@
-"""Types of arrays, for annotations."""
+"""Types of arrays, for annotations, and arrays of numbers that a user gave."""
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,3 +9,28 @@ Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 ComplexArray = NDArray[np.complex128]
 Indices = NDArray[np.int64]
+
+
+def finite_numbers(given: Any, label: str, refusal: type[Exception]) -> Array:
+    """What a user gave, as an array; what is no number, or not finite, is refused."""
+    try:
+        found = np.array(given, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise refusal(f"{label}: expected numbers: {error}.") from None
+    if not np.isfinite(found).all():
+        place = np.argwhere(~np.isfinite(found))[0].tolist()
+        raise refusal(f"{label}: {found[tuple(place)]} at {place} is not finite. Leave it out, or give a number.")
+    return found
+
+
+def increasing_numbers(given: Any, label: str, refusal: type[Exception], fewest: int = 2) -> Array:
+    """Finite numbers, each larger than the one before; others are refused."""
+    found = finite_numbers(given, label, refusal)
+    if found.ndim != 1 or len(found) < fewest:
+        raise refusal(f"{label}: an array of shape {found.shape}; expected a list of at least {fewest} numbers.")
+    for k in np.flatnonzero(np.diff(found) <= 0.0).tolist():
+        raise refusal(
+            f"{label}: must increase, but {found[k]:g} at {k} is followed by {found[k + 1]:g}. Sort them, and leave "
+            "out those that are repeated."
+        )
+    return found

@@ -12,7 +12,7 @@ from pyrobocop_pyomo.errors import FunctionError
 from pyrobocop_pyomo.modeling.functions import Function
 from pyrobocop_pyomo.optional_imports import scipy
 
-from .arrays import Array
+from .arrays import Array, finite_numbers
 
 # Hyperparameters are found on so many of the data: the time grows with the third power.
 _MOST_POINTS = 400
@@ -75,10 +75,7 @@ class GaussianProcessMean:
         # Around their middle: the second derivatives are differences of moments about the origin.
         self._middle = centres.mean(axis=0)
         self._centres = (centres - self._middle) / self._lengths
-        self._squares = (self._centres**2).sum(axis=1) / 2
-        d = centres.shape[1]
-        self._first, self._second = np.tril_indices(d)
-        self._products = self._centres[:, self._first] * self._centres[:, self._second]
+        self._products = (self._centres[:, :, None] * self._centres[:, None, :]).reshape(len(centres), -1)
         self._last: tuple[Array, Array, Array] | None = None
 
     def __getstate__(self) -> dict[str, Any]:
@@ -109,11 +106,11 @@ class GaussianProcessMean:
         FunctionError
             When the arrays do not fit together.
         """
-        inputs, targets = np.array(inputs, dtype=float, ndmin=2), np.asarray(targets, dtype=float)
-        if targets.shape != (inputs.shape[0],) or not (np.isfinite(inputs).all() and np.isfinite(targets).all()):
+        inputs = np.atleast_2d(finite_numbers(inputs, "inputs", FunctionError))
+        targets = finite_numbers(targets, "targets", FunctionError)
+        if targets.shape != (len(inputs),):
             raise FunctionError(
-                f"inputs of shape {inputs.shape} need targets of shape ({inputs.shape[0]},), all finite; they have "
-                f"{targets.shape}."
+                f"inputs of shape {inputs.shape} need targets of shape ({len(inputs)},); they have {targets.shape}."
             )
         offset = float(targets.mean())
         residuals = targets - offset
@@ -133,13 +130,7 @@ class GaussianProcessMean:
         """Scaled points and the terms of the sum, shapes (points, inputs) and (points, centres)."""
         if self._last is None or self._last[0].shape != points.shape or not np.array_equal(self._last[0], points):
             scaled = (points - self._middle) / self._lengths
-            exponents = scaled @ self._centres.T
-            exponents -= self._squares
-            exponents -= (scaled**2).sum(axis=1)[:, None] / 2
-            # An exponent is never positive: where a point is a centre, rounding may say so.
-            terms = np.exp(np.minimum(exponents, 0.0, out=exponents), out=exponents)
-            terms *= self._weights
-            self._last = np.array(points), scaled, terms
+            self._last = np.array(points), scaled, _kernel(scaled, self._centres) * self._weights
         return self._last[1:]
 
     def value(self, points: Array) -> Array:
@@ -156,12 +147,9 @@ class GaussianProcessMean:
         scaled, terms = self._terms(points)
         total, first = terms.sum(axis=1), terms @ self._centres
         d = scaled.shape[1]
-        found = np.empty((points.shape[0], d, d))
-        found[:, self._first, self._second] = terms @ self._products
-        found[:, self._second, self._first] = found[:, self._first, self._second]
         mixed = first[:, :, None] * scaled[:, None, :]
+        found = (terms @ self._products).reshape(-1, d, d) - mixed - mixed.swapaxes(1, 2)
         found += total[:, None, None] * (scaled[:, :, None] * scaled[:, None, :] - np.eye(d))
-        found -= mixed + mixed.swapaxes(1, 2)
         return found / (self._lengths[:, None] * self._lengths)
 
     def as_function(self, name: str = "learned", inputs: Sequence[str] | None = None) -> Function:
@@ -192,8 +180,7 @@ def _lengths(given: ArrayLike, inputs: int) -> Array:
 
 
 def _kernel(first: Array, second: Array) -> Array:
-    squares = (first**2).sum(axis=1)[:, None] + (second**2).sum(axis=1) - 2 * first @ second.T
-    return np.exp(-0.5 * np.maximum(squares, 0.0, out=squares), out=squares)
+    return np.exp(-0.5 * scipy.spatial.distance.cdist(first, second, "sqeuclidean"))
 
 
 def _most_likely(
@@ -222,13 +209,9 @@ def _most_likely(
         factor = scipy.linalg.cho_factor(noisy, lower=True)
         alpha = scipy.linalg.cho_solve(factor, residuals)
         inner = scipy.linalg.cho_solve(factor, np.eye(n)) - np.outer(alpha, alpha)
-        gradient = np.empty(d + 2)
         weighted = inner * covariance
-        for i in range(d):
-            squares = (scaled[:, i, None] - scaled[None, :, i]) ** 2
-            gradient[i] = 0.5 * np.sum(weighted * squares)
-        gradient[d] = weighted.sum()
-        gradient[d + 1] = deviations[1] * np.trace(inner)
+        by_lengths = [0.5 * np.sum(weighted * (x[:, None] - x) ** 2) for x in scaled.T]
+        gradient = np.array([*by_lengths, weighted.sum(), deviations[1] * np.trace(inner)])
         value = 0.5 * residuals @ alpha + np.log(np.diag(factor[0])).sum()
         return float(value), gradient[free]
 

@@ -12,7 +12,7 @@ import numpy as np
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.presentation import Presented
 
-from .arrays import Array, Indices
+from .arrays import Array, Indices, increasing_numbers
 from .schemes import Scheme
 
 
@@ -37,17 +37,7 @@ class Mesh(Presented):
         if len(self.boundaries) < 2:
             elements = max(len(self.boundaries) - 1, 0)
             raise ModelError(f"a mesh of {elements} elements; at least one element, hence two boundaries, is needed.")
-        array = np.asarray(self.boundaries, dtype=float)
-        if not np.isfinite(array).all():
-            i = int(np.flatnonzero(~np.isfinite(array))[0])
-            raise ModelError(f"mesh boundary {i} is {array[i]}; boundaries must be finite numbers.")
-        steps = np.diff(array)
-        if (steps <= 0).any():
-            i = int(np.flatnonzero(steps <= 0)[0])
-            raise ModelError(
-                f"mesh boundaries must increase, but boundary {i} is {array[i]:g} and boundary {i + 1} is "
-                f"{array[i + 1]:g}. Sort them and remove doubles."
-            )
+        increasing_numbers(self.boundaries, "mesh boundaries", ModelError)
 
     @classmethod
     def uniform(cls, start: float, end: float, elements: int) -> Mesh:

@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from pyrobocop_pyomo.errors import EvaluationError, FunctionError
 from pyrobocop_pyomo.modeling.functions import Function
 from pyrobocop_pyomo.optional_imports import scipy
 
-from .arrays import Array
+from .arrays import Array, finite_numbers, increasing_numbers
 
 Kind = Literal["cubic", "natural", "quintic", "monotone"]
 Outside = Literal["error", "linear", "constant"]
@@ -231,8 +230,11 @@ class Table(_Spline):
         if len(names) != count:
             raise FunctionError(f"'{name}': inputs has {len(names)} names for {count} grids.")
         fewest = _Interpolant._FEWEST[kind]
-        grids = [_grid(name, of, grid, fewest, kind) for of, grid in zip(names, grids_and_values, strict=False)]
-        values = _numbers(name, "values", grids_and_values[-1])
+        grids = [
+            increasing_numbers(grid, f"'{name}': points of {of}, kind={kind!r}", FunctionError, fewest)
+            for of, grid in zip(names, grids_and_values, strict=False)
+        ]
+        values = finite_numbers(grids_and_values[-1], f"'{name}': values", FunctionError)
         shape = tuple(grid.size for grid in grids)
         if values.shape != shape:
             raise FunctionError(
@@ -339,33 +341,3 @@ def _of_pandas(name: str, given: Any) -> tuple[Any, ...]:
         raise FunctionError(f"'{name}': only one array is given. A table is Table(x, values) or Table(x, y, values).")
     columns = [given.columns] if hasattr(given, "columns") else []
     return (given.index, *columns, given.to_numpy())
-
-
-def _numbers(name: str, label: str, given: ArrayLike) -> Array:
-    try:
-        found = np.array(given, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise FunctionError(f"'{name}': {label} are no numbers: {error}.") from None
-    if not np.isfinite(found).all():
-        place = tuple(int(i) for i in np.argwhere(~np.isfinite(found))[0])
-        raise FunctionError(
-            f"'{name}': {label} have {found[place]} at {list(place)}. Leave out what was not measured, or fill it in."
-        )
-    return found
-
-
-def _grid(name: str, of: str, given: ArrayLike, fewest: int, kind: str) -> Array:
-    grid = _numbers(name, f"points of {of}", given)
-    if grid.ndim != 1 or grid.size < fewest:
-        raise FunctionError(
-            f"'{name}': points of {of} have the shape {grid.shape}; kind={kind!r} takes a list of at least {fewest}."
-        )
-    steps = np.diff(grid)
-    if (steps <= 0).any():
-        i = int(np.argmax(steps <= 0))
-        fault = "appears twice" if steps[i] == 0 else f"is followed by {grid[i + 1]:g}"
-        raise FunctionError(
-            f"'{name}': points of {of} have to increase, but {grid[i]:g} at {i} {fault}. Sort the table by {of}, and "
-            "leave one line for each point."
-        )
-    return grid

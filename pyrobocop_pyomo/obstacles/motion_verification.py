@@ -13,8 +13,7 @@ from pyrobocop_pyomo.motion import SafetyReport, verify_clearance
 from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.motion.given_motions import motion_along_paths, motion_along_trajectory
 from pyrobocop_pyomo.motion.sampled_paths import SampledPath, read_path
-from pyrobocop_pyomo.motion.table_functions import increasing_times
-from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.numerics.arrays import Array, finite_numbers, increasing_numbers
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .clearances import asked_clearances
@@ -98,7 +97,7 @@ def verify_motion(
             )
         motion = motion_along_trajectory(path)
     else:
-        times = increasing_times(_refused_kinds(path), f"{_WHAT}: the times")
+        times = increasing_numbers(_refused_kinds(path), f"{_WHAT}: the times", ObstacleError)
         paths = {
             name: _path_of(name, rows, times, {**beside, **moving}, quaternion_order) for name, rows in by_name.items()
         }
@@ -120,14 +119,10 @@ def verify_motion(
 
 
 def _signal(name: str, given: Any, times: Array) -> Array:
-    try:
-        values = np.array(given, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise ObstacleError(f"{_WHAT}: the signal '{name}' is no array of numbers: {error}.") from None
-    if values.shape != times.shape or not np.isfinite(values).all():
+    values = finite_numbers(given, f"{_WHAT}: the signal '{name}'", ObstacleError)
+    if values.shape != times.shape:
         raise ObstacleError(
-            f"{_WHAT}: the signal '{name}' has the shape {values.shape}; expected {len(times)} finite values, one for "
-            "each time."
+            f"{_WHAT}: the signal '{name}' has the shape {values.shape}; expected one for each of {len(times)} times."
         )
     return values
 

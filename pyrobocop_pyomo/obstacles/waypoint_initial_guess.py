@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.errors import InitialGuessError
+from pyrobocop_pyomo.numerics.arrays import finite_numbers
 from pyrobocop_pyomo.phases.horizon import horizon_fraction
 
 
@@ -44,7 +45,10 @@ def waypoint_initial_guess(
         phase.initialize(rcp.scenes.waypoint_initial_guess(phase, waypoints, even_in="xy"))
     """
     fraction = horizon_fraction(phase)
-    values = {_name(phase, key): np.array(numbers, dtype=float) for key, numbers in waypoints.items()}
+    values = {
+        name: finite_numbers(numbers, f"phase '{phase.name}': waypoints of '{name}'", InitialGuessError)
+        for name, numbers in ((_name(phase, key), numbers) for key, numbers in waypoints.items())
+    }
     if not values:
         raise InitialGuessError(f"phase '{phase.name}': there are no waypoints. Give {{'x': [0, 1, 2], ...}}.")
     counts = {name: numbers.shape for name, numbers in values.items()}
@@ -54,11 +58,6 @@ def waypoint_initial_guess(
             f"phase '{phase.name}': waypoints of shapes {given}; expected one list per state, all of one length, two "
             "values or more."
         )
-    for name, numbers in values.items():
-        if not np.isfinite(numbers).all():
-            raise InitialGuessError(
-                f"phase '{phase.name}': the waypoints of '{name}' are {numbers.tolist()}; not all are finite."
-            )
     counted = list(values) if even_in is None else [_name(phase, key) for key in even_in]
     if not counted or set(counted) - set(values):
         raise InitialGuessError(

@@ -13,15 +13,14 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from pyomo.core.base.constraint import Constraint, ConstraintData
 from pyomo.core.expr.numvalue import value
-from pyomo.core.expr.relational_expr import RelationalExpression
 
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions
 from pyrobocop_pyomo.modeling.expression_nodes import CALL, CHOICE, DIVISION, FUNCTION, POWER, RELATION, kind_of_node
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps, Leaf
 from pyrobocop_pyomo.modeling.functions import function_called
+from pyrobocop_pyomo.modeling.row_violations import sides_of_row
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.numerics import Array, BoolArray, Indices
 from pyrobocop_pyomo.numerics.bernstein import (
@@ -127,10 +126,7 @@ def rows_passed(formulas: RuleFormulas, trajectory: Trajectory, statement: State
     TrajectoryError
         When the rule gives no formula that holds at all times, or one without a value at some instant.
     """
-    component = formulas.block.component(statement.name)
-    labels = dict.fromkeys(index[1] if isinstance(index, tuple) else None for index in component)
-    said = sides_stated(formulas, statement)
-    rows = {label: said[label] for label in labels if label in said}
+    rows = sides_stated(formulas, statement)
     signals = {id(formulas.at_instant[name]) for name in trajectory.signals}
     instants = _between_and_at_points(formulas, trajectory)
     found: dict[str, BoundPassed] = {}
@@ -199,17 +195,6 @@ def sides_stated(formulas: RuleFormulas, statement: Statement) -> dict[Hashable,
     return formulas.formulas_of(
         statement, lambda result: {label: sides_of_row(row) for label, row in statement.rows(result).items()}
     )
-
-
-def sides_of_row(row: Any) -> tuple[Any, Any, Any]:
-    """Body and bounds of a row that a rule returned, in the orientation that Pyomo gives it."""
-    if row is Constraint.Skip or row is Constraint.Feasible:
-        return 0.0, -np.inf, np.inf
-    row = row if isinstance(row, (tuple, RelationalExpression)) else (row, 0.0)  # an expression which is zero
-    parts = row if isinstance(row, tuple) else row.args
-    # Of two bounds both may change with the time, which a constraint refuses.
-    lower, body, upper = parts if len(parts) == 3 else ConstraintData(row).to_bounded_expression()
-    return body, -np.inf if lower is None else lower, np.inf if upper is None else upper
 
 
 # ---------------------------------------------------------------------------------------------- by bounds, in between

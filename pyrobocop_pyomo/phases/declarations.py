@@ -36,25 +36,12 @@ UNBOUNDED: Bounds = (None, None)
 
 # What other packages call it.
 _OTHER_WORDS = {
-    "value": "initial_guess",
-    "initialize": "initial_guess",
-    "guess": "initial_guess",
-    "init": "initial_guess",
-    "lb": "bounds",
-    "ub": "bounds",
-    "lower": "bounds",
-    "upper": "bounds",
-    "min": "bounds",
-    "max": "bounds",
-    "start": "initial",
-    "x0": "initial",
-    "end": "final",
-    "goal": "final",
-    "target": "final",
+    **dict.fromkeys(("value", "initialize", "guess", "init"), "initial_guess"),
+    **dict.fromkeys(("lb", "ub", "lower", "upper", "min", "max"), "bounds"),
+    **dict.fromkeys(("start", "x0"), "initial"),
+    **dict.fromkeys(("end", "goal", "target"), "final"),
+    **dict.fromkeys(("shape", "size", "dim"), "index"),
     "unit": "units",
-    "shape": "index",
-    "size": "index",
-    "dim": "index",
 }
 # What stands for the domain of a Pyomo variable.
 _DOMAIN = "bounds=(lower, upper)"
@@ -75,6 +62,9 @@ class FunctionOfTime:
     def __init__(self, function: Callable[[float], Any]) -> None:
         self._template = Template(lambda block, t: function(t))
         self._said: dict[float, Any] = {}
+
+    def __repr__(self) -> str:
+        return "a function of time"
 
     @property
     def is_asked_by_point(self) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import count
@@ -38,9 +37,6 @@ from .variables import rate_units
 RUN_AGAIN = "(A notebook's cell that is run again states it again: run those from the one that makes the model.)"
 
 Rule = Callable[..., Any]
-
-# As Pyomo says it.
-_MISSING_INDEX = re.compile(r"Index '([-+0-9.e]+)' is not valid for indexed component '([^']+)'")
 
 
 def add_ode(block: Any, statement: Statement) -> None:
@@ -276,7 +272,7 @@ def mistakes_explained(block: Any, statement: Statement, time: float, arguments:
     ModelError
         Naming the rule and the time.
     """
-    record, label = block.record, statement.label(block)
+    label = statement.label(block)
     try:
         with slips_explained(statement.rule, label, block, arguments, ModelError, time):
             yield
@@ -286,28 +282,9 @@ def mistakes_explained(block: Any, statement: Statement, time: float, arguments:
                 f"{label} reads what has no value at an element boundary ({error.args[0]}). Only states have one at "
                 "each; what needs controls or algebraics is a 'constraint'."
             ) from None
-        name, index = _missing_index(error)
-        if record.restating is not None or not _may_be_a_time(index, record):
-            raise
-        local = name.rpartition(".")[2]
-        raise ModelError(
-            f"{label} reads '{name}' at {index} when it is evaluated at t = {time:g}; it has no value there. For the "
-            f"value of a while ago write {local}.delayed(t, delay), for that at a fixed time {local}.at(time)."
-        ) from error
-
-
-def _missing_index(error: KeyError) -> tuple[str, Any]:
-    """Which component was asked for which index, in an error of ours or of Pyomo; no index where it says neither."""
-    if isinstance(error, NoSuchTime):
-        return error.name, error.index
-    found = _MISSING_INDEX.search(str(error))
-    return ("", None) if found is None else (found[2], float(found[1]))
-
-
-def _may_be_a_time(index: Any, record: PhaseRecord) -> bool:
-    times = record.grid.times
-    is_number = isinstance(index, (int, float))
-    return is_number and index not in times and abs(index) <= 10 * (abs(times[0]) + abs(times[-1]))
+        if isinstance(error, NoSuchTime):
+            raise ModelError(f"{label} at t = {time:g}: {error}") from error
+        raise
 
 
 def _collect(block: Any, statement: Statement) -> tuple[dict[float, dict[Hashable, Any]], bool]:

@@ -19,7 +19,7 @@ from pyrobocop_pyomo.transcription import InitialGuess, initial_number
 from .declarations import Parameter, State, within
 from .families import guesses_by_component
 from .horizon import horizon_fraction, real_grid
-from .phase_values import PhaseValues
+from .phase_values import PhaseValues, read_values
 from .record import PhaseRecord
 
 Values = list[tuple[Any, float]]
@@ -142,15 +142,12 @@ def _name_of(block: Any, key: Any) -> str:
 
 def _slopes(block: Any, name: str) -> Values:
     """Derivative variables at the slopes of the polynomial through the state's values: their rows then hold."""
-    grid, variable = block.record.grid, block.component(name)
+    grid = block.record.grid
     differentiate = differentiation_matrix(grid.scheme.state_nodes, grid.scheme.c)
-    widths = real_grid(block).mesh.widths
-    slopes: dict[float, float] = {}
-    for times, stages, width in zip(grid.node_times, grid.stage_times, widths, strict=True):
-        nodes = np.array([variable[t].value for t in times], dtype=float)
-        slopes |= dict(zip(stages, (differentiate @ nodes / width).tolist(), strict=True))
-    derivative = block.component(f"{name}_derivative")
-    return [(derivative[t], slopes[t]) for t in grid.points]
+    nodes = read_values(block.record.nodes(name).variables(block))[grid.node_positions]
+    slopes = np.empty(len(grid.points))
+    slopes[grid.stage_positions] = nodes @ differentiate.T / real_grid(block).mesh.widths[:, None]
+    return list(zip(block.component(f"{name}_derivative").values(), slopes.tolist(), strict=True))
 
 
 def _assign(values: Values) -> None:

@@ -21,7 +21,7 @@ from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.rows_by_rule import is_equality
 from pyrobocop_pyomo.modeling.shared_nodes import NodeReplacement, variables_in, variables_in_any
-from pyrobocop_pyomo.numerics import Matching, maximum_matching
+from pyrobocop_pyomo.numerics import Matching
 
 from .declarations import Algebraic, Control
 from .record import PhaseRecord, Statement
@@ -125,25 +125,25 @@ class InstantEquations:
     ) -> tuple[list[str], list[_Equation], bool]:
         """Unknowns that the motion depends on, and the equations that determine them; whether some are hidden."""
         equations = [equation for equation in stated if not self._only_ties_controls(equation)]
-        columns = [*sorted(slopes), *algebraics]
+        columns, reads = [*sorted(slopes), *algebraics], [equation.reads for equation in equations]
         for asks in (self._lone_control, self._controls_of_row):
-            over = [equations[row] for row in self._match(equations, columns).overdetermined[0]]
+            over = [equations[row] for row in Matching(reads, columns).overdetermined[0]]
             columns += sorted({name for equation in over for name in asks(equation)} - set(columns))
-        matching = self._match(equations, columns)
+        matching = Matching(reads, columns)
         depends = {*slopes, *read}
         waiting = [name for name in columns if name in depends]
         for name in waiting:
-            row = matching.row_of[columns.index(name)]
-            depends |= (more := equations[row].reads - depends if row >= 0 else frozenset())
+            row = matching.row_of.get(name)
+            depends |= (more := frozenset() if row is None else equations[row].reads - depends)
             waiting += [other for other in columns if other in more]
-        lacking = [columns[column] for column in matching.unmatched_columns]
+        lacking = matching.unmatched_columns
         left = [equations[row] for row in matching.unmatched_rows]
         spare = [of for of in left if of.pair is None and not of.reads & {*columns, *self._controls}]
         if lacking and len(lacking) == len(spare):
             return columns, [of for of in equations if of not in left or of in spare], True
         # An algebraic that stands in no equation is a choice; a derivative is none.
         held = slopes.union(*(equation.reads for equation in equations))
-        short = depends & held & {columns[column] for column in matching.underdetermined[1]}
+        short = depends & held & {*matching.underdetermined[1]}
         if short:
             rows = {equations[row].name for row in matching.underdetermined[0]}
             raise TrajectoryError(
@@ -156,14 +156,8 @@ class InstantEquations:
                 f"{self._phase}: pairs say something of {_listed(tied)}, and not what is determined by them. Declare "
                 "as Algebraic what contact decides."
             )
-        found = [name for name in waiting if matching.row_of[columns.index(name)] >= 0]
-        rows_of = [matching.row_of[columns.index(name)] for name in found]
-        return found, [equations[row] for row in rows_of], False
-
-    def _match(self, equations: list[_Equation], columns: list[str]) -> Matching:
-        position = {name: column for column, name in enumerate(columns)}
-        incidence = [sorted(position[name] for name in of.reads if name in position) for of in equations]
-        return maximum_matching(incidence, len(columns))
+        found = [name for name in waiting if name in matching.row_of]
+        return found, [equations[matching.row_of[name]] for name in found], False
 
     def _only_ties_controls(self, equation: _Equation) -> bool:
         """Whether controls alone stand in it, so that what holds at the points holds between them, or is a choice."""

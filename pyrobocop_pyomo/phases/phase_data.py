@@ -22,7 +22,7 @@ from pyrobocop_pyomo.errors import InitialGuessError, ModelError, TrajectoryErro
 from pyrobocop_pyomo.modeling.blocks import BuiltBlockData, Rule, blocks_of_kind
 from pyrobocop_pyomo.modeling.variable_families import VariableFamily
 from pyrobocop_pyomo.numerics import Array, Grid, Scheme, find_scheme
-from pyrobocop_pyomo.presentation import facts_table, table
+from pyrobocop_pyomo.presentation import facts_table
 from pyrobocop_pyomo.templates.slots import Clock, Derivative, RateOf
 from pyrobocop_pyomo.templates.template import OverTime, Reading, Template, TimeTemplate, is_asked_for_all_times
 from pyrobocop_pyomo.trajectories import Trajectory
@@ -186,7 +186,7 @@ class PhaseBlockData(BuiltBlockData):
         return super()._summary() + (_phase_in_words(self.record) if self.is_built else "")
 
     def _html_parts(self) -> list[str]:
-        return _phase_tables(self.record) if self.is_built else []
+        return [_phase_table(self.record)] if self.is_built else []
 
     # ---------------------------------------------------------------- statements
 
@@ -778,42 +778,14 @@ def _phase_in_words(record: PhaseRecord) -> str:
     return f": {', '.join([*counts, f'{record.grid.mesh.elements} elements'])} of {record.grid.scheme.name}"
 
 
-def _phase_tables(record: PhaseRecord) -> list[str]:
-    """Two tables: the declarations with bounds, ends and units; the rules by kind, the duration and the grid."""
+def _phase_table(record: PhaseRecord) -> str:
+    """The declarations, the rules by kind, the duration and the grid."""
     members = {member for family in record.families.values() for member in family.members}
-    rows = [_row(name, of) for name, of in record.declarations.items() if name not in members]
+    facts: dict[str, object] = {name: repr(of) for name, of in record.declarations.items() if name not in members}
     for name, family in record.families.items():
-        first = record.declarations[family.members[0]]
-        rows.append((f"{name}, shape {family.shape}", type(first).__name__.lower(), "", "", "", _units(first)))
-    kinds = dict.fromkeys(statement.kind for statement in record.statements)
-    facts: dict[str, object] = {
-        "duration": _shown(record.duration),
-        "grid": f"{record.grid.mesh.elements} elements of {record.grid.scheme.name}",
-    }
-    facts |= {kind: ", ".join(statement.name for statement in record.statements_of(kind)) for kind in kinds}
-    return [table(("name", "kind", "bounds", "initial", "final", "units"), rows), facts_table(facts)]
-
-
-def _row(name: str, of: Declaration) -> tuple[str, ...]:
-    bounds = of.bounds
-    within = "a function of time" if callable(bounds) else "" if bounds == (None, None) else _interval(bounds)
-    ends = (_shown(getattr(of, end, None)) for end in ("initial", "final"))
-    return (name, type(of).__name__.lower(), within, *ends, _units(of))
-
-
-def _interval(bounds: Any) -> str:
-    low, high = bounds
-    return f"{'-inf' if low is None else f'{low:g}'} .. {'inf' if high is None else f'{high:g}'}"
-
-
-def _shown(value: Any) -> str:
-    if value is None:
-        return ""
-    bounds = getattr(value, "bounds", None)
-    if isinstance(value, Declaration) and bounds is not None:
-        return f"free in {_interval(bounds)}"
-    return f"{value:g}" if isinstance(value, (int, float)) else str(value)
-
-
-def _units(of: Declaration) -> str:
-    return "" if of.units is None else str(of.units)
+        facts[f"{name}, shape {family.shape}"] = f"{type(record.declarations[family.members[0]]).__name__}(...)"
+    facts["duration"] = record.duration
+    facts["grid"] = f"{record.grid.mesh.elements} elements of {record.grid.scheme.name}"
+    for statement in record.statements:
+        facts[statement.kind] = ", ".join(each.name for each in record.statements_of(statement.kind))
+    return facts_table(facts)

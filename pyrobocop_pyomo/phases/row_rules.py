@@ -16,7 +16,7 @@ from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, RowRule
 from pyrobocop_pyomo.templates.slots import Slot
 from pyrobocop_pyomo.transcription import collocation_row
 
-from .families import family_in
+from .families import equations_by_component
 from .horizon import element_width
 from .record import PhaseRecord, Statement
 
@@ -54,10 +54,7 @@ class Ode:
 
     def _by_state(self, result: Mapping[Any, Any]) -> dict[str, Any]:
         """A result by the names that the states had when it was stated: they may have others by now."""
-        given: list[Any] = []
-        for key, entry in result.items():
-            names = family_in(self.block.record, key)
-            given += [entry] if names is None else names.split(entry) or []
+        given = equations_by_component(self.block.record, result, self.label).values()
         entries = [plain_scalar(entry, self.label) for entry in given]
         return dict(zip(next(iter(self._known.values())), entries, strict=True))
 

@@ -20,18 +20,7 @@ from .delays import delayed_value, value_at_time
 
 
 class NoSuchTime(KeyError):
-    """A variable over time was asked for its value at an index that it has not.
-
-    Attributes
-    ----------
-    name : str
-        Of the variable.
-    index : object
-    """
-
-    def __init__(self, signal: Any, index: Any) -> None:
-        super().__init__(_no_such_time(signal, index))
-        self.name, self.index = signal.name, index
+    """A variable over time was asked for its value at an index that it has not."""
 
     def __str__(self) -> str:
         return str(self.args[0])  # and not its repr, as of other keys
@@ -49,7 +38,7 @@ class _OverTime:
                 # Eight elements of a tenth may end beside 0.8.
                 if isinstance(time, float) and math.isclose(time, index, rel_tol=ROUNDING):
                     return time
-            raise NoSuchTime(self, index) from None
+            raise NoSuchTime(_no_such_time(self, index)) from None
 
     def __getitem__(self: Any, index: Any) -> Any:
         if index.__class__ is TimeTemplate:
@@ -198,7 +187,8 @@ def _no_such_time(signal: Any, index: Any) -> str:
     name = f"b.{signal.local_name}"
     return (
         f"{what}: it lives at {len(times)} times, the nearest are {near}. Write {name}.at({index:g}) for its value "
-        f"there, {name}.at_start and {name}.at_end at the ends, and b.integral(lambda b, t: ...) for a sum over time."
+        f"there, {name}.delayed(t, delay) for that of a while ago, {name}.at_start and {name}.at_end at the ends, and "
+        "b.integral(lambda b, t: ...) for a sum over time."
     )
 
 

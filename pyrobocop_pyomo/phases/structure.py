@@ -16,13 +16,13 @@ from typing import Any
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
-from pyomo.mpec import Complementarity as PyomoComplementarity
 
 from pyrobocop_pyomo.complementarity import Complementarity
+from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.rows_by_rule import as_read, content_of, is_equality
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
-from pyrobocop_pyomo.numerics import Matching, maximum_matching
+from pyrobocop_pyomo.numerics import Matching
 
 from .declarations import Algebraic, Control, Parameter
 from .horizon import refuse_no_duration
@@ -65,7 +65,7 @@ def _check_counts(block: Any) -> None:
     # A pair may determine an algebraic, or just restrict the controls; the user's own equality constraints over the
     # points likewise. They count only when something is missing.
     points = len(record.grid.points)
-    pairs = sum(_per_point(component, points) for component in _complementarities(block))
+    pairs = sum(_per_point(component, points) for component in block.component_objects(PAIR_TYPES, descend_into=False))
     stated = {statement.name for statement in record.statements if statement.kind == "residual"}
     own = sum(
         _per_point(component, points)
@@ -92,14 +92,6 @@ def _check_counts(block: Any) -> None:
 def counted(number: int, noun: str) -> str:
     """A number of things, in words: "1 state", "2 states"."""
     return f"{number} {noun}{'s' * (number != 1)}"
-
-
-def _complementarities(block: Any) -> list[Any]:
-    return [
-        component
-        for ctype in (Complementarity, PyomoComplementarity)
-        for component in block.component_objects(ctype, descend_into=False)
-    ]
 
 
 def _active_constraints(block: Any) -> list[Any]:
@@ -140,9 +132,8 @@ def _expressions(block: Any) -> Any:
     own, points = _active_constraints(block), len(block.record.grid.points)
     for component in own:
         yield from (as_read(row).body for row in islice(component.values(), _per_point(component, points)))
-    for component in _complementarities(block):
-        for data in component.values():
-            yield from sides_of(data)
+    for data in block.component_data_objects(PAIR_TYPES, descend_into=False):
+        yield from sides_of(data)
     for component in own:
         yield from (as_read(row).body for row in component.values())
     for data in block.model().component_data_objects((Constraint, Objective), active=True):
@@ -187,9 +178,8 @@ class PointStructure:
     def helpers(self) -> dict[str, tuple[Any, ...]]:
         """What may determine an algebraic, but need not, by name: pairs, and equality constraints of the user's own."""
         found: dict[str, tuple[Any, ...]] = {}
-        for ctype in (Complementarity, PyomoComplementarity):
-            for component in self._block.component_objects(ctype, descend_into=Block):
-                found.update((name, sides_of(data)) for name, data in _at(component, self.time).items())
+        for component in self._block.component_objects(PAIR_TYPES, descend_into=Block):
+            found.update((name, sides_of(data)) for name, data in _at(component, self.time).items())
         # An equality of the user's own may stand anywhere and carry any index: what it holds decides.
         ids = {id(variable) for variable in self.unknowns.values()}
         stated = {statement.name for statement in self._record.statements} | self._record.generated_rows
@@ -204,12 +194,12 @@ class PointStructure:
     @cached_property
     def of_rows(self) -> Matching:
         """The equations against the unknowns."""
-        return _match(self._contents, self.unknowns.values())
+        return self._match(self._contents, self.unknowns)
 
     @property
     def has_higher_index(self) -> bool:
         """True when an equation has nothing to determine, neither an unknown nor a control."""
-        return bool(_match(self._contents, [*self.unknowns.values(), *self.choices.values()]).unmatched_rows)
+        return bool(self._match(self._contents, self.unknowns | self.choices).unmatched_rows)
 
     @property
     def leftover_rows(self) -> list[str]:
@@ -220,9 +210,14 @@ class PointStructure:
     @cached_property
     def undetermined(self) -> list[str]:
         """Unknowns that no equation and no helper is left for."""
-        names = list(self.unknowns)
-        matching = _match([*self._contents, *self.helpers.values()], self.unknowns.values())
-        return [names[column] for column in matching.underdetermined[1]]
+        return self._match([*self._contents, *self.helpers.values()], self.unknowns).underdetermined[1]
+
+    @staticmethod
+    def _match(rows: list[tuple[Any, ...]], unknowns: dict[str, Any]) -> Matching:
+        """Rows against the names of unknowns that they hold."""
+        name_of = {id(variable): name for name, variable in unknowns.items()}
+        held = [[name_of[id(of)] for of in _variables_in(row) if id(of) in name_of] for row in rows]
+        return Matching(held, unknowns)
 
 
 def check_structure(block: Any) -> None:
@@ -248,8 +243,7 @@ HIGHER_INDEX_REMEDY = (
 
 def describe_higher_index(structure: PointStructure) -> str:
     """Which equations are left over, and which unknowns are short, in words."""
-    rows, names, short = structure.leftover_rows, list(structure.unknowns), structure.undetermined
-    shared = [names[column] for column in structure.of_rows.overdetermined[1]]
+    rows, shared, short = structure.leftover_rows, structure.of_rows.overdetermined[1], structure.undetermined
     if not shared:
         hold = "holds" if len(rows) == 1 else "hold"
         over = f"{_list('equation', rows)} {hold} no derivative and no algebraic to determine"
@@ -302,9 +296,3 @@ def _variables_in(expressions: Iterable[Any]) -> Iterator[Any]:
     for expression in expressions:
         if hasattr(expression, "is_expression_type"):
             yield from variables_in(expression, include_fixed=True)
-
-
-def _match(rows: list[tuple[Any, ...]], columns: Iterable[Any]) -> Matching:
-    number = {id(variable): i for i, variable in enumerate(columns)}
-    incidence = [sorted({number[id(v)] for v in _variables_in(row) if id(v) in number}) for row in rows]
-    return maximum_matching(incidence, len(number))

@@ -17,7 +17,7 @@ from pyrobocop_pyomo.complementarity.residuals import part_of_side
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.failures import failures_as
 from pyrobocop_pyomo.modeling.foreign_variables import foreign_read, foreign_variable
-from pyrobocop_pyomo.modeling.row_violations import bound_violation, relation_violation
+from pyrobocop_pyomo.modeling.row_violations import bound_violation, relation_violation, sides_of_row
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.presentation import Presented, facts_table, paragraph
@@ -25,7 +25,7 @@ from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import can_step
 
 from .boundary_conditions import KINDS, end_violations, values_given
-from .bounds_between_points import BoundPassed, bounds_passed, rows_passed, sentence_on_bounds, sides_of_row
+from .bounds_between_points import BoundPassed, bounds_passed, rows_passed, sentence_on_bounds
 from .coupled_phases import (
     coupled_phases_of,
     indices_of,

@@ -6,28 +6,25 @@ import datetime
 import inspect
 import re
 from collections import UserString
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from pyomo.common.collections import ComponentMap
 from pyomo.common.config import ConfigValue
 from pyomo.common.timing import HierarchicalTimer
 from pyomo.contrib.solver.common.base import Availability, SolverBase
 from pyomo.contrib.solver.common.config import SolverConfig
 from pyomo.contrib.solver.common.factory import SolverFactory
 from pyomo.contrib.solver.common.results import Results, SolutionStatus, TerminationCondition
-from pyomo.contrib.solver.common.solution_loader import SolutionLoader
-from pyomo.contrib.solver.common.util import NoOptimalSolutionError, NoSolutionError
+from pyomo.contrib.solver.common.util import NoOptimalSolutionError
 from pyomo.core.base.block import BlockData
-from pyomo.core.base.constraint import ConstraintData
 from pyomo.core.base.suffix import Suffix
-from pyomo.core.base.var import VarData
 
 from pyrobocop_pyomo._version import __version__
 from pyrobocop_pyomo.errors import KeywordError
 from pyrobocop_pyomo.ipopt.backends import available_backends
 from pyrobocop_pyomo.ipopt.in_process import CONDITIONS, OlderInterface
+from pyrobocop_pyomo.ipopt.suffixes import FoundPoint
 from pyrobocop_pyomo.modeling.keywords import check_keywords
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.solving.iterates import STOP_REASONS, Quality, StopReason
@@ -129,7 +126,7 @@ class Mpcc(SolverBase):
                     time_limit=config.time_limit,
                     **{name: config[name] for name in CHOICES},
                 )
-                results.solution_loader = FoundPoint(model)
+                results.solution_loader = _found_point(model)
         finally:
             timer.stop("solve")
         _report(results, answer)
@@ -191,63 +188,13 @@ class _Message(UserString):
         return " ".join(filter(None, said))
 
 
-class FoundPoint(SolutionLoader):
-    """A point with its multipliers, loaded into the model when it is requested.
-
-    Parameters
-    ----------
-    model : Block
-        Holds the point now.
-    """
-
-    def __init__(self, model: BlockData) -> None:
-        self._pyomo_model = model
-        self._values = VariableValues.of_free(model).by_variable
-        # Of several with one name, that nearest to the root.
-        found = reversed(imported_suffixes(model))
-        self._suffixes = {suffix.local_name: ComponentMap(suffix.items()) for suffix in found}
-
-    def get_number_of_solutions(self) -> int:
-        """Always one: the best point exists whatever stopped the procedure."""
-        return 1
-
-    def get_vars(self, vars_to_load: Sequence[VarData] | None = None) -> Mapping[VarData, float]:
-        """Values of variables."""
-        return _selected(self._values, vars_to_load)
-
-    def get_duals(self, cons_to_load: Sequence[ConstraintData] | None = None) -> Mapping[ConstraintData, float]:
-        """Multipliers of the user's constraints, in the sign of Pyomo's ``dual``.
-
-        Raises
-        ------
-        NoSolutionError
-            Where a component of the name ``dual`` is on the model that is no suffix for import.
-        """
-        return self._multipliers("dual", cons_to_load)
-
-    def get_reduced_costs(self, vars_to_load: Sequence[VarData] | None = None) -> Mapping[VarData, float]:
-        """Multipliers of bounds, in the sign of Pyomo's ``rc``.
-
-        Raises
-        ------
-        NoSolutionError
-            Where a component of the name ``rc`` is on the model that is no suffix for import.
-        """
-        return self._multipliers("rc", vars_to_load)
-
-    def load_import_suffixes(self) -> None:
-        """Fill the suffixes that the model declares for import."""
-        for name, suffix in self._collect_and_clear_import_suffixes().items():
-            suffix.update(self._suffixes.get(name, {}))
-
-    def _multipliers(self, name: str, wanted: Sequence[Any] | None) -> Mapping[Any, float]:
-        entries = self._suffixes.get(name)
-        if entries is None:
-            raise NoSolutionError(
-                f"'{self._pyomo_model.name}': multipliers were not kept, since '{name}' is taken. Make it a "
-                "Suffix(direction=Suffix.IMPORT), or free the name."
-            )
-        return _selected(entries, wanted)
+def _found_point(model: BlockData) -> FoundPoint:
+    """What a model holds now, to be loaded when it is requested."""
+    values = VariableValues.of_free(model)
+    # Of several with one name, that nearest to the root.
+    found = reversed(imported_suffixes(model))
+    suffixes = {suffix.local_name: (list(suffix.keys()), list(suffix.values())) for suffix in found}
+    return FoundPoint(model, (values.variables, values.taken), suffixes)
 
 
 @contextmanager
@@ -264,7 +211,3 @@ def multipliers_imported(model: BlockData) -> Iterator[None]:
     finally:
         for name in added:
             model.del_component(name)
-
-
-def _selected(entries: ComponentMap, wanted: Sequence[Any] | None) -> ComponentMap:
-    return entries if wanted is None else ComponentMap((component, entries[component]) for component in wanted)

@@ -33,6 +33,13 @@ def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> Html:
     return Html(f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{rest}")
 
 
+def aligned(rows: Sequence[Sequence[str]], sides: Sequence[str]) -> str:
+    """Rows of text below each other, each column at its side: "<" or ">"."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    styles = [f"{side}{width}" for side, width in zip(sides, widths, strict=True)]
+    return "\n".join("  ".join(map(format, row, styles)).rstrip() for row in rows)
+
+
 def facts_table(facts: Mapping[str, object]) -> Html:
     """A table of two columns: what, and its value. What is None is left out."""
     rows = [(Html(f"<strong>{escape(name)}</strong>"), value) for name, value in facts.items() if value is not None]

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pyomo.repn.util
 from pyomo.common.errors import InvalidValueError
+from pyomo.common.fileutils import find_file
 from pyomo.contrib.pynumero.asl import AmplInterface
 from pyomo.core.base.block import BlockData
 from pyomo.core.base.constraint import ConstraintData
@@ -48,11 +49,8 @@ def find_asl_library() -> str | None:
     """
     if AmplInterface.available():
         return str(AmplInterface.libname)
-    for name in ("libpynumero_ASL.so", "libpynumero_ASL.dylib", "pynumero_ASL.dll"):
-        path = Path(sys.prefix) / "lib" / name
-        if path.is_file():
-            return str(path)
-    return None
+    found: str | None = find_file("*pynumero_ASL.*", cwd=False, pathlist=[os.path.join(sys.prefix, "lib")])
+    return found
 
 
 def asl_available() -> bool:
@@ -103,7 +101,6 @@ class AslProgram:
             bounds[np.abs(bounds) >= 1e19] = np.copysign(np.inf, bounds[np.abs(bounds) >= 1e19])
         self.x_start = np.empty(self.n)
         self._asl.get_init_x(self.x_start)
-        self.g_multipliers_start: FloatArray | None = None
         jacobian = np.empty((2, self._asl.get_nnz_jac_g()), dtype=np.intc)
         hessian = np.empty((2, self._asl.get_nnz_hessian_lag()), dtype=np.intc)
         self._asl.struct_jac_g(jacobian[0], jacobian[1])
@@ -117,29 +114,22 @@ class AslProgram:
 
     def objective(self, x: FloatArray) -> float:
         """Value of f."""
-        value = self._asked("objective", self._asl.eval_f, x)
-        return float(finite(np.array(value), "ASL", "objective"))
+        return float(self._asked("objective", self._asl.eval_f, x))
 
     def gradient(self, x: FloatArray) -> FloatArray:
         """Gradient of f."""
         # Without the value at this very point ASL has no error to return, and ends the process instead.
         self._evaluate("objective", x)
-        values = np.empty(self.n)
-        self._asked("gradient", self._asl.eval_deriv_f, x, values)
-        return finite(values, "ASL", _LABELS["gradient"])
+        return self._asked("gradient", self._asl.eval_deriv_f, x, np.empty(self.n))
 
     def constraints(self, x: FloatArray) -> FloatArray:
         """Values of g."""
-        values = np.empty(self.m)
-        self._asked("constraints", self._asl.eval_g, x, values)
-        return finite(values, "ASL", "constraints")
+        return self._asked("constraints", self._asl.eval_g, x, np.empty(self.m))
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """Values of the Jacobian of g."""
         self._evaluate("constraints", x)
-        values = np.empty(self.jacobian_structure[0].size)
-        self._asked("jacobian", self._asl.eval_jac_g, x, values)
-        return finite(values, "ASL", _LABELS["jacobian"])
+        return self._asked("jacobian", self._asl.eval_jac_g, x, np.empty(self.jacobian_structure[0].size))
 
     def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
         """Values of the Hessian of the Lagrangian."""
@@ -184,16 +174,16 @@ class AslProgram:
         if self._at is None or not np.array_equal(self._at, x):
             self._at, self._evaluated = x.copy(), set()
 
-    def _asked(self, name: str, function: Callable[..., Any], x: FloatArray, *arrays: FloatArray) -> Any:
-        """What a function of ASL returns; its own errors are arithmetic ones."""
+    def _asked(self, name: str, function: Callable[..., Any], x: FloatArray, *filled: FloatArray) -> FloatArray:
+        """The array that a function of ASL fills, or what it returns; its own errors are arithmetic ones."""
         self._move_to(x)
         self._evaluated.discard(name)
         try:
-            value = function(x, *arrays)
+            value = function(x, *filled)
         except ArithmeticError as error:
             raise EvaluationError(f"ASL cannot evaluate the {_LABELS[name]}: {error}") from None
         self._evaluated.add(name)
-        return value
+        return finite(filled[0] if filled else np.array(value), "ASL", _LABELS[name])
 
 
 def _open(path: str, external_functions: str) -> AmplInterface:

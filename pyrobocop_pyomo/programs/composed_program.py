@@ -2,7 +2,8 @@
 
 The program is ``f(x, y)`` and ``g(x, y)``, where ``y = F(u(x, y))`` stands for the outputs of all calls. The variables
 of the composition are x alone: y is eliminated level by level, since a call holds in its arguments only calls of lower
-levels. With ``Y = dy/dx`` and ``U = du/dx`` along the elimination and the adjoints
+levels, so that as many repetitions as there are levels make derivatives and adjoints complete. With ``Y = dy/dx`` and
+``U = du/dx`` along the elimination and the adjoints
 ``nu = f_y + g_y' lambda + u_y' mu`` and ``mu = F_u' nu``, the Hessian of the Lagrangian is::
 
     [I; Y]' (Hessian of f + lambda' g + mu' u by (x, y)) [I; Y]  +  sum over the calls  U' (nu' F_uu) U
@@ -14,9 +15,10 @@ their entries are found once, from matrices whose entries are all one.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import count
+from itertools import count, groupby
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -30,7 +32,6 @@ from pyrobocop_pyomo.optional_imports import scipy
 from .function_calls import FunctionCall
 from .model_terms import ModelTerms
 from .nonlinear_program import FloatArray, IndexArray, finite
-from .summed_terms import SummedTerms
 from .vectorised_program import VectorisedProgram
 
 logger = logging.getLogger(__name__)
@@ -48,11 +49,8 @@ def vectorised_composition(
     x = [variable for variable in terms.variables if id(variable) not in of_calls]
     place_of = {id(variable): place for place, variable in enumerate([*x, *outputs])}
     columns = np.array([place_of[id(variable)] for variable in terms.variables], dtype=np.intp)
-    levels = [
-        Level(arguments, _points(calls, place_of), columns, len(place_of))
-        for calls, arguments in zip(terms.calls.levels, main.arguments, strict=True)
-    ]
-    return ComposedProgram(main, columns, len(x), len(outputs), levels), x, terms.constraints
+    points = _points(terms.calls.by_level(), place_of)
+    return ComposedProgram(main, columns, len(x), len(outputs), points), x, terms.constraints
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,13 +59,15 @@ class Points:
 
     Attributes
     ----------
+    level : int
     function : Function
     rows : int array, shape (points, inputs)
-        Rows of the level that are the arguments; each row is one argument.
+        Rows of all arguments that are its own; each row is one argument.
     outputs : int array, shape (points, outputs)
         Places among all x and y, -1 for an output that nothing uses.
     """
 
+    level: int
     function: Function
     rows: np.ndarray
     outputs: np.ndarray
@@ -79,86 +79,23 @@ class Points:
         return used, outputs[used], arguments[used]
 
 
-def _points(level: Sequence[FunctionCall], place_of: dict[int, int]) -> list[Points]:
-    """The calls of each function together, with the rows of their arguments, which are in the order of the calls."""
+def _points(calls: Sequence[FunctionCall], place_of: dict[int, int]) -> list[Points]:
+    """The calls of each function on each level together, with the rows of their arguments, which are in their order."""
     row = count()
-    alike: dict[tuple[int, int], list[tuple[FunctionCall, list[int]]]] = {}
-    for call in level:
+    alike: dict[tuple[int, int, int], list[tuple[FunctionCall, list[int]]]] = {}
+    for call in calls:
         rows = [next(row) for _ in call.arguments]
-        alike.setdefault((id(call.function), len(rows)), []).append((call, rows))
+        alike.setdefault((call.level, id(call.function), len(rows)), []).append((call, rows))
     found = []
-    for several in alike.values():
+    for (level, *_), several in alike.items():
         function = several[0][0].function
         outputs = [
             [place_of[id(call.outputs[i])] if i in call.outputs else -1 for i in range(function.output_count)]
             for call, _ in several
         ]
-        found.append(Points(function, np.array([rows for _, rows in several], dtype=np.intp), np.array(outputs)))
+        rows_of_all = np.array([rows for _, rows in several], dtype=np.intp)
+        found.append(Points(level, function, rows_of_all, np.array(outputs)))
     return found
-
-
-class Level:
-    """The arguments of calls that hold no other calls than those of lower levels, with derivatives as matrices.
-
-    Parameters
-    ----------
-    arguments : SummedTerms
-    points : list of Points
-    columns : int array
-        The places of the arguments' variables among all x and y.
-    size : int
-        Count of x and y.
-    """
-
-    def __init__(self, arguments: SummedTerms, points: list[Points], columns: np.ndarray, size: int) -> None:
-        self.arguments, self.points, self._columns = arguments, points, columns
-        self._shape = arguments.rows, size
-        rows, by = arguments.structure
-        self._entries = rows, columns[by]
-        self._used, outputs, inputs = zip(*(each.entries() for each in points), strict=True)
-        self._slopes = np.concatenate(outputs), np.concatenate(inputs)
-        pairs = [np.broadcast_arrays(each.rows[:, :, None], each.rows[:, None, :]) for each in points]
-        self._pairs = np.concatenate([np.reshape(both, (2, -1)) for both in pairs], axis=1)
-        self.triangle = columns[np.array(arguments.hessian_structure)]
-
-    def inputs(self, z: FloatArray) -> list[FloatArray]:
-        """Arguments of the calls, one array for each function."""
-        values = self.arguments.compiled.values(z[self._columns])
-        rows = finite(values, "CasADi", "arguments of a Python function")
-        return [rows[points.rows] for points in self.points]
-
-    def first(self, z: FloatArray, inputs: Sequence[FloatArray]) -> tuple[Any, Any]:
-        """Derivatives of the arguments by x and y, and of y by the arguments."""
-        jacobians = [points.function.jacobians(X) for points, X in zip(self.points, inputs, strict=True)]
-        slopes = [block[used] for block, used in zip(jacobians, self._used, strict=True)]
-        entries = self.arguments.compiled.jacobian(z[self._columns])
-        finite(entries, "CasADi", "Jacobian of the arguments of a Python function")
-        return self._first(entries, np.concatenate(slopes))
-
-    def second(
-        self, z: FloatArray, inputs: Sequence[FloatArray], adjoint: FloatArray, of_rows: FloatArray
-    ) -> tuple[FloatArray, Any]:
-        """Second derivatives with adjoints: of the arguments, in the order of `triangle`, and of y by the arguments."""
-        blocks = []
-        for points, X in zip(self.points, inputs, strict=True):
-            weights = np.where(points.outputs >= 0, adjoint[points.outputs], 0.0)
-            blocks.append(np.einsum("po,poij->pij", weights, points.function.hessians(X)).ravel())
-        entries = np.zeros(self.triangle[0].size)
-        self.arguments.compiled.add_hessian(z[self._columns], of_rows, entries)
-        finite(entries, "CasADi", "Hessian of the arguments of a Python function")
-        return entries, self._second(np.concatenate(blocks))
-
-    def patterns(self) -> tuple[tuple[Any, Any], tuple[FloatArray, Any]]:
-        """The first and the second derivatives with ones in all entries."""
-        sizes = (indices[0].size for indices in (self._entries, self._slopes, self.triangle, self._pairs))
-        arguments, functions, triangle, pairs = map(np.ones, sizes)
-        return self._first(arguments, functions), (triangle, self._second(pairs))
-
-    def _first(self, arguments: FloatArray, functions: FloatArray) -> tuple[Any, Any]:
-        return _matrix(arguments, self._entries, self._shape), _matrix(functions, self._slopes, self._shape[::-1])
-
-    def _second(self, functions: FloatArray) -> Any:
-        return _matrix(functions, self._pairs, (self._shape[0], self._shape[0]))
 
 
 def _matrix(values: FloatArray, entries: Any, shape: tuple[int, int]) -> Any:
@@ -197,30 +134,35 @@ class ComposedProgram:
         The places of its variables in the vector of x and y.
     n, outputs : int
         Counts of x and of y.
-    levels : sequence of Level
-        From the lowest on.
+    points : list of Points
+        From the lowest level on.
     """
 
     def __init__(
-        self, main: VectorisedProgram, columns: np.ndarray, n: int, outputs: int, levels: Sequence[Level]
+        self, main: VectorisedProgram, columns: np.ndarray, n: int, outputs: int, points: Sequence[Points]
     ) -> None:
-        self._main, self._columns, self._levels = main, columns, levels
+        self._main, self._columns, self._points = main, columns, points
+        self._levels = [list(several) for _, several in groupby(points, attrgetter("level"))]
         self.n, self.m, self._size = n, main.m, n + outputs
-        self.g_multipliers_start: FloatArray | None = None
-        rows, by = main.jacobian_structure
-        self._main_entries = rows, columns[by]
-        triangles = [columns[np.array(main.hessian_structure)], *(level.triangle for level in levels)]
-        self._triangle = np.concatenate(triangles, axis=1)
+        self._main_entries, self._argument_entries = (
+            (rows, columns[by]) for rows, by in (main.jacobian_structure, main.arguments.structure)
+        )
+        self._used, slopes, inputs = zip(*(each.entries() for each in points), strict=True)
+        self._slopes = np.concatenate(slopes), np.concatenate(inputs)
+        pairs = [np.broadcast_arrays(each.rows[:, :, None], each.rows[:, None, :]) for each in points]
+        self._pairs = np.concatenate([np.reshape(both, (2, -1)) for both in pairs], axis=1)
+        triangles = main.hessian_structure, main.arguments.hessian_structure
+        self._triangle = columns[np.concatenate(triangles, axis=1)]
         # Both triangles are made of the lower one, in which the diagonal stands for itself twice.
         self._halves = np.where(self._triangle[0] == self._triangle[1], 0.5, 1.0)
-        firsts, seconds = zip(*(level.patterns() for level in levels), strict=True)
-        by_x, of_arguments = self._eliminated(firsts)
-        self.jacobian_structure = _structure(self._main_jacobian(np.ones(rows.size)) @ by_x)
-        ones = np.ones(main.hessian_structure[0].size)
-        self.hessian_structure = _structure(self._second(ones, seconds, by_x, of_arguments))
+        sizes = (entries[0].size for entries in (self._argument_entries, self._slopes, self._triangle, self._pairs))
+        arguments, functions, triangle, of_pairs = map(np.ones, sizes)
+        self._eliminate(arguments, functions)
+        self.jacobian_structure = _structure(self._main_jacobian(np.ones(self._main_entries[0].size)) @ self._by_x)
+        self.hessian_structure = _structure(self._second(triangle, of_pairs))
         self._z_at: FloatArray | None = None
         self._differentiated_at: FloatArray | None = None
-        self.derivatives = _described(main.derivatives, [p.function for level in levels for p in level.points])
+        self.derivatives = _described(main.derivatives, [each.function for each in points])
         self._read()
         self._check_derivatives()
 
@@ -243,9 +185,8 @@ class ComposedProgram:
         except EvaluationError as error:
             logger.warning("a Python function has no value at the first point of the model: %s", error)
             return
-        for level, inputs in zip(self._levels, self._inputs, strict=True):
-            for points, X in zip(level.points, inputs, strict=True):
-                points.function.check_derivatives_once(X)
+        for points, X in zip(self._points, self._inputs, strict=True):
+            points.function.check_derivatives_once(X)
 
     # ---------------------------------------------------------------- evaluation
 
@@ -257,9 +198,10 @@ class ComposedProgram:
             z[: self.n] = x
             self._inputs = []
             for level in self._levels:
-                inputs = level.inputs(z)
-                self._inputs.append(inputs)
-                for points, X in zip(level.points, inputs, strict=True):
+                rows = self._main.arguments.values(z[self._columns])
+                for points in level:
+                    X = finite(rows[points.rows], "CasADi", "arguments of a Python function")
+                    self._inputs.append(X)
                     used = points.outputs >= 0
                     z[points.outputs[used]] = points.function.values(X)[used]
             self._z, self._z_at = z, np.array(x)
@@ -270,19 +212,23 @@ class ComposedProgram:
         main = self._at(x)
         if self._differentiated_at is None or not np.array_equal(self._differentiated_at, x):
             self._differentiated_at = None
-            levels = zip(self._levels, self._inputs, strict=True)
-            self._firsts = [level.first(self._z, inputs) for level, inputs in levels]
-            self._by_x, self._of_arguments = self._eliminated(self._firsts)
+            jacobians = [points.function.jacobians(X) for points, X in zip(self._points, self._inputs, strict=True)]
+            slopes = [block[used] for block, used in zip(jacobians, self._used, strict=True)]
+            entries = self._main.arguments.jacobian(main)
+            finite(entries, "CasADi", "Jacobian of the arguments of a Python function")
+            self._eliminate(entries, np.concatenate(slopes))
             self._differentiated_at = np.array(x)
         return main
 
-    def _eliminated(self, firsts: Iterable[tuple[Any, Any]]) -> tuple[Any, list[Any]]:
-        """``[I; Y]``, and U of each level."""
-        by_x, found = scipy.sparse.eye_array(self._size, self.n, format="csr"), []
-        for arguments, functions in firsts:
-            found.append(arguments @ by_x)
-            by_x = by_x + functions @ found[-1]
-        return by_x, found
+    def _eliminate(self, arguments: FloatArray, functions: FloatArray) -> None:
+        """Know derivatives of the arguments by x and y, of y by the arguments, and from these ``[I; Y]`` and U."""
+        shape = self._main.arguments.rows, self._size
+        self._by_z = _matrix(arguments, self._argument_entries, shape)
+        self._by_arguments = _matrix(functions, self._slopes, shape[::-1])
+        self._by_x = of_x = scipy.sparse.eye_array(self._size, self.n, format="csr")
+        for _ in self._levels:
+            self._of_arguments = self._by_z @ self._by_x
+            self._by_x = of_x + self._by_arguments @ self._of_arguments
 
     def _main_jacobian(self, values: FloatArray) -> Any:
         return _matrix(values, self._main_entries, (self.m, self._size))
@@ -308,37 +254,36 @@ class ComposedProgram:
     def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
         """Values of the Hessian of the Lagrangian."""
         main = self._differentiate(x)
-        adjoint = self._main_jacobian(self._main.jacobian(main)).T @ multipliers
-        adjoint[self._columns] += objective_factor * self._main.gradient(main)
-        seconds = []
-        for level, inputs, (arguments, functions) in zip(
-            reversed(self._levels), reversed(self._inputs), reversed(self._firsts), strict=True
-        ):
-            of_rows = functions.T @ adjoint
-            seconds.append(level.second(self._z, inputs, adjoint, of_rows))
-            adjoint += arguments.T @ of_rows
-        values = self._main.hessian(main, objective_factor, multipliers)
-        second = self._second(values, seconds[::-1], self._by_x, self._of_arguments)
-        return _values_at(self.hessian_structure, second)
+        own = self._main_jacobian(self._main.jacobian(main)).T @ multipliers
+        own[self._columns] += objective_factor * self._main.gradient(main)
+        adjoint = own
+        for _ in self._levels:
+            of_rows = self._by_arguments.T @ adjoint
+            adjoint = own + self._by_z.T @ of_rows
+        blocks = []
+        for points, X in zip(self._points, self._inputs, strict=True):
+            weights = np.where(points.outputs >= 0, adjoint[points.outputs], 0.0)
+            blocks.append(np.einsum("po,poij->pij", weights, points.function.hessians(X)).ravel())
+        values = np.zeros(self._triangle[0].size)
+        of_main, of_arguments = np.split(values, [self._main.hessian_structure[0].size])
+        of_main[:] = self._main.hessian(main, objective_factor, multipliers)
+        self._main.arguments.add_hessian(main, of_rows, of_arguments)
+        finite(of_arguments, "CasADi", "Hessian of the arguments of a Python function")
+        return _values_at(self.hessian_structure, self._second(values, np.concatenate(blocks)))
 
-    def _second(
-        self, main: FloatArray, seconds: Sequence[tuple[FloatArray, Any]], by_x: Any, of_arguments: Sequence[Any]
-    ) -> Any:
-        """The lower triangle of all second derivatives by x."""
-        values = np.concatenate([main, *(of_rows for of_rows, _ in seconds)])
+    def _second(self, values: FloatArray, functions: FloatArray) -> Any:
+        """The lower triangle of all second derivatives by x, from those of the expressions and of the functions."""
+        by_x, slopes, rows = self._by_x, self._of_arguments, self._main.arguments.rows
         found = by_x.T @ _matrix(self._halves * values, self._triangle, (self._size, self._size)) @ by_x
-        for (_, by_arguments), slopes in zip(seconds, of_arguments, strict=True):
-            found = found + slopes.T @ (0.5 * by_arguments) @ slopes
+        found = found + slopes.T @ _matrix(0.5 * functions, self._pairs, (rows, rows)) @ slopes
         return scipy.sparse.tril(found + found.T)
 
 
 def _described(derivatives: str, functions: Sequence[Function]) -> str:
     """Where derivatives come from, with the functions named."""
     different = {id(function): function for function in functions}.values()
-    words = []
-    for function in different:
-        differences = "" if function.has_hessian else " (second derivatives by differences)"
-        words.append(f"'{function.name}'{differences}")
-        if differences:
-            logger.info("'%s' has no hessian: second derivatives are differences of its jacobian", function.name)
-    return f"{derivatives}, with {', '.join(words)} in Python" if words else derivatives
+    words = [
+        f"'{function.name}'{'' if function.has_hessian else ' (second derivatives by differences)'}"
+        for function in different
+    ]
+    return f"{derivatives}, with {', '.join(words)} in Python"

@@ -7,6 +7,7 @@ their own. `ComposedProgram` puts the functions in between.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import Any
 
 from pyomo.core.base.var import VarData
@@ -99,13 +100,9 @@ class FunctionCalls:
             call.outputs[output] = new_variable(None, None, 0.0)
         return call.outputs[output]
 
-    @property
-    def levels(self) -> list[list[FunctionCall]]:
-        """Calls by their levels."""
-        found: list[list[FunctionCall]] = [[] for _ in range(1 + max((call.level for call in self.calls), default=-1))]
-        for call in self.calls:
-            found[call.level].append(call)
-        return found
+    def by_level(self) -> list[FunctionCall]:
+        """The calls, those of lower levels first."""
+        return sorted(self.calls, key=attrgetter("level"))
 
     def _register(self, node: Any) -> None:
         """Make the call known, and those in its arguments before it; nested calls may be many."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from itertools import count
+from typing import Any
 
 import numpy as np
 from pyomo.common.gc_manager import PauseGC
@@ -18,23 +19,16 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_nodes import CONSTANT, DIVISION, LEAF, NAMED, NEGATION, PRODUCT, SUMMATION
 from pyrobocop_pyomo.modeling.functions import is_function_call
 from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, RowByRule, SumByRule, sums_of
+from pyrobocop_pyomo.modeling.shared_nodes import topmost_nodes
 
-from .function_calls import FunctionCall, FunctionCalls
+from .function_calls import FunctionCalls
 from .model_checks import check_variables, external_function_refused, single_objective
 from .nonlinear_program import IndexArray
-from .term_groups import FACTORS, REMEDY, SCALED_SUM, Columns, NodeKinds, NonlinearTerm, TermGroups, repetitions
+from .term_groups import FACTORS, SCALED_SUM, Columns, NodeKinds, NonlinearTerm, TermGroups, not_vectorised, repetitions
 
 # A sum of up to so many nonlinear terms is one term, whose parts share what they have in common; a longer one, as
 # an integral, is taken apart, so that its parts can be evaluated as repetitions of each other.
 LONGEST_TERM = 16
-
-
-class _Summand(NamedTuple):
-    """A nonlinear summand: ``scale * product of factors * node``."""
-
-    node: Any
-    scale: float
-    factors: tuple[Any, ...]
 
 
 class Terms:
@@ -68,7 +62,7 @@ class Terms:
         self.sums_by_rule: list[Any] = []
         self._kinds = NodeKinds()
         self.groups = TermGroups(columns, self._kinds, self._content)
-        self._terms: list[NonlinearTerm] = []
+        self._terms: list[tuple[int, NonlinearTerm]] = []
         self._repeated: list[tuple[NonlinearTerm, np.ndarray, np.ndarray, dict[int, np.ndarray]]] = []
 
     def add(self, row: int, expression: Any, scale: float = 1.0, keep_constant: bool = False) -> bool:
@@ -96,8 +90,7 @@ class Terms:
         self.linear_rows += [row] * len(columns)
         self.linear_columns += columns
         self.linear_coefficients += coefficients
-        if parts:
-            self._terms += _nonlinear_terms(row, parts)
+        self._terms += [(row, term) for term in _joined(parts)]
         return variable
 
     def add_repeated(self, repeated: RepeatedSum, table: IndexArray, first: int = 0) -> None:
@@ -114,13 +107,12 @@ class Terms:
                 self.linear_rows += rows.tolist()
                 self.linear_columns += exchanged.get(column, np.full(len(rows), column)).tolist()
                 self.linear_coefficients += (coefficient * scales).tolist()
-            terms = _nonlinear_terms(0, parts) if parts else []
-            self._repeated += [(term, rows, scales, exchanged) for term in terms]
+            self._repeated += [(term, rows, scales, exchanged) for term in _joined(parts)]
 
     def group(self) -> None:
         """Put the terms of all rows that were added into groups of one shape."""
-        for term in self._terms:
-            self.groups.put(term)
+        for row, term in self._terms:
+            self.groups.put(row, term)
         for repeated in self._repeated:
             self.groups.put_repeated(*repeated)
         self._terms.clear()
@@ -132,19 +124,9 @@ class Terms:
         coefficients, free = np.array(self.linear_coefficients, dtype=float), columns >= 0
         return (rows[free], columns[free], coefficients[free]), (rows[~free], -1 - columns[~free], coefficients[~free])
 
-    def _has_variable(self, part: _Summand) -> bool:
-        pending = [part.node, *part.factors]
-        entered: set[int] = set()
-        while pending:
-            node = pending.pop()
-            kind = self._kinds[node.__class__]
-            if kind == LEAF:
-                if self.columns.of(node) >= 0:
-                    return True
-            elif kind != CONSTANT and id(node) not in entered:
-                entered.add(id(node))
-                pending += reversed(node.args)
-        return False
+    def _has_variable(self, part: NonlinearTerm) -> bool:
+        leaves = topmost_nodes(part.nodes, lambda node: not node.is_expression_type())
+        return any(self.columns.of(leaf) >= 0 for leaf in leaves)
 
     def _split(
         self,
@@ -153,11 +135,11 @@ class Terms:
         columns: list[int],
         coefficients: list[float],
         sums: list[tuple[RepeatedSum, float]],
-    ) -> tuple[float, list[_Summand]]:
-        """Take linear terms and sums that follow a rule out; return the constant and the nonlinear summands."""
+    ) -> tuple[float, list[NonlinearTerm]]:
+        """Take linear terms and sums that follow a rule out; return the constant and the nonlinear terms."""
         kinds, column_of = self._kinds, self.columns.column_of
         constant = 0.0
-        parts: list[_Summand] = []
+        parts: list[NonlinearTerm] = []
         factors: tuple[Any, ...] = ()
         pending: list[tuple[Any, float, tuple[Any, ...]]] = [(expression, scale, factors)]
         while pending:
@@ -191,7 +173,7 @@ class Terms:
                 elif self._is_long_sum(first):
                     pending.append((first, scale, (*factors, last)))
                 else:
-                    parts.append(_Summand(node, scale, factors))
+                    parts.append(_product(factors, node, scale))
             elif kind == DIVISION and kinds[node.args[1].__class__] == CONSTANT and node.args[1]:
                 pending.append((node.args[0], scale / float(node.args[1]), factors))
             elif node.__class__ is SumByRule and not factors:
@@ -202,7 +184,7 @@ class Terms:
             elif kind == CONSTANT and not factors:
                 constant += scale * float(node)
             else:
-                parts.append(_Summand(node, scale, factors))
+                parts.append(_product(factors, node, scale))
         return constant, parts
 
     def _is_long_sum(self, node: Any) -> bool:
@@ -226,31 +208,26 @@ class Terms:
             if not is_function_call(named):
                 if isinstance(named._fcn, PythonCallbackFunction):
                     raise ModelError(f"an expression {external_function_refused(named._fcn.name)}")
-                raise ModelError(
-                    f"an expression holds a {type(named).__name__}, which the vectorised backend does not know. "
-                    f"{REMEDY}"
-                )
+                raise not_vectorised(type(named))
             return self._calls.replacement(named)
         expression = named.args[0]
         self.named_expressions[id(named)] = (named, expression)
         return expression
 
 
-def _nonlinear_terms(row: int, parts: list[_Summand]) -> list[NonlinearTerm]:
+def _product(factors: tuple[Any, ...], node: Any, scale: float) -> NonlinearTerm:
+    return NonlinearTerm((*factors, node), scale, FACTORS + 1 + len(factors) if factors else None)
+
+
+def _joined(parts: list[NonlinearTerm]) -> list[NonlinearTerm]:
     """A short sum as one term, a long one as several."""
-    if len(parts) == 1 and not parts[0].factors:
-        return [NonlinearTerm(row, parts[0].scale, (parts[0].node,), None, ())]
-    if len(parts) <= LONGEST_TERM and not any(part.factors for part in parts):
-        # What the scales have in common stays outside, so that elements of other widths have the same numbers.
-        common = parts[0].scale if len({abs(part.scale) for part in parts}) == 1 else 1.0
-        scales = tuple(part.scale / common if common else 0.0 for part in parts)
-        return [NonlinearTerm(row, common, tuple(part.node for part in parts), SCALED_SUM + len(parts), scales)]
-    return [
-        NonlinearTerm(
-            row, part.scale, (*part.factors, part.node), FACTORS + 1 + len(part.factors) if part.factors else None, ()
-        )
-        for part in parts
-    ]
+    if not 1 < len(parts) <= LONGEST_TERM or any(part.symbol is not None for part in parts):
+        return parts
+    # What the scales have in common stays outside, so that elements of other widths have the same numbers.
+    common = parts[0].scale if len({abs(part.scale) for part in parts}) == 1 else 1.0
+    scales = tuple(part.scale / common if common else 0.0 for part in parts)
+    nodes = tuple(part.nodes[0] for part in parts)
+    return [NonlinearTerm(nodes, common, SCALED_SUM + len(parts), scales)]
 
 
 @dataclass(eq=False)
@@ -269,8 +246,8 @@ class ModelTerms:
     objective : ObjectiveData or None
     sign : float
         1 for a minimised objective, -1 for a maximised one.
-    arguments : list of pairs
-        For each level of calls their arguments as rows, call by call, and how many these are.
+    arguments : Terms
+        Arguments of the calls as rows, call by call, those of lower levels first.
     constraints : list of ConstraintData
         In the order of the rows. Those without free variables or without bounds are absent.
     bounds : list of pairs
@@ -286,7 +263,7 @@ class ModelTerms:
     calls: FunctionCalls
     objective: ObjectiveData | None
     sign: float
-    arguments: list[tuple[Terms, int]] = field(default_factory=list)
+    arguments: Terms
     constraints: list[ConstraintData] = field(default_factory=list)
     bounds: list[tuple[Any, Any]] = field(default_factory=list)
     constant_constraints: list[ConstraintData] = field(default_factory=list)
@@ -309,7 +286,8 @@ def collect_terms(model: BlockData) -> ModelTerms:
     objective = single_objective(model)
     columns, calls = Columns(), FunctionCalls()
     sign = 1.0 if objective is None or objective.is_minimizing() else -1.0
-    found = ModelTerms(model, columns, Terms(columns, calls), Terms(columns, calls), calls, objective, sign)
+    of_rows, cost, arguments = (Terms(columns, calls) for _ in range(3))
+    found = ModelTerms(model, columns, of_rows, cost, calls, objective, sign, arguments)
     with PauseGC():
         for component in model.component_objects(Constraint, active=True, descend_into=True):
             rows = [row for row in component.values() if row.active]
@@ -324,7 +302,7 @@ def collect_terms(model: BlockData) -> ModelTerms:
         found.cost.group()
         for leaf in calls.given:
             columns.of(leaf)  # also what only arguments hold may change, and is read again
-        found.arguments += [_arguments_of(level, columns, calls) for level in calls.levels]
+        _add_arguments(found)
     check_variables(model, found.variables)
     return found
 
@@ -366,14 +344,12 @@ def _add_row(found: ModelTerms, constraint: ConstraintData) -> None:
         found.constant_constraints.append(constraint)
 
 
-def _arguments_of(level: list[FunctionCall], columns: Columns, calls: FunctionCalls) -> tuple[Terms, int]:
-    terms, row = Terms(columns, calls), 0
-    for call in level:
+def _add_arguments(found: ModelTerms) -> None:
+    row = count()
+    for call in found.calls.by_level():
         for argument in call.arguments:
             try:
-                terms.add(row, argument, keep_constant=True)
+                found.arguments.add(next(row), argument, keep_constant=True)
             except ModelError as error:
                 raise ModelError(f"an input of '{call.function.name}': {error}") from None
-            row += 1
-    terms.group()
-    return terms, row
+    found.arguments.group()

@@ -39,8 +39,6 @@ class NonlinearProgram(Protocol):
         Bounds of the rows, infinite where there is none; equal for an equation.
     x_start : float array, shape (n,)
         First point.
-    g_multipliers_start : float array, shape (m,), or None
-        First multipliers of the rows in Ipopt's sign (the Lagrangian is f + multipliers @ g).
     jacobian_structure : pair of int32 arrays
         Rows and columns of the values that `jacobian` returns.
     hessian_structure : pair of int32 arrays
@@ -55,7 +53,6 @@ class NonlinearProgram(Protocol):
     g_lower: FloatArray
     g_upper: FloatArray
     x_start: FloatArray
-    g_multipliers_start: FloatArray | None
     jacobian_structure: tuple[IndexArray, IndexArray]
     hessian_structure: tuple[IndexArray, IndexArray]
 
@@ -128,10 +125,8 @@ class PrimalDualPoint:
         return self.with_multipliers_divided(by, by)
 
     def complete(self, nlp: NonlinearProgram) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """All multipliers: rows, lower and upper bounds; by default 0 (or ``nlp.g_multipliers_start``), 1 and 1."""
-        rows = self.g_multipliers
-        if rows is None:
-            rows = np.zeros(nlp.m) if nlp.g_multipliers_start is None else nlp.g_multipliers_start
+        """All multipliers: rows, lower and upper bounds; by default 0, 1 and 1."""
+        rows = np.zeros(nlp.m) if self.g_multipliers is None else self.g_multipliers
         lower = np.ones(nlp.n) if self.lower_multipliers is None else self.lower_multipliers
         upper = np.ones(nlp.n) if self.upper_multipliers is None else self.upper_multipliers
         return rows, lower, upper

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pyomo.common.collections import ComponentMap
 
 from pyrobocop_pyomo.errors import ModelError
@@ -25,30 +24,27 @@ class QuadraticCost:
     ----------
     variables : sequence of VarData
         ``v``, each once.
-    blocks : sequence of int arrays, optional
-        Positions in `variables` whose products may appear, as those of a dense penalty: each block makes a dense square
-        of the Hessian. Without them Q is diagonal.
+    dense : int
+        How many of them, from the first on, appear in products with each other. Of the others Q is diagonal.
 
     Attributes
     ----------
     linear : float array, shape (len(variables),)
     diagonal : float array, shape (len(variables),)
         The diagonal of Q.
-    dense : list of float arrays
-        A symmetric matrix for each block, added to the diagonal.
+    dense : float array, shape (dense, dense)
+        A symmetric matrix that is added to it.
     """
 
-    def __init__(self, variables: Sequence[Any], blocks: Sequence[ArrayLike] = ()) -> None:
+    def __init__(self, variables: Sequence[Any], dense: int = 0) -> None:
         self.variables = list(variables)
         self.linear, self.diagonal = np.zeros(len(self.variables)), np.zeros(len(self.variables))
-        self.blocks = [np.asarray(block, dtype=np.intp) for block in blocks]
-        self.dense = [np.zeros((block.size, block.size)) for block in self.blocks]
+        self.dense = np.zeros((dense, dense))
 
     def product(self, values: FloatArray) -> FloatArray:
         """``Q @ values``."""
         product = self.diagonal * values
-        for block, matrix in zip(self.blocks, self.dense, strict=True):
-            product[block] += matrix @ values[block]
+        product[: len(self.dense)] += self.dense @ values[: len(self.dense)]
         return product
 
 
@@ -62,8 +58,6 @@ class AddedQuadraticCost(WrappedProgram):
         Of the program, in its order.
     cost : QuadraticCost
         Its numbers are read at each evaluation.
-    sign : float
-        -1 where the program is the negative of a maximised objective; the cost is then subtracted from the maximum.
 
     Raises
     ------
@@ -87,28 +81,20 @@ class AddedQuadraticCost(WrappedProgram):
         self._fixed = np.flatnonzero(columns < 0)
         self._fixed_variables = [cost.variables[i] for i in self._fixed]
         self._values = np.zeros(columns.size)
-        rows, columns_of_block, self._picks = self._pattern(columns)
+        first, second = np.tril_indices(len(cost.dense))
+        pair = np.sort([columns[first], columns[second]], axis=0)
+        of_free = pair[0] >= 0
+        self._pick = first[of_free], second[of_free]
+        lower, upper = np.concatenate([np.array([self._columns, self._columns]), pair[:, of_free]], axis=1)
         self.hessian_structure = (
-            np.concatenate([nlp.hessian_structure[0], rows]).astype(np.int32),
-            np.concatenate([nlp.hessian_structure[1], columns_of_block]).astype(np.int32),
+            np.concatenate([nlp.hessian_structure[0], upper]).astype(np.int32),
+            np.concatenate([nlp.hessian_structure[1], lower]).astype(np.int32),
         )
         self.read_fixed()
 
     def read_fixed(self) -> None:
         """Read the values of fixed variables again."""
         self._values[self._fixed] = [variable.value for variable in self._fixed_variables]
-
-    def _pattern(self, columns: Any) -> tuple[Any, Any, list[Any]]:
-        """Rows and columns of the Hessian's new entries, and which entry of each block they are."""
-        rows, others, picks = [self._columns], [self._columns], []
-        for block in self._cost.blocks:
-            first, second = np.tril_indices(block.size)
-            a, b = columns[block[first]], columns[block[second]]
-            used = np.flatnonzero((a >= 0) & (b >= 0))
-            picks.append((first[used], second[used]))
-            rows.append(np.maximum(a[used], b[used]))
-            others.append(np.minimum(a[used], b[used]))
-        return np.concatenate(rows), np.concatenate(others), picks
 
     def _at(self, x: FloatArray) -> FloatArray:
         self._values[self._free] = x[self._columns]
@@ -127,8 +113,5 @@ class AddedQuadraticCost(WrappedProgram):
 
     def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
         """Values of the Hessian of the Lagrangian, those of the cost behind those of the program."""
-        added = [self._cost.diagonal[self._free]]
-        added += [matrix[pick] for matrix, pick in zip(self._cost.dense, self._picks, strict=True)]
-        return np.concatenate(
-            [self.nlp.hessian(x, objective_factor, multipliers), objective_factor * np.concatenate(added)]
-        )
+        added = np.concatenate([self._cost.diagonal[self._free], self._cost.dense[self._pick]])
+        return np.concatenate([self.nlp.hessian(x, objective_factor, multipliers), objective_factor * added])

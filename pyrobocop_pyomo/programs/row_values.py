@@ -55,7 +55,7 @@ class RowValues:
             try:
                 for i, expression in enumerate(expressions):
                     if not follows_rule(expression):
-                        self._groups.put(NonlinearTerm(i, 1.0, (expression,), None, ()))
+                        self._groups.put(i, NonlinearTerm((expression,)))
                 for repeated in sums_of(expressions):
                     self._put_repeated(repeated)
             except ModelError:  # something that arrays do not know: an external function
@@ -66,7 +66,7 @@ class RowValues:
     def _put_repeated(self, repeated: RepeatedSum) -> None:
         rows, scales = np.array(repeated.rows), np.array(repeated.scales)
         for places, exchanged in repetitions(self._columns.table(repeated)):
-            term = NonlinearTerm(0, 1.0, (repeated.expression(int(places[0])),), None, ())
+            term = NonlinearTerm((repeated.expression(int(places[0])),))
             self._groups.put_repeated(term, rows[places], scales[places], exchanged)
 
     def values(self) -> Array:

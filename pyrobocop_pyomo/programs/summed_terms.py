@@ -8,16 +8,17 @@ Where it is not there, NumPy does the steps, each of which begins in half a micr
 from __future__ import annotations
 
 import ctypes
+import functools
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from pyrobocop_pyomo.errors import EvaluationError
-from pyrobocop_pyomo.modeling.expression_nodes import comparisons
-from pyrobocop_pyomo.optional_imports import casadi
+from pyrobocop_pyomo.modeling.expression_nodes import NUMPY_NAMES, comparisons
+from pyrobocop_pyomo.optional_imports import casadi, scipy
 
-from .compiled_terms import CompiledFunction, CompiledSums, CompiledTerm, NumpySums
+from .compiled_terms import NUMPY_FUNCTIONS, OPERATIONS, CompiledFunction, SumsStructure, TermStructure, indices
 from .model_terms import Terms
 from .nonlinear_program import FloatArray, IndexArray
 from .term_groups import TermArrays, decoded
@@ -34,18 +35,22 @@ class TermFunction:
 
     Attributes
     ----------
-    compiled : CompiledTerm
+    functions : list of CompiledFunction
+        Its value, the nonzeros of its gradient and of its Hessian, as functions of variables, numbers and weights.
+    columns, numbers, rows, scales : arrays
+        Variables, numbers, and rows and scales of the values. Numbers may change between evaluations, in place.
+    instances : int
     parameters, places_of_parameters : int arrays
-        Parameters that are read, and where each stands among the numbers of `compiled`.
-    gradient_rows, gradient_columns : int arrays
+        Parameters that are read, and where each stands among the numbers.
+    gradient_pairs : pair of int arrays
         Rows and variables of the values of the gradient.
-    hessian_rows, hessian_columns : int arrays
-        Pairs of variables of the values of the Hessian; the first is not smaller.
+    hessian_pairs : pair of int arrays
+        Variables of the values of the Hessian; the first is not smaller.
     """
 
     def __init__(self, terms: TermArrays) -> None:
         columns, numbers, parameters = terms.columns, terms.numbers, terms.parameters
-        instances, size = columns.shape
+        self.instances, size = columns.shape
         # Numbers that are the same everywhere become part of the function; the others are arguments.
         varies = ((numbers != numbers[:1]) | (parameters >= 0)).any(axis=0)
         sizes = {"x": size, "p": int(np.count_nonzero(varies)), "w": 1}
@@ -58,10 +63,10 @@ class TermFunction:
             return np.ascontiguousarray(values.T).ravel()
 
         variable = np.array(gradient.sparsity().get_triplet()[1], dtype=np.intp)
-        self.gradient_rows, self.gradient_columns = np.tile(terms.rows, variable.size), flat(columns[:, variable])
+        self.gradient_pairs = np.tile(terms.rows, variable.size), flat(columns[:, variable])
         triplet = hessian.sparsity().get_triplet()
         first, second = (flat(columns[:, np.array(indices, dtype=np.intp)]) for indices in triplet)
-        self.hessian_rows, self.hessian_columns = np.maximum(first, second), np.minimum(first, second)
+        self.hessian_pairs = np.maximum(first, second), np.minimum(first, second)
 
         known = flat(parameters[:, varies])
         self.places_of_parameters = np.flatnonzero(known >= 0)
@@ -70,38 +75,62 @@ class TermFunction:
             casadi.cse(casadi.vertcat(*nonzeros))
             for nonzeros in (casadi.densify(output).nonzeros(), gradient.nonzeros(), hessian.nonzeros())
         ]
-        functions = [CompiledFunction(casadi.Function("term", [x, p, w], [result])) for result in results]
-        gradient_scales = np.tile(terms.scales, variable.size)
-        self.compiled = CompiledTerm(
-            functions, flat(columns), flat(numbers[:, varies]), terms.rows, terms.scales, gradient_scales, instances
+        self.functions = [CompiledFunction(casadi.Function("term", [x, p, w], [result])) for result in results]
+        self.columns, self.numbers = indices(flat(columns)), flat(numbers[:, varies])
+        self.rows, self.scales = indices(terms.rows), terms.scales
+        self._gradient_scales = np.tile(terms.scales, variable.size)
+
+    def structure(self, gradient_places: np.ndarray, hessian_places: np.ndarray) -> TermStructure:
+        """As the library takes it, with the places of the gradient's and the Hessian's entries."""
+        value, gradient, hessian = self.functions
+        return TermStructure(
+            self.instances, self.columns.ctypes.data, self.numbers.ctypes.data, self.rows.ctypes.data,
+            self.scales.ctypes.data, value.structure(self.rows, self.scales),
+            gradient.structure(gradient_places, self._gradient_scales), hessian.structure(hessian_places),
+        )  # fmt: skip
+
+    def add(self, function: CompiledFunction, x: FloatArray, weights: Any, sums: FloatArray) -> None:
+        """As the library adds the outputs of a function, each step by NumPy for all instances at once."""
+        columns, numbers, places = (
+            array.reshape(-1, self.instances) for array in (self.columns, self.numbers, function.places)
         )
+        scales = np.ones_like(places) if function.scales is None else function.scales.reshape(places.shape)
+        work = np.empty((function.work, self.instances))
+        for operation, to, first, last in function.steps.tolist():
+            name = OPERATIONS[operation]
+            if name == "READ_VARIABLE":
+                work[to] = x[columns[first]]
+            elif name == "READ_NUMBER":
+                work[to] = numbers[first]
+            elif name == "READ_WEIGHT":
+                work[to] = weights[self.rows] * self.scales
+            elif name == "CONSTANT":
+                work[to] = function.constants[first]
+            elif name == "ADD_OUTPUT":
+                np.add.at(sums, places[to], scales[to] * work[first])
+            else:
+                does = NUMPY_FUNCTIONS[name]
+                inputs = (work[first],) if getattr(does, "nin", 2) == 1 else (work[first], work[last])
+                does(*inputs, work[to])
 
     def set_parameters(self, values: FloatArray) -> None:
         """Evaluate with these values of all parameters from now on."""
-        self.compiled.numbers[self.places_of_parameters] = values[self.parameters]
+        self.numbers[self.places_of_parameters] = values[self.parameters]
 
 
 def _output(terms: TermArrays, x: Any, p: Any, varies: np.ndarray) -> Any:
     free, given = iter(p.elements()), terms.numbers[0].tolist()
     numbers = [next(free) if changes else given[i] for i, changes in enumerate(varies.tolist())]
     # What a term has twice is found before it is differentiated: it is then differentiated once.
-    return casadi.cse(casadi.SX(decoded(terms.code, x.elements(), numbers, _SYMBOLIC_FUNCTIONS)))
+    return casadi.cse(casadi.SX(decoded(terms.code, x.elements(), numbers, _symbolic_functions())))
 
 
-class _SymbolicFunctions(dict[str, Callable[..., Any]]):
-    """Functions on CasADi's symbols by name, so that CasADi is imported by the first term and not before."""
-
-    _OTHER_NAMES: ClassVar = {"abs": "fabs", "choose": "if_else"}
-
-    def __init__(self) -> None:
-        super().__init__(comparisons(lambda a, b: casadi.logic_and(a, b)))
-
-    def __missing__(self, name: str) -> Callable[..., Any]:
-        function: Callable[..., Any] = getattr(casadi, self._OTHER_NAMES.get(name, name))
-        return function
-
-
-_SYMBOLIC_FUNCTIONS = _SymbolicFunctions()
+@functools.cache
+def _symbolic_functions() -> dict[str, Callable[..., Any]]:
+    """What functions mean for CasADi's symbols; CasADi is imported by the first term and not before."""
+    other_names = {"abs": "fabs", "choose": "if_else"}
+    functions = {name: getattr(casadi, other_names.get(name, name)) for name in (*NUMPY_NAMES, "choose")}
+    return functions | comparisons(casadi.logic_and)
 
 
 class SummedTerms:
@@ -121,58 +150,96 @@ class SummedTerms:
     functions : list of TermFunction
     constants : float array
         Of the rows.
+    offsets : float array
+        The same with parameters that are added to rows.
     given : tuple of arrays
-        Rows, parameters and coefficients of the parameters that are added to rows.
+        Rows, parameters and coefficients of these.
+    linear : tuple of arrays
+        Where the linear part of each row begins and ends, then its columns and coefficients.
+    constant_entries : float array
+        What linear parts give to each entry of the Jacobian.
     structure : pair of int arrays
         Rows and columns of the Jacobian's entries.
     hessian_pairs : list of pairs of int arrays
         Variables of the entries that each function adds to a Hessian.
+    work : int
+        Numbers of one instance that an evaluation holds at a time.
     hessian_structure : pair of int arrays
         Rows and columns of the Hessian's entries, once `place_hessians` has told.
-    compiled : CompiledSums
-        What evaluates them from then on.
+    sums : SumsStructure
+        All this as the library takes it, from then on.
     """
-
-    hessian_structure: tuple[IndexArray, IndexArray]
 
     def __init__(self, terms: Terms, rows: int, n: int, library: ctypes.CDLL | None = None) -> None:
         try:
             self.functions = [TermFunction(group.arrays()) for group in terms.groups.values()]
         except ArithmeticError as error:  # among the numbers: those of variables are symbols here
             raise EvaluationError(f"a number in an expression does not exist: {error}") from None
-        self.rows = rows
+        self.rows, self._library = rows, library
         self.constants = np.zeros(rows)
         for row, constant in terms.constants.items():
             self.constants[row] = constant
+        self.offsets = self.constants.copy()
         (linear_rows, columns, coefficients), self.given = terms.linear_parts()
-        kept = coefficients != 0.0
-        self._linear = linear_rows[kept], columns[kept], coefficients[kept]
-        nonlinear = [(function.gradient_rows, function.gradient_columns) for function in self.functions]
-        pairs = [self._linear[:2], *nonlinear]
-        self.structure, places = merged_places(pairs, n)
-        count = self._linear[0].size
-        entries = self.structure[0].size
-        self._constant_jacobian: FloatArray = np.bincount(places[:count], self._linear[2], entries).astype(float)
-        self._places = places[count:]
-        self._offsets = self.constants.copy()
-        self.hessian_pairs = [(function.hessian_rows, function.hessian_columns) for function in self.functions]
-        self._library = library
+        order = np.argsort(linear_rows, kind="stable")
+        order = order[coefficients[order] != 0.0]
+        linear_rows, columns, coefficients = linear_rows[order], columns[order], coefficients[order]
+        starts = np.searchsorted(linear_rows, np.arange(rows + 1)).astype(np.int64)
+        self.linear = starts, indices(columns), coefficients
+        nonlinear = [function.gradient_pairs for function in self.functions]
+        self.structure, places = merged_places([(linear_rows, columns), *nonlinear], n)
+        of_linear, *self._gradient_places = _split(places, [order.size, *(rows.size for rows, _ in nonlinear)])
+        self.constant_entries = np.bincount(of_linear, coefficients, self.structure[0].size).astype(float)
+        self.hessian_pairs = [function.hessian_pairs for function in self.functions]
+        self.work = max([1, *(function.work for term in self.functions for function in term.functions)])
 
-    def place_hessian(self, places: np.ndarray) -> None:
+    def place_hessian(self, structure: tuple[IndexArray, IndexArray], places: np.ndarray) -> None:
         """Say where each entry of `hessian_pairs` is added, one function after the other."""
-        gradient_places = _split(self._places, [function.gradient_rows.size for function in self.functions])
+        self.hessian_structure = structure
         hessian_places = _split(places, [rows.size for rows, _ in self.hessian_pairs])
-        terms = [function.compiled for function in self.functions]
-        self.compiled = (NumpySums if self._library is None else CompiledSums)(
-            self._library, terms, gradient_places, hessian_places, self._offsets, self._linear, self._constant_jacobian
-        )
+        all_places = zip(self.functions, self._gradient_places, hessian_places, strict=True)
+        self._terms = (TermStructure * len(self.functions))(*(term.structure(*both) for term, *both in all_places))
+        starts, columns, coefficients = (array.ctypes.data for array in self.linear)
+        self.sums = SumsStructure(
+            self.rows, self.constant_entries.size, len(self.functions), ctypes.addressof(self._terms),
+            self.offsets.ctypes.data, starts, columns, coefficients, self.constant_entries.ctypes.data, self.work,
+        )  # fmt: skip
+        self._place = ctypes.addressof(self.sums)
+
+    def values(self, x: FloatArray) -> FloatArray:
+        """Values of the rows."""
+        if self._library is not None:
+            return _filled(self._library.sums_values, self._place, x, np.empty(self.rows))
+        starts, columns, coefficients = self.linear
+        linear = scipy.sparse.csr_array((coefficients, columns, starts), shape=(self.rows, x.size))
+        return self.offsets + self._added(0, x, linear @ x)
+
+    def jacobian(self, x: FloatArray) -> FloatArray:
+        """Entries of their Jacobian."""
+        if self._library is not None:
+            return _filled(self._library.sums_jacobian, self._place, x, np.empty(self.constant_entries.size))
+        return self._added(1, x, self.constant_entries.copy())
+
+    def add_hessian(self, x: FloatArray, weights: FloatArray, entries: FloatArray) -> None:
+        """Add the Hessian of weights @ rows to the entries."""
+        if self._library is not None:
+            _filled(self._library.sums_hessian, self._place, x, weights, entries)
+        else:
+            self._added(2, x, entries, weights)
+
+    def _added(self, which: int, x: FloatArray, sums: FloatArray, weights: Any = None) -> FloatArray:
+        """Without a library: the sums with the values of one of the functions of each term."""
+        with np.errstate(all="ignore"):
+            for term in self.functions:
+                term.add(term.functions[which], x, weights, sums)
+        return sums
 
     def set_parameters(self, values: FloatArray) -> None:
         """Evaluate with these values of all parameters from now on."""
         rows, parameters, coefficients = self.given
         with np.errstate(all="ignore"):  # what is not finite is noticed in the sums
             given = coefficients * values[parameters]
-        self._offsets[:] = self.constants + np.bincount(rows, given, self.constants.size)
+        self.offsets[:] = self.constants + np.bincount(rows, given, self.constants.size)
         for function in self.functions:
             function.set_parameters(values)
 
@@ -182,9 +249,16 @@ def place_hessians(several: Sequence[SummedTerms], n: int) -> tuple[IndexArray, 
     structure, places = merged_places([pair for sums in several for pair in sums.hessian_pairs], n)
     sizes = [sum(rows.size for rows, _ in sums.hessian_pairs) for sums in several]
     for sums, own in zip(several, _split(places, sizes), strict=True):
-        sums.hessian_structure = structure
-        sums.place_hessian(own)
+        sums.place_hessian(structure, own)
     return structure
+
+
+def _filled(function: Callable[..., int], place: int, *arrays: FloatArray) -> FloatArray:
+    """The last array, once a function of the library has filled it from those before."""
+    contiguous = [np.ascontiguousarray(array, dtype=np.float64) for array in arrays]
+    if not function(place, *(array.ctypes.data for array in contiguous)):
+        raise MemoryError("no memory is left for an evaluation.")
+    return contiguous[-1]
 
 
 def _split(places: np.ndarray, sizes: Sequence[int]) -> list[np.ndarray]:

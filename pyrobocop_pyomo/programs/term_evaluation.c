@@ -12,7 +12,6 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #if defined(_WIN32)
 #define EXPORTED __declspec(dllexport)
@@ -57,8 +56,10 @@ typedef struct {
     const double *numbers;  /* [number][instance] */
     const int32_t *rows;    /* [weight][instance] */
     const double *scales;   /* [weight][instance] */
-    Function value, gradient, hessian;
+    Function functions[3];
 } Term;
+
+enum { VALUE, GRADIENT, HESSIAN };
 
 /* Rows that are each a constant, a linear function and some terms. */
 typedef struct {
@@ -69,6 +70,7 @@ typedef struct {
     const int32_t *linear_columns;
     const double *linear_coefficients;
     const double *constant_entries; /* [entry]: the part of the Jacobian that never changes */
+    int64_t work;                   /* the most that one of the functions needs */
 } Sums;
 
 typedef struct {
@@ -191,55 +193,38 @@ static void add_function(const Term *term, const Function *function, const doubl
     }
 }
 
-static int64_t largest_work(const Sums *sums) {
-    int64_t work = 1;
-    for (int64_t k = 0; k < sums->terms; k++) {
-        const Term *term = sums->term + k;
-        if (term->value.work > work) work = term->value.work;
-        if (term->gradient.work > work) work = term->gradient.work;
-        if (term->hessian.work > work) work = term->hessian.work;
-    }
-    return work;
-}
-
-static double *work_for(int64_t rows) { return malloc((size_t)rows * BLOCK * sizeof(double)); }
-
 /* The functions below return 0 where memory is short, else 1. */
 
-EXPORTED int32_t sums_values(const Sums *sums, const double *x, double *values) {
-    double *work = work_for(largest_work(sums));
+/* Add the outputs of one function of each term to `to`. */
+static int32_t add_terms(const Sums *sums, int which, const double *x, const double *weights, double *to) {
+    double *work = malloc((size_t)sums->work * BLOCK * sizeof(double));
     if (!work) return 0;
+    for (int64_t k = 0; k < sums->terms; k++)
+        add_function(sums->term + k, sums->term[k].functions + which, x, weights, work, to);
+    free(work);
+    return 1;
+}
+
+EXPORTED int32_t sums_values(const Sums *sums, const double *x, double *values) {
     for (int64_t i = 0; i < sums->rows; i++) {
         double sum = 0.0;
         for (int64_t k = sums->linear_starts[i]; k < sums->linear_starts[i + 1]; k++)
             sum += sums->linear_coefficients[k] * x[sums->linear_columns[k]];
         values[i] = sum;
     }
-    for (int64_t k = 0; k < sums->terms; k++)
-        add_function(sums->term + k, &sums->term[k].value, x, NULL, work, values);
+    const int32_t done = add_terms(sums, VALUE, x, NULL, values);
     for (int64_t i = 0; i < sums->rows; i++) values[i] = sums->offsets[i] + values[i];
-    free(work);
-    return 1;
+    return done;
 }
 
 EXPORTED int32_t sums_jacobian(const Sums *sums, const double *x, double *entries) {
-    double *work = work_for(largest_work(sums));
-    if (!work) return 0;
     memcpy(entries, sums->constant_entries, (size_t)sums->entries * sizeof(double));
-    for (int64_t k = 0; k < sums->terms; k++)
-        add_function(sums->term + k, &sums->term[k].gradient, x, NULL, work, entries);
-    free(work);
-    return 1;
+    return add_terms(sums, GRADIENT, x, NULL, entries);
 }
 
 /* The entries are added to what `entries` holds. */
 EXPORTED int32_t sums_hessian(const Sums *sums, const double *x, const double *weights, double *entries) {
-    double *work = work_for(largest_work(sums));
-    if (!work) return 0;
-    for (int64_t k = 0; k < sums->terms; k++)
-        add_function(sums->term + k, &sums->term[k].hessian, x, weights, work, entries);
-    free(work);
-    return 1;
+    return add_terms(sums, HESSIAN, x, weights, entries);
 }
 
 EXPORTED int32_t program_gradient(const Program *program, const double *x, double *gradient) {
@@ -269,15 +254,8 @@ typedef struct {
     double *x, *multipliers;  /* memory for the point and the multipliers in the program's units */
     double *undefined_at;     /* [n]: the last point where something did not exist */
     int32_t undefined;        /* whether there was one */
-    double seconds;           /* within the evaluations */
     const int32_t *jacobian_rows, *jacobian_columns, *hessian_rows, *hessian_columns;
 } Run;
-
-static double seconds_now(void) {
-    struct timespec now;
-    timespec_get(&now, TIME_UTC);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-}
 
 static const double *unscaled_point(Run *run, const double *x) {
     if (!run->x_scales) return x;
@@ -298,40 +276,36 @@ static int32_t all_finite(const double *values, int64_t count) {
 }
 
 /* Whether all numbers exist; where not, the point is remembered, and Ipopt is told to take a shorter step. */
-static int32_t noted(Run *run, double started, int32_t done, const double *x, const double *values, int64_t count) {
+static int32_t noted(Run *run, int32_t done, const double *x, const double *values, int64_t count) {
     const int32_t exists = done && all_finite(values, count);
     if (!exists) {
         memcpy(run->undefined_at, x, (size_t)run->program->n * sizeof(double));
         run->undefined = 1;
     }
-    run->seconds += seconds_now() - started;
     return exists;
 }
 
 EXPORTED int32_t run_objective(int32_t n, const double *x, int32_t new_x, double *value, Run *run) {
-    const double started = seconds_now();
     const int32_t done = sums_values(&run->program->cost, unscaled_point(run, x), value);
     (void)n, (void)new_x;
     *value /= run->objective_scale;
-    return noted(run, started, done, x, value, 1);
+    return noted(run, done, x, value, 1);
 }
 
 EXPORTED int32_t run_gradient(int32_t n, const double *x, int32_t new_x, double *values, Run *run) {
-    const double started = seconds_now();
     const int32_t done = program_gradient(run->program, unscaled_point(run, x), values);
     (void)new_x;
     if (run->gradient_scales)
         for (int32_t i = 0; i < n; i++) values[i] *= run->gradient_scales[i];
-    return noted(run, started, done, x, values, n);
+    return noted(run, done, x, values, n);
 }
 
 EXPORTED int32_t run_constraints(int32_t n, const double *x, int32_t new_x, int32_t m, double *values, Run *run) {
-    const double started = seconds_now();
     const int32_t done = sums_values(&run->program->rows, unscaled_point(run, x), values);
     (void)n, (void)new_x;
     if (run->row_scales)
         for (int32_t i = 0; i < m; i++) values[i] /= run->row_scales[i];
-    return noted(run, started, done, x, values, m);
+    return noted(run, done, x, values, m);
 }
 
 EXPORTED int32_t run_jacobian(int32_t n, const double *x, int32_t new_x, int32_t m, int32_t count, int32_t *rows,
@@ -342,11 +316,10 @@ EXPORTED int32_t run_jacobian(int32_t n, const double *x, int32_t new_x, int32_t
         memcpy(columns, run->jacobian_columns, (size_t)count * sizeof(int32_t));
         return 1;
     }
-    const double started = seconds_now();
     const int32_t done = sums_jacobian(&run->program->rows, unscaled_point(run, x), values);
     if (run->entry_scales)
         for (int32_t i = 0; i < count; i++) values[i] *= run->entry_scales[i];
-    return noted(run, started, done, x, values, count);
+    return noted(run, done, x, values, count);
 }
 
 EXPORTED int32_t run_hessian(int32_t n, const double *x, int32_t new_x, double factor, int32_t m,
@@ -358,7 +331,6 @@ EXPORTED int32_t run_hessian(int32_t n, const double *x, int32_t new_x, double f
         memcpy(columns, run->hessian_columns, (size_t)count * sizeof(int32_t));
         return 1;
     }
-    const double started = seconds_now();
     const double *own = multipliers;
     if (run->row_scales) {
         for (int32_t i = 0; i < m; i++) run->multipliers[i] = multipliers[i] / run->row_scales[i];
@@ -368,5 +340,5 @@ EXPORTED int32_t run_hessian(int32_t n, const double *x, int32_t new_x, double f
         program_hessian(run->program, unscaled_point(run, x), factor / run->objective_scale, own, values);
     if (run->hessian_scales)
         for (int32_t i = 0; i < count; i++) values[i] *= run->hessian_scales[i];
-    return noted(run, started, done, x, values, count);
+    return noted(run, done, x, values, count);
 }

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import reduce
-from itertools import chain
+from itertools import chain, islice
 from operator import add, mul
 from typing import Any, NamedTuple
 
@@ -58,8 +58,6 @@ SUM, FACTORS, SCALED_SUM = _SIZE, 2 * _SIZE, 3 * _SIZE
 _ARGUMENTS = {PRODUCT: 2, DIVISION: 2, NEGATION: 1, POWER: 2, CHOICE: 3}
 _ARGUMENTS_OF_FUNCTION = {"==": 2, "<=": 2, "<": 2, "<=<=": 3, "<=<": 3, "<<=": 3, "<<": 3}
 
-REMEDY = "Use derivatives='asl', or the ipopt executable."
-
 
 class NodeKinds(dict[type, int]):
     """Kind of each class of nodes that was met, as a dictionary: the walks look kinds up for every node.
@@ -75,25 +73,17 @@ class NodeKinds(dict[type, int]):
         if kind == CALL:
             kind = NAMED  # a call stands for a variable, as a name does for an expression
         if kind == UNKNOWN:
-            raise ModelError(
-                f"an expression holds a {cls.__name__}, which the vectorised backend does not know. {REMEDY}"
-            )
+            raise not_vectorised(cls)
         self[cls] = kind
         return kind
 
 
-def function_name(node: Any) -> str:
-    """Name of a function of one argument.
-
-    Raises
-    ------
-    ModelError
-        For a function that codes do not have.
-    """
-    name: str = node.getname()
-    if name not in FLOAT_FUNCTIONS:
-        raise ModelError(f"'{node}': vectorised expressions do not know the function '{name}'. {REMEDY}")
-    return name
+def not_vectorised(cls: type) -> ModelError:
+    """What is said of a class of nodes that has no derivatives here."""
+    return ModelError(
+        f"an expression holds a {cls.__name__}, which the vectorised backend does not know. Use derivatives='asl', or "
+        "the ipopt executable."
+    )
 
 
 def decoded(
@@ -115,56 +105,40 @@ def decoded(
     """
     upcoming = iter(numbers)
     values: dict[int, Any] = {}
-    pending: list[tuple[int, Any, int, list[Any]]] = []  # place, symbol, arguments wanted, arguments found
+    pending: list[tuple[int, int, Callable[[list[Any]], Any], list[Any]]] = []  # place, arguments wanted, found
     for place, symbol in enumerate(code):
-        wanted, found = _arguments(symbol, upcoming)
-        if wanted:
-            pending.append((place, symbol, wanted, found))
+        if symbol.__class__ is int and symbol <= NUMBER:
+            value = variables[-1 - symbol] if symbol else next(upcoming)
+        elif symbol == SUM:
+            value = 0.0
+        elif symbol.__class__ is tuple and symbol[0] == "same":
+            value = values[symbol[1]]
+        else:
+            pending.append((place, *_operation(symbol, upcoming, functions), []))
             continue
-        value = _leaf(symbol, variables, upcoming, values)
         while pending:
-            start, operator, wanted, arguments = pending[-1]
+            start, wanted, operate, arguments = pending[-1]
             arguments.append(value)
             if len(arguments) < wanted:
                 break
             pending.pop()
-            value = values[start] = _applied(operator, arguments, functions)
+            value = values[start] = operate(arguments)
     return value
 
 
-def _arguments(symbol: Any, upcoming: Iterator[Any]) -> tuple[int, list[Any]]:
-    """How many arguments follow; the scales of a sum count as found already."""
-    if isinstance(symbol, str):
-        return _ARGUMENTS_OF_FUNCTION.get(symbol, 1), []
-    if isinstance(symbol, tuple):
-        return (1 if symbol[0] == "**" else 0), []
+def _operation(
+    symbol: Any, upcoming: Iterator[Any], functions: Mapping[str, Callable[..., Any]]
+) -> tuple[int, Callable[[list[Any]], Any]]:
+    """How many arguments an operation has, and its value from these."""
+    if symbol.__class__ is str:
+        return _ARGUMENTS_OF_FUNCTION.get(symbol, 1), lambda arguments: functions[symbol](*arguments)
+    if symbol.__class__ is tuple:
+        return 1, lambda arguments: arguments[0] ** symbol[1]
     if symbol >= SCALED_SUM:
-        count = symbol - SCALED_SUM
-        return 2 * count, [next(upcoming) for _ in range(count)]
-    if symbol >= SUM:
-        return symbol % _SIZE, []
-    return _ARGUMENTS.get(symbol, 0), []
-
-
-def _leaf(symbol: Any, variables: Sequence[Any], upcoming: Iterator[Any], values: Mapping[int, Any]) -> Any:
-    if isinstance(symbol, tuple):
-        return values[symbol[1]]
-    if symbol == NUMBER:
-        return next(upcoming)
-    return 0.0 if symbol == SUM else variables[-1 - symbol]
-
-
-def _applied(symbol: Any, arguments: list[Any], functions: Mapping[str, Callable[..., Any]]) -> Any:
-    if isinstance(symbol, str):
-        return functions[symbol](*arguments)
-    if isinstance(symbol, tuple):
-        return arguments[0] ** symbol[1]
-    if symbol >= SCALED_SUM:
-        half = symbol - SCALED_SUM
-        return reduce(add, map(mul, arguments[:half], arguments[half:]))
-    if symbol >= SUM:
-        return apply_operator(PRODUCT if symbol >= FACTORS else SUMMATION, arguments, functions)
-    return apply_operator(symbol, arguments, functions)
+        scales = list(islice(upcoming, symbol - SCALED_SUM))
+        return len(scales), lambda arguments: reduce(add, map(mul, scales, arguments))
+    kind = PRODUCT if symbol >= FACTORS else SUMMATION if symbol >= SUM else symbol
+    return _ARGUMENTS.get(symbol, symbol % _SIZE), lambda arguments: apply_operator(kind, arguments, functions)
 
 
 class TermGroup:
@@ -318,13 +292,12 @@ def repetitions(table: IndexArray) -> Iterator[tuple[IndexArray, dict[int, Index
 
 
 class NonlinearTerm(NamedTuple):
-    """A nonlinear term of a row: ``scale`` times its nodes under an operator, or times its only node."""
+    """A nonlinear term: ``scale`` times its nodes under an operator, or times its only node."""
 
-    row: int
-    scale: float
     nodes: tuple[Any, ...]
-    symbol: int | None
-    scales: tuple[float, ...]
+    scale: float = 1.0
+    symbol: int | None = None
+    scales: tuple[float, ...] = ()
 
 
 class TermGroups(dict[Code, TermGroup]):
@@ -342,11 +315,11 @@ class TermGroups(dict[Code, TermGroup]):
         super().__init__()
         self._columns, self._kinds, self._content_of = columns, kinds, content_of
 
-    def put(self, term: NonlinearTerm) -> None:
-        """Walk over a term and put it into its group."""
+    def put(self, row: int, term: NonlinearTerm) -> None:
+        """Walk over a term of a row and put it into its group."""
         group, columns, numbers, parameters = self._shape(term)
         start = len(group.numbers)
-        group.rows.append(term.row)
+        group.rows.append(row)
         group.scales.append(term.scale)
         group.columns += columns
         group.numbers += numbers
@@ -431,7 +404,7 @@ class TermGroups(dict[Code, TermGroup]):
                 put(SUM + node.nargs())
                 nodes += reversed(node.args)
             elif kind == FUNCTION:
-                put(function_name(node))
+                put(node.getname())
                 nodes.append(node.args[0])
             else:
                 put(comparison_name(node))

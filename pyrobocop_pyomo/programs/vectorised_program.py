@@ -1,19 +1,52 @@
-"""The nonlinear program of a Pyomo model without a file: repeated terms are evaluated all at once."""
+"""The nonlinear program of a Pyomo model without a file: repeated terms are evaluated all at once.
+
+Ipopt evaluates such a program by itself (`CompiledRun`): C calls C, and no Python runs between two iterations' ends.
+"""
 
 from __future__ import annotations
 
+import ctypes
 import importlib.util
+from typing import Any
 
 import numpy as np
 
 from pyrobocop_pyomo.errors import SolverNotFoundError
 
 from .asl_program import ASL_REMEDY
-from .compiled_terms import CompiledRun, evaluation_library
+from .compiled_terms import SumsStructure, evaluation_library
 from .model_numbers import ModelNumbers
 from .model_terms import ModelTerms
-from .nonlinear_program import FloatArray, Scales, finite
+from .nonlinear_program import FloatArray, NonlinearProgram, Scales, finite
 from .summed_terms import SummedTerms, place_hessians
+
+# In the order in which Ipopt's C interface takes them, with the structures that come with them.
+EVALUATIONS = {
+    "objective": None,
+    "constraints": None,
+    "gradient": None,
+    "jacobian": "jacobian_structure",
+    "hessian": "hessian_structure",
+}
+
+
+_int, _long, _number, _address = ctypes.c_int32, ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
+
+
+class _ProgramStructure(ctypes.Structure):
+    _fields_ = (
+        ("n", _long), ("hessian_entries", _long), ("cost", SumsStructure), ("rows", SumsStructure),
+        ("gradient_columns", _address),
+    )  # fmt: skip
+
+
+class _RunStructure(ctypes.Structure):
+    _fields_ = (
+        ("program", _address), ("x_scales", _address), ("gradient_scales", _address), ("row_scales", _address),
+        ("entry_scales", _address), ("hessian_scales", _address), ("objective_scale", _number), ("x", _address),
+        ("multipliers", _address), ("undefined_at", _address), ("undefined", _int), ("jacobian_rows", _address),
+        ("jacobian_columns", _address), ("hessian_rows", _address), ("hessian_columns", _address),
+    )  # fmt: skip
 
 
 def casadi_available() -> bool:
@@ -33,8 +66,8 @@ class VectorisedProgram:
     ----------
     numbers : ModelNumbers
     cost, rows : SummedTerms
-    arguments : list of SummedTerms
-        Arguments of the model's Python functions, level by level.
+    arguments : SummedTerms
+        Arguments of the model's Python functions.
 
     Raises
     ------
@@ -55,16 +88,15 @@ class VectorisedProgram:
         self.numbers = ModelNumbers(terms)
         self.x_lower, self.x_upper = self.numbers.x_lower, self.numbers.x_upper
         self.g_lower, self.g_upper = self.numbers.g_lower, self.numbers.g_upper
-        self.g_multipliers_start: FloatArray | None = None
         self.n, self.m = len(terms.variables), len(terms.constraints)
         self._library = library = evaluation_library()
         self.cost = SummedTerms(terms.cost, 1, self.n, library)
         self.rows = SummedTerms(terms.rows, self.m, self.n, library)
-        self.arguments = [SummedTerms(rows, m, self.n, library) for rows, m in terms.arguments]
+        count = sum(len(call.arguments) for call in terms.calls.calls)
+        self.arguments = SummedTerms(terms.arguments, count, self.n, library)
         self.jacobian_structure = self.rows.structure
         self.hessian_structure = place_hessians([self.cost, self.rows], self.n)
-        for arguments in self.arguments:
-            place_hessians([arguments], self.n)
+        place_hessians([self.arguments], self.n)
         self._read_point()
 
     def refresh(self) -> None:
@@ -81,33 +113,33 @@ class VectorisedProgram:
         self._read_point()
 
     def _read_point(self) -> None:
-        for sums in (self.cost, self.rows, *self.arguments):
+        for sums in (self.cost, self.rows, self.arguments):
             sums.set_parameters(self.numbers.parameters)
         self.x_start = self.numbers.values_of_variables()
 
     def objective(self, x: FloatArray) -> float:
         """Value of f."""
-        return float(finite(self.cost.compiled.values(x), "CasADi", "objective")[0])
+        return float(finite(self.cost.values(x), "CasADi", "objective")[0])
 
     def gradient(self, x: FloatArray) -> FloatArray:
         """Gradient of f."""
         gradient = np.zeros(self.n)
-        gradient[self.cost.structure[1]] = self.cost.compiled.jacobian(x)
+        gradient[self.cost.structure[1]] = self.cost.jacobian(x)
         return finite(gradient, "CasADi", "gradient of the objective")
 
     def constraints(self, x: FloatArray) -> FloatArray:
         """Values of g."""
-        return finite(self.rows.compiled.values(x), "CasADi", "constraints")
+        return finite(self.rows.values(x), "CasADi", "constraints")
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """Values of the Jacobian of g."""
-        return finite(self.rows.compiled.jacobian(x), "CasADi", "Jacobian of the constraints")
+        return finite(self.rows.jacobian(x), "CasADi", "Jacobian of the constraints")
 
     def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
         """Values of the Hessian of the Lagrangian."""
         values = np.zeros(self.hessian_structure[0].size)
-        self.cost.compiled.add_hessian(x, np.array([objective_factor]), values)
-        self.rows.compiled.add_hessian(x, multipliers, values)
+        self.cost.add_hessian(x, np.array([objective_factor]), values)
+        self.rows.add_hessian(x, multipliers, values)
         return finite(values, "CasADi", "Hessian of the Lagrangian")
 
     def compiled_run(self, scales: Scales | None = None) -> CompiledRun | None:
@@ -118,9 +150,106 @@ class VectorisedProgram:
         scales : Scales, optional
             The units of the point that Ipopt has.
         """
-        if self._library is None:
-            return None
-        return CompiledRun(
-            self._library, self.cost.compiled, self.rows.compiled, self.n, self.cost.structure[1],
-            self.jacobian_structure, self.hessian_structure, scales,
+        return None if self._library is None else CompiledRun(self, self._library, scales)
+
+
+class CompiledRun:
+    """The functions of a program, or of the same in other units, for one run of Ipopt.
+
+    Parameters
+    ----------
+    program : VectorisedProgram
+    library : ctypes.CDLL
+    scales : Scales, optional
+        The units of the point that Ipopt has; see `ScaledProgram`.
+
+    Attributes
+    ----------
+    functions : dict of str to int
+        Addresses of the functions by their names in `NonlinearProgram`.
+    data : int
+        Address of what they get as their last argument.
+    """
+
+    def __init__(self, program: VectorisedProgram, library: ctypes.CDLL, scales: Scales | None = None) -> None:
+        jacobian, hessian = program.jacobian_structure, program.hessian_structure
+        self._arrays: list[np.ndarray] = []
+        self._owners = program.cost, program.rows
+        structures = [self._kept(places, np.int32) for places in (*jacobian, *hessian)]
+        self._undefined_at = np.empty(program.n)
+        self._program = _ProgramStructure(
+            program.n, hessian[0].size, program.cost.sums, program.rows.sums,
+            self._kept(program.cost.structure[1], np.int32),
         )  # fmt: skip
+        units: list[int | None] = [None] * 5
+        objective_scale = 1.0
+        if scales is not None:
+            objective_scale = scales.objective
+            factors = (
+                scales.x,
+                scales.x / scales.objective,
+                scales.g,
+                scales.x[jacobian[1]] / scales.g[jacobian[0]],
+                scales.x[hessian[0]] * scales.x[hessian[1]],
+            )
+            units = [self._kept(factor) for factor in factors]
+        self._run = _RunStructure(
+            ctypes.addressof(self._program), *units, objective_scale, self._kept(np.empty(program.n)),
+            self._kept(np.empty(program.m)), self._undefined_at.ctypes.data, 0, *structures,
+        )  # fmt: skip
+        self.functions = {
+            name: ctypes.cast(getattr(library, f"run_{name}"), ctypes.c_void_p).value or 0 for name in EVALUATIONS
+        }
+        self.data = ctypes.addressof(self._run)
+
+    def _kept(self, values: np.ndarray, kind: Any = np.float64) -> int:
+        """Address of an array that lives as long as this object."""
+        array = np.ascontiguousarray(values, dtype=kind)
+        self._arrays.append(array)
+        address: int = array.ctypes.data
+        return address
+
+    def begin(self) -> None:
+        """Forget the run before."""
+        self._run.undefined = 0
+
+    @property
+    def undefined_at(self) -> FloatArray | None:
+        """The last point, in Ipopt's units, at which a value or a derivative did not exist."""
+        return self._undefined_at.copy() if self._run.undefined else None
+
+
+def compiled_functions_of(nlp: NonlinearProgram) -> tuple[CompiledRun | None, dict[str, int]]:
+    """Functions of a program that Ipopt may call without Python, by name, and the run that they belong to.
+
+    A program offers its functions by a method ``compiled_run(scales)``. Each of them counts as long as its own class
+    evaluates it: not where a subclass or a wrapper does so in another way, or where it was replaced on the object.
+    What a wrapper forwards as it is, as `ShiftedRows` does with all but the rows, counts.
+    """
+    run, owner, found = None, None, {}
+    for name, structure in EVALUATIONS.items():
+        method = getattr(nlp, name, None)
+        program = getattr(method, "__self__", None)
+        if program is None or (owner is not None and program is not owner) or not _evaluates(program, name, method):
+            continue
+        if structure is not None and getattr(nlp, structure) is not getattr(program, structure):
+            continue
+        if owner is None:
+            run, owner = program.compiled_run(), program
+        if run is not None:
+            found[name] = run.functions[name]
+    return run, found
+
+
+def compiled_run_of(nlp: NonlinearProgram, scales: Scales) -> CompiledRun | None:
+    """All functions of a program in other units; None where Python has to evaluate any of them."""
+    if not all(_evaluates(nlp, name, getattr(nlp, name, None)) for name in EVALUATIONS):
+        return None
+    run: CompiledRun | None = nlp.compiled_run(scales)  # type: ignore[attr-defined]
+    return run
+
+
+def _evaluates(program: Any, name: str, method: Any) -> bool:
+    """Whether a method is the one of the program's class, which has compiled functions as well."""
+    own = vars(type(program))
+    return "compiled_run" in own and name in own and getattr(method, "__func__", None) is own[name]

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .compiled_terms import EVALUATIONS, CompiledRun, compiled_run_of
 from .nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint, Scales
+from .vectorised_program import EVALUATIONS, CompiledRun, compiled_run_of
 
 
 class WrappedProgram:
@@ -36,7 +36,7 @@ class WrappedProgram:
         self.x_lower = nlp.x_lower if x_lower is None else x_lower
         self.x_upper = nlp.x_upper if x_upper is None else x_upper
         self.g_lower, self.g_upper = nlp.g_lower, nlp.g_upper
-        self.x_start, self.g_multipliers_start = nlp.x_start, nlp.g_multipliers_start
+        self.x_start = nlp.x_start
         self.jacobian_structure, self.hessian_structure = nlp.jacobian_structure, nlp.hessian_structure
         for name in EVALUATIONS:
             if not hasattr(type(self), name):
@@ -103,7 +103,6 @@ class WithoutRows(WrappedProgram):
         self.rows = np.flatnonzero(kept)
         self.m = self.rows.size
         self.g_lower, self.g_upper = nlp.g_lower[kept], nlp.g_upper[kept]
-        self.g_multipliers_start = None if nlp.g_multipliers_start is None else nlp.g_multipliers_start[kept]
         structure = nlp.jacobian_structure
         self._entries = np.flatnonzero(kept[structure[0]])
         numbers = np.cumsum(kept, dtype=np.int32) - 1
@@ -141,8 +140,7 @@ class ScaledProgram(WrappedProgram):
         super().__init__(nlp, nlp.x_lower / scales.x, nlp.x_upper / scales.x)
         self.scales = scales
         self.g_lower, self.g_upper = nlp.g_lower / scales.g, nlp.g_upper / scales.g
-        start = scales.scaled(PrimalDualPoint(nlp.x_start, nlp.g_multipliers_start))
-        self.x_start, self.g_multipliers_start = start.x, start.g_multipliers
+        self.x_start = nlp.x_start / scales.x
         rows, columns = nlp.jacobian_structure
         self._jacobian_factors = scales.x[columns] / scales.g[rows]
         rows, columns = nlp.hessian_structure
@@ -204,7 +202,6 @@ class ElasticRows(WrappedProgram):
         self.n = nlp.n + added
         self.x_lower = np.concatenate([nlp.x_lower, np.zeros(added)])
         self.x_upper = np.concatenate([nlp.x_upper, np.full(added, np.inf)])
-        self.g_multipliers_start = None
         self.x_start = self.restrict(nlp.x_start)
         rows, columns = nlp.jacobian_structure
         self.jacobian_structure = (

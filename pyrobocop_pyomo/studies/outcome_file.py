@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import os
 import zlib
@@ -11,15 +10,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from pyrobocop_pyomo.errors import TeamError
-from pyrobocop_pyomo.modeling.variable_values import Values
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason
 from pyrobocop_pyomo.solving.iterates import Iterate, Standing
 
-_HEAD = {"kind": "outcomes of a sweep", "format": 1}
+_HEAD = {"kind": "outcomes of a sweep", "format": 2}
 
 
 class OutcomeFile:
@@ -138,15 +134,3 @@ def result_from_json(facts: Mapping[str, Any]) -> SolveResult:
         steps=[Iterate("all steps", None, None, None, facts["iterations"], facts["seconds"])],
         standing=Standing(**facts["standing"]),
     )
-
-
-def values_to_text(values: Values) -> str:
-    """Values of variables as text, bit by bit; None as NaN."""
-    numbers = np.array([np.nan if value is None else value for value in values], dtype="<f8")
-    return base64.b64encode(numbers.tobytes()).decode()
-
-
-def values_from_text(text: str) -> Values:
-    """The values again."""
-    numbers = np.frombuffer(base64.b64decode(text), dtype="<f8").tolist()
-    return [None if number != number else number for number in numbers]

@@ -13,7 +13,7 @@ from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import Values
 from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.planning.solve import solve
-from pyrobocop_pyomo.presentation import Presented, disclosed_text, table
+from pyrobocop_pyomo.presentation import Presented, aligned, disclosed_text, table
 from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason
 
 
@@ -237,14 +237,16 @@ class StudyResult(Presented, Sequence[OutcomeType], Generic[OutcomeType]):
 
     def table(self) -> str:
         """The outcomes as a table in text; of their reasons the first sentence only."""
-        numbers = [self.numbered_by, *map(str, range(1, len(self.outcomes) + 1))]
-        parts = [_aligned(numbers, ">")]
-        for column in self.columns:
-            entries = [column.text(outcome) for outcome in self.outcomes]
-            if column.name == "reason":  # a number such as 0.5 ends no sentence
-                entries = [entry.partition("\n")[0].partition(". ")[0] for entry in entries]
-            parts.append(_aligned([column.name, *entries], ">" if column.style else "<"))
-        return "\n".join("  ".join(entries).rstrip() for entries in zip(*parts, strict=True))
+        header, *rows = self._rows()
+        # A number such as 0.5 ends no sentence.
+        rows = [[*others, reason.partition("\n")[0].partition(". ")[0]] for *others, reason in rows]
+        return aligned([header, *rows], [">", *(">" if column.style else "<" for column in self.columns)])
+
+    def _rows(self) -> list[list[str]]:
+        """The header, and one row per outcome; the last column is the reason."""
+        columns = self.columns
+        rows = ([str(n), *(column.text(one) for column in columns)] for n, one in enumerate(self.outcomes, start=1))
+        return [[self.numbered_by, *(column.name for column in columns)], *rows]
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -269,18 +271,9 @@ class StudyResult(Presented, Sequence[OutcomeType], Generic[OutcomeType]):
         return f"'{self.name}': {count} outcome{'s' * (count != 1)}, {solved} solved{not_tried}{doubtful}"
 
     def _html_parts(self) -> list[str]:
-        header = (self.numbered_by, *(column.name for column in self.columns))
-        rows = [
-            (number, *(column.text(outcome) for column in self.columns))
-            for number, outcome in enumerate(self.outcomes, start=1)
-        ]
+        header, *rows = self._rows()
         return [*(disclosed_text("DOUBTFUL", doubt) for doubt in self.doubts), table(header, rows)]
 
     def __str__(self) -> str:
         undone = f"\n{len(self.remaining)} {self.item}s were left undone" if self.remaining else ""
         return "\n".join([*(f"DOUBTFUL: {doubt}" for doubt in self.doubts), self.table() + undone])
-
-
-def _aligned(entries: list[str], side: str) -> list[str]:
-    width = max(map(len, entries))
-    return [f"{entry:{side}{width}}" for entry in entries]

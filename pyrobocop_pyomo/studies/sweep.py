@@ -27,7 +27,7 @@ from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason
 from pyrobocop_pyomo.solving.progress import Progress
 
 from .case_solver import CaseSolver, Put, Read, SweepOutcome
-from .outcome_file import OutcomeFile, result_from_json, result_to_json, values_from_text, values_to_text
+from .outcome_file import OutcomeFile, result_from_json, result_to_json
 from .outcomes import Column, StudyResult, ranked
 from .sweep_cases import SweepCase, doubts_on_cases, numbers_of, read_cases, starting_cases
 
@@ -340,7 +340,7 @@ def _solving(*of_case_solver: Any) -> Callable[..., SweepOutcome]:
     return solve
 
 
-_OF_OUTCOME = ("error", "seconds", "numbers", "started_from")
+_OF_OUTCOME = ("error", "seconds", "numbers", "started_from", "values")
 
 
 def _outcome_to_json(outcome: SweepOutcome) -> dict[str, Any]:
@@ -348,11 +348,11 @@ def _outcome_to_json(outcome: SweepOutcome) -> dict[str, Any]:
         "name": outcome.name,
         "result": None if outcome.result is None else result_to_json(outcome.result),
         **{name: getattr(outcome, name) for name in _OF_OUTCOME},
-        "values": values_to_text(outcome.values),
+        "values": [None if value is None else float(value) for value in outcome.values],
     }
 
 
 def _outcome_from_json(case: SweepCase, facts: Mapping[str, Any]) -> SweepOutcome:
     result = None if facts["result"] is None else result_from_json(facts["result"])
     own = {name: facts[name] for name in _OF_OUTCOME}
-    return SweepOutcome(case=case, result=result, values=values_from_text(facts["values"]), **own)
+    return SweepOutcome(case=case, result=result, **own)

@@ -18,7 +18,6 @@ from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, fields, is_dataclass
-from functools import partial
 from types import CellType, CodeType, FunctionType
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
@@ -421,10 +420,35 @@ class _Output:
 
 
 class _Form(NamedTuple):
-    """How a result is made of its parts, which are forms, `_Output` or what they are at all times."""
+    """How a result is made of its parts.
 
-    make: Callable[[list[Any]], Any]
+    Attributes
+    ----------
+    kind : type, or tuple of int
+        The shape of an array.
+    names : list
+        Keys of a mapping, fields of an object; empty where parts have none.
+    parts : list
+        Forms, `_Output`, or what is the same at all times.
+    """
+
+    kind: Any
+    names: list[Any]
     parts: list[Any]
+
+
+def _taken_apart(result: Any) -> _Form | None:
+    """The form of a result that holds others, with these as its parts; None of what holds none."""
+    if isinstance(result, np.ndarray):
+        return _Form(result.shape, [], result.ravel().tolist())
+    if isinstance(result, Mapping):
+        return _Form(dict, list(result), list(result.values()))
+    if isinstance(result, (list, tuple)):
+        return _Form(type(result), list(getattr(result, "_fields", ())), list(result))
+    if is_dataclass(result) and not isinstance(result, type):
+        names = [item.name for item in fields(result) if item.init]
+        return _Form(type(result), names, [getattr(result, name) for name in names])
+    return None
 
 
 def _form_of(result: Any, outputs: list[Any]) -> Any:
@@ -433,67 +457,36 @@ def _form_of(result: Any, outputs: list[Any]) -> Any:
     if hasattr(result, "is_expression_type"):
         outputs.append(result)
         return _Output
-    if isinstance(result, np.ndarray):
-        make, parts = partial(_made_array, result.shape), result.ravel().tolist()
-    elif isinstance(result, Mapping):
-        make, parts = partial(_made_mapping, list(result)), list(result.values())
-    elif isinstance(result, (list, tuple)):
-        make, parts = partial(_made_sequence, type(result)), list(result)
-    elif is_dataclass(result) and not isinstance(result, type):
-        names = [item.name for item in fields(result) if item.init]
-        make, parts = partial(_made_object, type(result), names), [getattr(result, name) for name in names]
-    elif result is None or result is IndexedComponent.Skip or result.__class__ in numvalue.native_types:
+    if (form := _taken_apart(result)) is not None:
+        return form._replace(parts=[_form_of(part, outputs) for part in form.parts])
+    if result is None or result is IndexedComponent.Skip or result.__class__ in numvalue.native_types:
         return result
-    else:
-        raise TypeError(f"a {type(result).__name__} is returned")
-    return _Form(make, [_form_of(part, outputs) for part in parts])
+    raise TypeError(f"a {type(result).__name__} is returned")
 
 
 def _formed(form: Any, values: Iterator[Any]) -> Any:
     """A result of a form, with these values as its expressions."""
     if form is _Output:
         return next(values)
-    return form.make([_formed(part, values) for part in form.parts]) if isinstance(form, _Form) else form
-
-
-def _made_array(shape: tuple[int, ...], entries: list[Any]) -> Any:
-    held = np.empty(len(entries), dtype=object)
-    held[:] = entries
-    return array(held.reshape(shape))
-
-
-def _made_mapping(keys: list[Any], entries: list[Any]) -> Any:
-    return dict(zip(keys, entries, strict=True))
-
-
-def _made_sequence(kind: type, entries: list[Any]) -> Any:
-    return kind(*entries) if hasattr(kind, "_fields") else kind(entries)
-
-
-def _made_object(kind: type, names: list[str], entries: list[Any]) -> Any:
-    return kind(**dict(zip(names, entries, strict=True)))
+    if not isinstance(form, _Form):
+        return form
+    kind, names, parts = form.kind, form.names, [_formed(part, values) for part in form.parts]
+    if isinstance(kind, tuple):
+        held = np.empty(len(parts), dtype=object)
+        held[:] = parts
+        return array(held.reshape(kind))
+    if kind is dict:
+        return dict(zip(names, parts, strict=True))
+    return kind(**dict(zip(names, parts, strict=True))) if names else kind(parts)
 
 
 def same_results(first: Any, second: Any) -> bool:
     """Whether two results have the same form and expressions."""
-    if isinstance(first, ArrayEntry) or isinstance(second, ArrayEntry):
-        return same_results(plain_entry(first), plain_entry(second))
-    if isinstance(first, np.ndarray):
-        return (
-            isinstance(second, np.ndarray)
-            and first.shape == second.shape
-            and same_results(first.ravel().tolist(), second.ravel().tolist())
-        )
-    if isinstance(first, Mapping):
-        if not isinstance(second, Mapping) or len(first) != len(second):
-            return False
-        return all(same_results(one, other) for one, other in zip(first.values(), second.values(), strict=True))
-    if isinstance(first, (list, tuple)):
-        return type(first) is type(second) and len(first) == len(second) and all(map(same_results, first, second))
-    if is_dataclass(first) and not isinstance(first, type):
-        return type(first) is type(second) and all(
-            same_results(getattr(first, item.name), getattr(second, item.name)) for item in fields(first) if item.init
-        )
+    first, second = plain_entry(first), plain_entry(second)
+    one, other = _taken_apart(first), _taken_apart(second)
+    if one is not None and other is not None:
+        alike = one.kind == other.kind and len(one.parts) == len(other.parts)
+        return alike and all(map(same_results, one.parts, other.parts))
     if first is second:
         return True
     if not all(

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
+from harness.ties import TIES, tie
 from pyomo.dae import ContinuousSet, DerivativeVar
 
 import pyrobocop_pyomo as rcp
@@ -63,14 +64,22 @@ class Motion:
 # ---------------------------------------------------------------------------------------- models
 
 
-def _phase(m: Any, name: str, random: np.random.Generator, duration: float, start: Any = 0.0) -> Any:
+def _phase(random: np.random.Generator, m: Any, name: str = "move", **options: Any) -> Any:
     schemes = [("radau", 1), ("radau", 2), ("radau", 3), ("gauss", 2), ("implicit_euler", None)]
     scheme, stages = schemes[random.integers(len(schemes))]
     elements = int(random.integers(5, 11))
-    b = rcp.PhaseBlock(duration=duration, elements=elements, scheme=scheme, stages=stages, start=start)
+    return _ball(m, name, elements=elements, scheme=scheme, stages=stages, **options)
+
+
+def _ball(m: Any, name: str = "move", *, first: bool = True, history: float | None = None, **mesh: Any) -> Any:
+    """A phase without equations; the first one of a model starts at the origin."""
+    b = rcp.PhaseBlock(**{"duration": 1.0, **mesh})
     m.add_component(name, b)
-    b.x, b.y = rcp.State(initial_guess=0.0), rcp.State(initial_guess=0.0)
+    b.x, b.y = rcp.State(initial_guess=0.0), rcp.State(initial_guess=0.0, history=history)
     b.u = rcp.Control(bounds=(-4, 4), initial_guess=0.0)
+    if first:
+        b.x[0.0].fix(0.0)
+        b.y[0.0].fix(0.0)
     return b
 
 
@@ -112,13 +121,16 @@ def _single(
 ) -> Motion:
     """One phase of one second: ahead at speed one, to the side by control and drift."""
     m = pyo.ConcreteModel(name="motion")
-    b = _phase(m, "move", random, 1.0)
-    b.x[0.0].fix(0.0)
-    b.y[0.0].fix(0.0)
+    b = _phase(random, m)
     prepare(m, b)
     state(b, lambda b, t: b.u[t] + drift(m, b, t))
     _finish(m, b, _obstacles(random))
     return Motion(m, [b], numbers, breaks or [], delay)
+
+
+def _by_formula(random: np.random.Generator, formula: Callable[[Any, Any], Any], **options: Any) -> Motion:
+    """The same where one function of time and place is both: Pyomo's functions are those of numbers, too."""
+    return _single(random, lambda m, b, t: formula(t, b.y[t]), lambda t, y, before: formula(t, y), **options)
 
 
 # ---------------------------------------------------------------------------------------- spoilers
@@ -127,21 +139,14 @@ def _single(
 def nothing(random: np.random.Generator) -> Motion:
     """A smooth drift by time and state."""
     a, w, k = random.uniform(-1.5, 1.5), random.uniform(0.5, 6.0), random.uniform(0.0, 2.0)
-    return _single(
-        random,
-        lambda m, b, t: a * pyo.sin(w * t) - k * b.y[t],
-        lambda t, y, before: a * np.sin(w * t) - k * y,
-    )
+    return _by_formula(random, lambda t, y: a * pyo.sin(w * t) - k * y)
 
 
 def nothing_with_history(random: np.random.Generator) -> Motion:
     """A delay that says what was before."""
     a, tau, before_start = random.uniform(-2, 2), random.uniform(0.1, 0.4), random.uniform(-0.3, 0.3)
     m = pyo.ConcreteModel(name="motion")
-    b = rcp.PhaseBlock(duration=1.0, elements=int(random.integers(5, 11)))
-    m.move = b
-    b.x, b.y = rcp.State(initial=0), rcp.State(initial=0, history=before_start)
-    b.u = rcp.Control(bounds=(-4, 4), initial_guess=0.0)
+    b = _ball(m, elements=int(random.integers(5, 11)), history=before_start)
     b.ode(lambda b, t: {b.x: 1.0, b.y: b.u[t] + a * b.y.delayed(t, tau)})
     _finish(m, b, _obstacles(random))
     m.history_of_the_judge = before_start
@@ -156,17 +161,13 @@ def nothing_in_two_phases(random: np.random.Generator) -> Motion:
 def aliased(random: np.random.Generator) -> Motion:
     """A frequency that the mesh, or sixteen parts of an element, sees as a constant."""
     state = random.bit_generator.state
-    elements = _phase(pyo.ConcreteModel(), "probe", random, 1.0).grid.mesh.elements
+    elements = _phase(random, pyo.ConcreteModel()).grid.mesh.elements
     random.bit_generator.state = state
     times = random.choice([1, 2, 3, 8, 16, 17, 32, 48])
     w, phase = 2 * np.pi * elements * float(times), random.uniform(0, 2 * np.pi)
     a = random.uniform(0.2, 0.5) * w * CLEARANCE
-    return _single(
-        random,
-        lambda m, b, t: a * pyo.cos(w * t + phase),
-        lambda t, y, before: a * np.cos(w * t + phase),
-        breaks=np.linspace(0.0, 1.0, 8 * elements * int(times) + 1).tolist(),
-    )
+    breaks = np.linspace(0.0, 1.0, 8 * elements * int(times) + 1).tolist()
+    return _by_formula(random, lambda t, y: a * pyo.cos(w * t + phase), breaks=breaks)
 
 
 def _pulse(random: np.random.Generator) -> tuple[float, float, float]:
@@ -178,12 +179,8 @@ def _pulse(random: np.random.Generator) -> tuple[float, float, float]:
 def short_pulse(random: np.random.Generator) -> Motion:
     """A smooth pulse between the points."""
     start, width, height = _pulse(random)
-    return _single(
-        random,
-        lambda m, b, t: height * pyo.exp(-(((t - start) / width) ** 2)),
-        lambda t, y, before: height * np.exp(-(((t - start) / width) ** 2)),
-        breaks=[start + k * width for k in range(-4, 5)],
-    )
+    breaks = [start + k * width for k in range(-4, 5)]
+    return _by_formula(random, lambda t, y: height * pyo.exp(-(((t - start) / width) ** 2)), breaks=breaks)
 
 
 def shorter_step(random: np.random.Generator) -> Motion:
@@ -196,36 +193,27 @@ def step_in_time(random: np.random.Generator) -> Motion:
     return _step(random, LONGEST_ELEMENT / 15)
 
 
-def _step(random: np.random.Generator, shortest: float) -> Motion:
-    start, width, height = _pulse(random)
-    height, width = height * width / max(width, shortest), max(width, shortest)
-
-    def numbers(t: float, y: float = 0.0, before: float = 0.0) -> float:
-        return height if start < t < start + width else 0.0
-
-    return _single(random, lambda m, b, t: numbers(t), numbers, breaks=[start, start + width])
-
-
 def frozen_value(random: np.random.Generator) -> Motion:
     """The same, by the value that t has."""
+    return _step(random, LONGEST_ELEMENT / 15, pyo.value)
+
+
+def _step(random: np.random.Generator, shortest: float, read: Callable[[Any], Any] = lambda t: t) -> Motion:
     start, width, height = _pulse(random)
-    shortest = LONGEST_ELEMENT / 15
     height, width = height * width / max(width, shortest), max(width, shortest)
 
     def numbers(t: float, y: float = 0.0, before: float = 0.0) -> float:
         return height if start < t < start + width else 0.0
 
-    return _single(random, lambda m, b, t: numbers(pyo.value(t)), numbers, breaks=[start, start + width])
+    return _single(random, lambda m, b, t: numbers(read(t)), numbers, breaks=[start, start + width])
 
 
 def frozen_text(random: np.random.Generator) -> Motion:
     """A tenth of a second, by the digits of t."""
     digit, height = int(random.integers(1, 9)), float(random.uniform(0.5, 3.0)) * 20 * CLEARANCE
 
-    def numbers(t: Any, y: float = 0.0, before: float = 0.0) -> float:
-        return height if str(t).startswith(f"0.{digit}") else 0.0
-
-    return _single(random, lambda m, b, t: numbers(t), numbers, breaks=[digit / 10, (digit + 1) / 10])
+    by_digits = lambda t, y: height if str(t).startswith(f"0.{digit}") else 0.0  # noqa: E731
+    return _by_formula(random, by_digits, breaks=[digit / 10, (digit + 1) / 10])
 
 
 def data_by_time(random: np.random.Generator) -> Motion:
@@ -264,47 +252,24 @@ def no_history(random: np.random.Generator) -> Motion:
 
 def _joined(random: np.random.Generator, kind: str) -> Motion:
     m = pyo.ConcreteModel(name="joined")
-    one = _phase(m, "one", random, 0.5)
-    two = _phase(m, "two", random, 0.5, start=one)
-    one.x[0.0].fix(0.0)
-    one.y[0.0].fix(0.0)
+    one = _phase(random, m, "one", duration=0.5)
+    two = _phase(random, m, "two", duration=0.5, start=one, first=False)
     a, w = random.uniform(-2, 2), random.uniform(1.0, 12.0)
     for b in (one, two):
         b.ode(lambda b, t: {b.x: 1.0, b.y: b.u[t] + a * pyo.sin(w * b.time_at(t))})
-    ends, starts = ({n: b.component(n)[t] for n in "xy"} for b, t in ((one, one.final_time), (two, two.initial_time)))
-    if kind == "link":
-        m.link = rcp.Link(one, two)
-    elif kind == "links":
-        order = ["x", "y"] if random.random() < 0.5 else ["y", "x"]
-        for name in order:
-            m.add_component(f"link_{name}", rcp.Link(one, two, states=[name]))
-    elif kind == "forgotten":
+    if kind == "forgotten":
         m.link = rcp.Link(one, two, states=["x"])
     elif kind == "omitted":
         m.link = rcp.Link(one, two, omit=["y"])
-    elif kind == "constraints":
-        for name in "xy":
-            m.add_component(f"tie_{name}", pyo.Constraint(expr=starts[name] == ends[name]))
-    elif kind == "of the phase":
-        for name in "xy":
-            two.add_component(f"tie_{name}", pyo.Constraint(expr=ends[name] - starts[name] == 0))
-    elif kind == "in between":
-        m.between = pyo.Var(["x", "y"], initialize=0.0)
-        for name in "xy":
-            m.add_component(f"before_{name}", pyo.Constraint(expr=m.between[name] == ends[name]))
-            m.add_component(f"after_{name}", pyo.Constraint(expr=m.between[name] == starts[name]))
     else:
-        band = 1e-5
-        for name in "xy":
-            tie = pyo.inequality(-band, starts[name] - ends[name], band)
-            m.add_component(f"tie_{name}", pyo.Constraint(expr=tie))
+        tie(m, kind)
     _finish(m, two, _obstacles(random), one)
     return Motion(m, [one, two], lambda t, y, before: a * np.sin(w * t))
 
 
 def tied_otherwise(random: np.random.Generator) -> Motion:
     """Phases that are joined by anything but one link."""
-    return _joined(random, str(random.choice(["links", "constraints", "of the phase", "in between", "band"])))
+    return _joined(random, str(random.choice([*TIES, "band"])))
 
 
 def stale(random: np.random.Generator) -> Motion:
@@ -332,7 +297,7 @@ def stale(random: np.random.Generator) -> Motion:
 def beside_another(random: np.random.Generator) -> Motion:
     """Equations that read the states of another phase, whose mesh is coarse."""
     m = pyo.ConcreteModel(name="beside")
-    b = _phase(m, "move", random, 1.0)
+    b = _phase(random, m)
     grid = b.grid
     m.lead = c = rcp.PhaseBlock(
         duration=1.0, elements=grid.mesh.elements, scheme=grid.scheme.name.partition("(")[0], stages=grid.scheme.stages
@@ -340,8 +305,6 @@ def beside_another(random: np.random.Generator) -> Motion:
     k = random.uniform(2.0, 10.0)
     c.z = rcp.State(initial=1.0)
     c.ode(lambda c, t: {c.z: -k * c.z[t]})
-    b.x[0.0].fix(0.0)
-    b.y[0.0].fix(0.0)
     a = random.uniform(1.0, 4.0)
     b.ode(lambda b, t: {b.x: 1.0, b.y: b.u[t] + a * m.lead.z[t]})
     _finish(m, b, _obstacles(random))
@@ -372,12 +335,7 @@ def nothing_with_pairs(random: np.random.Generator) -> Motion:
 def _in_a_field(random: np.random.Generator, state: Callable[[Any, Callable[[Any, Any], Any]], None]) -> Motion:
     a, w, c = random.uniform(-3, 3), random.uniform(1.0, 12.0), random.uniform(0.5, 5.0)
     phase = random.uniform(0, 2 * np.pi)
-    return _single(
-        random,
-        lambda m, b, t: a * pyo.sin(w * t + phase) + c * pyo.sin(3 * b.y[t]),
-        lambda t, y, before: a * np.sin(w * t + phase) + c * np.sin(3 * y),
-        state=state,
-    )
+    return _by_formula(random, lambda t, y: a * pyo.sin(w * t + phase) + c * pyo.sin(3 * y), state=state)
 
 
 def algebraic_between(random: np.random.Generator) -> Motion:
@@ -448,9 +406,7 @@ def delay_by_hand(random: np.random.Generator) -> Motion:
     """What was one element earlier, read at the point before."""
     n, a, captured = int(random.integers(5, 16)), random.uniform(-6, 6), random.random() < 0.5
     m = pyo.ConcreteModel(name="motion")
-    m.move = b = rcp.PhaseBlock(duration=1.0, elements=n, scheme="implicit_euler")
-    b.x, b.y = rcp.State(initial=0), rcp.State(initial=0)
-    b.u = rcp.Control(bounds=(-4, 4), initial_guess=0.0)
+    b = _ball(m, elements=n, scheme="implicit_euler")
     times = list(b.time)
     before = (lambda t: times[max(bisect_left(times, t) - 1, 0)]) if captured else b.time.prev
     b.ode(lambda b, t: {b.x: 1.0, b.y: b.u[t] + a * (0.1 - b.y[before(t)])})
@@ -490,9 +446,7 @@ def position_left_free(random: np.random.Generator) -> Motion:
 def clock_that_starts_again(random: np.random.Generator) -> Motion:
     """A second phase whose clock starts again, beside an obstacle that moves."""
     m = pyo.ConcreteModel(name="clocks")
-    one, two = _phase(m, "one", random, 0.5), _phase(m, "two", random, 0.5)
-    one.x[0.0].fix(0.0)
-    one.y[0.0].fix(0.0)
+    one, two = (_phase(random, m, name, duration=0.5, first=name == "one") for name in ("one", "two"))
     for b in (one, two):
         b.ode(lambda b, t: {b.x: 1.0, b.y: b.u[t]})
     m.link = rcp.Link(one, two)
@@ -554,7 +508,7 @@ def points_of_users(random: np.random.Generator) -> Motion:
 def guess_verified(random: np.random.Generator) -> Motion:
     """Nothing was solved, or the values were changed; the motion is given to ``verify_motion``, or to its block."""
     a, level, by_hand = random.uniform(-1, 3), random.uniform(-0.1, 0.15), random.random() < 0.4
-    motion = _single(random, lambda m, b, t: a * pyo.cos(3 * t), lambda t, y, before: float(a * np.cos(3 * t)))
+    motion = _by_formula(random, lambda t, y: a * pyo.cos(3 * t))
     m, b = motion.model, motion.phases[0]
 
     def verified(_: Any) -> Any:

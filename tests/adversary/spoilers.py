@@ -56,25 +56,45 @@ class Spoilt:
     solve: Callable[[Any], Any] = solved_with_defaults
 
 
-# Gives None where the problem has nothing of that kind.
-Spoiler = Callable[[Problem, Random], Spoilt | None]
+class NothingToSpoil(Exception):
+    """The problem has nothing of that kind."""
+
+
+Spoiler = Callable[[Problem, Random], Spoilt]
+
+
+def in_place(law: Law, only: str = "") -> Callable[[Callable[[Any, Random], Any]], Spoiler]:
+    """A change of a model, as a spoiler of problems; of those alone that have a word in their names."""
+
+    def spoiler(change: Callable[[Any, Random], Any]) -> Spoiler:
+        @wraps(change)
+        def spoil(problem: Problem, random: Random) -> Spoilt:
+            if only not in problem.name:
+                raise NothingToSpoil
+            m = problem.build()
+            change(m, random)
+            return Spoilt(m, law)
+
+        return spoil
+
+    return spoiler
 
 
 # ---------------------------------------------------------------------------------------- the same problem
 
 
-def guess_far_away(problem: Problem, random: Random) -> Spoilt:
+@in_place(Law.SAME)
+def guess_far_away(m: Any, random: Random) -> None:
     """The initial guess is wrong by powers of ten."""
-    m, by = problem.build(), 10.0 ** random.uniform(-4, 4)
+    by = 10.0 ** random.uniform(-4, 4)
     for v in _free(m):
         v.set_value((v.value or 0.0) * by + random.normal() * by, skip_validation=True)
-    return Spoilt(m, Law.SAME)
 
 
-def other_units(problem: Problem, random: Random) -> Spoilt | None:
+def other_units(problem: Problem, random: Random) -> Spoilt:
     """Lengths, times and angles are written in other units, everywhere."""
     if problem.in_units is None:
-        return None
+        raise NothingToSpoil
     powers = 10.0 ** random.uniform(-4, 4, size=2)
     units = Units(*powers, radian=random.choice([1.0, 180 / pi]))
     m, dimension = problem.in_units(units)
@@ -89,7 +109,7 @@ def scaled_objective(problem: Problem, random: Random) -> Spoilt:
     return Spoilt(m, Law.SAME, by)
 
 
-def scaled_sides(problem: Problem, random: Random) -> Spoilt | None:
+def scaled_sides(problem: Problem, random: Random) -> Spoilt:
     """The sides of pairs are in other units."""
     first, second = 10.0 ** random.uniform(-6, 6, size=2)
 
@@ -100,18 +120,17 @@ def scaled_sides(problem: Problem, random: Random) -> Spoilt | None:
 
     with _rules(lambda kind, rule: lambda b, t: scaled(rule(b, t)), "complementarity") as asked:
         m = problem.build()
-    return Spoilt(m, Law.SAME) if asked else None
-
-
-def scaled_row(problem: Problem, random: Random) -> Spoilt | None:
-    """Rows of one component are multiplied by a number."""
-    m, by = problem.build(), 10.0 ** random.uniform(-6, 6)
-    component = _one(random, list(m.component_objects(pyo.Constraint, active=True)))
-    if component is None:
-        return None
-    for row in component.values():
-        row.set_value(_bounded(_times_number(by, row.lower), by * row.body, _times_number(by, row.upper)))
+    if not asked:
+        raise NothingToSpoil
     return Spoilt(m, Law.SAME)
+
+
+@in_place(Law.SAME)
+def scaled_row(m: Any, random: Random) -> None:
+    """Rows of one component are multiplied by a number."""
+    by = 10.0 ** random.uniform(-6, 6)
+    for row in _one(random, list(m.component_objects(pyo.Constraint, active=True))).values():
+        row.set_value(_bounded(_times_number(by, row.lower), by * row.body, _times_number(by, row.upper)))
 
 
 def scaled_by_pyomo(problem: Problem, random: Random) -> Spoilt:
@@ -124,43 +143,32 @@ def scaled_by_pyomo(problem: Problem, random: Random) -> Spoilt:
     return Spoilt(pyo.TransformationFactory("core.scale_model").create_using(m, rename=rename), Law.SAME)
 
 
-def row_said_twice(problem: Problem, random: Random) -> Spoilt | None:
+@in_place(Law.SAME)
+def row_said_twice(m: Any, random: Random) -> None:
     """A component of constraints stands there twice."""
-    m = problem.build()
     component = _one(random, list(m.component_objects(pyo.Constraint, active=True)))
-    if component is None:
-        return None
     m.again = pyo.ConstraintList()
     by = random.choice([1.0, 2.0, -1.0])
     for row in component.values():
         _add(m.again, row, by)
-    return Spoilt(m, Law.SAME)
 
 
 # ---------------------------------------------------------------------------------------- another problem
 
 
-def row_dropped(problem: Problem, random: Random) -> Spoilt | None:
+@in_place(Law.STATED)
+def row_dropped(m: Any, random: Random) -> None:
     """A row is missing."""
-    m = problem.build()
-    row = _one(random, list(m.component_data_objects(pyo.Constraint, active=True)))
-    if row is None:
-        return None
-    row.deactivate()
-    return Spoilt(m, Law.STATED)
+    _one(random, list(m.component_data_objects(pyo.Constraint, active=True))).deactivate()
 
 
-def component_dropped(problem: Problem, random: Random) -> Spoilt | None:
+@in_place(Law.STATED)
+def component_dropped(m: Any, random: Random) -> None:
     """All rows of one kind are missing, or all pairs."""
-    m = problem.build()
-    component = _one(random, list(m.component_objects((pyo.Constraint, rcp.Complementarity), active=True)))
-    if component is None:
-        return None
-    component.deactivate()
-    return Spoilt(m, Law.STATED)
+    _one(random, list(m.component_objects((pyo.Constraint, rcp.Complementarity), active=True))).deactivate()
 
 
-def other_name_read(problem: Problem, random: Random) -> Spoilt | None:
+def other_name_read(problem: Problem, random: Random) -> Spoilt:
     """A rule reads ``b.y[t]`` where ``b.x[t]`` was meant."""
     picked = random.random(2)
 
@@ -172,7 +180,7 @@ def other_name_read(problem: Problem, random: Random) -> Spoilt | None:
     return _misread(problem, random, spoilt, Law.STATED)
 
 
-def index_shifted(problem: Problem, random: Random) -> Spoilt | None:
+def index_shifted(problem: Problem, random: Random) -> Spoilt:
     """A rule reads the value of the time point before."""
     picked = random.random()
 
@@ -184,7 +192,7 @@ def index_shifted(problem: Problem, random: Random) -> Spoilt | None:
     return _misread(problem, random, spoilt, Law.STATED)
 
 
-def other_phase_read(problem: Problem, random: Random) -> Spoilt | None:
+def other_phase_read(problem: Problem, random: Random) -> Spoilt:
     """A rule of the second phase reads the first, where both have such times."""
     picked = random.random()
 
@@ -207,15 +215,16 @@ def negated_cost(problem: Problem, random: Random) -> Spoilt:
     return Spoilt(m, Law.STATED, -1.0)
 
 
-def bound_forgotten(problem: Problem, random: Random) -> Spoilt | None:
+@in_place(Law.STATED)
+def bound_forgotten(m: Any, random: Random) -> None:
     """The bounds of one variable are missing."""
-    m = problem.build()
-    if not _without_bounds(m, random):
-        return None
-    return Spoilt(m, Law.STATED)
+    bounded = {id(v.parent_component()): v.parent_component() for v in _free(m) if v.has_lb() or v.has_ub()}
+    for v in _one(random, list(bounded.values())).values():
+        v.setlb(None)
+        v.setub(None)
 
 
-def unbounded(problem: Problem, random: Random) -> Spoilt | None:
+def unbounded(problem: Problem, random: Random) -> Spoilt:
     """The sign of the cost is wrong and no variable has bounds."""
     spoilt = negated_cost(problem, random)
     for v in _free(spoilt.model):
@@ -224,124 +233,97 @@ def unbounded(problem: Problem, random: Random) -> Spoilt | None:
     return spoilt
 
 
-def start_forgotten(problem: Problem, random: Random) -> Spoilt | None:
+@in_place(Law.STATED)
+def start_forgotten(m: Any, random: Random) -> None:
     """A value that was given is missing."""
-    m = problem.build()
-    v = _one(random, [v for v in m.component_data_objects(pyo.Var) if v.fixed])
-    if v is None:
-        return None
-    v.unfix()
-    return Spoilt(m, Law.STATED)
+    _one(random, [v for v in m.component_data_objects(pyo.Var) if v.fixed]).unfix()
 
 
-def cost_forgotten_for_a_part(problem: Problem, random: Random) -> Spoilt:
+@in_place(Law.STATED)
+def cost_forgotten_for_a_part(m: Any, random: Random) -> None:
     """The cost asks for one value only."""
-    m = problem.build()
-    v = _one(random, _free(m))
-    objective_of(m).set_value(v**2)
-    return Spoilt(m, Law.STATED)
+    objective_of(m).set_value(_one(random, _free(m)) ** 2)
 
 
 # ---------------------------------------------------------------------------------------- no problem at all
 
 
-def contradiction(problem: Problem, random: Random) -> Spoilt | None:
+@in_place(Law.DOUBTED)
+def contradiction(m: Any, random: Random) -> None:
     """An equation stands there twice, with two right-hand sides."""
-    m = problem.build()
     row = _one(random, [row for row in m.component_data_objects(pyo.Constraint, active=True) if row.equality])
-    if row is None:
-        return None
     m.again = pyo.Constraint(expr=row.body == row.upper + random.choice([-1.0, 1.0]) * 10 ** random.uniform(-1, 1))
-    return Spoilt(m, Law.DOUBTED)
 
 
-def start_beyond_a_bound(problem: Problem, random: Random) -> Spoilt | None:
+@in_place(Law.DOUBTED)
+def start_beyond_a_bound(m: Any, random: Random) -> None:
     """A start is fixed where the bounds of the state forbid it."""
-    m = problem.build()
-    held = [v for v in _starts(m) if v.lb is not None or v.ub is not None]
-    v = _one(random, held)
-    if v is None:
-        return None
+    v = _one(random, [v for v in _starts(m) if v.lb is not None or v.ub is not None])
     by = 10 ** random.uniform(-2, 1)
     v.fix(v.lb - by if v.lb is not None else v.ub + by, skip_validation=True)
-    return Spoilt(m, Law.DOUBTED)
 
 
-def start_beyond_a_path_constraint(problem: Problem, random: Random) -> Spoilt | None:
+@in_place(Law.DOUBTED, only="jacobson_lele")
+def start_beyond_a_path_constraint(m: Any, random: Random) -> None:
     """A start is fixed where a path constraint forbids it; of the mesh only the points are asked."""
-    if "jacobson_lele" not in problem.name:
-        return None
-    m = problem.build()
     m.p.y[0].fix(1.5 + 10 ** random.uniform(-1, 1))
-    return Spoilt(m, Law.DOUBTED)
 
 
-def start_inside_the_floor(problem: Problem, random: Random) -> Spoilt | None:
+def start_inside_the_floor(problem: Problem, random: Random) -> Spoilt:
     """A start is fixed where the gap of a contact is negative."""
     by = 10 ** random.uniform(-2, 0)
-    if problem.name == "lift":
-        m = problem.build()
-        m.p.height[0].fix(-by, skip_validation=True)
-    elif problem.name == "dae_hanger":
-        m = problem.build()
-        m.x[0].fix(1 + by)
-    else:
-        return None
+    starts = {"lift": lambda m: (m.p.height[0], -by), "dae_hanger": lambda m: (m.x[0], 1 + by)}
+    if problem.name not in starts:
+        raise NothingToSpoil
+    m = problem.build()
+    start, value = starts[problem.name](m)
+    start.fix(value, skip_validation=True)
     return Spoilt(m, Law.DOUBTED)
 
 
-def phases_not_joined(problem: Problem, random: Random) -> Spoilt | None:
+@in_place(Law.DOUBTED, only="two_legs")
+def phases_not_joined(m: Any, random: Random) -> None:
     """The link is missing, and nothing else joins the phases."""
-    if problem.name != "two_legs":
-        return None
-    m = problem.build()
     m.del_component(m.link)
-    return Spoilt(m, Law.DOUBTED)
 
 
-def part_deactivated(problem: Problem, random: Random) -> Spoilt | None:
+@in_place(Law.DOUBTED, only="two_legs")
+def part_deactivated(m: Any, random: Random) -> None:
     """One of two phases that are linked is not active."""
-    if problem.name != "two_legs":
-        return None
-    m = problem.build()
     (m.first if random.random() < 0.5 else m.second).deactivate()
-    return Spoilt(m, Law.DOUBTED)
 
 
-def state_left_over(problem: Problem, random: Random) -> Spoilt | None:
+@in_place(Law.DOUBTED, only="two_legs")
+def state_left_over(m: Any, random: Random) -> None:
     """A link says what continues, and forgets a state."""
-    if problem.name != "two_legs":
-        return None
-    m = problem.build()
     m.del_component(m.link)
     m.link = rcp.Link(m.first, m.second, states=[str(random.choice(["x", "v"]))])
-    return Spoilt(m, Law.DOUBTED)
 
 
-def rule_without_rows(problem: Problem, random: Random) -> Spoilt | None:
+@in_place(Law.DOUBTED)
+def rule_without_rows(m: Any, random: Random) -> None:
     """A rule asks for a time that is no point, and gives no row at all."""
-    m, time = problem.build(), random.uniform(0.0, 2.0)
-    phases = rcp.phases_of(m)
+    time, phases = random.uniform(0.0, 2.0), rcp.phases_of(m)
     if not phases:
-        return None
+        raise NothingToSpoil
     b = phases[0]
     x = b.component(_one(random, list(b.record.names_of_states)))
     low = random.uniform(-1.0, 1.0)
     b.constraint(lambda b, t: x[t] >= low if t == time else pyo.Constraint.Skip, name="at_that_time")
-    return Spoilt(m, Law.DOUBTED)
 
 
-def not_discretised(problem: Problem, random: Random) -> Spoilt | None:
+def not_discretised(problem: Problem, random: Random) -> Spoilt:
     """The transformation of a model of pyomo.dae was forgotten."""
-    return problem.undiscretised and Spoilt(problem.undiscretised(), Law.DOUBTED)
+    if problem.undiscretised is None:
+        raise NothingToSpoil
+    return Spoilt(problem.undiscretised(), Law.DOUBTED)
 
 
-def pairs_not_relaxed(problem: Problem, random: Random) -> Spoilt | None:
+def pairs_not_relaxed(problem: Problem, random: Random) -> Spoilt:
     """A model with pairs is given to the solver of models without."""
     m = problem.build()
     if not rcp.active_pairs(m):
-        return None
-
+        raise NothingToSpoil
     derivatives = str(random.choice(["asl", "vectorised"]))
 
     def solve(model: Any) -> Any:
@@ -350,7 +332,7 @@ def pairs_not_relaxed(problem: Problem, random: Random) -> Spoilt | None:
     return Spoilt(m, Law.DOUBTED, solve=solve)
 
 
-def other_model_read(problem: Problem, random: Random) -> Spoilt | None:
+def other_model_read(problem: Problem, random: Random) -> Spoilt:
     """A rule reads a variable of another model of the same kind."""
     picked, other = random.random(), problem.build()
     phases = {phase.name: phase for phase in rcp.phases_of(other)}
@@ -361,14 +343,13 @@ def other_model_read(problem: Problem, random: Random) -> Spoilt | None:
         return there and _Misreading(b, name, lambda _: getattr(there, name))
 
     found = _misread(problem, random, spoilt, Law.DOUBTED)
-    if found is not None:
-        found.model._kept_alive = other
+    found.model._kept_alive = other
     return found
 
 
-def no_number(problem: Problem, random: Random) -> Spoilt | None:
+@in_place(Law.DOUBTED)
+def no_number(m: Any, random: Random) -> None:
     """Data hold a NaN: a given value, a bound or a coefficient."""
-    m = problem.build()
     rows = m.component_data_objects(pyo.Constraint, active=True)
     read = {id(v): v for row in rows for v in identify_variables(row.body)}  # what a transformation replaced is not
     fixed = [v for v in read.values() if v.fixed]
@@ -377,12 +358,9 @@ def no_number(problem: Problem, random: Random) -> Spoilt | None:
         _one(random, fixed).fix(nan)
     elif where == 1:
         row = _one(random, list(m.component_data_objects(pyo.Constraint, active=True)))
-        if row is None:
-            return None
         row.set_value(_bounded(row.lower, row.body + nan * _one(random, _free(m)), row.upper))
     else:
         objective_of(m).set_value(objective_of(m).expr + nan * _one(random, _free(m)))
-    return Spoilt(m, Law.DOUBTED)
 
 
 SPOILERS: dict[str, Spoiler] = {
@@ -414,17 +392,10 @@ def _starts(m: Any) -> list[Any]:
 
 
 def _one(random: Random, among: list[Any]) -> Any:
-    """One of them at random; None where there is none."""
-    return among[random.integers(len(among))] if among else None
-
-
-def _without_bounds(m: Any, random: Random) -> bool:
-    bounded = {id(v.parent_component()): v.parent_component() for v in _free(m) if v.has_lb() or v.has_ub()}
-    component = _one(random, list(bounded.values()))
-    for v in component.values() if component is not None else ():
-        v.setlb(None)
-        v.setub(None)
-    return component is not None
+    """One of them at random."""
+    if not among:
+        raise NothingToSpoil
+    return among[random.integers(len(among))]
 
 
 def _signals(b: Any) -> list[str]:
@@ -481,10 +452,13 @@ class _Before:
         return self._signal[times[max(times.index(t) - 1, 0)]]
 
 
-def _misread(problem: Problem, random: Random, spoilt: Callable[[Any], Any], law: Law) -> Spoilt | None:
-    """The problem with rules of one kind that see another phase; None where no rule reads what is wrong there."""
+def _misread(problem: Problem, random: Random, spoilt: Callable[[Any], Any], law: Law) -> Spoilt:
+    """The problem with rules of one kind that see another phase, where one reads what is wrong there."""
     tries = (_misread_by(str(kind), problem, spoilt) for kind in random.permutation(KINDS))
-    return next((Spoilt(m, law) for m in tries if m is not None), None)
+    for m in tries:
+        if m is not None:
+            return Spoilt(m, law)
+    raise NothingToSpoil
 
 
 def _misread_by(kind: str, problem: Problem, spoilt: Callable[[Any], Any]) -> pyo.ConcreteModel | None:

@@ -14,7 +14,7 @@ from pyrobocop_pyomo.errors import PyRobocopError
 from .judge import BETTER, Judge
 from .models import PROBLEMS, Problem, objective_of
 from .outcome import Trial
-from .spoilers import SPOILERS, Law, Spoilt
+from .spoilers import SPOILERS, Law, NothingToSpoil, Spoilt
 from .statements import STATEMENTS, Statement, complaint
 
 KINDS = (*SPOILERS, *STATEMENTS)
@@ -40,11 +40,11 @@ def spoilt_by(seed: int, spoiler: str) -> tuple[Problem, Spoilt | PyRobocopError
     for place in random.permutation(len(PROBLEMS)).tolist() * 5:
         problem = list(PROBLEMS.values())[place]
         try:
-            spoilt = SPOILERS[spoiler](problem, random)
+            return problem, SPOILERS[spoiler](problem, random)
+        except NothingToSpoil:
+            continue
         except PyRobocopError as error:
             return problem, error
-        if spoilt is not None:
-            return problem, spoilt
     raise AssertionError(f"no problem has anything for '{spoiler}'")
 
 

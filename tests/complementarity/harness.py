@@ -8,14 +8,10 @@ import pyomo.environ as pyo
 from pyomo.gdp import Disjunct
 from pyomo.repn.plugins.nl_writer import NLWriter
 
-import pyrobocop_pyomo.complementarity  # registers the transformation
 from pyrobocop_pyomo.complementarity import Complementarity, complements
 from pyrobocop_pyomo.complementarity.pairs import active_sources
 
-
-def relaxation() -> Any:
-    assert pyrobocop_pyomo.complementarity.RelaxComplementarity is not None
-    return pyo.TransformationFactory("pyrobocop.relax_complementarity")
+RELAX = pyo.TransformationFactory("pyrobocop.relax_complementarity")
 
 
 def stages(values: Any = (1.0,) * 8, weight: float = 0.5) -> Any:
@@ -58,9 +54,9 @@ def deactivate_pairs(model: Any) -> list[Any]:
     return pairs
 
 
-def row_values(transformation: Any, model: Any) -> list[float]:
+def row_values(model: Any) -> list[float]:
     """Value of ``body - bound`` for each relaxed row: not positive where the row holds."""
-    return [pyo.value(row.body) - row.ub for row in transformation.shifted_rows_of(model)]
+    return [pyo.value(row.body) - row.ub for row in RELAX.shifted_rows_of(model)]
 
 
 def text_without_pairs(model: Any) -> str:
@@ -75,42 +71,41 @@ def text_without_pairs(model: Any) -> str:
 
 def round_trip(model: Any, **options: Any) -> None:
     """What holds for every choice: the way there, questions, copies and the way back, leaving nothing behind."""
-    relax = relaxation()
     before, text = state(model), text_without_pairs(model)
-    residuals = relax.residuals(model)
-    relaxed = relax.create_using(model, **options)
+    residuals = RELAX.residuals(model)
+    relaxed = RELAX.create_using(model, **options)
     assert state(model) == before
     assert text_without_pairs(model) == text
 
-    token = relax.apply_to(model, **options)
+    token = RELAX.apply_to(model, **options)
     written = nl_text(model)
     assert nl_text(relaxed) == written != text
-    assert relax.residuals(model) == residuals
-    _answers(relax, model)
+    assert RELAX.residuals(model) == residuals
+    _answers(model)
     for copy in (model.clone(), pickle.loads(pickle.dumps(model))):
         assert nl_text(copy) == written
-        assert relax.residuals(copy) == residuals
-        _answers(relax, copy)
-        delta = relax.delta_of(copy)
+        assert RELAX.residuals(copy) == residuals
+        _answers(copy)
+        delta = RELAX.delta_of(copy)
         delta.set_value(1e-3)
         assert nl_text(model) == written
-        delta.set_value(relax.delta_of(model).value)
+        delta.set_value(RELAX.delta_of(model).value)
         assert nl_text(copy) == written
-        relax.revert(copy)
+        RELAX.revert(copy)
         assert state(copy) == before
-    relax.revert(model, token)
+    RELAX.revert(model, token)
     assert state(model) == before
     assert text_without_pairs(model) == text
 
 
-def _answers(relax: Any, model: Any) -> None:
+def _answers(model: Any) -> None:
     """Every generated row has sources of this very model, and is among the rows of each of them."""
-    pairs = relax.pairs_of(model)
+    pairs = RELAX.pairs_of(model)
     assert all(pair.source.model() is model and not pair.source.active for pair in pairs)
-    for row in relax.relaxation_rows_of(model):
-        sources = relax.sources_of(row)
+    for row in RELAX.relaxation_rows_of(model):
+        sources = RELAX.sources_of(row)
         assert sources
-        assert all(source.model() is model and row in relax.rows_of(source) for source in sources)
-    assert set(map(id, relax.shifted_rows_of(model))) <= set(map(id, relax.relaxation_rows_of(model)))
-    for lifted in relax.lifted_pairs_of(model):
+        assert all(source.model() is model and row in RELAX.rows_of(source) for source in sources)
+    assert set(map(id, RELAX.shifted_rows_of(model))) <= set(map(id, RELAX.relaxation_rows_of(model)))
+    for lifted in RELAX.lifted_pairs_of(model):
         assert lifted.a.variable.model() is lifted.b.variable.model() is model

@@ -10,15 +10,11 @@ from hypothesis import strategies as st
 from mpcc_catalogue.point_check import check_point
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.complementarity import AbsoluteValuesToComplementarity
 from pyrobocop_pyomo.errors import ComplementarityError
 
 from .harness import nl_text, state
 
-
-@pytest.fixture
-def split() -> AbsoluteValuesToComplementarity:
-    return pyo.TransformationFactory("pyrobocop.absolute_values_to_complementarity")
+SPLIT = pyo.TransformationFactory("pyrobocop.absolute_values_to_complementarity")
 
 
 def kinked() -> pyo.ConcreteModel:
@@ -47,7 +43,7 @@ def test_with_its_parts_each_row_has_the_value_that_it_had(x: float, y: float) -
     m = kinked()
     m.x, m.y = x, y
     before = values(m)
-    token = pyo.TransformationFactory("pyrobocop.absolute_values_to_complementarity").apply_to(m)
+    token = SPLIT.apply_to(m)
     assert values(m) == pytest.approx(before, abs=1e-12)
     for i, row in token.blocks[0].difference.items():
         assert pyo.value(row.body) == pytest.approx(pyo.value(row.upper), abs=1e-12)
@@ -55,37 +51,37 @@ def test_with_its_parts_each_row_has_the_value_that_it_had(x: float, y: float) -
         assert min(token.blocks[0].positive[i].value, token.blocks[0].negative[i].value) >= 0.0
 
 
-def test_the_way_back_is_complete(split: AbsoluteValuesToComplementarity) -> None:
+def test_the_way_back_is_complete() -> None:
     m = kinked()
     before, text = state(m), nl_text(m)
-    token = split.apply_to(m)
+    token = SPLIT.apply_to(m)
     assert len(token.blocks[0].positive) == 5  # x, |x| - 1, x - 0.5, y, x * y
     assert "abs(" not in "".join(str(m.rows[i].expr) for i in (1, 2, 3)) + str(m.cost.expr)
     assert "abs(" in str(m.rows[4].expr)
     copy = m.clone()
-    split.revert(m, token)
-    split.revert(copy)
+    SPLIT.revert(m, token)
+    SPLIT.revert(copy)
     assert state(m) == state(copy) == before
     assert nl_text(m) == nl_text(copy) == text
     with pytest.raises(ComplementarityError, match="nothing to revert"):
-        split.revert(m)
+        SPLIT.revert(m)
 
 
-def test_applications_that_build_on_each_other_are_undone_together(split: AbsoluteValuesToComplementarity) -> None:
+def test_applications_that_build_on_each_other_are_undone_together() -> None:
     m = kinked()
     text = nl_text(m)
-    split.apply_to(m, targets=[m.rows[1]])
-    split.apply_to(m, targets=[m.rows, m.cost])
-    split.revert(m)
+    SPLIT.apply_to(m, targets=[m.rows[1]])
+    SPLIT.apply_to(m, targets=[m.rows, m.cost])
+    SPLIT.revert(m)
     assert nl_text(m) == text
 
 
-def test_what_holds_none_is_named(split: AbsoluteValuesToComplementarity) -> None:
+def test_what_holds_none_is_named() -> None:
     m = kinked()
     with pytest.raises(ComplementarityError, match=r"no active row or objective in the targets holds abs"):
-        split.apply_to(m, targets=[m.rows[4]])
+        SPLIT.apply_to(m, targets=[m.rows[4]])
     with pytest.raises(ComplementarityError, match="a target is one of Block, Constraint, Objective, or"):
-        split.apply_to(m, targets=[m.x])
+        SPLIT.apply_to(m, targets=[m.x])
     assert m.component("absolute_values_as_pairs") is None
 
 
@@ -109,9 +105,7 @@ USES: dict[str, tuple[Callable[[Any], Any], bool]] = {
 
 @pytest.mark.parametrize("use", USES)
 @pytest.mark.parametrize("mirrored", [False, True])
-def test_pairs_are_made_only_where_a_larger_sum_could_be_of_use(
-    use: str, mirrored: bool, split: AbsoluteValuesToComplementarity
-) -> None:
+def test_pairs_are_made_only_where_a_larger_sum_could_be_of_use(use: str, mirrored: bool) -> None:
     statement, needed = USES[use]
     m = pyo.ConcreteModel()
     m.x, m.y, m.duration, m.loss = pyo.Var(), pyo.Var(), pyo.Var(bounds=(1, 2)), pyo.Var(bounds=(-2, 0))
@@ -121,37 +115,37 @@ def test_pairs_are_made_only_where_a_larger_sum_could_be_of_use(
         m.cost = pyo.Objective(expr=m.x)
     else:
         m.cost = pyo.Objective(expr=-stated if mirrored else stated, sense=pyo.maximize if mirrored else pyo.minimize)
-    split.apply_to(m)
+    SPLIT.apply_to(m)
     assert bool(rcp.active_pairs(m)) == needed
 
 
 @pytest.mark.ipopt
 @pytest.mark.parametrize("weight", [0.0, 1.0, 3.0, 5.0, -1.0])
-def test_soft_thresholds(weight: float, split: AbsoluteValuesToComplementarity) -> None:
+def test_soft_thresholds(weight: float) -> None:
     """``min (x - 2)**2 + w |x|`` is at ``2 - w / 2``, and at zero from ``w = 4`` on."""
     m = pyo.ConcreteModel()
     m.x = pyo.Var(initialize=1.0)
     m.cost = pyo.Objective(expr=(m.x - 2) ** 2 + weight * abs(m.x))
-    token = split.apply_to(m)
+    token = SPLIT.apply_to(m)
     rcp.solve(m, progress=False).raise_for_status()
     assert m.x.value == pytest.approx(max(2 - weight / 2, 0.0), abs=1e-6)
     parts = pyo.value(token.blocks[0].positive[0] + token.blocks[0].negative[0])
     assert weight == 0.0 or parts == pytest.approx(abs(m.x.value), abs=1e-6)
-    split.revert(m)
+    SPLIT.revert(m)
     assert pyo.value(m.cost) == pytest.approx((m.x.value - 2) ** 2 + weight * abs(m.x.value))
 
 
 @pytest.mark.ipopt
 @pytest.mark.parametrize("bound", [0.5, 1.0, 2.0])
-def test_outside_and_inside_of_a_diamond(bound: float, split: AbsoluteValuesToComplementarity) -> None:
+def test_outside_and_inside_of_a_diamond(bound: float) -> None:
     """The nearest points to (0.8 r, 0) outside of ``|x| + |y| < r`` and to (2 r, 0) inside."""
     for sign, start, distance in ((1, 0.8, 0.2 / 2**0.5), (-1, 2.0, 1.0)):
         m = pyo.ConcreteModel()
         m.x, m.y = pyo.Var(initialize=start * bound), pyo.Var(initialize=0.1 * bound)
         m.outside = pyo.Constraint(expr=sign * (abs(m.x) + abs(m.y) - bound) >= 0)
         m.cost = pyo.Objective(expr=(m.x - start * bound) ** 2 + m.y**2)
-        split.apply_to(m)
+        SPLIT.apply_to(m)
         rcp.solve(m, progress=False).raise_for_status()
-        split.revert(m)
+        SPLIT.revert(m)
         assert pyo.value(m.cost) == pytest.approx((distance * bound) ** 2, rel=1e-5)
         assert check_point(m).violation <= 1e-6

@@ -21,17 +21,13 @@ from pyrobocop_pyomo.complementarity import active_pairs, canonical_form, compon
 with_ipopt = pytest.mark.asl
 
 
-def contact(m: Any, i: int) -> Any:
-    return mpec.complements(m.gap[i] >= 0, m.force[i] - m.least >= 0)
-
-
 def existing_model() -> Any:
     """A user's model of pyomo.mpec: min sum (gap - 1)^2 + (force - 3)^2 with 0 <= gap ⟂ force - least >= 0."""
     m = pyo.ConcreteModel(name="existing")
     m.I = pyo.Set(initialize=[1, 2])
     m.gap, m.force = pyo.Var(m.I, bounds=(0, None), initialize=1), pyo.Var(m.I, initialize=2)
     m.least = pyo.Param(initialize=1, mutable=True)
-    m.cc = mpec.Complementarity(m.I, rule=contact)
+    m.cc = mpec.Complementarity(m.I, rule=lambda m, i: mpec.complements(m.gap[i] >= 0, m.force[i] - m.least >= 0))
     m.cost = pyo.Objective(expr=sum((m.gap[i] - 1) ** 2 + (m.force[i] - 3) ** 2 for i in m.I))
     return m
 

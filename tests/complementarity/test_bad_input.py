@@ -14,7 +14,7 @@ import pytest
 from pyrobocop_pyomo.complementarity import Complementarity, complements, either_zero
 from pyrobocop_pyomo.errors import ComplementarityError
 
-from .harness import nl_text, relaxation, state, text_without_pairs
+from .harness import RELAX, nl_text, state, text_without_pairs
 
 NAN, INF = float("nan"), math.inf
 between = pyo.inequality
@@ -135,7 +135,7 @@ def is_refused(component: Any, wrong: Callable[[Any], Any], words: str) -> bool:
         nonlocal before, text
         m.cc = component([7], rule=lambda m, i: wrong(m))
         before, text = state(m), text_without_pairs(m)
-        relaxation().apply_to(m)
+        RELAX.apply_to(m)
 
     with pytest.raises(ComplementarityError, match=r"^'cc\[7\]': (.|\n)*" + words) as caught:
         act()
@@ -232,7 +232,7 @@ def test_a_wrong_component_value_or_target_is_named(spoil: Callable[[Any], dict[
         nonlocal before
         options = spoil(m)
         before = state(m)
-        relaxation().apply_to(m, **options)
+        RELAX.apply_to(m, **options)
 
     with pytest.raises(ComplementarityError, match=MODELS[spoil]) as caught:
         act()
@@ -249,23 +249,23 @@ def test_the_same_pair_twice_is_no_error() -> None:
     m = right_model()
     m.again = Complementarity(expr=complements(m.x[1] >= 0, m.y[1] >= 0))
     m.swapped = Complementarity(expr=complements(m.y[1], m.x[1]))
-    relaxation().apply_to(m)
-    assert len(relaxation().shifted_rows_of(m)) == 5
+    RELAX.apply_to(m)
+    assert len(RELAX.shifted_rows_of(m)) == 5
     nl_text(m)
 
 
 def test_a_variable_may_be_at_either_of_its_bounds() -> None:
     m = right_model()
     m.either = Complementarity(expr=complements(m.box, m.box, first_bound="lower", second_bound="upper"))
-    relaxation().apply_to(m)
-    assert pyo.value(relaxation().rows_of(m.either)[0].body) == 0.25
+    RELAX.apply_to(m)
+    assert pyo.value(RELAX.rows_of(m.either)[0].body) == 0.25
 
 
 def test_a_fixed_integer_is_a_number() -> None:
     m = right_model()
     m.count.fix(2)
     m.scaled = Complementarity(expr=complements(m.count * m.x[1] >= 0, m.y[1] >= 0))
-    relaxation().apply_to(m)
+    RELAX.apply_to(m)
     nl_text(m)
 
 
@@ -277,14 +277,13 @@ def test_what_pairs_share_is_checked_with_the_first_and_what_is_their_own_with_e
     m.good = Complementarity(
         [1, 2, 3], rule=lambda m, i: complements(m.shared + factors[i] * m.x >= 0, m.shared + m.y >= 0)
     )
-    relax = pyo.TransformationFactory("pyrobocop.relax_complementarity")
     with pytest.raises(ComplementarityError, match=r"^'good\[3\]': a coefficient is NaN"):
-        relax.apply_to(m)
+        RELAX.apply_to(m)
     m.good[3].deactivate()
     m.y.set_value(NAN, skip_validation=True)
     with pytest.raises(ComplementarityError, match=r"^'good\[1\]': the value of variable 'y' is NaN"):
-        relax.apply_to(m)
+        RELAX.apply_to(m)
     m.y.set_value(1)
     m.y.domain = pyo.Integers
     with pytest.raises(ComplementarityError, match=r"^'good\[1\]': holds the discrete variable 'y'"):
-        relax.apply_to(m)
+        RELAX.apply_to(m)

@@ -9,6 +9,7 @@ import numpy as np
 import pyomo.environ as pyo
 import pyomo.mpec as mpec
 import pytest
+from harness.checked import unchanged
 from mpcc_catalogue.branches import enumerate_branches
 from pyomo.gdp import Disjunct, Disjunction
 from pyomo.repn.plugins.lp_writer import LPWriter
@@ -16,7 +17,7 @@ from pyomo.repn.plugins.lp_writer import LPWriter
 from pyrobocop_pyomo.complementarity import Complementarity, active_pairs, complements
 from pyrobocop_pyomo.errors import ComplementarityError
 
-from .harness import deactivate_pairs, relaxation, state, text_without_pairs
+from .harness import RELAX, deactivate_pairs, state, text_without_pairs
 
 REFORMULATIONS = ["gdp.bigm", "gdp.hull"]
 
@@ -152,12 +153,11 @@ def test_a_relaxation_and_disjunctions_live_side_by_side(choose):
     m = model()
     m.n.fix(1)
     before = state(m)
-    relax = relaxation()
-    relax.apply_to(m, targets=m.part)
+    RELAX.apply_to(m, targets=m.part)
     choose.apply_to(m)
-    assert len(relax.shifted_rows_of(m)) == 2
+    assert len(RELAX.shifted_rows_of(m)) == 2
     choose.revert(m)
-    relax.revert(m)
+    RELAX.revert(m)
     assert state(m) == before
 
 
@@ -218,7 +218,5 @@ def not_a_number(m: Any) -> None:
 def test_a_failure_leaves_the_model_as_it_was(choose, spoil, words):
     m = model()
     spoil(m)
-    before = state(m)
-    with pytest.raises(ValueError, match=words):
+    with unchanged(state, m), pytest.raises(ValueError, match=words):
         choose.apply_to(m)
-    assert state(m) == before

@@ -2,7 +2,7 @@
 
 import pyomo.environ as pyo
 import pytest
-from harness.phases import integrator
+from harness.phases import integrator, one_phase
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -72,14 +72,11 @@ def test_a_decided_pair_is_decided_before_the_solve():
 
 
 def test_it_is_stated_in_a_phase_and_verified():
-    m = pyo.ConcreteModel()
-    m.move = b = rcp.PhaseBlock(duration=1.0, elements=2, scheme="implicit_euler")
+    _, b = one_phase("move", duration=1.0, elements=2, scheme="implicit_euler")
     b.x, b.force = rcp.State(initial=0.0), rcp.Control(bounds=(0, None))
     b.ode(lambda b, t: {b.x: b.force[t] - 1.0})
 
-    @b.complementarity
-    def sticking(b, t):
-        return rcp.either_zero(b.force[t] >= 0, b.x[t])
+    b.complementarity(lambda b, t: rcp.either_zero(b.force[t] >= 0, b.x[t]), name="sticking")
 
     times = list(b.time)
     for t, (x, force) in zip(times, [(0.0, 0.0), (0.0, 1.0), (-0.5, 0.0)], strict=True):

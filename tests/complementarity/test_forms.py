@@ -19,7 +19,7 @@ from pyrobocop_pyomo.complementarity import (
 )
 from pyrobocop_pyomo.errors import ComplementarityError
 
-from .harness import relaxation, round_trip, state
+from .harness import RELAX, round_trip, state
 
 BOTH = pytest.mark.parametrize("component", [Complementarity, mpec.Complementarity], ids=["ours", "pyomo.mpec"])
 whole = st.integers(-3, 3)
@@ -141,15 +141,15 @@ def test_two_parameters_may_move_apart_and_stay_two_bounds_of_a_variable(f, othe
 
 @pytest.mark.parametrize("grouping", ["pair", "element"])
 def test_a_decided_pair_is_relaxed_to_its_row_and_reverted(grouping):
-    m, relax = two_variables(1, 1), relaxation()
+    m = two_variables(1, 1)
     m.itself = Complementarity(expr=complements(m.f >= 0, m.f >= 0))
     m.pair = Complementarity(expr=complements(m.f + 1 >= 0, m.h >= 0))
     before = state(m)
-    token = relax.apply_to(m, grouping=grouping)
-    (row,) = relax.rows_of(m.itself)
+    token = RELAX.apply_to(m, grouping=grouping)
+    (row,) = RELAX.rows_of(m.itself)
     assert (row.body, row.lower, row.upper) == (m.f, 0, 0)
-    assert len(relax.relaxation_rows_of(m)) == 1
-    relax.revert(m, token)
+    assert len(RELAX.relaxation_rows_of(m)) == 1
+    RELAX.revert(m, token)
     assert state(m) == before
 
 
@@ -243,15 +243,14 @@ def test_the_rows_of_a_range_bound_what_h_is_beyond_zero_by_delta(f, h, delta):
     """Each row is the bound of one part's product; the parts are variables that start at the parts of H."""
     m = two_variables(f, h)
     m.cc = Complementarity(expr=complements(pyo.inequality(m.lo, m.f, m.up), m.h))
-    relax = relaxation()
-    relax.apply_to(m, delta=delta)
-    *products, lower, parts, upper = relax.rows_of(m.cc)  # the sides of the first part, and what makes both parts
-    for row, residual in zip(products, relax.residuals(m), strict=True):
+    RELAX.apply_to(m, delta=delta)
+    *products, lower, parts, upper = RELAX.rows_of(m.cc)  # the sides of the first part, and what makes both parts
+    for row, residual in zip(products, RELAX.residuals(m), strict=True):
         assert pyo.value(row.body) == pytest.approx(residual.product)
     assert pyo.value(parts.body) == pytest.approx(0.0) == parts.ub
     assert (lower.lb, upper.ub) == (-1, 2)
     assert lower.body is upper.body is m.f
-    assert [row.ub for row in relax.shifted_rows_of(m)] == [delta, delta]
+    assert [row.ub for row in RELAX.shifted_rows_of(m)] == [delta, delta]
 
 
 def mixed() -> Any:
@@ -276,33 +275,33 @@ def mixed() -> Any:
 
 
 def test_every_form_is_relaxed_and_reverted():
-    m, relax = mixed(), relaxation()
+    m = mixed()
     m.maybe.deactivate()
     round_trip(m)
     m.maybe.activate()
-    relax.apply_to(m)
-    rows = list(relax.shifted_rows_of(m))
+    RELAX.apply_to(m)
+    rows = list(RELAX.shifted_rows_of(m))
     # Two for each of the six ranges, one for the signed and one for the single pair.
     assert len(rows) == 14
-    assert {relax.sources_of(row)[0].name for row in rows} == {
+    assert {RELAX.sources_of(row)[0].name for row in rows} == {
         *("family[1]", "family[2]", "range", "signed", "single"),
         *("part[1].cc[2]", "part[2].cc[2]", "maybe.cc"),
     }
-    assert len(relax.rows_of(m.maybe.equal)) == 1
+    assert len(RELAX.rows_of(m.maybe.equal)) == 1
 
 
 @pytest.mark.parametrize("options", [{"relaxation": "penalty"}, {"grouping": "element"}, {"lift": True}], ids=str)
 def test_the_products_of_a_range_are_summed_and_penalised_like_others(options):
     """With its free side split into parts, none of which is negative, no product cancels another."""
-    m, relax = two_variables(-3, 4), relaxation()
+    m = two_variables(-3, 4)
     m.range = Complementarity(expr=complements(pyo.inequality(m.lo, m.f, m.up), m.h))
     m.cost = pyo.Objective(expr=m.f)
     before = state(m)
-    token = relax.apply_to(m, delta=0.5, **options)
-    total = sum(residual.product for residual in relax.residuals(m))
+    token = RELAX.apply_to(m, delta=0.5, **options)
+    total = sum(residual.product for residual in RELAX.residuals(m))
     if options.get("relaxation") == "penalty":
         assert pyo.value(token.block.objective) == pytest.approx(m.f.value + total / 0.5)
     else:
-        assert sum(pyo.value(row.body) for row in relax.shifted_rows_of(m)) == pytest.approx(total)
-    relax.revert(m, token)
+        assert sum(pyo.value(row.body) for row in RELAX.shifted_rows_of(m)) == pytest.approx(total)
+    RELAX.revert(m, token)
     assert state(m) == before

@@ -2,6 +2,7 @@
 
 import pyomo.environ as pyo
 import pytest
+from harness.phases import one_phase
 from hypothesis import given
 from hypothesis import strategies as st
 from pyomo.dae import ContinuousSet, DerivativeVar
@@ -18,7 +19,7 @@ from pyrobocop_pyomo.complementarity import (
 )
 from pyrobocop_pyomo.errors import ComplementarityError
 
-from .harness import relaxation, stages
+from .harness import RELAX, stages
 
 amounts = st.lists(st.floats(0.0, 10.0), min_size=8, max_size=8)
 
@@ -26,18 +27,17 @@ amounts = st.lists(st.floats(0.0, 10.0), min_size=8, max_size=8)
 @given(values=amounts)
 def test_crossed_products_are_penalised_with_the_mean_weight(values):
     m = stages(values)
-    token = relaxation().apply_to(m, grouping="crossed", relaxation="penalty", delta=0.25)
+    token = RELAX.apply_to(m, grouping="crossed", relaxation="penalty", delta=0.25)
     products = sum(values[2 * i + j] * values[4 + 2 * i + k] for i in (0, 1) for j in (0, 1) for k in (0, 1))
     assert pyo.value(token.block.objective) == pytest.approx(values[0] + 0.5 * products / 0.25, abs=1e-9)
 
 
 def test_a_crossed_row_comes_from_the_pairs_of_both_sides():
     m = stages()
-    relax = relaxation()
-    relax.apply_to(m, grouping="crossed")
-    names = {tuple(source.index() for source in relax.sources_of(row)) for row in relax.shifted_rows_of(m)}
+    RELAX.apply_to(m, grouping="crossed")
+    names = {tuple(source.index() for source in RELAX.sources_of(row)) for row in RELAX.shifted_rows_of(m)}
     assert names == {((i, j), (i, k)) if j != k else ((i, j),) for i in (0, 1) for j in (0, 1) for k in (0, 1)}
-    assert len(relax.rows_of(m.cc[0, 0])) == 3
+    assert len(RELAX.rows_of(m.cc[0, 0])) == 3
 
 
 def test_all_pairs_share_one_row_and_those_of_a_block_one_each():
@@ -57,8 +57,7 @@ def test_an_unknown_way_to_begin_is_refused():
 
 def phase(elements=3, stages=2, statements=2):
     """A rule that returns a list: one component, several statements at each time."""
-    m = pyo.ConcreteModel(name="listed")
-    m.phase = b = rcp.PhaseBlock(duration=1.0, elements=elements, stages=stages)
+    m, b = one_phase("phase", model="listed", duration=1.0, elements=elements, stages=stages)
     for i in range(statements):
         b.declare(f"a{i}", rcp.Algebraic(bounds=(0, None), initial_guess=lambda t, i=i: 1 + i + t))
         b.declare(f"b{i}", rcp.Algebraic(bounds=(0, None), initial_guess=lambda t, i=i: 2 - i / 3 - t))
@@ -98,44 +97,40 @@ def test_with_one_stage_and_no_left_end_crossed_is_pair_by_pair():
     written = []
     for grouping in ("crossed", "pair"):
         m = phase(elements=4, stages=1)
-        relaxation().apply_to(m, grouping=grouping)
-        written.append(sorted(str(row.expr) for row in relaxation().shifted_rows_of(m)))
+        RELAX.apply_to(m, grouping=grouping)
+        written.append(sorted(str(row.expr) for row in RELAX.shifted_rows_of(m)))
     assert written[0] == written[1]
 
 
 @pytest.mark.parametrize("left_end", ["first", "second"])
 def test_left_ends_do_not_depend_on_the_order_in_which_pairs_came(left_end):
     m = phase()
-    relax = relaxation()
-    relax.apply_to(m, grouping=Crossed(left_end=left_end), targets=list(m.phase.both.values())[::-1])
+    RELAX.apply_to(m, grouping=Crossed(left_end=left_end), targets=list(m.phase.both.values())[::-1])
     in_order = phase()
-    relax.apply_to(in_order, grouping=Crossed(left_end=left_end))
-    assert sorted(str(row.expr) for row in relax.shifted_rows_of(m)) == sorted(
-        str(row.expr) for row in relax.shifted_rows_of(in_order)
+    RELAX.apply_to(in_order, grouping=Crossed(left_end=left_end))
+    assert sorted(str(row.expr) for row in RELAX.shifted_rows_of(m)) == sorted(
+        str(row.expr) for row in RELAX.shifted_rows_of(in_order)
     )
     apart = phase()
-    relax.apply_to(
+    RELAX.apply_to(
         apart,
         grouping=Crossed(left_end=left_end),
         targets=[pair.source for pair in active_pairs(apart) if pair.group != 1],
     )
-    assert len(relax.shifted_rows_of(apart)) == 2 * 2 * 4  # the element before the last is missing: no left end
+    assert len(RELAX.shifted_rows_of(apart)) == 2 * 2 * 4  # the element before the last is missing: no left end
 
 
 def test_elements_without_numbers_have_no_left_ends():
     m = stages()
     m.cc[0, 0].set_group("swing")
     with pytest.raises(ComplementarityError, match=r"'cc\[0,0\]': its group label is 'swing'.*Number the elements"):
-        relaxation().apply_to(m, grouping=Crossed(left_end="first"))
+        RELAX.apply_to(m, grouping=Crossed(left_end="first"))
 
 
 def test_families_are_positions_and_keys_of_answers_and_what_the_user_says():
     m = phase()
     assert {pair.family for pair in m.phase.both.values()} == {(0,), (1,)}
-    m = pyo.ConcreteModel()
-    m.I = pyo.Set(initialize=[0, 1])
-    m.a = pyo.Var(m.I, m.I, bounds=(0, None))
-    m.b = pyo.Var(m.I, m.I, bounds=(0, None))
+    m = stages()
     options = {"rule": lambda m, i, k: complements(m.a[i, k], m.b[i, k])}
     m.by_default = Complementarity(m.I, m.I, **options)
     m.given = Complementarity(m.I, m.I, family=lambda m, i, k: i, **options)
@@ -166,9 +161,9 @@ def test_the_family_of_a_pair_over_a_continuous_set_is_the_rest_of_its_index():
 
 def test_products_without_a_shift_are_bounded_by_themselves():
     m = stages()
-    relaxation().apply_to(m, grouping="all", relaxation=KanzowSchwartz(), delta=0.4)
+    RELAX.apply_to(m, grouping="all", relaxation=KanzowSchwartz(), delta=0.4)
     alone = stages()
-    relaxation().apply_to(alone, relaxation=KanzowSchwartz(), delta=0.4)
-    assert [str(row.expr) for row in relaxation().relaxation_rows_of(m)] == [
-        str(row.expr) for row in relaxation().relaxation_rows_of(alone)
+    RELAX.apply_to(alone, relaxation=KanzowSchwartz(), delta=0.4)
+    assert [str(row.expr) for row in RELAX.relaxation_rows_of(m)] == [
+        str(row.expr) for row in RELAX.relaxation_rows_of(alone)
     ]

@@ -6,6 +6,7 @@ import pyomo.dae as dae
 import pyomo.environ as pyo
 import pyomo.mpec as mpec
 import pytest
+from harness.checked import unchanged
 from hypothesis import given
 from hypothesis import strategies as st
 from pyomo.gdp import Disjunct, Disjunction
@@ -14,12 +15,7 @@ from pyrobocop_pyomo.complementarity import Complementarity, active_pairs, compl
 from pyrobocop_pyomo.complementarity.lifting import part_values, side_variable
 from pyrobocop_pyomo.errors import ComplementarityError
 
-from .harness import nl_text, relaxation, state
-
-
-@pytest.fixture
-def relax():
-    return relaxation()
+from .harness import RELAX, nl_text, state
 
 
 @pytest.fixture
@@ -35,16 +31,15 @@ def choice():
     return m
 
 
-def test_pairs_in_a_disjunct_are_refused_until_it_is_chosen(choice, relax):
-    before = state(choice)
-    with pytest.raises(ComplementarityError, match=r"'left\.cc': lies in the disjunct 'left'"):
-        relax.apply_to(choice)
-    assert state(choice) == before
+def test_pairs_in_a_disjunct_are_refused_until_it_is_chosen(choice):
+    message = r"'left\.cc': lies in the disjunct 'left'"
+    with unchanged(state, choice), pytest.raises(ComplementarityError, match=message):
+        RELAX.apply_to(choice)
     choice.left.indicator_var.fix(True)
     choice.right.indicator_var.fix(False)
     pyo.TransformationFactory("gdp.fix_disjuncts").apply_to(choice)
-    relax.apply_to(choice)
-    assert len(relax.shifted_rows_of(choice)) == 2
+    RELAX.apply_to(choice)
+    assert len(RELAX.shifted_rows_of(choice)) == 2
     nl_text(choice)
 
 
@@ -53,7 +48,7 @@ def test_pairs_in_a_disjunct_are_refused_until_it_is_chosen(choice, relax):
     [(mpec.Complementarity, mpec.complements), (Complementarity, complements)],
     ids=["pyomo.mpec", "ours"],
 )
-def test_pairs_in_blocks_over_time_survive_discretisation(component, pair, relax):
+def test_pairs_in_blocks_over_time_survive_discretisation(component, pair):
     m = pyo.ConcreteModel()
     m.t = dae.ContinuousSet(bounds=(0, 1))
     m.x = pyo.Var(m.t, bounds=(0, None), initialize=1)
@@ -69,12 +64,12 @@ def test_pairs_in_blocks_over_time_survive_discretisation(component, pair, relax
     m.contact = pyo.Block(m.t, rule=at)
     pyo.TransformationFactory("dae.collocation").apply_to(m, nfe=3, ncp=2)
     assert len(active_pairs(m)) == 2 * len(m.t)
-    relax.apply_to(m, grouping="element")
-    assert len(relax.shifted_rows_of(m)) == len(m.t)
+    RELAX.apply_to(m, grouping="element")
+    assert len(RELAX.shifted_rows_of(m)) == len(m.t)
     nl_text(m)
 
 
-def test_the_kkt_conditions_of_pyomo_are_taken(relax):
+def test_the_kkt_conditions_of_pyomo_are_taken():
     m = pyo.ConcreteModel()
     m.x = pyo.Var(bounds=(0, 3), initialize=1)
     m.y = pyo.Var(initialize=1)
@@ -86,8 +81,8 @@ def test_the_kkt_conditions_of_pyomo_are_taken(relax):
     assert len(pairs) == 5
     # At x = y = 1, by hand: slacks 4 - 2, 0 + 1, 2 - 0, 1 - 0, 3 - 1.
     assert sorted(pyo.value(pair.b) for pair in pairs) == [1, 1, 2, 2, 2]
-    relax.apply_to(m)
-    assert len(relax.shifted_rows_of(m)) == 5
+    RELAX.apply_to(m)
+    assert len(RELAX.shifted_rows_of(m)) == 5
 
 
 @dataclass(frozen=True)
@@ -98,14 +93,13 @@ class Forgetful:
         return [("first", list(pairs[:1]))]
 
 
-def test_a_grouping_that_loses_pairs_is_refused(relax):
+def test_a_grouping_that_loses_pairs_is_refused():
     m = pyo.ConcreteModel()
     m.x, m.y = pyo.Var(bounds=(0, None)), pyo.Var(bounds=(0, None))
     m.pairs = Complementarity([1, 2], rule=lambda m, i: complements(m.x >= 0, m.y <= i))
-    before = state(m)
-    with pytest.raises(ComplementarityError, match=r"Forgetful\(\) put 1 pairs into groups, of 2 pairs"):
-        relax.apply_to(m, grouping=Forgetful())
-    assert state(m) == before
+    message = r"Forgetful\(\) put 1 pairs into groups, of 2 pairs"
+    with unchanged(state, m), pytest.raises(ComplementarityError, match=message):
+        RELAX.apply_to(m, grouping=Forgetful())
 
 
 # --------------------------------------------------------------------
@@ -180,38 +174,29 @@ def test_the_parts_of_an_affine_side_are_those_of_its_value(terms, constant, par
 
 def test_only_sides_that_are_no_variables_are_lifted_and_their_products_are_bilinear():
     m = mixed()
-    relax = relaxation()
-    token = relax.apply_to(m, lift=True)
+    token = RELAX.apply_to(m, lift=True)
     assert len(token.block.lifted) == 2
     assert all(variable.lb == 0 and variable.ub is None for variable in token.block.lifted.values())
-    assert {row.body.polynomial_degree() for row in relax.shifted_rows_of(m)} == {2}
+    assert {row.body.polynomial_degree() for row in RELAX.shifted_rows_of(m)} == {2}
     # y >= p, z <= 4 and x <= 10: plain variables, of which only x has the bound itself.
     assert len(token.block.sides) == 2
     assert len(token.block.definitions) == 2
     for row in token.block.definitions.values():
         assert row.equality
-        assert relax.sources_of(row)[0] in (m.reversed, m.curved)
-        assert row in relax.rows_of(relax.sources_of(row)[0])
+        assert RELAX.sources_of(row)[0] in (m.reversed, m.curved)
+        assert row in RELAX.rows_of(RELAX.sources_of(row)[0])
 
 
 def test_the_relaxation_rows_are_those_of_products_alone():
     m = mixed()
-    relax = relaxation()
-    token = relax.apply_to(m, lift=True)
-    assert relax.relaxation_rows_of(m) == relax.shifted_rows_of(m) == list(token.block.rows.values())
+    token = RELAX.apply_to(m, lift=True)
+    assert RELAX.relaxation_rows_of(m) == RELAX.shifted_rows_of(m) == list(token.block.rows.values())
     next(iter(token.block.rows.values())).deactivate()
-    assert len(relax.relaxation_rows_of(m)) == 2
+    assert len(RELAX.relaxation_rows_of(m)) == 2
 
 
 def test_a_side_without_a_value_starts_at_zero():
     m = mixed()
     m.z.set_value(None)
-    token = relaxation().apply_to(m, lift=True)
+    token = RELAX.apply_to(m, lift=True)
     assert sorted(variable.value for variable in token.block.lifted.values()) == [0, 5]
-
-
-def test_without_lifting_there_are_no_lifted_pairs():
-    m = mixed()
-    relax = relaxation()
-    relax.apply_to(m)
-    assert relax.lifted_pairs_of(m) == []

@@ -51,7 +51,7 @@ def accepts(relaxation, a, b, delta, margin=0.0):
 
 @pytest.mark.parametrize("relaxation", BOUNDING, ids=str)
 @given(a=signed, b=signed, delta=deltas)
-def test_floats_arrays_and_expressions_give_the_same_numbers(relaxation, a, b, delta):
+def test_floats_arrays_expressions_and_swapped_sides_give_the_same_numbers(relaxation, a, b, delta):
     """The formulas themselves are in the documentation: tests/docs/test_relaxation_formulas.py compares with them."""
     expected = relaxation.residual(a, b, delta)
     m = pyo.ConcreteModel()
@@ -60,12 +60,7 @@ def test_floats_arrays_and_expressions_give_the_same_numbers(relaxation, a, b, d
     arrays = relaxation.residual(np.array([a, a]), np.array([b, b]), delta)
     found = [pyo.value(relaxation.residual(m.a, m.b, m.delta)), *arrays]
     assert found == pytest.approx([expected] * 3, abs=1e-9)
-
-
-@pytest.mark.parametrize("relaxation", BOUNDING, ids=str)
-@given(a=signed, b=signed, delta=deltas)
-def test_swapping_the_sides_changes_nothing(relaxation, a, b, delta):
-    assert relaxation.residual(a, b, delta) == pytest.approx(relaxation.residual(b, a, delta), abs=1e-12)
+    assert relaxation.residual(b, a, delta) == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize("relaxation", BOUNDING, ids=str)

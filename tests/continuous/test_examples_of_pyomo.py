@@ -34,7 +34,6 @@ def optimum(m):
     return cost(m)
 
 
-@pytest.mark.casadi
 @pytest.mark.parametrize(
     ("name", "elements"),
     [("parameter_estimation", 6), ("car", 8), ("distillation", 10), ("disease", 8)],
@@ -48,7 +47,6 @@ def test_optimum_is_that_of_dae_collocation(name, elements):
     assert found[0] == pytest.approx(found[1], rel=1e-6, abs=1e-8)
 
 
-@pytest.mark.casadi
 @pytest.mark.parametrize("points", [1, 2])
 @pytest.mark.parametrize("name", ["optimal_control", "path_constraint"])
 def test_fewer_points_of_a_control(name, points):
@@ -65,7 +63,6 @@ def test_fewer_points_of_a_control(name, points):
         assert first == pytest.approx([first[0]] * 4)
 
 
-@pytest.mark.casadi
 def test_two_scenarios_of_a_gas_pipe():
     """Differences in space, collocation in time; a steady start, and one decision until the scenarios part."""
     found = []
@@ -99,7 +96,6 @@ def test_fewer_points_that_cannot_be():
         discretiser.reduce_collocation_points(m, var=m.u, ncp=1, contset=m.t)
 
 
-@pytest.mark.casadi
 def test_jobs_in_an_order_that_is_still_to_be_chosen():
     found = []
     for transformation in (OURS, THEIRS):
@@ -112,7 +108,6 @@ def test_jobs_in_an_order_that_is_still_to_be_chosen():
     assert found[0] == pytest.approx(found[1], rel=1e-6)
 
 
-@pytest.mark.casadi
 def test_start_from_the_simulator_of_pyomo():
     """The simulator reads the model before the transformation, and gives initial values after it."""
     m = pyomo_examples.pendulum()

@@ -5,6 +5,7 @@ from typing import Any
 
 import pyomo.environ as pyo
 import pytest
+from harness.checked import solution
 from harness.dae import sizes
 
 import pyrobocop_pyomo as rcp
@@ -42,8 +43,7 @@ def discretised(name: str, way: str, before: bool = False, **options: Any) -> An
 
 
 def solved_output(name: str, m: Any) -> list[float]:
-    result = rcp.solve(m, progress=False, options={"tol": 1e-10})
-    result.raise_for_status()
+    result = solution(m, options={"tol": 1e-10})
     assert result.doubts == ()
     return [output(name, m, t) for t in (0, HORIZON / 2, HORIZON)]
 
@@ -123,8 +123,7 @@ def test_scaling_factors_of_idaes_are_used() -> None:
     scaling = idaes("idaes.core.util.scaling")
     scaling.set_scaling_factor(temperature, 1 / 250)
     scaling.calculate_scaling_factors(m.fs)
-    result = rcp.solve(m, progress=False)
-    result.raise_for_status()
+    result = solution(m)
     assert result.scaling is not None
     assert result.scaling.variables[temperature.name] == pytest.approx(250)
     assert output("reactor", m, 0) == pytest.approx(REACTOR_STEADY, rel=1e-6)

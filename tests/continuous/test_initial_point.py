@@ -41,12 +41,7 @@ def reactor(explicit=False):
     return m
 
 
-def feed_at(t):
-    return FEED if t == 0 else FEED / 2
-
-
-def steady_content():
-    return brentq(lambda c: FLOW * FEED - FLOW * c - RATE * VOLUME * c**2, 0, FEED)
+STEADY = brentq(lambda c: FLOW * FEED - FLOW * c - RATE * VOLUME * c**2, 0, FEED)
 
 
 def content_at_the_end():
@@ -56,14 +51,21 @@ def content_at_the_end():
         c = n / VOLUME
         return FLOW * FEED / 2 - FLOW * c - RATE * VOLUME * c**2
 
-    answer = solve_ivp(rate, (0, HORIZON), [VOLUME * steady_content()], rtol=1e-11, atol=1e-11)
+    answer = solve_ivp(rate, (0, HORIZON), [VOLUME * STEADY], rtol=1e-11, atol=1e-11)
     return answer.y[0, -1] / VOLUME
 
 
 def fix_inputs(m):
     for t in m.t:
-        m.feed[t].fix(feed_at(t))
+        m.feed[t].fix(FEED if t == 0 else FEED / 2)
     m.volume.fix(VOLUME)
+
+
+def content_at_the_start(m):
+    """Of a model that its inputs make square."""
+    fix_inputs(m)
+    assert free_variables(m) == 0
+    return solved(m).content[0].value
 
 
 # Every two of these choices meet, in 12 of 48 cases.
@@ -83,11 +85,8 @@ def test_a_steady_start_is_a_condition_whenever_it_is_stated(scheme, derivatives
     if fixed_before[1]:
         m.accumulation[0].fix(0)
     OURS.apply_to(m, wrt=m.t, nfe=16, ncp=3, scheme=scheme, derivatives=derivatives)
-    fix_inputs(m)
     m.accumulation[0].fix(0)
-    assert free_variables(m) == 0
-    solved(m)
-    assert m.content[0].value == pytest.approx(steady_content(), rel=1e-8)
+    assert content_at_the_start(m) == pytest.approx(STEADY, rel=1e-8)
     assert m.accumulation[0].value == 0
     if scheme != "lobatto":  # the feed jumps at a stage of it
         assert m.content[HORIZON].value == pytest.approx(content_at_the_end(), rel=1e-6)
@@ -99,24 +98,19 @@ def test_a_steady_start_as_a_row(explicit):
     m = reactor(explicit)
     m.steady = pyo.Constraint(expr=m.accumulation[0] == 0)
     OURS.apply_to(m, wrt=m.t, nfe=16)
-    fix_inputs(m)
-    assert free_variables(m) == 0
-    assert solved(m).content[0].value == pytest.approx(steady_content(), rel=1e-8)
+    assert content_at_the_start(m) == pytest.approx(STEADY, rel=1e-8)
 
 
 @pytest.mark.casadi
 def test_a_derivative_that_is_freed_again():
     m = reactor(explicit=True)
     OURS.apply_to(m, wrt=m.t, nfe=8)
-    fix_inputs(m)
     m.accumulation[0].fix(0)
     assert m.accumulation[0].fixed
     m.accumulation[0].unfix()
     assert not m.accumulation[0].fixed
     m.holdup[0].fix(3.0)
-    assert free_variables(m) == 0
-    solved(m)
-    assert m.content[0].value == pytest.approx(2.0)
+    assert content_at_the_start(m) == pytest.approx(2.0)
     assert m.accumulation[0].value == pytest.approx(FLOW * FEED - FLOW * 2 - RATE * VOLUME * 4)
 
 
@@ -127,28 +121,8 @@ def test_a_steady_start_survives_another_mesh_and_a_copy():
     m.accumulation[0].fix(0)
     OURS.apply_to(m, wrt=m.t, nfe=16)
     m = m.clone()
-    fix_inputs(m)
     assert m.accumulation[0].fixed
-    assert free_variables(m) == 0
-    assert solved(m).content[0].value == pytest.approx(steady_content(), rel=1e-8)
-
-
-@pytest.mark.casadi
-@pytest.mark.parametrize("before", [True, False])
-def test_a_rate_beside_a_state_decides_on_the_control_at_the_start_alone(before):
-    found = []
-    for fixes in (False, True):
-        m = driven_tank(initialize=0)
-        m.effort = Integral(m.t, rule=lambda m, t: (m.x[t] - 2) ** 2 + m.u[t] ** 2)
-        m.cost = pyo.Objective(expr=m.effort)
-        if fixes and before:
-            m.dx[0].fix(0.25)
-        OURS.apply_to(m, nfe=4)
-        if fixes and not before:
-            m.dx[0].fix(0.25)
-        found.append(pyo.value(solved(m).cost))
-    assert m.u[0].value == pytest.approx(1.25)
-    assert found[0] == pytest.approx(found[1], abs=1e-9)
+    assert content_at_the_start(m) == pytest.approx(STEADY, rel=1e-8)
 
 
 @pytest.mark.casadi
@@ -196,7 +170,7 @@ def test_scaled_copies_know_what_is_fixed():
     scaled = scaling.create_using(m, rename=False)
     assert free_variables(scaled) == 0
     scaling.propagate_solution(solved(scaled), m)
-    assert m.content[0].value == pytest.approx(steady_content(), rel=1e-8)
+    assert m.content[0].value == pytest.approx(STEADY, rel=1e-8)
 
 
 @pytest.mark.casadi
@@ -260,11 +234,10 @@ def test_an_inconsistent_start_of_higher_index_is_said_by_name():
 def test_a_condition_at_the_start_holds_through_every_solver_of_pyomo(solver):
     m = reactor()
     OURS.apply_to(m, wrt=m.t, nfe=10, ncp=3)
-    for t in m.t:
-        m.feed[t].fix(feed_at(t)), m.volume[t].fix(VOLUME)
+    fix_inputs(m)
     m.accumulation[0].fix(0)
     pyo.SolverFactory(solver).solve(m)
-    assert m.content[0].value == pytest.approx(steady_content(), rel=1e-6)
+    assert m.content[0].value == pytest.approx(STEADY, rel=1e-6)
     assert m.content[HORIZON].value == pytest.approx(content_at_the_end(), rel=1e-6)
 
 
@@ -324,12 +297,16 @@ def test_shown_values_change_no_answer():
 
 
 @pytest.mark.casadi
-@pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("end", [0, 2])
-def test_fixed_algebraic_is_a_condition_on_the_state(scheme, end):
+@pytest.mark.parametrize(
+    ("end", "scheme", "as_row"), [*product((0, 2), SCHEMES, [False]), (0, "radau", True), (0, "gauss", True)]
+)
+def test_a_given_algebraic_is_a_condition_on_the_state(end, scheme, as_row):
     m = regulator()
     m.u.fix(0.5)
-    m.y[end].fix(4)
+    if as_row:
+        m.given = pyo.Constraint(expr=m.y[end] == 4)
+    else:
+        m.y[end].fix(4)
     OURS.apply_to(m, nfe=3, scheme=scheme)
     solved(m)
     assert abs(m.x[end].value) == pytest.approx(2)
@@ -337,26 +314,21 @@ def test_fixed_algebraic_is_a_condition_on_the_state(scheme, end):
 
 
 @pytest.mark.casadi
-@pytest.mark.parametrize("scheme", ["radau", "gauss"])
-def test_row_of_its_own_for_an_algebraic_at_the_start(scheme):
-    m = regulator()
-    m.u.fix(0.5)
-    m.given = pyo.Constraint(expr=m.y[0] == 4)
-    OURS.apply_to(m, nfe=3, scheme=scheme)
-    assert abs(solved(m).x[0].value) == pytest.approx(2)
-
-
-@pytest.mark.casadi
-def test_control_that_is_fixed_at_the_start_alone():
+@pytest.mark.parametrize("what", ["u", "dx"])
+@pytest.mark.parametrize("before", [True, False])
+def test_a_control_or_a_rate_that_is_fixed_decides_on_the_start_alone(before, what):
     found = []
-    for fixed in (False, True):
+    for fixes in (False, True):
         m = regulator()
         m.x[0].fix(1)
-        if fixed:
-            m.u[0].fix(0.7)
-        OURS.apply_to(m, nfe=4)
+        for after in (False, True):
+            if fixes and before is not after:
+                m.component(what)[0].fix(0.7)
+            if not after:
+                OURS.apply_to(m, nfe=4)
         found.append(pyo.value(solved(m).cost))
-    assert m.u[0].value == m.dx[0].value == 0.7
+    assert m.u[0].value == pytest.approx(0.7)
+    assert m.dx[0].value == pytest.approx(0.7)
     assert found[0] == pytest.approx(found[1], abs=1e-9)
 
 

@@ -8,7 +8,7 @@ import pytest
 from catalogue.dae_models import CASES, oscillator, rectifier, two_phases
 from harness.convergence import observed_order
 from harness.dae import driven_tank, free_variables, solved
-from harness.dae import driven_tank as tank
+from harness.phases import one_phase
 from pyomo.dae import ContinuousSet, DerivativeVar, Integral
 from pyomo.gdp import Disjunct
 
@@ -121,8 +121,7 @@ def test_optimum_is_that_of_a_phase(scheme, derivatives):
     COLLOCATION.apply_to(m, mesh=boundaries, scheme=scheme, derivatives=derivatives)
     solved(m)
 
-    n = pyo.ConcreteModel(name="phase")
-    n.phase = b = rcp.PhaseBlock(duration=3, mesh=boundaries, scheme=scheme)
+    n, b = one_phase("phase", model="phase", duration=3, mesh=boundaries, scheme=scheme)
     b.x, b.u = rcp.State(initial=1, initial_guess=1), rcp.Control(bounds=(-0.6, 5))
     b.ode(lambda b, t: {b.x: b.u[t] - 0.2 * b.x[t] ** 3})
     n.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] ** 2 + b.u[t] ** 2))
@@ -179,7 +178,7 @@ def test_a_pair_holds_at_the_first_point_too(scheme):
 
 
 def test_equation_of_a_disjunct_stays_there():
-    m = tank(initialize=0)
+    m = driven_tank(initialize=0)
     m.del_component(m.ode)
     m.on = Disjunct()
     m.on.ode = pyo.Constraint(m.t, rule=lambda d, t: d.model().dx[t] == d.model().u[t])
@@ -189,7 +188,7 @@ def test_equation_of_a_disjunct_stays_there():
 
 
 def test_bounded_or_otherwise_used_derivatives_stay_variables():
-    m = tank(initialize=0)
+    m = driven_tank(initialize=0)
     m.slow = pyo.Constraint(m.t, rule=lambda m, t: m.dx[t] <= 1)
     m.y = pyo.Var(m.t * pyo.Set(initialize=["a"]), initialize=0)
     m.dy = DerivativeVar(m.y, wrt=m.t, bounds=(-1, 1))

@@ -8,7 +8,7 @@ import pyomo.dae as dae
 import pyomo.environ as pyo
 import pyomo.gdp as gdp
 import pytest
-from harness.phases import integrator
+from harness.phases import integrator, with_phase
 from harness.small_problems import corner
 from pyomo.common.errors import InfeasibleConstraintException
 
@@ -85,8 +85,7 @@ def test_a_start_that_a_link_gives_is_not_judged_by_its_guess() -> None:
 
 @pytest.mark.parametrize("gap", ["state", "algebraic"])
 def test_a_contact_that_starts_inside_is_refused(gap: str) -> None:
-    m = pyo.ConcreteModel("falling")
-    m.p = b = rcp.PhaseBlock(elements=5, scheme="implicit_euler")
+    m, b = with_phase("p", "falling", elements=5, scheme="implicit_euler")
     b.y, b.v = rcp.State(initial=-0.2), rcp.State(initial=0)
     b.force = rcp.Algebraic(bounds=(0, None))
     b.ode(lambda b, t: {b.y: b.v[t], b.v: b.force[t] - 9.81})
@@ -330,8 +329,7 @@ def test_a_complementarity_problem_is_square() -> None:
 @pytest.mark.parametrize("objective", [None, 0])
 def test_controls_are_there_to_be_chosen_and_lost_starts_are_not(objective: Any) -> None:
     def model(start: Any) -> pyo.ConcreteModel:
-        m = pyo.ConcreteModel("feasible")
-        m.p = b = rcp.PhaseBlock(elements=3, duration=rcp.Duration(bounds=(0.5, 2)))
+        m, b = with_phase("p", "feasible", elements=3, duration=rcp.Duration(bounds=(0.5, 2)))
         b.x, b.y = rcp.State(initial=0, final=1), rcp.State(initial=start)
         b.twice, b.u = rcp.Algebraic(), rcp.Control(bounds=(-3, 3))
         b.ode(lambda b, t: {b.x: b.u[t], b.y: b.twice[t]})
@@ -431,8 +429,7 @@ def test_a_start_that_a_link_leaves_open_is_doubted_unless_it_is_omitted(keyword
 def test_a_rule_that_skips_every_point_is_refused_unless_it_never_looks_at_the_time(
     kind: str, normalised: bool
 ) -> None:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.5, 2)) if normalised else 1.0, elements=4)
+    _, b = with_phase("p", duration=rcp.Duration(bounds=(0.5, 2)) if normalised else 1.0, elements=4)
     b.x = rcp.State(initial=0)
     b.ode(lambda b, t: {b.x: 1.0})
     state = getattr(b, kind)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.phases import contents, oscillators
+from harness.phases import contents, oscillators, with_phase
 from harness.scenes import avoiding, turning_move
 from hypothesis import given
 from hypothesis import strategies as st
@@ -22,8 +22,7 @@ from pyrobocop_pyomo.errors import ModelError
 
 def pushing(**options: Any) -> pyo.ConcreteModel:
     """A mass with a force, a pair that stops it, and two rows of very different size."""
-    m = pyo.ConcreteModel("pushing")
-    m.p = b = rcp.PhaseBlock(**{"elements": 5, "stages": 2, **options})
+    m, b = with_phase("p", "pushing", **{"elements": 5, "stages": 2, **options})
     b.x, b.v = rcp.State(initial=0, final=1), rcp.State(initial=0)
     b.stop = rcp.Algebraic(bounds=(0, None))
     b.u = rcp.Control(bounds=(-50, 50))
@@ -137,8 +136,7 @@ def test_a_left_null_vector_is_found_exactly_when_there_is_one(shape: tuple[int,
 @pytest.mark.slow
 def test_a_check_costs_less_than_a_fifth_of_stating_the_phase() -> None:
     def stated() -> Any:
-        m = pyo.ConcreteModel()
-        m.p = b = rcp.PhaseBlock(elements=200, stages=3)
+        m, b = with_phase("p", elements=200, stages=3)
         for i in range(10):
             setattr(b, f"x{i}", rcp.State(initial=0))
             setattr(b, f"y{i}", rcp.Algebraic())

@@ -1,7 +1,5 @@
 """Before a solve a mesh gets boundaries at what is stated of single times; all else is seen by its errors."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any
@@ -9,15 +7,15 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.phases import integrator, mass
+from harness.checked import solution
+from harness.phases import integrator, mass, one_phase
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.discretisation.first_meshes import mesh_from_statement
 
 
 def scalar(rate: Callable[[Any, Any], Any], elements: int = 8, duration: Any = 4.0, **control: Any) -> Any:
-    m = pyo.ConcreteModel(name="scalar")
-    m.p = b = rcp.PhaseBlock(duration=duration, elements=elements)
+    m, b = one_phase(model="scalar", duration=duration, elements=elements)
     b.x, b.u = rcp.State(initial=0.0, final=1.0, history=0.5), rcp.Control(**control)
     b.ode(lambda b, t: {b.x: rate(b, t)})
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
@@ -63,9 +61,7 @@ def test_phases_with_pairs_steps_or_boundaries_of_the_users_keep_their_meshes() 
 
 @pytest.mark.parametrize("scheme", ["radau", "gauss", "implicit_euler", "explicit_euler", "lobatto"])
 def test_no_element_has_a_jump_inside(scheme: str) -> None:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=4.0, elements=8, scheme=scheme)
-    b.x, b.u = rcp.State(initial=0.0), rcp.Control()
+    m, b = one_phase(duration=4.0, elements=8, scheme=scheme, x=rcp.State(initial=0.0), u=rcp.Control())
     b.ode(lambda b, t: {b.x: b.u[t] * pyo.Expr_if(t < 1.3, 1.0, 0.2)})
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: pyo.Expr_if(abs(b.time_at(t) - 2.2) <= 0.02, 1.0, b.u[t] ** 2)))
     (remark,) = mesh_from_statement([m.p])
@@ -86,8 +82,7 @@ def test_a_jump_is_seen_where_the_duration_is_to_be_found_as_far_as_the_guess_go
 def test_a_step_that_each_element_sees_one_side_of_gives_the_exact_answer(elements: int) -> None:
     """Minimum effort with an effect that halves at 1.3: least squares, by hand."""
     m = scalar(lambda b, t: b.u[t] * pyo.Expr_if(t < 1.3, 1.0, 0.5), elements)
-    result = rcp.solve(m)
-    assert result.solved
+    result = solution(m)
     assert result.objective == pytest.approx(1 / (1.3 + 0.25 * 2.7), rel=1e-8)
     kept = rcp.solve(scalar(lambda b, t: b.u[t] * pyo.Expr_if(t < 1.3, 1.0, 0.5), elements), mesh_tolerance=None)
     assert kept.objective != pytest.approx(result.objective, rel=1e-3)
@@ -97,13 +92,10 @@ def test_a_step_that_each_element_sees_one_side_of_gives_the_exact_answer(elemen
 @pytest.mark.parametrize("elements", [10, 20])
 def test_a_drive_of_which_each_element_sees_the_same_part(elements: int) -> None:
     """The least effort for x' = u sin(w t) over whole periods is 2 by hand; twice a period goes into each element."""
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=1.0, elements=elements)
-    b.x, b.u = rcp.State(initial=1.0, final=2.0), rcp.Control()
+    m, b = one_phase(duration=1.0, elements=elements, x=rcp.State(initial=1.0, final=2.0), u=rcp.Control())
     b.ode(lambda b, t: {b.x: b.u[t] * pyo.sin(4 * math.pi * elements * t)})
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
-    result = rcp.solve(m)
-    assert result.solved
+    result = solution(m)
     assert result.objective == pytest.approx(2.0, rel=1e-3)
 
 
@@ -124,9 +116,7 @@ def test_a_price_that_the_points_miss_is_seen_by_the_errors() -> None:
 @pytest.mark.ipopt
 def test_a_pulse_between_the_points_is_not_overlooked() -> None:
     def pushed(mesh: Any) -> Any:
-        m = pyo.ConcreteModel()
-        m.p = b = rcp.PhaseBlock(duration=10.0, mesh=mesh)
-        b.x, b.v = rcp.State(initial=0, final=0), rcp.State(initial=0, final=0)
+        m, b = one_phase(duration=10.0, mesh=mesh, x=rcp.State(initial=0, final=0), v=rcp.State(initial=0, final=0))
         b.u = rcp.Control(bounds=(-10, 10))
         b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] + 40 * pyo.exp(-(((t - 4.13) / 0.03) ** 2))})
         m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] ** 2 + 0.1 * b.u[t] ** 2))
@@ -137,8 +127,7 @@ def test_a_pulse_between_the_points_is_not_overlooked() -> None:
     fine = [*np.linspace(0, 3.9, 40).tolist(), *near, *np.linspace(4.4, 10, 60).tolist()]
     exact = rcp.solve(pushed(fine), mesh_tolerance=None).objective
     assert abs(rcp.solve(pushed(coarse), mesh_tolerance=None).objective) < 1e-3 * exact  # nothing of it is seen
-    result = rcp.solve(pushed(coarse))
-    assert result.solved
+    result = solution(pushed(coarse))
     assert result.objective == pytest.approx(exact, rel=1e-3)
 
 
@@ -180,8 +169,7 @@ def test_a_time_that_a_statement_names_is_a_boundary_or_the_error_is_not_known(h
 @pytest.mark.ipopt
 def test_a_delayed_control_is_read_at_points_of_the_mesh() -> None:
     def delayed(elements: int) -> Any:
-        m = pyo.ConcreteModel()
-        m.p = b = rcp.PhaseBlock(duration=4.0, elements=elements)
+        m, b = one_phase(duration=4.0, elements=elements)
         b.x, b.u = rcp.State(initial=1.0, history=1.0), rcp.Control(history=0.5)
         b.ode(lambda b, t: {b.x: -b.x[t] + 0.8 * b.x.delayed(t, 0.7) + b.u.delayed(t, 0.7)})
         m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] ** 2 + 0.2 * b.u[t] ** 2))

@@ -1,13 +1,11 @@
 """What lies between two points of the mesh is found, however thin it is, and nothing else is."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
 import pyomo.environ as pyo
 import pytest
-from harness.phases import bryson_denham
+from harness.phases import bryson_denham, one_phase
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.discretisation.probe import stepped_over
@@ -17,8 +15,7 @@ Rule = Callable[[Any, float], Any]
 
 def along(rule: Rule, scheme: str = "radau") -> Any:
     """A straight line from 0 to 1 in one second, with a rule that its points may keep."""
-    m = pyo.ConcreteModel(name="along")
-    m.p = b = rcp.PhaseBlock(duration=1.0, elements=10, scheme=scheme)
+    m, b = one_phase(model="along", duration=1.0, elements=10, scheme=scheme)
     b.x, b.y = rcp.State(initial=0, final=1), rcp.State(initial=0, final=0)
     b.u, b.v = rcp.Control(bounds=(-9, 9)), rcp.Control(bounds=(-9, 9))
     b.ode(lambda b, t: {b.x: b.u[t], b.y: b.v[t]})

@@ -1,7 +1,5 @@
 """What is said of the error of the mesh, wherever a result shows: a number that was computed, or why there is none."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
@@ -9,6 +7,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.phases import one_phase
 from harness.scenes import keep_clear
 from pyomo.dae import ContinuousSet, DerivativeVar
 
@@ -66,8 +65,7 @@ def test_where_nothing_is_minimised_the_error_is_that_of_the_motion(objective: A
 
 
 def integrator(elements: int = 4, **control: Any) -> Any:
-    m = pyo.ConcreteModel("integrator")
-    m.p = b = rcp.PhaseBlock(duration=2.0, elements=elements)
+    m, b = one_phase(model="integrator", duration=2.0, elements=elements)
     b.x, b.y, b.u, b.w = rcp.State(initial=0), rcp.State(initial=0), rcp.Control(**control), rcp.Control()
     b.ode(lambda b, t: {b.x: b.u[t], b.y: b.w[t]})
     m.effort = pyo.Objective(expr=b.integral(lambda b, t: (b.x[t] - 1) ** 2 + b.y[t] ** 2 + b.u[t] ** 2 + b.w[t] ** 2))
@@ -108,8 +106,7 @@ def with_slack_at_points(bound: float) -> Any:
 
 
 def with_bounds_of_a_derivative() -> Any:
-    m = pyo.ConcreteModel("bounded derivative")
-    m.p = b = rcp.PhaseBlock(duration=2.0, elements=4)
+    m, b = one_phase(model="bounded derivative", duration=2.0, elements=4)
     b.x, b.u = rcp.State(initial=0, final=1, derivative_bounds=(None, 0.6)), rcp.Control()
     b.ode(lambda b, t: {b.x: b.u[t] - b.x[t]})
     m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
@@ -215,9 +212,7 @@ def test_costs_by_chebyshev_points_converge_with_the_order_that_is_said(stages: 
     scheme = rcp.schemes.Scheme.from_points("chebyshev", points)
 
     def solved(elements: int, scheme: Any) -> Any:
-        m = pyo.ConcreteModel()
-        m.p = b = rcp.PhaseBlock(duration=3.0, elements=elements, scheme=scheme)
-        b.x, b.u = rcp.State(initial=1), rcp.Control()
+        m, b = one_phase(duration=3.0, elements=elements, scheme=scheme, x=rcp.State(initial=1), u=rcp.Control())
         b.ode(lambda b, t: {b.x: b.u[t] * (1 + 0.3 * b.x[t])})
         m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] ** 2 + b.u[t] ** 2))
         return rcp.solve(m, mesh_tolerance=None, progress=False)

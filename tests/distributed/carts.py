@@ -35,10 +35,10 @@ def puller(name: str) -> pyo.ConcreteModel:
     return m
 
 
-def pulling_team(q: float = 1.0, u: float = 0.0) -> rcp.Team:
+def pulling_team(q: float = 1.0, u: float = 0.0, penalty: float = 0.7) -> rcp.Team:
     """From where the cart is now."""
     return rcp.Team(
         hub=rcp.Agent("cart", cart, q, u),
         robots=[rcp.Agent(name, puller, name) for name in PRICES],
-        shared=[rcp.Shared("pull[{robot}]", penalty=0.7)],
+        shared=[rcp.Shared("pull[{robot}]", penalty=penalty)],
     )

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from carts import pulling_team
 from pushing_team import task, team
 from quadratic_agents import joint_optimum, middle, quadratic, random_problems
 
@@ -95,6 +96,16 @@ def test_penalties_may_change_without_moving_the_answer() -> None:
     result = team.solve(Sova(penalties=rcp.teams.TargetedPenalties(largest=4.0), tolerance=3e-8, rounds=300))
     assert result.success
     assert all(values == pytest.approx(optimum, abs=1e-6) for values in result.values.values())
+
+
+@pytest.mark.parametrize("penalty", [0.07, 0.7, 7.0])
+def test_a_team_of_phases_agrees_with_one_planner_to_five_digits_within_sixty_rounds(penalty: float) -> None:
+    team = pulling_team(penalty=penalty)
+    merged = team.central()
+    rcp.solve(merged.model, progress=False)
+    team.solve(Hub(rounds=60, tolerance=0.0), on_round=(records := []).append, progress=False)
+    assert max(abs(record.objective / merged.objective_value() - 1.0) for record in records[-10:]) < 1e-5
+    assert records[-1].agrees(1e-4)
 
 
 # --------------------------------------------------------------------

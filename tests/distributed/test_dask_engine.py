@@ -3,18 +3,16 @@
 import os
 import signal
 import sys
-import time
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
-from tiny_agents import NAMES, SPECS, TinyOrder, TinySpec, missing_data, play, stop_in_round
+from tiny_agents import NAMES, SPECS, TinyOrder, TinySpec, missing_data, play, play_and_kill, stop_in_round, undisturbed
 
 from pyrobocop_pyomo.errors import EngineError
 from pyrobocop_pyomo.execution.dask_engine import DaskEngine
 from pyrobocop_pyomo.execution.engine import AgentFailure
-from pyrobocop_pyomo.execution.engines import SerialEngine
 
 pytest.importorskip("distributed")
 psutil = pytest.importorskip("psutil")
@@ -32,33 +30,16 @@ def engine() -> Iterator[DaskEngine]:
 
 
 def test_the_same_reports_when_a_worker_is_killed(engine: DaskEngine) -> None:
-    serial = SerialEngine()
-    serial.start(SPECS)
-    expected = play(serial, 8)
-    ids = engine.process_ids
-    assert len(set(ids.values())) == 2
-    seconds: list[float] = []
-
-    def kill(number: int) -> None:
-        if number == 3:
-            os.kill(ids["a"], signal.SIGKILL)
-        seconds.append(time.perf_counter())
-
-    assert play(engine, 8, kill) == expected
-    assert seconds[4] - seconds[3] < 10
+    ids = play_and_kill(engine)
     assert set(engine.process_ids.values()) & set(ids.values()) == {ids["hub"]}
     assert sum(engine.deaths.values()) == 1
-    assert engine.bytes_down[1:3] == serial.bytes_down[1:3]
 
 
 def test_a_stopped_worker_costs_its_time_and_nothing_else() -> None:
-    serial = SerialEngine()
-    serial.start(SPECS)
-    expected = play(serial, 5)
+    expected, _ = undisturbed(5)
     with DaskEngine(workers=2, answer_within=2.0) as engine:
         engine.start(SPECS)
         stopped = engine.process_ids["a"]
-
         try:
             assert play(engine, 5, stop_in_round(2, stopped)) == expected
             assert sum(engine.deaths.values()) == 1

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tiny_agents import NAMES, SPECS, TinyOrder, TinySpec, contradiction, missing_data, noise, play
+from tiny_agents import NAMES, SPECS, TinyOrder, TinySpec, contradiction, missing_data, noise, play, undisturbed
 
 from pyrobocop_pyomo.errors import EngineError, ModelError
 from pyrobocop_pyomo.execution import worker_host
@@ -59,23 +59,21 @@ class FragileEngine(Engine):
 
 
 @pytest.fixture(scope="module")
-def undisturbed() -> list[dict]:
-    with SerialEngine() as engine:
-        engine.start(SPECS)
-        return play(engine, 12)
+def expected() -> list[dict]:
+    return undisturbed(12)[0]
 
 
 @given(deaths=st.tuples(*[st.sets(st.integers(3, 40), max_size=5)] * 2))
 @settings(max_examples=60)
-def test_deaths_change_nothing(undisturbed: list[dict], deaths: tuple[set[int], set[int]]) -> None:
+def test_deaths_change_nothing(expected: list[dict], deaths: tuple[set[int], set[int]]) -> None:
     engine = FragileEngine(deaths, deaths_allowed=1000)
     engine.start(SPECS)
-    assert play(engine, 12) == undisturbed
+    assert play(engine, 12) == expected
 
 
 @given(rounds=st.integers(0, 12), death=st.integers(3, 40))
 @settings(max_examples=30)
-def test_states_are_all_that_is_needed_to_go_on(undisturbed: list[dict], rounds: int, death: int) -> None:
+def test_states_are_all_that_is_needed_to_go_on(expected: list[dict], rounds: int, death: int) -> None:
     first = SerialEngine()
     first.start(SPECS)
     play(first, rounds)
@@ -84,7 +82,7 @@ def test_states_are_all_that_is_needed_to_go_on(undisturbed: list[dict], rounds:
     second.start(SPECS)
     second.restore(states)
     if 0 < rounds < 12:
-        assert play(second, 12, first=rounds) == undisturbed[rounds:]
+        assert play(second, 12, first=rounds) == expected[rounds:]
 
 
 def doubling() -> Callable[..., int]:

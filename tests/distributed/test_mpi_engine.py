@@ -5,9 +5,7 @@ from pathlib import Path
 
 import pytest
 from harness.mpi import needs_mpiexec, on_two_ranks, told_by_both
-from tiny_agents import SPECS, play
-
-from pyrobocop_pyomo.execution.engines import SerialEngine
+from tiny_agents import undisturbed
 
 pytest.importorskip("mpi4py")
 pytestmark = [
@@ -20,9 +18,7 @@ SCRIPT = Path(__file__).with_name("mpi_script.py")
 
 
 def test_a_killed_job_goes_on_from_its_file_to_the_same_reports(tmp_path: Path) -> None:
-    serial = SerialEngine()
-    serial.start(SPECS)
-    expected = play(serial, 8)
+    expected, _ = undisturbed(8)
     assert on_two_ranks(SCRIPT, tmp_path, 5) != 0
     assert [path.name for path in tmp_path.iterdir()] == ["team.npz"]
     assert on_two_ranks(SCRIPT, tmp_path, -1) == 0

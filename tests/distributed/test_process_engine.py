@@ -11,11 +11,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tiny_agents import NAMES, SPECS, TinyOrder, TinySpec, contradiction, play, stop_in_round
+from tiny_agents import (
+    NAMES,
+    SPECS,
+    TinyOrder,
+    TinySpec,
+    contradiction,
+    play,
+    play_and_kill,
+    stop_in_round,
+    undisturbed,
+)
 
 from pyrobocop_pyomo.errors import EngineError, ModelError
 from pyrobocop_pyomo.execution.engine import AgentFailure
-from pyrobocop_pyomo.execution.engines import SerialEngine
 from pyrobocop_pyomo.execution.process_engine import ProcessEngine
 
 pytestmark = [
@@ -41,28 +50,13 @@ def ends_within(seconds: float, process_ids: list[int]) -> bool:
 
 def test_kill_interrupt_and_failures() -> None:
     """One pair of processes for all of it: their start takes most of the time."""
-    with SerialEngine() as serial:
-        serial.start(SPECS)
-        expected = play(serial, 8)
-        sizes = serial.bytes_down[1:], [dict(counts) for counts in serial.bytes_up[1:]]
     engine = ProcessEngine(workers=2)
     assert engine.start(SPECS) == {name: {"name": name, "size": 5} for name in NAMES}
-    ids = engine.process_ids
-    assert len(set(ids.values())) == 2
-    seconds: list[float] = []
-
-    def kill(number: int) -> None:
-        if number == 3:
-            os.kill(ids["a"], signal.SIGKILL)
-        seconds.append(time.perf_counter())
-
-    assert play(engine, 8, kill) == expected
-    assert seconds[4] - seconds[3] < 10  # the round in which the worker was missing
+    ids = play_and_kill(engine)
     assert engine.process_ids["a"] not in ids.values()
     assert engine.process_ids["hub"] == ids["hub"]
     assert engine.deaths == {"a": 1}  # and not "c", which lives there as well
-    assert engine.bytes_down[1:3] == sizes[0][:2]
-    assert engine.bytes_up[1]["hub"] > sizes[1][0]["hub"]  # with its state
+    assert engine.bytes_up[1]["hub"] > undisturbed(1)[1].bytes_up[1]["hub"]  # with its state
 
     # Dies at each attempt of one order, and is given up; its neighbour in the same process goes on.
     orders = {name: TinyOrder(np.ones(5), "die" if name == "b" else "") for name in NAMES}
@@ -84,13 +78,10 @@ def test_kill_interrupt_and_failures() -> None:
 
 
 def test_a_stopped_worker_costs_its_time_and_nothing_else() -> None:
-    with SerialEngine() as serial:
-        serial.start(SPECS)
-        expected = play(serial, 5)
+    expected, _ = undisturbed(5)
     with ProcessEngine(workers=2, answer_within=1.0) as engine:
         engine.start(SPECS)
         stopped = engine.process_ids["a"]
-
         assert play(engine, 5, stop_in_round(2, stopped)) == expected
         assert engine.deaths == {"a": 1}
         assert not is_alive(stopped)

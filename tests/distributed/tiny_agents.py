@@ -13,6 +13,7 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.execution.engine import Engine
+from pyrobocop_pyomo.execution.engines import SerialEngine
 
 
 def noise(seed: int, size: int) -> np.ndarray:
@@ -106,3 +107,27 @@ def play(engine: Engine, rounds: int, before: Callable[[int], None] = lambda num
         mean = np.mean([report.values for report in reports.values()], axis=0)
         history.append({name: (report.values.tolist(), report.solves) for name, report in reports.items()})
     return history
+
+
+def undisturbed(rounds: int) -> tuple[list[Any], SerialEngine]:
+    """Rounds in this process."""
+    engine = SerialEngine()
+    engine.start(SPECS)
+    return play(engine, rounds), engine
+
+
+def play_and_kill(engine: Any) -> dict[str, int]:
+    """Eight rounds, before whose fourth a worker of two is killed; gives the processes that there were before."""
+    expected, serial = undisturbed(8)
+    ids, seconds = engine.process_ids, []
+    assert len(set(ids.values())) == 2
+
+    def kill(number: int) -> None:
+        if number == 3:
+            os.kill(ids["a"], signal.SIGKILL)
+        seconds.append(time.perf_counter())
+
+    assert play(engine, 8, kill) == expected
+    assert seconds[4] - seconds[3] < 10  # the round in which the worker was missing
+    assert engine.bytes_down[1:3] == serial.bytes_down[1:3]
+    return ids

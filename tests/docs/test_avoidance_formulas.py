@@ -1,6 +1,5 @@
 """The numbered formulas on separations and on planning in rounds, evaluated against the code."""
 
-import functools
 import itertools
 import re
 from typing import Any
@@ -8,7 +7,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.scenes import ARROW, WALL, avoiding, placed, set_poses, turning_move
+from harness.scenes import ARROW, avoiding, placed, set_poses, turning_move
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -22,13 +21,6 @@ seeds = st.integers(0, 10**6)
 PAGE = ROOT / "docs" / "explanation" / "obstacle-avoidance.md"
 
 
-def two_shapes(seed: int, spread: float = 3.0) -> tuple[np.random.Generator, rcp.Polytope, rcp.Polytope, np.ndarray]:
-    """Random shapes, and corners of the first at a random translation."""
-    random = np.random.default_rng(seed)
-    first, second = (rcp.Polytope.hull(random.normal(size=(6, 2))) for _ in range(2))
-    return random, first, second, random.normal(size=2) * spread
-
-
 def gap(n: np.ndarray, p: np.ndarray, q: np.ndarray) -> float:
     return float((p @ n).min() - (q @ n).max())
 
@@ -36,50 +28,6 @@ def gap(n: np.ndarray, p: np.ndarray, q: np.ndarray) -> float:
 def unit(random: np.random.Generator) -> np.ndarray:
     n = random.normal(size=2)
     return n / np.linalg.norm(n)
-
-
-def block_at(pose: tuple[float, float, float], **options: Any) -> Any:
-    m = turning_move(elements=2, stages=1)
-    avoid = avoiding(m, between=None, **options)
-    set_poses(m.move, np.tile(pose, (3, 1)))
-    for state in (m.move.x, m.move.y, m.move.theta):
-        state.unfix()
-    avoid.initialize()
-    return m, avoid
-
-
-@functools.cache
-def kept_block() -> Any:
-    """One model for all examples of a law, whose poses are set anew."""
-    return block_at((0.0, 0.0, 0.0))
-
-
-@given(seed=seeds)
-def test_started_separations_prove_the_distance(seed: int) -> None:
-    """eq-plane: what the started rows leave is the distance less what is required."""
-    pose = tuple(np.random.default_rng(seed).normal(size=3) * [2, 2, 1] + [2, 0, 0])
-    m, avoid = kept_block()
-    set_poses(m.move, np.tile(pose, (3, 1)))
-    avoid.initialize()
-    sd = rcp.scenes.signed_distance(ARROW, WALL, placed(m.move, 0.0)).distance
-    index = next(iter(avoid.separations))
-    spare = sd - pyo.value(avoid.required[index])
-    if sd <= 0:
-        return  # the start is then a chosen side, not the distance
-    first = min(pyo.value(avoid.first_shape[(*index, 0.0, i)].body) for i in range(4))
-    second = max(pyo.value(avoid.second_shape[(*index, 0.0, j)].body) for j in range(4))
-    assert first - second == pytest.approx(spare, abs=1e-8)
-    assert first == pytest.approx(-second, abs=1e-8)
-    assert pyo.value(avoid.unit[index].body) == pytest.approx(1.0, abs=1e-9)
-
-
-def test_what_is_required() -> None:
-    """eq-required, with every part of it."""
-    padded = {"arrow": rcp.Body(ARROW.padded(0.25), pose=placed)}
-    _, avoid = block_at((0.0, 0.0, 0.0), bodies=padded, obstacles={"wall": WALL.padded(0.125)})
-    index = next(iter(avoid.separations))
-    avoid.set_margin(*index, 0.01)
-    assert pyo.value(avoid.required[index]) == pytest.approx(0.05 + 0.375 + 0.01, abs=1e-15)
 
 
 @pytest.mark.parametrize("where", ["plane", "space"])

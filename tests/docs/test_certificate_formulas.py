@@ -39,16 +39,6 @@ def two_pairs(c, A=None, g_upper=None):
     return ComplementarityProgram(nlp, sides([0, 1]), sides([2, 3]))
 
 
-def kinds(nu, xi):
-    """eq-kinds for one biactive pair."""
-    return {
-        Stationarity.A: nu >= 0 or xi >= 0,
-        Stationarity.C: nu * xi >= 0,
-        Stationarity.M: (nu > 0 and xi > 0) or nu * xi == 0,
-        Stationarity.S: nu >= 0 and xi >= 0,
-    }
-
-
 # ------------------------------------------------------------------------------ branches
 
 
@@ -61,30 +51,6 @@ def test_the_feasible_set_is_the_union_of_the_branches(x):
     assert bool(through) == (point[0] * point[2] == 0 and point[1] * point[3] == 0)
     biactive = sum(bool(point[i] == point[i + 2] == 0) for i in range(2))
     assert not through or len(through) == 2**biactive
-
-
-# --------------------------------------------------------------------------------- kinds
-
-
-@given(nu=SMALL, xi=SMALL)
-def test_kinds_are_told_by_signs_and_imply_each_other(nu, xi):
-    """eq-weak and eq-kinds: without rows the gradient itself is (nu, xi)."""
-    holds = kinds(nu, xi)
-    for stronger, weaker in (("S", "M"), ("M", "A"), ("M", "C")):
-        assert holds[Stationarity[weaker]] or not holds[Stationarity[stronger]]
-    nlp = QuadraticProgram([nu, xi], x_lower=[0, 0])
-    program = ComplementarityProgram(nlp, sides(0), sides(1))
-    strongest = next((kind for kind in Stationarity if holds.get(kind)), Stationarity.W)
-    assert classify(MultiplierProblem(program, Linearisation.at(nlp, np.zeros(2)))).kind is strongest
-    signs_of_binaries = {  # eq-binaries, with N = 10
-        Stationarity.A: lambda y, _: nu >= -10 * (1 - y) and xi >= -10 * y,
-        Stationarity.C: lambda y, _: -10 * (1 - y) <= min(nu, xi) and max(nu, xi) <= 10 * y,
-        Stationarity.M: lambda y, z: (
-            abs(nu) <= 10 * (1 - y) and abs(xi) <= 10 * (1 - z) and min(nu, xi) >= -10 * (y + z)
-        ),
-    }
-    for kind, allowed in signs_of_binaries.items():
-        assert any(allowed(*binaries) for binaries in itertools.product((0, 1), repeat=2)) == holds[kind]
 
 
 @given(c=arrays(4), A=arrays(8))

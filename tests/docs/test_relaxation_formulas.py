@@ -95,24 +95,6 @@ def test_prices(a, b, delta):
     assert pyo.value(row.body) - pyo.value(row.upper) == pytest.approx(a * b - 0.7)
 
 
-@pytest.mark.asl
-@pytest.mark.parametrize("delta", [1e-2, 1e-3])
-def test_multipliers_of_relaxed_points(delta):
-    """eq-relaxed-multipliers and eq-c-sign: at a relaxed solution, what acts on the sides is the objective's slope."""
-    m = pyo.ConcreteModel(name="pulled up")
-    m.a, m.b = pyo.Var(bounds=(0, None), initialize=1.9), pyo.Var(bounds=(0, None), initialize=0.1)
-    m.pair = rcp.Complementarity(expr=rcp.complements(m.a, m.b))
-    m.cost = pyo.Objective(expr=(m.a - 2) ** 2 + (m.b - 1) ** 2)
-    relax().apply_to(m, delta=delta)
-    m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
-    pyo.SolverFactory("pyrobocop.ipopt").solve(m, options={"tol": 1e-10})
-    (row,) = relax().relaxation_rows_of(m)
-    multiplier, a, b = abs(m.dual[row]), m.a.value, m.b.value
-    nu, xi = -multiplier * b, -multiplier * a
-    assert [nu, xi] == pytest.approx([2 * (a - 2), 2 * (b - 1)], rel=1e-4, abs=1e-6)
-    assert nu * xi == pytest.approx(multiplier**2 * delta, rel=1e-4)
-
-
 # -------------------------------------------------------------------- groupings
 
 

@@ -186,9 +186,9 @@ SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 @pytest.mark.parametrize(
     ("vertices", "message"),
     [
-        ([(0, 0), (1, np.nan), (0, 1)], r"'stone': vertices have an entry that is not finite, in row 1"),
+        ([(0, 0), (1, np.nan), (0, 1)], r"'stone': vertices: nan at \[1, 1\] is not finite"),
         ([(0,), (1,)], r"'stone': vertices have the shape \(2, 1\); expected one row per point"),
-        ([(0, 0), (1, 0, 0)], r"'stone': vertices are no list of points"),
+        ([(0, 0), (1, 0, 0)], r"'stone': vertices: expected numbers"),
         (np.zeros((0, 2)), r"'stone': there are no points"),
         ([(0, 0), (1, 1), (2, 2)], r"'stone': its 3 distinct points lie in a line; .* needs 3 points that do not"),
         ([(0, 0, 0), (1, 0, 0), (0, 1, 0)], r"'stone': its 3 distinct points lie in a plane; .*allow_flat=True"),
@@ -219,9 +219,9 @@ def test_an_outline_is_accepted_exactly_if_it_goes_around(order: list[int]) -> N
     ("normals", "offsets", "message"),
     [
         ([[1, 0], [0, 0]], [1, 1], r"'wall': row 1 of the normals is zero"),
-        ([[1, 0], [-1, 0]], [1], r"'wall': 2 normals need as many finite offsets"),
-        ([[1, 0], [-1, 0]], [1, np.nan], r"'wall': 2 normals need as many finite offsets"),
-        ([[1, np.inf]], [1], r"'wall': normals have an entry that is not finite"),
+        ([[1, 0], [-1, 0]], [1], r"'wall': 2 normals need as many offsets"),
+        ([[1, 0], [-1, 0]], [1, np.nan], r"'wall': offsets: nan at \[1\] is not finite"),
+        ([[1, np.inf]], [1], r"'wall': normals: inf at \[0, 1\] is not finite"),
         (np.zeros((0, 2)), [], r"'wall': there are no rows"),
         # The unit square with all its normals turned inwards.
         ([[-1, 0], [1, 0], [0, -1], [0, 1]], [-1, -1, -1, -1], r"'wall': the set .* is empty.*check their signs"),

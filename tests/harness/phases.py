@@ -1,11 +1,13 @@
 """Small phases with known answers, and what can be asked of any built phase."""
 
+import inspect
 import io
 import math
 from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
+import pytest
 from mistakes.entries import driven, newton
 from pyomo.core.expr.visitor import identify_variables
 from scipy.sparse import coo_matrix
@@ -15,6 +17,30 @@ import pyrobocop_pyomo as rcp
 import pyrobocop_pyomo.ipopt.in_process
 
 HORIZON = 1.5
+COLLOCATED = [
+    rcp.schemes.radau(1), rcp.schemes.radau(3), rcp.schemes.gauss_legendre(1), rcp.schemes.gauss_legendre(2)
+]  # fmt: skip
+SCHEMES = [*COLLOCATED, rcp.schemes.lobatto(3)]
+each_collocated = pytest.mark.parametrize("scheme", COLLOCATED, ids=str)
+each_scheme = pytest.mark.parametrize("scheme", SCHEMES, ids=str)
+OPTIONS = inspect.signature(rcp.PhaseBlock).parameters
+
+
+def one_phase(name: str = "p", /, *, model: str | None = None, **stated: Any) -> tuple[pyo.ConcreteModel, Any]:
+    """A model and its phase, in which everything is declared that is no option of a phase."""
+    m = pyo.ConcreteModel(name=model)
+    b = rcp.PhaseBlock(**{option: stated.pop(option) for option in OPTIONS if option in stated})
+    m.add_component(name, b)
+    for each, declaration in stated.items():
+        b.declare(each, declaration)
+    return m, b
+
+
+def with_phase(name: str, model: str | None = None, **options: Any) -> tuple[pyo.ConcreteModel, Any]:
+    """A model, and its one phase."""
+    m = pyo.ConcreteModel(name=model)
+    m.add_component(name, rcp.PhaseBlock(**options))
+    return m, m.component(name)
 
 
 def oscillators(**options: Any) -> pyo.ConcreteModel:
@@ -36,8 +62,7 @@ def cart(**options: Any) -> pyo.ConcreteModel:
 
 def integrator(*, x: Any = None, u: Any = None, **options: Any) -> tuple[pyo.ConcreteModel, Any]:
     """A model and its phase 'p', with a control ``u`` that is the rate of a state ``x``; options of both by name."""
-    m = pyo.ConcreteModel(name="integrator")
-    m.p = b = rcp.PhaseBlock(**{"duration": 1.0, "elements": 2, **options})
+    m, b = with_phase("p", "integrator", **{"duration": 1.0, "elements": 2, **options})
     b.x, b.u = rcp.State(**(x or {})), rcp.Control(**(u or {}))
     b.ode(lambda b, t: {b.x: b.u[t]})
     return m, b
@@ -45,8 +70,7 @@ def integrator(*, x: Any = None, u: Any = None, **options: Any) -> tuple[pyo.Con
 
 def mass(*, x: Any = None, v: Any = None, u: Any = None, **options: Any) -> tuple[pyo.ConcreteModel, Any]:
     """A model and its phase 'p', with a control ``u`` that is the rate of the speed ``v`` of ``x``; options by name."""
-    m = pyo.ConcreteModel(name="mass")
-    m.p = b = rcp.PhaseBlock(**options)
+    m, b = with_phase("p", "mass", **options)
     b.x, b.v, b.u = rcp.State(**(x or {})), rcp.State(**(v or {})), rcp.Control(**(u or {}))
     b.ode(newton)
     return m, b

@@ -19,7 +19,6 @@ class QuadraticProgram:
         self.x_lower = np.full(self.n, -np.inf) if x_lower is None else np.asarray(x_lower, dtype=float)
         self.x_upper = np.full(self.n, np.inf) if x_upper is None else np.asarray(x_upper, dtype=float)
         self.x_start = np.zeros(self.n)
-        self.g_multipliers_start = None
         rows, columns = np.nonzero(np.ones_like(self.A))
         self.jacobian_structure = rows.astype(np.int32), columns.astype(np.int32)
         rows, columns = np.tril_indices(self.n)

@@ -120,6 +120,13 @@ def exact(block: Any, body: rcp.Polytope, obstacle: rcp.Polytope, times: Any) ->
     return [rcp.scenes.signed_distance(body, obstacle, placed(block, t)).distance for t in times]
 
 
+def sampled_distance(trajectory: Any, body: rcp.Polytope, obstacles: Any, times: np.ndarray) -> float:
+    """The smallest one on the trajectory itself, looked at independently of any proof."""
+    found = trajectory(times)
+    poses = [rcp.planar_pose(*each) for each in zip(found["x"], found["y"], found["theta"], strict=True)]
+    return min(rcp.scenes.signed_distance(body, each, pose).distance for pose in poses for each in obstacles)
+
+
 def solve_once(m: pyo.ConcreteModel) -> None:
     """One run of Ipopt on the rows as they stand, without the rounds that `rcp.solve` adds."""
     result = pyo.SolverFactory("ipopt").solve(m, options={"bound_relax_factor": 0})

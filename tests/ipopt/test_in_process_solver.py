@@ -24,6 +24,11 @@ OPTIMUM = 17.0140172891520542
 pytestmark = pytest.mark.casadi
 
 
+@pytest.fixture
+def model():
+    return hock_schittkowski_71()[0]
+
+
 def new(**options):
     return NewSolverFactory("pyrobocop.ipopt", derivatives="vectorised", **options)
 
@@ -36,8 +41,7 @@ def test_both_factories_know_it():
 
 
 @every_derivative
-def test_results_tell_what_was_done(derivatives):
-    model, _ = hock_schittkowski_71()
+def test_results_tell_what_was_done(model, derivatives):
     result = new().solve(model, derivatives=derivatives)
     assert result.termination_condition is TerminationCondition.convergenceCriteriaSatisfied
     assert result.solution_status is SolutionStatus.optimal
@@ -52,9 +56,9 @@ def test_results_tell_what_was_done(derivatives):
     assert not any(variable.stale for variable in model.x.values())
 
 
-def test_which_ipopt_is_used_is_logged(caplog):
+def test_which_ipopt_is_used_is_logged(model, caplog):
     with caplog.at_level(logging.INFO, logger="pyrobocop_pyomo"):
-        NewSolverFactory("pyrobocop.ipopt").solve(hock_schittkowski_71()[0])
+        NewSolverFactory("pyrobocop.ipopt").solve(model)
     assert "'hs71': Ipopt 3." in caplog.text
     assert "derivatives by CasADi on vectorised expressions" in caplog.text
 
@@ -70,16 +74,15 @@ def test_tee_reaches_standard_output_and_nothing_else_does(capsys):
     assert result.solver_log.strip() == shown.strip()
 
 
-def test_tee_reaches_streams_and_loggers(caplog):
+def test_tee_reaches_streams_and_loggers(model, caplog):
     stream = io.StringIO()
     with caplog.at_level(logging.INFO):
-        new().solve(hock_schittkowski_71()[0], tee=[stream, logging.getLogger("of.the.user")])
+        new().solve(model, tee=[stream, logging.getLogger("of.the.user")])
     assert "EXIT: Optimal Solution Found." in stream.getvalue()
     assert "EXIT: Optimal Solution Found." in caplog.text
 
 
-def test_without_loading_the_model_stays_as_it_was():
-    model, _ = hock_schittkowski_71()
+def test_without_loading_the_model_stays_as_it_was(model):
     model.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
     before = [variable.value for variable in model.x.values()]
     result = new().solve(model, load_solutions=False)
@@ -94,16 +97,14 @@ def test_without_loading_the_model_stays_as_it_was():
     assert model.dual[model.product] == pytest.approx(duals[model.product])
 
 
-def test_the_older_interface_loads_the_point_of_a_limit():
-    model, _ = hock_schittkowski_71()
+def test_the_older_interface_loads_the_point_of_a_limit(model):
     result = pyo.SolverFactory("pyrobocop.ipopt").solve(model, options={"max_iter": 2})
     assert result.solver.termination_condition == pyo.TerminationCondition.maxIterations
     assert result.solver.status == SolverStatus.aborted
     assert model.x[2].value != 5
 
 
-def test_the_newer_interface_raises_and_hands_the_results_over():
-    model, _ = hock_schittkowski_71()
+def test_the_newer_interface_raises_and_hands_the_results_over(model):
     with pytest.raises(NoOptimalSolutionError, match="iteration limit") as caught:
         new().solve(model, solver_options={"max_iter": 2})
     assert model.x[2].value == 5
@@ -114,8 +115,7 @@ def test_the_newer_interface_raises_and_hands_the_results_over():
     assert model.x[2].value != 5
 
 
-def test_a_time_limit_counts_elapsed_seconds():
-    model, _ = hock_schittkowski_71()
+def test_a_time_limit_counts_elapsed_seconds(model):
     result = new().solve(
         model, time_limit=0.05, raise_exception_on_nonoptimal_result=False,
         on_iteration=lambda record: time.sleep(0.03),
@@ -135,8 +135,7 @@ def test_infeasible_and_unbounded_are_reported():
     assert result.solution_status is SolutionStatus.infeasible
 
 
-def test_a_constant_row_that_is_violated_is_proven_infeasible():
-    model, _ = hock_schittkowski_71()
+def test_a_constant_row_that_is_violated_is_proven_infeasible(model):
     model.constant = pyo.Var(initialize=3.0)
     model.constant.fix()
     model.row = pyo.Constraint(expr=model.constant <= 2)
@@ -146,23 +145,22 @@ def test_a_constant_row_that_is_violated_is_proven_infeasible():
         new().solve(model, raise_exception_on_nonoptimal_result=False)
 
 
-def test_a_callback_that_stops_is_an_interruption():
-    model, _ = hock_schittkowski_71()
+def test_a_callback_that_stops_is_an_interruption(model):
     result = new().solve(model, on_iteration=lambda record: False, raise_exception_on_nonoptimal_result=False)
     assert result.termination_condition is TerminationCondition.interrupted
     assert result.extra_info.ipopt_status is IpoptStatus.STOPPED
 
 
-def test_options_of_the_executable_are_refused_by_name():
+def test_options_of_the_executable_are_refused_by_name(model):
     with pytest.raises(ValueError, match=r"'wantsol'.* It is not a valid option"):
-        new().solve(hock_schittkowski_71()[0], solver_options={"wantsol": 1})
+        new().solve(model, solver_options={"wantsol": 1})
 
 
-def test_an_option_file_is_read(tmp_path):
+def test_an_option_file_is_read(model, tmp_path):
     file = tmp_path / "some.opt"
     file.write_text("max_iter 2\n")
     result = new().solve(
-        hock_schittkowski_71()[0], solver_options={"option_file_name": str(file)},
+        model, solver_options={"option_file_name": str(file)},
         raise_exception_on_nonoptimal_result=False,
     )  # fmt: skip
     assert result.termination_condition is TerminationCondition.iterationLimit
@@ -192,10 +190,10 @@ class NotebookStream(io.TextIOBase):
         return 1
 
 
-def test_tee_reaches_a_notebook(monkeypatch, capfd):
+def test_tee_reaches_a_notebook(model, monkeypatch, capfd):
     stream = NotebookStream()
     monkeypatch.setattr("sys.stdout", stream)
-    new().solve(hock_schittkowski_71()[0], tee=True)
+    new().solve(model, tee=True)
     monkeypatch.undo()
     assert "EXIT: Optimal Solution Found." in stream.text
     assert "EXIT" not in capfd.readouterr().out

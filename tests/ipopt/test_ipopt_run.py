@@ -27,19 +27,22 @@ def written_71(derivatives: str) -> CompiledModel:
     return CompiledModel(hock_schittkowski_71()[0], derivatives)
 
 
+@pytest.fixture(params=[pytest.param("asl", marks=pytest.mark.asl), pytest.param("casadi", marks=pytest.mark.casadi)])
+def nlp(request):
+    return written_71(request.param).nlp
+
+
 def run(nlp, options=None, **keywords):
     return run_ipopt(nlp, options or {}, **keywords)
 
 
-@every_derivative
-def test_an_outcome_is_complete(derivatives):
-    outcome = run(written_71(derivatives).nlp)
+def test_an_outcome_is_complete(nlp):
+    outcome = run(nlp)
     assert outcome.status is IpoptStatus.SOLVED
     assert outcome.objective == pytest.approx(OPTIMUM)
     assert [record.iteration for record in outcome.records] == list(range(outcome.iterations + 1))
     assert outcome.records[0].mu > outcome.records[-1].mu > 0
     assert outcome.seconds > 0
-    nlp = written_71(derivatives).nlp
     assert outcome.g == pytest.approx(nlp.constraints(outcome.x), abs=1e-8)
     # The stationarity condition holds with the multipliers in the signs that the docstring states.
     jacobian = np.zeros((nlp.m, nlp.n))
@@ -48,9 +51,7 @@ def test_an_outcome_is_complete(derivatives):
     assert stationarity - outcome.lower_multipliers + outcome.upper_multipliers == pytest.approx(0, abs=1e-6)
 
 
-@every_derivative
-def test_a_program_is_solved_again_from_where_it_ended(derivatives):
-    nlp = written_71(derivatives).nlp
+def test_a_program_is_solved_again_from_where_it_ended(nlp):
     first = run(nlp)
     warm = {"warm_start_init_point": "yes", "mu_init": 1e-9}
     warm |= dict.fromkeys(("warm_start_bound_push", "warm_start_mult_bound_push", "warm_start_slack_bound_push"), 1e-9)
@@ -94,9 +95,8 @@ def test_a_bound_that_follows_mu_takes_fewer_iterations_than_a_bound_of_zero(der
     assert pairs[-1][0] < 1e-8
 
 
-@every_derivative
 @pytest.mark.ctrl_c
-def test_ctrl_c_keeps_the_point_and_the_handler(derivatives):
+def test_ctrl_c_keeps_the_point_and_the_handler(nlp):
     def press_soon(record):
         if record.iteration == 0:  # no earlier: a press before the run ends the test session
             timer.start()
@@ -104,7 +104,7 @@ def test_ctrl_c_keeps_the_point_and_the_handler(derivatives):
 
     handler = signal.getsignal(signal.SIGINT)
     timer = threading.Timer(0.12, os.kill, (os.getpid(), signal.SIGINT))
-    outcome = run(written_71(derivatives).nlp, on_iteration=press_soon)
+    outcome = run(nlp, on_iteration=press_soon)
     timer.join()
     assert outcome.status is IpoptStatus.INTERRUPTED
     assert 0 < outcome.iterations < 8
@@ -114,16 +114,15 @@ def test_ctrl_c_keeps_the_point_and_the_handler(derivatives):
     assert signal.getsignal(signal.SIGINT) is handler
 
 
-@every_derivative
 @pytest.mark.ctrl_c
-def test_a_second_ctrl_c_is_a_keyboard_interrupt(derivatives):
+def test_a_second_ctrl_c_is_a_keyboard_interrupt(nlp):
     def press_twice(record):
         os.kill(os.getpid(), signal.SIGINT)
         os.kill(os.getpid(), signal.SIGINT)
 
     handler = signal.getsignal(signal.SIGINT)
     with pytest.raises(KeyboardInterrupt):
-        run(written_71(derivatives).nlp, on_iteration=press_twice)
+        run(nlp, on_iteration=press_twice)
     assert signal.getsignal(signal.SIGINT) is handler
 
 
@@ -136,22 +135,20 @@ def test_a_run_outside_of_the_main_thread_leaves_signals_alone():
     assert outcomes[0].status is IpoptStatus.SOLVED
 
 
-@every_derivative
-def test_the_callback_stops_ipopt_at_the_current_point(derivatives):
-    outcome = run(written_71(derivatives).nlp, on_iteration=lambda record: record.iteration < 3)
+def test_the_callback_stops_ipopt_at_the_current_point(nlp):
+    outcome = run(nlp, on_iteration=lambda record: record.iteration < 3)
     assert outcome.status is IpoptStatus.STOPPED
     assert outcome.iterations == 3
     assert outcome.objective == pytest.approx(outcome.records[3].objective)
 
 
-@every_derivative
-def test_an_exception_of_the_callback_comes_out(derivatives):
+def test_an_exception_of_the_callback_comes_out(nlp):
     def fail(record):
         if record.iteration == 2:
             raise LookupError("of the callback")
 
     with pytest.raises(LookupError, match="of the callback"):
-        run(written_71(derivatives).nlp, on_iteration=fail)
+        run(nlp, on_iteration=fail)
 
 
 class Wrapped:
@@ -165,14 +162,13 @@ class Wrapped:
         return getattr(self._nlp, name)
 
 
-@every_derivative
 @pytest.mark.parametrize("method", ["objective", "gradient", "constraints", "jacobian", "hessian"])
-def test_an_exception_of_an_evaluation_comes_out(method, derivatives):
+def test_an_exception_of_an_evaluation_comes_out(method, nlp):
     def fail(*arguments):
         raise ZeroDivisionError(method)
 
     with pytest.raises(ZeroDivisionError, match=method):
-        run(Wrapped(written_71(derivatives).nlp, **{method: fail}))
+        run(Wrapped(nlp, **{method: fail}))
 
 
 @pytest.mark.parametrize("how", ["by itself", "raises", "nan"])
@@ -202,14 +198,13 @@ def test_where_a_function_has_no_value_ipopt_shortens_the_step(how, derivatives)
     assert outcome.x == pytest.approx([1.0], abs=1e-6)
 
 
-@every_derivative
-def test_limits_keep_the_point(derivatives):
-    limited = run(written_71(derivatives).nlp, {"max_iter": 2})
+def test_limits_keep_the_point(nlp):
+    limited = run(nlp, {"max_iter": 2})
     assert limited.status is IpoptStatus.ITERATION_LIMIT
     assert limited.iterations == 2
     assert limited.x.tolist() != FIRST_POINT
     nap = {"on_iteration": lambda record: time.sleep(0.03)}
-    late = run(written_71(derivatives).nlp, {"max_wall_time": 0.05}, **nap)
+    late = run(nlp, {"max_wall_time": 0.05}, **nap)
     assert late.status is IpoptStatus.TIME_LIMIT
     assert late.x.tolist() != FIRST_POINT
 
@@ -229,16 +224,14 @@ def test_infeasibility_and_too_few_freedoms_are_told_apart(derivatives):
     assert few.g == pytest.approx([1.0, 1.0])
 
 
-@every_derivative
 @pytest.mark.parametrize("value", [100, 100.0, "100"], ids=repr)
-def test_an_integer_option_may_be_written_in_any_way(value, derivatives):
-    assert run(written_71(derivatives).nlp, {"max_iter": value}).status is IpoptStatus.SOLVED
+def test_an_integer_option_may_be_written_in_any_way(value, nlp):
+    assert run(nlp, {"max_iter": value}).status is IpoptStatus.SOLVED
 
 
-@every_derivative
-def test_numbers_words_and_truth_values_reach_ipopt(derivatives, capfd):
+def test_numbers_words_and_truth_values_reach_ipopt(nlp, capfd):
     options = {"tol": 1, "mu_strategy": "adaptive", "print_user_options": True, "mu_init": "0.2"}
-    assert run(written_71(derivatives).nlp, options).status is IpoptStatus.SOLVED
+    assert run(nlp, options).status is IpoptStatus.SOLVED
     assert capfd.readouterr().out == ""  # Ipopt comments on each type that it did not expect
 
 

@@ -8,6 +8,7 @@ import threading
 
 import pyomo.environ as pyo
 import pytest
+from harness.phases import one_phase
 from harness.small_problems import hock_schittkowski_71
 
 import pyrobocop_pyomo as rcp
@@ -22,9 +23,13 @@ from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 needs_the_solver = pytest.mark.skipif(find_linear_solver() is None, reason="there is no C compiler")
 
 
+def with_both(test):
+    """The linear solver, and an Ipopt in this process."""
+    return needs_the_solver(pytest.mark.casadi(test))
+
+
 def swing(elements: int = 20) -> pyo.ConcreteModel:
-    m = pyo.ConcreteModel("swing")
-    m.p = b = rcp.PhaseBlock(duration=3.0, elements=elements)
+    m, b = one_phase(model="swing", duration=3.0, elements=elements)
     b.angle, b.rate = rcp.State(initial=0, final=3.14), rcp.State(initial=0, final=0)
     b.torque = rcp.Control(bounds=(-3, 3))
     b.ode(lambda b, t: {b.angle: b.rate[t], b.rate: b.torque[t] - 4.9 * pyo.sin(b.angle[t])})
@@ -32,8 +37,7 @@ def swing(elements: int = 20) -> pyo.ConcreteModel:
     return m
 
 
-@needs_the_solver
-@pytest.mark.casadi
+@with_both
 def test_the_answer_is_that_of_mumps():
     nlp = CompiledModel(swing(), "vectorised").nlp
     mumps, own = (ipopt_run.run_ipopt(nlp, {"linear_solver": name}) for name in ("mumps", "ldl"))
@@ -43,8 +47,7 @@ def test_the_answer_is_that_of_mumps():
     assert own.x == pytest.approx(mumps.x, abs=1e-6)
 
 
-@needs_the_solver
-@pytest.mark.casadi
+@with_both
 def test_dependent_rows_are_met_as_by_mumps():
     """Ipopt is told that its matrix is singular, and regularises."""
     m = hock_schittkowski_71()[0]
@@ -56,8 +59,7 @@ def test_dependent_rows_are_met_as_by_mumps():
     assert outcome.objective == pytest.approx(17.0140172, rel=1e-6)
 
 
-@needs_the_solver
-@pytest.mark.casadi
+@with_both
 def test_any_ipopt_loads_it_by_two_options():
     model = hock_schittkowski_71()[0]
     log = io.StringIO()
@@ -75,8 +77,7 @@ def test_the_executable_loads_it():
     assert result.objective == pytest.approx(17.0140172, rel=1e-6)
 
 
-@needs_the_solver
-@pytest.mark.casadi
+@with_both
 @pytest.mark.parametrize("status", [IpoptStatus.STEP_FAILED, IpoptStatus.INTERNAL_ERROR])
 def test_mumps_has_a_try_where_a_run_fails(monkeypatch, status):
     """A run whose linear solver breaks down, played by a run that says so."""
@@ -95,16 +96,14 @@ def test_mumps_has_a_try_where_a_run_fails(monkeypatch, status):
     assert (outcome.status, outcome.fell_back, outcome.linear_solver) == (IpoptStatus.SOLVED, True, "")
 
 
-@needs_the_solver
-@pytest.mark.casadi
+@with_both
 def test_what_is_predicted_is_kept_for_the_same_structure():
     first, second, other = (CompiledModel(swing(elements), "vectorised").nlp for elements in (20, 20, 21))
     assert predicted_factor(first) is predicted_factor(second)
     assert predicted_factor(other) != predicted_factor(first)
 
 
-@needs_the_solver
-@pytest.mark.casadi
+@with_both
 def test_the_size_of_the_factor_decides(monkeypatch):
     thin = CompiledModel(swing(), "vectorised").nlp
     size = predicted_factor(thin)
@@ -154,8 +153,7 @@ def test_a_linear_solver_whose_library_is_missing_is_named_with_the_library(opti
         rcp.solve(hock_schittkowski_71()[0], options=options, backend=backend)
 
 
-@needs_the_solver
-@pytest.mark.casadi
+@with_both
 def test_the_log_begins_with_what_its_names_and_numbers_stand_for():
     log = io.StringIO()
     result = rcp.solve(hock_schittkowski_71()[0], options={"linear_solver": "ldl"}, tee=[log])

@@ -23,6 +23,13 @@ from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram
 
 
+def solved(matrix: Matrix, library: str) -> bytes:
+    """By a solver of its own."""
+    solver = SymmetricFactorisation(*matrix[:3], library)
+    solver.factor(matrix.values)
+    return solver.solve(np.ones(matrix.n)).tobytes()
+
+
 def test_inertia_of_a_thousand_random_matrices(library):
     rng = np.random.default_rng(0)
     kinds = []
@@ -81,9 +88,7 @@ def test_a_thousand_solvers_leave_no_memory_behind(library):
 
     def use(times: int) -> None:
         for _ in range(times):
-            solver = SymmetricFactorisation(*matrix[:3], library)
-            solver.factor(matrix.values)
-            solver.solve(np.ones(matrix.n))
+            solved(matrix, library)
 
     use(100)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -228,19 +233,12 @@ def test_a_plan_that_is_kept_changes_nothing(library):
     matrices = [trajectory_matrix(rng, 20 + 3 * number) for number in range(12)]  # more than are kept
 
     def answers() -> list[bytes]:
-        found = []
-        for matrix in matrices:
-            solver = SymmetricFactorisation(*matrix[:3], library)
-            solver.factor(matrix.values)
-            found.append(solver.solve(np.ones(matrix.n)).tobytes())
-        return found
+        return [solved(matrix, library) for matrix in matrices]
 
     first = answers()
     assert answers() == first
     assert answers()[::-1] == first[::-1]
-    again = SymmetricFactorisation(*matrices[-1][:3], library)
-    again.factor(matrices[-1].values)  # is kept now
-    assert again.solve(np.ones(matrices[-1].n)).tobytes() == first[-1]
+    assert solved(matrices[-1], library) == first[-1]  # is kept now
 
 
 @pytest.mark.parametrize("part", [1e-16, 1e-15])

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.phases import with_phase
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyomo.util.check_units import assert_units_consistent
@@ -25,8 +26,7 @@ few = settings(max_examples=6, deadline=None)
 
 def phase_with(**values: np.ndarray) -> rcp.PhaseBlock:
     """Controls that are fixed to these values at the points."""
-    m = pyo.ConcreteModel("law")
-    m.phase = b = rcp.PhaseBlock(duration=1.0, elements=POINTS, scheme="implicit_euler")
+    _, b = with_phase("phase", "law", duration=1.0, elements=POINTS, scheme="implicit_euler")
     for name, numbers in values.items():
         b.declare(name, rcp.Control(initial_guess=numbers))
         b.component(name).fix()
@@ -157,8 +157,7 @@ def test_a_clone_reads_its_own_parameters() -> None:
 
 
 def test_a_pickle_keeps_laws_of_top_level_rules() -> None:
-    m = pyo.ConcreteModel()
-    m.phase = b = rcp.PhaseBlock(duration=1.0, elements=2)
+    m, b = with_phase("phase", duration=1.0, elements=2)
     b.x = rcp.State(initial=0.0)
     b.wall = LAWS.SoftWall(soft_floor, stiffness=10)
     b.ceiling = LAWS.HardWall(soft_floor)
@@ -182,8 +181,7 @@ def test_nothing_stays_after_a_refusal() -> None:
 
 def test_units_follow_from_the_rules() -> None:
     u = pyo.units
-    m = pyo.ConcreteModel()
-    m.phase = b = rcp.PhaseBlock(duration=1.0, elements=2, time_units=u.s)
+    m, b = with_phase("phase", duration=1.0, elements=2, time_units=u.s)
     b.x = rcp.State(initial=0.0, units=u.m)
     b.v = rcp.State(initial=0.0, units=u.m / u.s)
     b.wall = LAWS.SoftWall(b.x, stiffness=100 * u.N / u.m, damping=2 * u.N * u.s / u.m, rate=b.v)

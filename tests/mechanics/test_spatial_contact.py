@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from pyomo.core.expr.calculus.derivatives import Modes, differentiate
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError, ObstacleError
 from pyrobocop_pyomo.mechanics.bodies import SPACE
-from pyrobocop_pyomo.mechanics.rotations import cross_product, inner_product, rotation_matrix, rotation_vector
+from pyrobocop_pyomo.mechanics.rotations import rotation_matrix, rotation_vector
+from pyrobocop_pyomo.mechanics.shapes import Gap
 
 spatial = rcp.mechanics.spatial
 ROTATION, SPIN = SPACE.orientation, SPACE.twist[3:]
@@ -32,94 +32,7 @@ QUAD = spatial.SphereRobot(
 DRONE = spatial.SphereRobot(spatial.Sphere(0.1), 1.0, ((-10, 10),) * 3, speed_limit=4.0, gravity=0.0)
 REST = (0.0,) * 6
 
-shapes = st.sampled_from(list(SHAPES.values()))
 places = st.tuples(*3 * [st.floats(-2, 2)])
-poses = st.tuples(*3 * [st.floats(-1, 1)], *3 * [st.floats(-1.5, 1.5)])
-
-
-def gap_at(shape: Any, place: Any, pose: Any) -> Any:
-    return shape.gap_to_sphere(0.1, place, pose[:3], rotation_matrix(pose[3:]).tolist())
-
-
-# ----------------------------------------------------------------- gaps
-
-
-@settings(max_examples=50)
-@given(shape=shapes, place=places, pose=poses)
-def test_the_smooth_gap_is_the_distance_of_the_shapes(shape: Any, place: tuple, pose: tuple) -> None:
-    gap = gap_at(shape, place, pose).gap
-    if gap < 0:
-        return
-    body = shape.outline().placed(rcp.spatial_pose(pose[:3], matrix=rotation_matrix(pose[3:]).tolist()))
-    exact = rcp.scenes.signed_distance(body, rcp.Polytope.ball(0.1, place)).distance
-    # Smoothing over a centimetre moves the ends of the core by at most half of that, in three directions.
-    assert gap == pytest.approx(exact, abs=1e-9 if shape.is_round else 0.01)
-
-
-@given(shape=shapes, place=places, pose=poses)
-def test_the_gap_has_exact_derivatives(shape: Any, place: tuple, pose: tuple) -> None:
-    """By expressions and by finite differences: in the centre, the position, and each entry of the rotation."""
-    if gap_at(shape, place, pose).gap < -0.1:
-        return
-    point = [*place, *pose[:3], *rotation_matrix(pose[3:]).ravel().tolist()]
-    m = pyo.ConcreteModel()
-    m.v = pyo.Var(range(15), initialize=dict(enumerate(point)))
-
-    def gap(v: Any) -> Any:
-        return shape.gap_to_sphere(0.1, v[:3], v[3:6], [v[6:9], v[9:12], v[12:15]])
-
-    variables = list(m.v.values())
-    entries, numbers = ([at.gap, *at.normal, *at.point] for at in (gap(variables), gap(point)))
-    assert [pyo.value(e) for e in entries] == pytest.approx(numbers, abs=1e-12)
-    # Entries in which the gap has no derivative do not appear at all.
-    exact = differentiate(gap(variables).gap, wrt_list=variables, mode=Modes.reverse_numeric)
-    h = 1e-6
-    for i, slope in enumerate(exact):
-        ahead, back = ([z + sign * h * (i == j) for j, z in enumerate(point)] for sign in (1, -1))
-        assert slope == pytest.approx((gap(ahead).gap - gap(back).gap) / (2 * h), abs=1e-6)
-
-
-@given(place=places, pose=poses)
-def test_the_normal_of_a_sphere_is_the_gradient_of_its_gap(place: tuple, pose: tuple) -> None:
-    shape = SHAPES["sphere"]
-    at = gap_at(shape, place, pose)
-    if at.gap < -0.1:
-        return
-    h = 1e-6
-    for i, component in enumerate(at.normal):
-        ahead, back = ([z + sign * h * (i == j) for j, z in enumerate(place)] for sign in (1, -1))
-        slope = (gap_at(shape, ahead, pose).gap - gap_at(shape, back, pose).gap) / (2 * h)
-        assert component == pytest.approx(slope, abs=1e-6)
-    # The contact point lies on the surface, and the centre of the robot further along the normal.
-    for q, p, n, x in zip(pose[:3], at.point, at.normal, place, strict=True):
-        assert q + p + n * (at.gap + 0.1) == pytest.approx(x, abs=1e-9)
-
-
-def test_a_box_has_a_rotation() -> None:
-    with pytest.raises(ObstacleError, match="its gap needs the rotation of the body"):
-        SHAPES["box"].gap_to_sphere(0.1, (1, 0, 0), (0, 0, 0))
-
-
-# ----------------------------------------------------------------- wrench
-
-forces = st.tuples(st.floats(0, 9), st.floats(-4, 4), st.floats(-4, 4))
-
-
-@given(shape=shapes, place=places, pose=poses, force=forces, twist=st.tuples(*6 * [st.floats(-2, 2)]))
-def test_action_is_reaction_and_power_is_force_times_slip(
-    shape: Any, place: tuple, pose: tuple, force: tuple, twist: tuple
-) -> None:
-    contact, velocity = spatial.Contact(shape, QUAD.shape, friction=0.7), (0.3, -0.7, 0.2)
-    at = contact.gap(place, pose[:3], rotation_matrix(pose[3:]).tolist())
-    if at.gap < -0.1 or at.normal[2] > 0.98:
-        return
-    tangents = contact.tangents(at)
-    wrench = contact.wrench_on_body(at, force[0], force[1:])
-    on_robot = [inner_product(force, column) for column in zip(at.normal, *tangents, strict=True)]
-    np.testing.assert_allclose(np.add(wrench[:3], on_robot), 0.0, atol=1e-12)
-    np.testing.assert_allclose(np.subtract(wrench[3:], cross_product(at.point, wrench[:3])), 0.0, atol=1e-12)
-    power = inner_product(on_robot, velocity) + inner_product(wrench, twist)
-    assert power == pytest.approx(inner_product(force, contact.velocity(at, velocity, twist)), abs=1e-9)
 
 
 # ----------------------------------------------------------------- bodies
@@ -272,7 +185,7 @@ def test_stick_slide_and_separate(case: str) -> None:
     m.me.tau_x[end].fix(normal)
     # Along the first tangent at this normal, an edge of the pyramid.
     along = np.array(
-        spatial.Contact(AFLOAT.shape, DRONE.shape, friction=0.4).tangents(gap_at(AFLOAT.shape, (-1, 0, 0), REST))[0]
+        spatial.Contact(AFLOAT.shape, DRONE.shape, friction=0.4).tangents(Gap(0.0, (-1.0, 0.0, 0.0), ()))[0]
     )
     m.me.tau_y[end].fix(tangential * along[1])
     m.me.tau_z[end].fix(tangential * along[2])
@@ -330,6 +243,8 @@ def test_all_ways_of_writing_a_contact_say_the_same(body: Any) -> None:
 
 
 def test_what_cannot_be_is_refused_before_anything_is_stated() -> None:
+    with pytest.raises(ObstacleError, match="its gap needs the rotation of the body"):
+        SHAPES["box"].gap_to_sphere(0.1, (1, 0, 0), (0, 0, 0))
     ball = spatial.Sphere(0.1)
     with pytest.raises(ModelError, match="mass = 0"):
         spatial.RigidBody(ball, mass=0, inertia=1.0)
@@ -358,5 +273,5 @@ def test_what_cannot_be_is_refused_before_anything_is_stated() -> None:
 
 
 def test_bodies_travel() -> None:
-    for thing in (BALL, QUAD, spatial.Contact(BALL.shape, QUAD.shape, friction=0.5), *SHAPES.values()):
+    for thing in (BALL, QUAD, spatial.Contact(BALL.shape, QUAD.shape, friction=0.5)):
         assert pickle.loads(pickle.dumps(thing)) == thing

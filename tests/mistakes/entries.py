@@ -1,12 +1,14 @@
 """What an entry of the catalogue of mistakes is, and the cart that most of them are made with.
 
-An entry is a function ``(m, followed)`` that states a model. With ``followed=False`` it makes the mistake; with
-``followed=True`` it does what the message says instead. Its name is the mistake in words, and the words given to the
-decorator are what the answer has to name: the culprit first, then the remedy.
+An entry is a function ``(b, followed)`` that goes on with the phase of a cart, or ``(m, followed)`` that states a whole
+model. With ``followed=False`` it makes the mistake; with ``followed=True`` it does what the message says instead. Its
+name is the mistake in words, and the words given to the decorator are what the answer has to name: the culprit first,
+then the remedy.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import wraps
 from typing import Any
 
 import pyomo.environ as pyo
@@ -38,16 +40,6 @@ class Mistake:
 MISTAKES: dict[str, Mistake] = {}
 
 
-def refused(*words: str) -> Callable[[Statement], Statement]:
-    """The statement raises, before any solve."""
-    return _enter(words, solves=False)
-
-
-def fails(*words: str) -> Callable[[Statement], Statement]:
-    """The solve raises, or ends without a solution; with the remedy it is solved."""
-    return _enter(words, solves=True)
-
-
 @dataclass(frozen=True)
 class Diagnosed:
     """A mistake that ``rcp.diagnose(model)`` finds, and which ``state(m, True)`` does not make.
@@ -67,24 +59,6 @@ class Diagnosed:
 
 
 DIAGNOSED: dict[str, Diagnosed] = {}
-
-
-def diagnosed(words: str, component: str) -> Callable[[Statement], Statement]:
-    """The statement stands, and a diagnosis of the model has a finding."""
-
-    def enter(state: Statement) -> Statement:
-        DIAGNOSED[state.__name__.replace("_", " ")] = Diagnosed(state, words, component)
-        return state
-
-    return enter
-
-
-def _enter(words: tuple[str, ...], solves: bool) -> Callable[[Statement], Statement]:
-    def enter(state: Statement) -> Statement:
-        MISTAKES[state.__name__.replace("_", " ")] = Mistake(state, words, solves)
-        return state
-
-    return enter
 
 
 def cart(m: Any, *, final: float | None = 1.0, force: float | None = 2.0, **options: Any) -> Any:
@@ -110,3 +84,30 @@ def newton(b: Any, t: Any) -> Any:
 
 def effort(b: Any, t: Any) -> Any:
     return b.u[t] ** 2
+
+
+def refused(*words: str, on: Callable[[Any], Any] | None = cart) -> Callable[[Statement], Statement]:
+    """The statement raises, before any solve; it goes on with a cart, or with a phase of another kind."""
+    return _enter(MISTAKES, lambda state: Mistake(state, words, solves=False), on)
+
+
+def fails(*words: str, on: Callable[[Any], Any] | None = cart) -> Callable[[Statement], Statement]:
+    """The solve raises, or ends without a solution; with the remedy it is solved."""
+    return _enter(MISTAKES, lambda state: Mistake(state, words, solves=True), on)
+
+
+def diagnosed(words: str, component: str, on: Callable[[Any], Any] | None) -> Callable[[Statement], Statement]:
+    """The statement stands, and a diagnosis of the model has a finding."""
+    return _enter(DIAGNOSED, lambda state: Diagnosed(state, words, component), on)
+
+
+def _enter(entries: dict[str, Any], entry: Callable[[Statement], Any], on: Any) -> Callable[[Statement], Statement]:
+    def enter(state: Statement) -> Statement:
+        @wraps(state)
+        def on_a_model(m: Any, followed: bool) -> Any:
+            return state(m if on is None else on(m), followed)
+
+        entries[state.__name__.replace("_", " ")] = entry(on_a_model)
+        return state
+
+    return enter

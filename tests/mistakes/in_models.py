@@ -35,35 +35,32 @@ def pendulum(m: Any, followed: bool, **options: Any) -> Any:
 # -------------------------------------------------------------------- equations and unknowns
 
 
-@diagnosed("phase 'p': too few equations. 2 states and 1 algebraic need 3", "p")
-def a_missing_equation(m: Any, followed: bool) -> None:
-    b = pushed(m)
+@diagnosed("phase 'p': too few equations. 2 states and 1 algebraic need 3", "p", pushed)
+def a_missing_equation(b: Any, followed: bool) -> None:
     if not followed:
         b.z = rcp.Algebraic()
 
 
-@diagnosed("1 .* equation 'rod' holds no .* determines unknown 'tension'", "swing.rod")
+@diagnosed("1 .* equation 'rod' holds no .* determines unknown 'tension'", "swing.rod", None)
 def an_index_of_three(m: Any, followed: bool) -> None:
     pendulum(m, followed)
 
 
-@diagnosed("phase 'swing': the index is higher than 1 .* 'rod'", "swing.rod")
+@diagnosed("phase 'swing': the index is higher than 1 .* 'rod'", "swing.rod", None)
 def a_higher_index_that_was_allowed(m: Any, followed: bool) -> None:
     pendulum(m, followed, allow_higher_index=True)
 
 
-@diagnosed("'feedback' can determine controls only", "p.feedback")
-def an_equation_that_determines_a_control(m: Any, followed: bool) -> None:
-    b = pushed(m)
+@diagnosed("'feedback' can determine controls only", "p.feedback", pushed)
+def an_equation_that_determines_a_control(b: Any, followed: bool) -> None:
     b.z = rcp.Algebraic(bounds=(0, None))
     b.residual(lambda b, t: (b.z[t] if followed else b.u[t]) == -b.x[t], name="feedback")
     if not followed:
         b.complementarity(lambda b, t: rcp.complements(b.x[t] + 1 >= 0, b.z[t] >= 0), name="stop")
 
 
-@diagnosed("no equation and no pair is left to determine 'z'", "p.z")
-def a_pair_that_does_not_hold_the_algebraic(m: Any, followed: bool) -> None:
-    b = pushed(m)
+@diagnosed("no equation and no pair is left to determine 'z'", "p.z", pushed)
+def a_pair_that_does_not_hold_the_algebraic(b: Any, followed: bool) -> None:
     b.z = rcp.Algebraic(bounds=(0, 1))
     b.constraint(lambda b, t: b.z[t] + b.x[t] <= 3, name="limit")
     b.complementarity(
@@ -71,33 +68,31 @@ def a_pair_that_does_not_hold_the_algebraic(m: Any, followed: bool) -> None:
     )
 
 
-@diagnosed("one of the equations 'p.forces' follows from the others", "p.forces")
-def a_redundant_equation(m: Any, followed: bool) -> None:
-    b = pushed(m)
+@diagnosed("one of the equations 'p.forces' follows from the others", "p.forces", pushed)
+def a_redundant_equation(b: Any, followed: bool) -> None:
     b.y, b.z = rcp.Algebraic(), rcp.Algebraic()
     factor = 3 if followed else 2
     b.residual(lambda b, t: [b.y[t] + b.z[t] == b.x[t], 2 * b.y[t] + factor * b.z[t] == 2 * b.x[t]], name="forces")
+    b.check()  # by structure nothing is missing
 
 
 # -------------------------------------------------------------------- start and end
 
 
-@diagnosed("initial values violate residual 'rod' by 3 at t = 0: x = 2", "swing.rod")
+@diagnosed("initial values violate residual 'rod' by 3 at t = 0: x = 2", "swing.rod", None)
 def an_inconsistent_start(m: Any, followed: bool) -> None:
     b = pendulum(m, False, allow_higher_index=True)
     b.x[0].fix(1 if followed else 2)
 
 
-@diagnosed("the final values violate constraint 'corridor' by 0.5 at t = 1", "p.corridor")
-def an_end_outside_a_path_constraint(m: Any, followed: bool) -> None:
-    b = pushed(m)
+@diagnosed("the final values violate constraint 'corridor' by 0.5 at t = 1", "p.corridor", pushed)
+def an_end_outside_a_path_constraint(b: Any, followed: bool) -> None:
     b.x[1].fix(1.5)
     b.constraint(lambda b, t: b.x[t] <= (2 if followed else 1), name="corridor")
 
 
-@diagnosed("hold only .* 'p.y_collocation'. Fixed at both ends: 'p.y'", "p.y_collocation")
-def more_ends_fixed_than_possible(m: Any, followed: bool) -> None:
-    b = pushed(m)
+@diagnosed("hold only .* 'p.y_collocation'. Fixed at both ends: 'p.y'", "p.y_collocation", pushed)
+def more_ends_fixed_than_possible(b: Any, followed: bool) -> None:
     b.y = rcp.State(initial=0, final=None if followed else 3)
     b.ode(lambda b, t: {b.y: 1.0})
 
@@ -105,40 +100,35 @@ def more_ends_fixed_than_possible(m: Any, followed: bool) -> None:
 # -------------------------------------------------------------------- numbers and units
 
 
-@diagnosed("number nan, in right-hand side of 'y' of phase 'p' at t = 0.83.*, and at 1 more point", "p.y")
-def a_right_hand_side_without_a_value(m: Any, followed: bool) -> None:
-    b = pushed(m)
+@diagnosed("number nan, in right-hand side of 'y' of phase 'p' at t = 0.83.*, and at 1 more point", "p.y", pushed)
+def a_right_hand_side_without_a_value(b: Any, followed: bool) -> None:
     b.y = rcp.State(initial=0)
     b.ode(lambda b, t: {b.y: b.x[t] + (NAN if t > 0.75 and not followed else 1.0)})
 
 
-@diagnosed(r"by p.y\[.* = 0, in right-hand side of 'y' .* t = .*, and at 7 more points", "p.y")
-def a_division_by_zero_at_the_guess(m: Any, followed: bool) -> None:
-    b = pushed(m)
+@diagnosed(r"by p.y\[.* = 0, in right-hand side of 'y' .* t = .*, and at 7 more points", "p.y", pushed)
+def a_division_by_zero_at_the_guess(b: Any, followed: bool) -> None:
     b.y = rcp.State(initial=0)
     b.ode(lambda b, t: {b.y: b.x[t] / (b.y[t] + (1 if followed else 0))})
 
 
-@diagnosed("the number -?inf, in constraint 'p.limit' at t = 0.08", "p.limit")
-def an_infinite_coefficient(m: Any, followed: bool) -> None:
-    b = pushed(m)
+@diagnosed("the number -?inf, in constraint 'p.limit' at t = 0.08", "p.limit", pushed)
+def an_infinite_coefficient(b: Any, followed: bool) -> None:
     b.constraint(lambda b, t: (1 if followed else INF) * b.x[t] <= 1, name="limit")
 
 
-@diagnosed(r"derivative of sqrt.* p.z\[0.08.*, in constraint 'p.speed' at t = 0.08", "p.speed")
-def a_root_of_zero(m: Any, followed: bool) -> None:
-    b = pushed(m)
+@diagnosed(r"derivative of sqrt.* p.z\[0.08.*, in constraint 'p.speed' at t = 0.08", "p.speed", pushed)
+def a_root_of_zero(b: Any, followed: bool) -> None:
     b.z = rcp.Algebraic(initial_guess=1 if followed else 0, bounds=(0, None))
     b.residual(lambda b, t: pyo.sqrt(b.z[t]) == b.x[t], name="speed")
 
 
-@diagnosed(r"parameter 'table\[2\]' is nan", "table[2]")
-def a_hole_in_a_table(m: Any, followed: bool) -> None:
-    pushed(m)
-    m.table = pyo.Param([1, 2, 3], initialize={1: 0.0, 2: 0.5 if followed else NAN, 3: 1.0}, mutable=True)
+@diagnosed(r"parameter 'table\[2\]' is nan", "table[2]", pushed)
+def a_hole_in_a_table(b: Any, followed: bool) -> None:
+    b.model().table = pyo.Param([1, 2, 3], initialize={1: 0.0, 2: 0.5 if followed else NAN, 3: 1.0}, mutable=True)
 
 
-@diagnosed("'p.fast': .*not consistent", "p.fast")
+@diagnosed("'p.fast': .*not consistent", "p.fast", None)
 def units_that_do_not_match(m: Any, followed: bool) -> None:
     u = pyo.units
     m.p = b = rcp.PhaseBlock(elements=3, time_units=u.s)
@@ -150,21 +140,19 @@ def units_that_do_not_match(m: Any, followed: bool) -> None:
 # -------------------------------------------------------------------- what a model holds besides
 
 
-@diagnosed("'gear' is a discrete variable", "gear")
-def a_discrete_variable(m: Any, followed: bool) -> None:
-    b = pushed(m)
-    m.gear = pyo.Var(domain=pyo.Reals if followed else pyo.Binary, initialize=0)
-    m.limit = pyo.Constraint(expr=b.u[1.0] <= m.gear)
+@diagnosed("'gear' is a discrete variable", "gear", pushed)
+def a_discrete_variable(b: Any, followed: bool) -> None:
+    b.model().gear = pyo.Var(domain=pyo.Reals if followed else pyo.Binary, initialize=0)
+    b.model().limit = pyo.Constraint(expr=b.u[1.0] <= b.model().gear)
 
 
-@diagnosed(r"'p.contact\[.*side 'p.u\[.*' has two finite bounds", "p.contact")
-def a_complementary_side_with_two_bounds(m: Any, followed: bool) -> None:
-    b = pushed(m)
+@diagnosed(r"'p.contact\[.*side 'p.u\[.*' has two finite bounds", "p.contact", pushed)
+def a_complementary_side_with_two_bounds(b: Any, followed: bool) -> None:
     b.z = rcp.Algebraic(bounds=(0, None))
     b.complementarity(lambda b, t: rcp.complements(b.u[t] >= -1 if followed else b.u[t], b.z[t]), name="contact")
 
 
-@diagnosed("phase 'p' has no state", "p")
+@diagnosed("phase 'p' has no state", "p", None)
 def a_phase_without_a_state(m: Any, followed: bool) -> None:
     m.p = rcp.PhaseBlock(elements=2)
     m.p.u = rcp.Control()
@@ -174,9 +162,8 @@ def a_phase_without_a_state(m: Any, followed: bool) -> None:
     m.cost = pyo.Objective(expr=m.p.integral(effort))
 
 
-@diagnosed("1 variables are in no active row.* example 'slack'", "slack")
-def a_variable_of_the_users_in_no_row(m: Any, followed: bool) -> None:
-    b = pushed(m)
-    m.slack = pyo.Var(initialize=0)
+@diagnosed("1 variables are in no active row.* example 'slack'", "slack", pushed)
+def a_variable_of_the_users_in_no_row(b: Any, followed: bool) -> None:
+    b.model().slack = pyo.Var(initialize=0)
     if followed:
-        m.row = pyo.Constraint(expr=b.x[1.0] <= m.slack)
+        b.model().row = pyo.Constraint(expr=b.x[1.0] <= b.model().slack)

@@ -12,59 +12,51 @@ from .entries import cart, driven, effort, fails, newton, refused
 
 
 @refused("'p.u'", "used as one number", "b.integral(lambda b, t: b.u[t] ** 2)")
-def the_integral_of_a_squared_variable(m: Any, followed: bool) -> None:
-    b = cart(m)
-    m.effort = pyo.Objective(expr=b.integral(effort) if followed else b.integral(b.u**2))
+def the_integral_of_a_squared_variable(b: Any, followed: bool) -> None:
+    b.model().effort = pyo.Objective(expr=b.integral(effort) if followed else b.integral(b.u**2))
 
 
 @refused("'u'", "integral(lambda b, t: b.u[t])")
-def the_integral_of_a_variable(m: Any, followed: bool) -> None:
-    b = cart(m)
+def the_integral_of_a_variable(b: Any, followed: bool) -> None:
     b.integral((lambda b, t: b.u[t]) if followed else b.u)
 
 
 @refused("'p.u' has no value of its own at 0", "the nearest are", "b.u.at(0)")
-def a_control_at_the_start(m: Any, followed: bool) -> None:
-    b = cart(m)
-    m.c = pyo.Constraint(expr=(b.u.at(0) if followed else b.u[0]) == 0)
+def a_control_at_the_start(b: Any, followed: bool) -> None:
+    b.model().c = pyo.Constraint(expr=(b.u.at(0) if followed else b.u[0]) == 0)
 
 
 @refused("'p.x' has no value of its own at 0.55", "b.x.at(0.55)")
-def a_state_between_the_points(m: Any, followed: bool) -> None:
-    b = cart(m)
-    m.c = pyo.Constraint(expr=(b.x.at(0.55) if followed else b.x[0.55]) <= 1)
+def a_state_between_the_points(b: Any, followed: bool) -> None:
+    b.model().c = pyo.Constraint(expr=(b.x.at(0.55) if followed else b.x[0.55]) <= 1)
 
 
 @refused("'p.u' has no value of its own at 0.0", "b.integral(lambda b, t: ...) for a sum over time")
-def a_sum_over_the_times_of_the_states(m: Any, followed: bool) -> None:
-    b = cart(m)
-    m.effort = pyo.Objective(expr=b.integral(effort) if followed else sum(b.u[t] ** 2 for t in b.time))
+def a_sum_over_the_times_of_the_states(b: Any, followed: bool) -> None:
+    b.model().effort = pyo.Objective(expr=b.integral(effort) if followed else sum(b.u[t] ** 2 for t in b.time))
 
 
-@refused("'p.x', a variable over time, has no 'final'", "b.x.at_end")
+@refused("'p.x', a variable over time, has no 'final'", "b.x.at_end", on=None)
 def the_final_value_by_another_name(m: Any, followed: bool) -> None:
     b = cart(m, final=None)
     m.c = pyo.Constraint(expr=(b.x.at_end if followed else b.x.final) >= 1)
 
 
 @refused("'p.x', a variable over time, has no 'dot'", "in an ode, return {b.x: ...}")
-def the_derivative_as_an_attribute(m: Any, followed: bool) -> None:
-    b = cart(m)
+def the_derivative_as_an_attribute(b: Any, followed: bool) -> None:
     b.ode(newton if followed else lambda b, t: [b.x.dot == b.v[t]])
 
 
 @refused("'p.x' is a variable at all times", "b.x.at(time)")
-def a_bound_on_a_whole_variable(m: Any, followed: bool) -> None:
-    b = cart(m)
+def a_bound_on_a_whole_variable(b: Any, followed: bool) -> None:
     if followed:
         b.constraint(lambda b, t: b.x[t] <= 0.7)
     else:
-        m.c = pyo.Constraint(expr=b.x <= 0.7)
+        b.model().c = pyo.Constraint(expr=b.x <= 0.7)
 
 
 @refused("constraint 'wall'", "Is an index missing?", "b.x[t]")
-def a_constraint_without_t(m: Any, followed: bool) -> None:
-    b = cart(m)
+def a_constraint_without_t(b: Any, followed: bool) -> None:
 
     @b.constraint
     def wall(b: Any, t: Any) -> Any:
@@ -72,8 +64,7 @@ def a_constraint_without_t(m: Any, followed: bool) -> None:
 
 
 @refused("ode 'o'", "'p.v' as the derivative of 'x'", "[t] missing")
-def right_hand_sides_without_t(m: Any, followed: bool) -> None:
-    b = cart(m)
+def right_hand_sides_without_t(b: Any, followed: bool) -> None:
 
     @b.ode
     def o(b: Any, t: Any) -> Any:
@@ -81,14 +72,12 @@ def right_hand_sides_without_t(m: Any, followed: bool) -> None:
 
 
 @refused("ode 'o'", "rule(b, t)", "lambda b, t: ...")
-def a_rule_without_time(m: Any, followed: bool) -> None:
-    b = cart(m)
+def a_rule_without_time(b: Any, followed: bool) -> None:
     b.ode(newton if followed else lambda b: {b.x: b.v}, name="o")
 
 
 @refused("ode 'o'", "returned nothing", "return statement missing")
-def a_rule_that_returns_nothing(m: Any, followed: bool) -> None:
-    b = cart(m)
+def a_rule_that_returns_nothing(b: Any, followed: bool) -> None:
 
     @b.ode
     def o(b: Any, t: Any) -> Any:
@@ -99,19 +88,17 @@ def a_rule_that_returns_nothing(m: Any, followed: bool) -> None:
 
 
 @refused("ode 'o'", "{b.x: ...}, not {b.x[t]: ...}")
-def states_at_one_time_as_keys(m: Any, followed: bool) -> None:
-    b = cart(m)
+def states_at_one_time_as_keys(b: Any, followed: bool) -> None:
     b.ode(newton if followed else lambda b, t: {b.x[t]: b.v[t], b.v[t]: b.u[t]}, name="o")
 
 
 @refused("ode 'o'", "np.sin", "pyo.sin(...)")
-def a_function_of_numpy(m: Any, followed: bool) -> None:
-    b = cart(m)
+def a_function_of_numpy(b: Any, followed: bool) -> None:
     sine = pyo.sin if followed else np.sin
     b.ode(lambda b, t: {b.x: sine(b.v[t]), b.v: b.u[t]}, name="o")
 
 
-@refused("ode 'o'", "whose shapes do not fit", "has n columns")
+@refused("ode 'o'", "whose shapes do not fit", "has n columns", on=None)
 def a_matrix_of_the_wrong_shape(m: Any, followed: bool) -> None:
     m.p = b = rcp.PhaseBlock(duration=1.0, elements=2)
     b.z = rcp.State(index=range(3), initial=0)
@@ -120,14 +107,12 @@ def a_matrix_of_the_wrong_shape(m: Any, followed: bool) -> None:
 
 
 @refused("constraint 'c'", "asks whether a relation", "(0, b.x[t], 1)")
-def a_chain_of_inequalities(m: Any, followed: bool) -> None:
-    b = cart(m)
+def a_chain_of_inequalities(b: Any, followed: bool) -> None:
     b.constraint((lambda b, t: (0, b.x[t], 1)) if followed else (lambda b, t: 0 <= b.x[t] <= 1), name="c")
 
 
 @refused("constraint 'c'", "asks whether a relation", "pyo.Expr_if or complementarity")
-def a_greatest_of_python(m: Any, followed: bool) -> None:
-    b = cart(m)
+def a_greatest_of_python(b: Any, followed: bool) -> None:
 
     def positive(b: Any, t: Any) -> Any:
         part = pyo.Expr_if(b.v[t] >= 0, b.v[t], 0) if followed else max(b.v[t], 0)
@@ -137,20 +122,17 @@ def a_greatest_of_python(m: Any, followed: bool) -> None:
 
 
 @refused("constraint 'c'", "is strict", "Write '<='")
-def a_strict_inequality(m: Any, followed: bool) -> None:
-    b = cart(m)
+def a_strict_inequality(b: Any, followed: bool) -> None:
     b.constraint((lambda b, t: b.x[t] <= 1) if followed else (lambda b, t: b.x[t] < 1), name="c")
 
 
 @refused("constraint 'c'", "the formula p.x[", "'expression <= 1'")
-def a_formula_in_place_of_a_relation(m: Any, followed: bool) -> None:
-    b = cart(m)
+def a_formula_in_place_of_a_relation(b: Any, followed: bool) -> None:
     b.constraint((lambda b, t: b.x[t] - 1 <= 0) if followed else (lambda b, t: b.x[t] - 1), name="c")
 
 
 @refused("'p.touch", "complements(a >= 0, b >= 0)")
-def a_product_as_a_pair(m: Any, followed: bool) -> None:
-    b = cart(m)
+def a_product_as_a_pair(b: Any, followed: bool) -> None:
 
     @b.complementarity
     def touch(b: Any, t: Any) -> Any:
@@ -158,44 +140,37 @@ def a_product_as_a_pair(m: Any, followed: bool) -> None:
 
 
 @refused("ode 'o'", "was given a dict", "lambda b, t: {b.x: b.v[t]}")
-def equations_as_a_table(m: Any, followed: bool) -> None:
-    b = cart(m)
+def equations_as_a_table(b: Any, followed: bool) -> None:
     b.ode(newton if followed else {b.x: b.v, b.v: b.u}, name="o")
 
 
 @refused("'p.x'", "'start'", "b.x.at_start")
-def a_time_that_is_no_time(m: Any, followed: bool) -> None:
-    b = cart(m)
+def a_time_that_is_no_time(b: Any, followed: bool) -> None:
     _ = b.x.at_start if followed else b.x["start"]
 
 
 @refused("'throttle'", "Declare it before the rule is stated")
-def a_rule_that_reads_what_was_not_declared(m: Any, followed: bool) -> None:
-    b = cart(m)
+def a_rule_that_reads_what_was_not_declared(b: Any, followed: bool) -> None:
     b.ode(newton if followed else lambda b, t: {b.x: b.v[t], b.v: b.throttle[t]}, name="o")
 
 
-@refused("the integrand", "Is an index missing?")
-def an_integrand_without_t(m: Any, followed: bool) -> None:
-    b = driven(m)
+@refused("the integrand", "Is an index missing?", on=driven)
+def an_integrand_without_t(b: Any, followed: bool) -> None:
     b.integral((lambda b, t: b.u[t] ** 2) if followed else (lambda b, t: b.u**2))
 
 
 @refused("ode 'o'", "'^'", "** 2")
-def a_power_of_another_language(m: Any, followed: bool) -> None:
-    b = cart(m)
+def a_power_of_another_language(b: Any, followed: bool) -> None:
     b.ode(lambda b, t: {b.x: b.v[t] ** 2 if followed else b.v[t] ^ 2, b.v: b.u[t]}, name="o")
 
 
 @refused("the integrand", "returned a list", "one number or formula")
-def a_list_as_integrand(m: Any, followed: bool) -> None:
-    b = cart(m)
+def a_list_as_integrand(b: Any, followed: bool) -> None:
     b.integral((lambda b, t: b.u[t] + b.v[t]) if followed else (lambda b, t: [b.u[t], b.v[t]]))
 
 
 @refused("the integrand", "returned nothing", "return statement missing")
-def an_integrand_that_returns_nothing(m: Any, followed: bool) -> None:
-    b = cart(m)
+def an_integrand_that_returns_nothing(b: Any, followed: bool) -> None:
 
     def force(b: Any, t: Any) -> Any:
         return b.u[t] if followed else None
@@ -203,53 +178,49 @@ def an_integrand_that_returns_nothing(m: Any, followed: bool) -> None:
     b.integral(force)
 
 
-@refused("'p.v' at ", "v.delayed(t, delay)")
-def a_value_of_a_while_ago(m: Any, followed: bool) -> None:
-    b = cart(m)
+@refused("'p.v' has no value of its own at ", "v.delayed(t, delay)")
+def a_value_of_a_while_ago(b: Any, followed: bool) -> None:
     b.w = rcp.State(initial=0, history=0.0)
     b.ode(lambda b, t: {b.x: b.w.delayed(t, 0.3) if followed else b.v[t - 0.3], b.v: b.u[t], b.w: b.u[t]}, name="o")
 
 
 @refused("CoulombFriction has no keyword 'mu'", "Did you mean 'coefficient'?")
-def the_coefficient_of_friction_by_its_letter(m: Any, followed: bool) -> None:
-    b = cart(m)
+def the_coefficient_of_friction_by_its_letter(b: Any, followed: bool) -> None:
     b.floor = rcp.mechanics.CoulombFriction(b.v, normal=9.81, **{"coefficient" if followed else "mu": 0.3})
 
 
-@refused("phase 'p' has no 'final'", "Did you mean 'final_time'?")
+@refused("phase 'p' has no 'final'", "Did you mean 'final_time'?", on=None)
 def the_end_of_a_phase_by_another_name(m: Any, followed: bool) -> None:
     b = cart(m, final=None)
     m.c = pyo.Constraint(expr=b.x[b.final_time if followed else b.final] >= 1)
 
 
-@refused("phase 'p' has no 'T'", "Did you mean 'duration'?")
+@refused("phase 'p' has no 'T'", "Did you mean 'duration'?", on=None)
 def the_duration_by_another_name(m: Any, followed: bool) -> None:
     b = cart(m, duration=rcp.Duration(bounds=(1, 3)))
     m.soon = pyo.Objective(expr=b.duration if followed else b.T)
 
 
 @refused("'u' is no state", "its states are x, v")
-def an_equation_for_a_control(m: Any, followed: bool) -> None:
-    b = cart(m)
+def an_equation_for_a_control(b: Any, followed: bool) -> None:
     b.ode(newton if followed else lambda b, t: {b.x: b.v[t], b.u: 1.0})
 
 
 @refused("'p.x', a variable over time, has no 'initial' to set", "rcp.State(initial=...")
-def an_initial_value_that_is_set_later(m: Any, followed: bool) -> None:
-    b = cart(m)
+def an_initial_value_that_is_set_later(b: Any, followed: bool) -> None:
     if followed:
         b.x[0.0].fix(0.2)
     else:
         b.x.initial = 0.2
 
 
-@refused("ode 'o'", "uses t as a number", "In formulas of Pyomo's functions t is the time", "pyo.sin(t)")
+@refused("ode 'o'", "uses t as a number", "In formulas of Pyomo's functions t is the time", "pyo.sin(t)", on=None)
 def a_number_of_a_time_that_is_to_be_found(m: Any, followed: bool) -> None:
     b = cart(m, duration=rcp.Duration(bounds=(1, 3), initial_guess=2))
     b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] + (pyo.sin(t) if followed else math.sin(t))}, name="o")
 
 
-@refused("ode 'o'", "reads 'p.v' of another model, 'leader'", "Put both into one model")
+@refused("ode 'o'", "reads 'p.v' of another model, 'leader'", "Put both into one model", on=None)
 def a_phase_of_another_model(m: Any, followed: bool) -> None:
     b, leader = cart(m), pyo.ConcreteModel(name="leader")
     if followed:
@@ -267,41 +238,39 @@ def _choice(b: Any, chosen: Any, followed: bool) -> None:
     b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] - (b.positive[t] if followed else chosen(b.x[t]))}, name="o")
 
 
-@refused("ode 'o'", "'if'", "Step for an 'if x > 0'", _POSITIVE)
+@refused("ode 'o'", "'if'", "Step for an 'if x > 0'", _POSITIVE, on=None)
 def a_branch_on_a_state(m: Any, followed: bool) -> None:
     _choice(cart(m), lambda x: x if x > 0 else 0, followed)
 
 
-@refused("ode 'o'", "np.maximum", _POSITIVE)
+@refused("ode 'o'", "np.maximum", _POSITIVE, on=None)
 def the_larger_one_of_numpy(m: Any, followed: bool) -> None:
     _choice(cart(m), lambda x: np.maximum(x, 0), followed)
 
 
-@refused("ode 'o'", "is true", _POSITIVE)
+@refused("ode 'o'", "is true", _POSITIVE, on=None)
 def a_variable_taken_for_true_or_false(m: Any, followed: bool) -> None:
     _choice(cart(m), lambda x: x if x else 0, followed)
 
 
-@refused("ode 'o'", "rounds a variable", "AbsoluteValue")
+@refused("ode 'o'", "rounds a variable", "AbsoluteValue", on=None)
 def a_remainder(m: Any, followed: bool) -> None:
     _choice(cart(m), lambda x: x % 1, followed)
 
 
 @refused("ode 'o'", "math.cos", "pyo.sin")
-def a_function_of_the_math_module(m: Any, followed: bool) -> None:
-    b = cart(m)
+def a_function_of_the_math_module(b: Any, followed: bool) -> None:
     sine = pyo.sin if followed else math.sin
     b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] + sine(b.x[t])}, name="o")
 
 
 @refused("ode 'o'", "np.arctan2", "rcp.array")
-def a_function_of_numpy_with_two_arguments(m: Any, followed: bool) -> None:
-    b = cart(m)
+def a_function_of_numpy_with_two_arguments(b: Any, followed: bool) -> None:
     read = (lambda x: rcp.array([x])[0]) if followed else (lambda x: x)
     b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] + np.arctan2(read(b.x[t]), 1.0)}, name="o")
 
 
-@fails("division by p.x[0.0] = 0, which is fixed", "needs another value, or a scheme without a point there")
+@fails("division by p.x[0.0] = 0, which is fixed", "needs another value, or a scheme without a point there", on=None)
 def a_division_by_a_start_of_zero(m: Any, followed: bool) -> None:
     b = cart(m, final=None, **({} if followed else {"scheme": "hermite_simpson"}))
     m.effort = pyo.Objective(expr=b.integral(effort) + (b.x.at_end - 1) ** 2)
@@ -309,7 +278,6 @@ def a_division_by_a_start_of_zero(m: Any, followed: bool) -> None:
 
 
 @fails("division by p.x[0.0] = 0, which is fixed")
-def a_division_by_the_start_itself(m: Any, followed: bool) -> None:
-    b = cart(m)
-    m.effort = pyo.Objective(expr=b.integral(effort))
+def a_division_by_the_start_itself(b: Any, followed: bool) -> None:
+    b.model().effort = pyo.Objective(expr=b.integral(effort))
     b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] + 1 / (b.x[0] + (1 if followed else 0))}, name="o")

@@ -9,72 +9,72 @@ import pyrobocop_pyomo as rcp
 from .entries import cart, driven, effort, fails
 
 
-@fails("equation of 'x' of phase 'p' at t = ", "no values meet them together", "'p.u' <= 2 at ", "'p.x' fixed at 1")
+@fails(
+    "equation of 'x' of phase 'p' at t = ",
+    "no values meet them together",
+    "'p.u' <= 2 at ",
+    "'p.x' fixed at 1",
+    on=None,
+)
 def too_little_time(m: Any, followed: bool) -> None:
     driven(m, duration=2.0 if followed else 0.5)
 
 
-@fails("of phase 'p' at t = ", "one must give way:\n  'p.u' ", "'p.u' <= 0.1 at ")
+@fails("of phase 'p' at t = ", "one must give way:\n  'p.u' ", "'p.u' <= 0.1 at ", on=None)
 def too_little_force(m: Any, followed: bool) -> None:
     driven(m, force=2.0 if followed else 0.1)
 
 
-@fails("What grows: ", "'p.u'", "Bound what grows")
+@fails("What grows: ", "'p.u'", "Bound what grows", on=None)
 def an_objective_without_a_lower_end(m: Any, followed: bool) -> None:
     b = cart(m, final=None, force=2.0 if followed else None)
     b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
     m.far = pyo.Objective(expr=b.x.at_end, sense=pyo.maximize)
 
 
-@fails("'wall' by 0.1 at t = 2", "leave one of them free")
-def an_end_value_behind_a_wall(m: Any, followed: bool) -> None:
-    b = driven(m)
+@fails("'wall' by 0.1 at t = 2", "leave one of them free", on=driven)
+def an_end_value_behind_a_wall(b: Any, followed: bool) -> None:
     b.constraint(lambda b, t: b.x[t] <= (1.1 if followed else 0.9), name="wall")
 
 
 @fails("'effort' holds abs(...)", "two controls with bounds=(0, None)")
-def an_absolute_value_as_objective(m: Any, followed: bool) -> dict[str, Any] | None:
-    b = cart(m)
+def an_absolute_value_as_objective(b: Any, followed: bool) -> dict[str, Any] | None:
     b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
     if not followed:
-        m.effort = pyo.Objective(expr=b.integral(lambda b, t: abs(b.u[t])))
+        b.model().effort = pyo.Objective(expr=b.integral(lambda b, t: abs(b.u[t])))
         return {"strategies": "solve"}  # by default a second try puts the parts in its place
     b.plus, b.minus = rcp.Control(bounds=(0, None)), rcp.Control(bounds=(0, None))
     b.constraint(lambda b, t: b.u[t] == b.plus[t] - b.minus[t])
-    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.plus[t] + b.minus[t]))
+    b.model().effort = pyo.Objective(expr=b.integral(lambda b, t: b.plus[t] + b.minus[t]))
     return None
 
 
 @fails("sqrt(...) of p.v[", "= -1, in right-hand side of 'v' of phase 'p' at t = ", "element 0, point 1", "by bounds")
-def a_root_of_a_negative_number(m: Any, followed: bool) -> None:
-    b = cart(m)
+def a_root_of_a_negative_number(b: Any, followed: bool) -> None:
     b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] - 0.1 * pyo.sqrt(b.v[t] + (1 if followed else -1))})
-    m.effort = pyo.Objective(expr=b.integral(effort))
+    b.model().effort = pyo.Objective(expr=b.integral(effort))
 
 
 @fails("log(...) of p.x[", "'v' of phase 'p' at t = ", "Bounds that keep it away")
-def a_logarithm_that_the_start_rules_out(m: Any, followed: bool) -> None:
-    b = cart(m)
+def a_logarithm_that_the_start_rules_out(b: Any, followed: bool) -> None:
     b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] - 0.1 * pyo.log(b.x[t] + (0.5 if followed else -0.5))})
-    m.effort = pyo.Objective(expr=b.integral(effort))
+    b.model().effort = pyo.Objective(expr=b.integral(effort))
 
 
 @fails("the number nan", "'v' of phase 'p' at t = ")
-def a_constant_that_is_no_number(m: Any, followed: bool) -> None:
-    b = cart(m)
+def a_constant_that_is_no_number(b: Any, followed: bool) -> None:
     b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] + (0.0 if followed else float("nan"))})
-    m.effort = pyo.Objective(expr=b.integral(effort))
+    b.model().effort = pyo.Objective(expr=b.integral(effort))
 
 
 @fails("iteration limit", "max_iter")
-def too_few_iterations(m: Any, followed: bool) -> Any:
-    b = cart(m)
+def too_few_iterations(b: Any, followed: bool) -> Any:
     b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] - 0.5 * pyo.sin(3 * b.x[t])})
-    m.effort = pyo.Objective(expr=b.integral(effort))
+    b.model().effort = pyo.Objective(expr=b.integral(effort))
     return {"options": {"max_iter": 200 if followed else 1}}
 
 
-@fails("Ipopt reached its iteration limit", "Raise it with options={'max_iter'", "along random configurations")
+@fails("Ipopt reached its iteration limit", "Raise it with options={'max_iter'", "along random configurations", on=None)
 def a_guess_through_an_obstacle_and_few_iterations(m: Any, followed: bool) -> Any:
     m.p = b = rcp.PhaseBlock(duration=2.0, elements=8, stages=1)
     b.x, b.y = rcp.State(initial=0, final=4), rcp.State(initial=0, final=0)
@@ -94,7 +94,7 @@ def a_guess_through_an_obstacle_and_few_iterations(m: Any, followed: bool) -> An
     return {"options": {"max_iter": 100 if followed else 2}}
 
 
-@fails("Phase 'p' has pairs and several stages per element", "take stages=1, or two phases with a jump")
+@fails("Phase 'p' has pairs and several stages per element", "take stages=1, or two phases with a jump", on=None)
 def several_stages_at_an_impact(m: Any, followed: bool) -> Any:
     m.p = b = rcp.PhaseBlock(duration=1.0, elements=6, stages=1 if followed else 3)
     b.x, b.v = rcp.State(initial=1.0), rcp.State(initial=0)

@@ -1,7 +1,5 @@
 """NumPy's functions on variables are those functions on the variables' values."""
 
-from __future__ import annotations
-
 import copy
 import math
 import pickle
@@ -9,6 +7,7 @@ import pickle
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.phases import one_phase
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -182,9 +181,7 @@ PULL = np.array([[0.0, 1.0], [-2.0, -0.3]])
 
 def swinging(of_array: bool):
     """A driven pendulum, with NumPy or with Pyomo's functions."""
-    m = pyo.ConcreteModel()
-    m.swing = b = rcp.PhaseBlock(duration=1.0, elements=4, stages=2)
-    b.angle, b.rate = rcp.State(initial=1), rcp.State(initial=0)
+    m, b = one_phase("swing", duration=1.0, elements=4, stages=2, angle=rcp.State(initial=1), rate=rcp.State(initial=0))
     b.energy = rcp.Algebraic(bounds=(0, None))
     b.torque = rcp.Control(bounds=(-1, 1), initial_guess=0.3)
 
@@ -195,13 +192,9 @@ def swinging(of_array: bool):
             x = rcp.array([b.angle[t], b.rate[t]])
             return dict(zip((b.angle, b.rate), PULL @ np.sin(x) + np.array([0, 1]) * b.torque[t], strict=True))
 
-        @b.residual
-        def heights(b, t):
-            return rcp.array([b.energy[t]]) - np.exp(rcp.array([b.angle[t]]))
+        b.residual(lambda b, t: rcp.array([b.energy[t]]) - np.exp(rcp.array([b.angle[t]])), name="heights")
 
-        @b.constraint
-        def slow(b, t):
-            return np.linalg.norm(rcp.array([b.angle[t], b.rate[t]])) <= 5
+        b.constraint(lambda b, t: np.linalg.norm(rcp.array([b.angle[t], b.rate[t]])) <= 5, name="slow")
 
         m.cost = pyo.Objective(expr=b.integral(lambda b, t: rcp.array([b.angle[t], b.torque[t]]) ** 2 @ [1, 0.1]))
     else:
@@ -211,13 +204,9 @@ def swinging(of_array: bool):
             angle, rate = pyo.sin(b.angle[t]), pyo.sin(b.rate[t])
             return {b.angle: rate, b.rate: -2 * angle - 0.3 * rate + b.torque[t]}
 
-        @b.residual
-        def heights(b, t):
-            return b.energy[t] - pyo.exp(b.angle[t])
+        b.residual(lambda b, t: b.energy[t] - pyo.exp(b.angle[t]), name="heights")
 
-        @b.constraint
-        def slow(b, t):
-            return pyo.sqrt(b.angle[t] ** 2 + b.rate[t] ** 2) <= 5
+        b.constraint(lambda b, t: pyo.sqrt(b.angle[t] ** 2 + b.rate[t] ** 2) <= 5, name="slow")
 
         m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.angle[t] ** 2 + 0.1 * b.torque[t] ** 2))
     return m
@@ -239,9 +228,7 @@ def test_rules_with_arrays_are_rules():
 
 
 def test_rules_that_return_arrays_where_one_row_is_meant_are_refused():
-    m = pyo.ConcreteModel()
-    m.b = b = rcp.PhaseBlock(duration=1, elements=2)
-    b.x = rcp.State(initial=0)
+    _, b = one_phase("b", duration=1, elements=2, x=rcp.State(initial=0))
     pair = lambda b, t: rcp.array([b.x[t], 1.0])  # noqa: E731
     with pytest.raises(ModelError, match=r"phase 'b': the integrand.*shape \(2,\).*Sum it"):
         b.integral(pair)

@@ -1,7 +1,5 @@
 """Calls of Python functions are expressions of Pyomo like any other, and what is wrong with a function is said."""
 
-from __future__ import annotations
-
 import pickle
 from typing import Any
 

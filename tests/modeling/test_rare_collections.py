@@ -1,7 +1,5 @@
 """The collector of garbage is as the user has it after a solve, whatever other threads do meanwhile."""
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import threading

@@ -1,7 +1,5 @@
 """Snapshots of values, violations of rows, and the blocks of a kind."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

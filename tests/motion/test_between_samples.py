@@ -1,7 +1,5 @@
 """What the equations do between instants that are looked at: vibrations with the period of a sampling, and gusts."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Safe is what the robot does that integrates the plan's controls, not the polynomial of the plan alone."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any
 
@@ -68,6 +66,14 @@ def test_the_deviation_bounds_how_far_every_corner_leaves_the_plan(scheme: str, 
     (pair,) = report.body_pairs
     assert (pair.interval_deviation >= per_element * (1 - 1e-6) - 1e-9).all()
     assert (pair.interval_deviation <= 1.3 * per_element + 1e-8).all()
+    # eq-deviation, by the states of the re-integration.
+    motion = m.drive.reintegrate()
+    led, stated = (
+        [np.array([s["x"], s["y"]]) + turned(s["heading"], corner) for corner in BODY.vertices]
+        for s in (motion.open_loop, motion.planned)
+    )
+    expected = 1.1 * np.linalg.norm(np.subtract(led, stated), axis=1).max(axis=(0, 2))
+    np.testing.assert_allclose(pair.interval_deviation, expected, rtol=1e-9)
 
 
 def turned(angle: Any, corner: Any) -> Any:

@@ -1,9 +1,8 @@
 """Poses between the nodes follow the polynomials that trajectories evaluate."""
 
-from __future__ import annotations
-
 import math
 import pickle
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
@@ -17,6 +16,7 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError, ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, planar_pose
 from pyrobocop_pyomo.motion import Body, motion_of
+from pyrobocop_pyomo.motion.motion import Motion
 from pyrobocop_pyomo.motion.moving_shapes import template_of
 from pyrobocop_pyomo.templates.template import templated
 
@@ -80,14 +80,6 @@ def test_at_a_node_the_rule_itself_is_asked() -> None:
             assert motion.pose_at(by_states, interval, fraction).translation[0] is m.move.x[node]
 
 
-def test_plain_points_are_joined_by_lines() -> None:
-    m = on_points([(0, 1, 0), (2, 5, 0.5), (2, 0, 1)], times=[0.0, 1.0, 4.0])
-    motion = motion_of(m.t, m)
-    assert motion.intervals == ((0.0, 1.0), (1.0, 4.0))
-    _, translation = motion.pose_at(lambda b, t: planar_pose(b.x[t] + t, b.y[t]), 1, 0.25).numbers()
-    assert translation == pytest.approx([2 + 1.75, 3.75])
-
-
 @pytest.mark.parametrize("given", [["a", "b"], {1, 2}, [3.0]], ids=str)
 def test_points_that_are_no_times_have_no_intervals(given: Any) -> None:
     m = pyo.ConcreteModel()
@@ -96,52 +88,93 @@ def test_points_that_are_no_times_have_no_intervals(given: Any) -> None:
     assert set(motion.points) == set(given)
 
 
-def test_indices_beside_time_and_references_are_followed() -> None:
+# With a pose, an interval, a fraction of it, and the place there.
+Followed = tuple[Motion, Any, int, float, list[float]]
+
+
+def plain_points() -> Followed:
+    m = on_points([(0, 1, 0), (2, 5, 0.5), (2, 0, 1)], times=[0.0, 1.0, 4.0])
+    m.known = pyo.Param(m.t, initialize={0: 1.0, 1: 3.0, 4: 5.0})
+    m.loose = pyo.Param(m.t, initialize={0: 5.0, 1: 4.0, 4: 8.0}, mutable=True)
+    motion = motion_of(m.t, m)
+    assert motion.intervals == ((0.0, 1.0), (1.0, 4.0))
+    pose = lambda b, t: planar_pose(b.x[t] + t + b.known[t], b.y[t] + b.loose[t])  # noqa: E731
+    return motion, pose, 1, 0.25, [2 + 1.75 + 3.5, 3.75 + 5.0]
+
+
+def indices_beside_time_and_references() -> Followed:
     m = on_points([(0, 0, 0), (1, 0, 0)])
     m.q = pyo.Var(["arm", "leg"], m.t, initialize=lambda m, part, t: t * (3 if part == "arm" else 5))
     m.leg = pyo.Reference(m.q["leg", :])
     m.length = pyo.Param(["arm"], initialize=0.5, mutable=True)
-    motion = motion_of(m.t, m)
 
     def pose(b: Any, t: Any) -> Any:
         return planar_pose(b.q["arm", t] * b.length["arm"], b.leg[t] + b.component("x")[t] + b.x[0])
 
-    _, translation = motion.pose_at(pose, 0, 0.5).numbers()
-    assert translation == pytest.approx([0.75, 3.0])
-    values = template_of(motion, pose, "arm", 2).values(np.array([0]), np.array([0.5]))
-    assert values[0, 4:] == pytest.approx([0.75, 3.0])
+    return motion_of(m.t, m), pose, 0, 0.5, [0.75, 3.0]
 
 
-def test_named_expressions_are_followed_through_their_rules() -> None:
+def labels_that_print_alike() -> Followed:
+    m = on_points([(0, 0, 0), (1, 0, 0)])
+    m.q = pyo.Var([0, "0"], m.t, initialize=lambda m, part, t: 2.0 if part == 0 else 7.0)
+    return motion_of(m.t, m), lambda b, t: planar_pose(b.q[0, t], b.q["0", t]), 0, 0.4, [2.0, 7.0]
+
+
+def labels_that_are_equal_to_a_time() -> Followed:
+    m = on_points([(0, 0, 0), (1, 0, 0)], times=[0.0, 2.0])
+    m.q = pyo.Var([1, 2], m.t, initialize=lambda m, joint, t: joint * t)
+    return motion_of(m.t, m), lambda b, t: planar_pose(b.q[1, t], b.q[2, t]), 0, 0.5, [1.0, 2.0]
+
+
+def phases_over_an_index_set() -> Followed:
+    """Which have the same times."""
+    m = pyo.ConcreteModel()
+
+    def declare(b: Any, leg: str) -> None:
+        b.x = rcp.State(initial_guess=3.0 if leg == "left" else 8.0)
+
+    m.legs = rcp.PhaseBlock(["left", "right"], duration=2.0, elements=2, rule=declare)
+
+    def pose(m: Any, t: Any) -> Any:
+        return planar_pose(m.legs["right"].x[t] + m.legs["left"].x[0], m.legs["left"].x[t])
+
+    return motion_of(m.legs["right"].time, m), pose, 1, 0.2, [11.0, 3.0]
+
+
+def expressions_by_rules() -> Followed:
     m = on_a_phase(path, elements=2, duration=2.0)
     b = m.move
     b.elbow = pyo.Expression(["x", "y"], b.time, rule=lambda b, axis, t: 2 * b.component(axis)[t] + b.time_at(t))
     b.tip = pyo.Expression(b.time, rule=lambda b, t: b.elbow["x", t] ** 2)
-    motion = motion_of(b.time, m)
-
     pose = templated(lambda m, t: planar_pose(m.move.tip[t], m.move.elbow["y", t]))
     at = b.trajectory()(0.3)
-    expected = [(2 * at["x"] + 0.3) ** 2, 2 * at["y"] + 0.3]
-    assert motion.pose_at(pose, 0, 0.3).numbers()[1] == pytest.approx(expected)
-    values = template_of(motion, pose, "arm", 2).values(np.array([0]), np.array([0.3]))
-    assert values[0, 4:] == pytest.approx(expected)
-    b.tip[b.time.first()].set_value(7.0)
+    return motion_of(b.time, m), pose, 0, 0.3, [(2 * at["x"] + 0.3) ** 2, 2 * at["y"] + 0.3]
+
+
+def finite_differences() -> Followed:
+    m = free_fall(transformation="dae.finite_difference", nfe=4, scheme="BACKWARD")
+    return motion_of(m.t, m), lambda b, t: planar_pose(b.x[t], t), 1, 0.5, [0.625, 0.75]
+
+
+@pytest.mark.parametrize(
+    "state",
+    [
+        plain_points, indices_beside_time_and_references, labels_that_print_alike, labels_that_are_equal_to_a_time,
+        phases_over_an_index_set, expressions_by_rules, finite_differences,
+    ],
+)  # fmt: skip
+def test_what_a_rule_reads_is_followed(state: Callable[[], Followed]) -> None:
+    motion, pose, interval, fraction, place = state()
+    assert motion.pose_at(pose, interval, fraction).numbers()[1] == pytest.approx(place)
+    values = template_of(motion, pose, "arm", 2).values(np.array([interval]), np.array([fraction]))
+    assert values[0, 4:] == pytest.approx(place)
+
+
+def test_an_expression_that_was_given_another_value_is_refused() -> None:
+    motion, pose, *_ = expressions_by_rules()
+    motion.block.move.tip[0.0].set_value(7.0)
     with pytest.raises(ObstacleError, match="its rule said"):
         template_of(motion, pose, "arm", 2)
-
-
-def test_parameters_over_plain_points_are_joined_by_lines() -> None:
-    m = on_points([(0, 0, 0), (1, 0, 0)])
-    m.known = pyo.Param(m.t, initialize={0: 1.0, 1: 3.0})
-    m.loose = pyo.Param(m.t, initialize={0: 5.0, 1: 4.0}, mutable=True)
-    motion = motion_of(m.t, m)
-
-    def pose(b: Any, t: Any) -> Any:
-        return planar_pose(b.known[t], b.loose[t])
-
-    assert motion.pose_at(pose, 0, 0.5).numbers()[1] == pytest.approx([2.0, 4.5])
-    values = template_of(motion, pose, "truck", 2).values(np.array([0]), np.array([0.5]))
-    assert values[0, 4:] == pytest.approx([2.0, 4.5])
 
 
 def test_the_parent_may_be_below_or_above() -> None:
@@ -203,13 +236,6 @@ def test_continuous_sets_follow_their_polynomials(options: dict[str, Any]) -> No
         motion.pose_at(lambda b, t: planar_pose(b.v[t], 0), 0, 0.3)
 
 
-def test_finite_differences_are_joined_by_lines() -> None:
-    m = free_fall(transformation="dae.finite_difference", nfe=4, scheme="BACKWARD")
-    motion = motion_of(m.t, m)
-    assert len(motion.intervals) == 4
-    assert motion.pose_at(lambda b, t: planar_pose(b.x[t], t), 1, 0.5).numbers()[1] == pytest.approx([0.625, 0.75])
-
-
 def top_level_pose(b: Any, t: Any) -> Any:
     return planar_pose(b.x[t], 0)
 
@@ -229,36 +255,3 @@ def test_parts_are_numbered_within_their_body() -> None:
     assert [name for name, _ in both.named_parts("car")] == ["car[1]", "car[2]"]
     assert [name for name, _ in Body(Polytope.box(1, 1)).named_parts("car")] == ["car"]
     assert not both.moves
-
-
-def test_phases_over_an_index_set_are_told_apart() -> None:
-    m = pyo.ConcreteModel()
-
-    def declare(b: Any, leg: str) -> None:
-        b.x = rcp.State(initial_guess=3.0 if leg == "left" else 8.0)
-
-    m.legs = rcp.PhaseBlock(["left", "right"], duration=2.0, elements=2, rule=declare)
-    motion = motion_of(m.legs["right"].time, m)
-
-    def pose(m: Any, t: Any) -> Any:
-        return planar_pose(m.legs["right"].x[t], m.legs["left"].x[0])
-
-    assert motion.pose_at(pose, 0, 0.2).numbers()[1] == pytest.approx([8.0, 3.0])
-    values = template_of(motion, pose, "foot", 2).values(np.array([1]), np.array([0.2]))
-    assert values[0, 4:] == pytest.approx([8.0, 3.0])
-    both = motion.pose_at(lambda m, t: planar_pose(m.legs["left"].x[t], m.legs["right"].x[t]), 0, 0.2)
-    assert both.numbers()[1] == pytest.approx([3.0, 8.0])  # they have the same times
-
-
-def test_labels_that_print_alike_are_told_apart() -> None:
-    m = on_points([(0, 0, 0), (1, 0, 0)])
-    m.q = pyo.Var([0, "0"], m.t, initialize=lambda m, part, t: 2.0 if part == 0 else 7.0)
-    template = template_of(motion_of(m.t, m), lambda b, t: planar_pose(b.q[0, t], b.q["0", t]), "arm", 2)
-    assert template.values(np.array([0]), np.array([0.4]))[0, 4:] == pytest.approx([2.0, 7.0])
-
-
-def test_labels_that_are_equal_to_a_time_are_no_time() -> None:
-    m = on_points([(0, 0, 0), (1, 0, 0)], times=[0.0, 2.0])
-    m.q = pyo.Var([1, 2], m.t, initialize=lambda m, joint, t: joint * t)
-    pose = motion_of(m.t, m).pose_at(lambda b, t: planar_pose(b.q[1, t], b.q[2, t]), 0, 0.5)
-    assert pose.numbers()[1] == pytest.approx([1.0, 2.0])

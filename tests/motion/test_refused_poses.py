@@ -1,8 +1,5 @@
 """Poses that cannot be followed between the nodes are refused, with the body's name and a remedy."""
 
-from __future__ import annotations
-
-import math
 from typing import Any
 
 import pyomo.environ as pyo
@@ -11,7 +8,7 @@ from harness.moving import by_states, check, on_a_phase, on_points
 from pyomo.dae import ContinuousSet
 
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.geometry import Polytope, planar_pose, spatial_pose
+from pyrobocop_pyomo.geometry import Polytope, planar_pose
 from pyrobocop_pyomo.motion import Body, motion_of, verify_clearance
 
 FAR = Polytope.box(1, 1, center=(90, 90))
@@ -40,21 +37,17 @@ def test_a_rule_may_read_the_model_itself() -> None:
 
 
 REFUSED: dict[str, tuple[Any, str]] = {
-    "math.cos": (lambda b, t: planar_pose(math.cos(t), 0), "Pyomo's functions"),
     "a dictionary": (lambda b, t: planar_pose({0: 1.0, 1: 2.0, 2: 3.0}[t], 0), "Pyomo's functions"),
     "different at one node": (
         lambda b, t: planar_pose(b.x[t] + (0.5 if isinstance(t, int) and t == 1 else 0.0), 0),
         "Pyomo's functions",
     ),
     "asks about t": (lambda b, t: planar_pose(b.x[t] if t < 0.5 else 0.0, 0), "'if'"),
-    "reads what is not there": (lambda b, t: planar_pose(b.nothing[t], 0), "'nothing'"),
     "looks back": (lambda b, t: planar_pose(b.x[t - 1], 0), "has no value at t = 0"),
     # Functions without bounds on their curvature.
     "abs": (lambda b, t: planar_pose(abs(0.5 * b.x[t]), 0), "'abs'"),
     "asin": (lambda b, t: planar_pose(pyo.asin(0.5 * b.x[t]), 0), "'asin'"),
     "a condition": (lambda b, t: planar_pose(pyo.Expr_if(b.x[t] >= 2, b.x[t], 1), 0), "Expr_if"),
-    "no pose": (lambda b, t: (b.x[t], 0.0), "expected a Pose"),
-    "a pose in space": (lambda b, t: spatial_pose((b.x[t], 0, 0)), "expected a Pose in 2"),
 }
 
 
@@ -92,11 +85,6 @@ def test_variables_without_value() -> None:
     m = line()
     m.x[1] = None
     refused(m, by_states, "no value")
-
-
-def test_points_that_do_not_increase() -> None:
-    with pytest.raises(ObstacleError, match="2 is followed by 1"):
-        motion_of([0, 2, 1], pyo.ConcreteModel())
 
 
 def test_a_continuous_set_before_its_discretisation() -> None:

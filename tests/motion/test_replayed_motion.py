@@ -1,7 +1,5 @@
 """Safe is said of motions under the controls only that were followed everywhere; else it is said why they were not."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pyomo.environ as pyo

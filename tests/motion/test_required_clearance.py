@@ -1,7 +1,5 @@
 """A clearance that changes in time is proven at all times, as a number is."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

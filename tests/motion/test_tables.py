@@ -1,7 +1,5 @@
 """Bodies that move along tables and parameters: as the rows say, at every instant between them too."""
 
-from __future__ import annotations
-
 import math
 import pickle
 from typing import Any
@@ -137,8 +135,8 @@ def test_beyond_its_ends_a_table_says_nothing_unless_the_body_rests_there() -> N
     ("arguments", "match"),
     [
         (([0, 1], [0, 1, 2], 0), "x has the shape"),
-        (([0, 0], 0, 0), r"row 1 \(0\) follows row 0"),
-        (([0], 0, 0), "two times or more"),
+        (([0, 0], 0, 0), "0 at 0 is followed by 0"),
+        (([0], 0, 0), "at least 2"),
         (([0, 1], math.nan, 0), "finite"),
     ],
 )

@@ -1,7 +1,5 @@
 """What is not known of the motion under the controls is clear at best, never safe, and the first lines say so."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Callable
 from pathlib import Path
@@ -9,6 +7,7 @@ from typing import Any
 
 import pyomo.environ as pyo
 import pytest
+from harness.phases import with_phase
 from harness.scenes import keep_clear, on_the_line, post
 
 import pyrobocop_pyomo as rcp
@@ -23,8 +22,7 @@ State = Callable[[Any, Any, Any], Any]
 
 def mover(drift: State, prepare: Callable[[Any], None] = lambda m: None) -> Any:
     """A point that drives along a wall, with a drift to the side."""
-    m = pyo.ConcreteModel(name="mover")
-    m.drive = b = rcp.PhaseBlock(duration=1.0, elements=6, scheme="radau", stages=2)
+    m, b = with_phase("drive", "mover", duration=1.0, elements=6, scheme="radau", stages=2)
     b.x, b.y, b.u = rcp.State(initial=0), rcp.State(initial=0), rcp.Control(bounds=(-3, 3))
     prepare(m)
     b.ode(lambda b, t: {b.x: 1.0, b.y: b.u[t] + drift(m, b, t)})
@@ -99,8 +97,7 @@ def test_of_a_rule_that_takes_t_for_a_number_no_motion_is_known(is_on: Callable[
 
 def test_a_time_index_without_real_time_is_compared_too() -> None:
     """Rates are by real time, also where the indices of the phase are not."""
-    m = pyo.ConcreteModel()
-    m.drive = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(1, 4), initial_guess=2.0), elements=5)
+    _, b = with_phase("drive", duration=rcp.Duration(bounds=(1, 4), initial_guess=2.0), elements=5)
     b.x, b.y = rcp.State(initial=0), rcp.State(initial=0)
     b.ode(lambda b, t: {b.x: 1.0 + 0.1 * b.time_at(t), b.y: -b.y[t] + b.x[t]})
     b.initialize(b.simulate())
@@ -125,8 +122,7 @@ def test_what_was_safe_is_not_known_once_the_model_has_changed() -> None:
 
 
 def test_where_no_equations_are_stated_the_plan_is_the_motion() -> None:
-    m = pyo.ConcreteModel()
-    m.drive = b = rcp.PhaseBlock(duration=1.0, elements=3)
+    _, b = with_phase("drive", duration=1.0, elements=3)
     b.x, b.y = rcp.State(initial=0), rcp.Control(initial_guess=0.0)
     b.constraint(lambda b, t: b.derivative(b.x)[t] <= 1.0, name="slow")
     b.initialize(x=0.0)

@@ -1,13 +1,11 @@
 """The report is about a motion, and says which one: polynomials, or lines between points."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 
 import pyomo.environ as pyo
 import pytest
-from harness.moving import by_states, check, on_a_phase, on_points
+from harness.moving import by_states, check, on_a_phase
 from pyomo.dae import ContinuousSet, DerivativeVar
 
 import pyrobocop_pyomo as rcp
@@ -54,25 +52,14 @@ def test_reports_say_which_motion_along_continuous_sets(
     assert re.search(words, str(report).splitlines()[0])
 
 
-def test_reports_say_which_motion_of_phases_and_of_points_without_order() -> None:
+def test_reports_say_which_motion_of_phases() -> None:
     m = on_a_phase(lambda t: (t, 0, 0), elements=2, duration=1.0)
     moving = check(m, CAR, FAR, 0.1, points=m.move.time, pose=lambda m, t: by_states(m.move, t))
     assert "polynomials of the states of phase 'move'" in str(moving).splitlines()[0]
     assert not moving.motion_is_assumed
-    m = on_points([(0, 0, 0), (1, 0, 0)])
-    m.names = pyo.Set(initialize=["a", "b"])
-    m.z = pyo.Var(m.names, initialize=0.0)
-    still = check(m, CAR, FAR, 0.1, points=m.names, pose=lambda m, t: planar_pose(m.z[t], 0))
-    assert "the points alone" in str(still).splitlines()[0]
 
 
 # ------------------------------------------------------------------------------------------- numbers in place of sets
-
-
-def test_a_list_of_members_hides_how_states_move() -> None:
-    m = discretised("pyrobocop.collocation", nfe=3)
-    with pytest.raises(ObstacleError, match="'x.t.' is indexed by 't'.*Give 't' itself"):
-        check(m, CAR, FAR, 0.1, points=list(m.t), pose=along)
 
 
 def test_a_list_of_members_is_refused_when_the_block_is_added() -> None:

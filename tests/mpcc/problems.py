@@ -14,22 +14,15 @@ def sides(index, sign=1.0, offset=0.0):
     return Sides(index, np.full(index.size, sign), np.full(index.size, offset))
 
 
-def ralph1():
-    """Minimise 2x - y over x >= 0 and 0 <= y ⟂ s = y - x >= 0: the origin is B-stationary and not S (MacMPEC)."""
-    nlp = QuadraticProgram([2, -1, 0], A=[[-1, 1, -1]], g_lower=[0], g_upper=[0], x_lower=[0, 0, 0])
-    return ComplementarityProgram(nlp, sides(1), sides(2))
-
-
-def scholtes4():
-    """Minimise x + y - z over z <= 4x, z <= 4y and 0 <= x ⟂ y >= 0: the origin is B-stationary and not S (MacMPEC)."""
-    nlp = QuadraticProgram([1, 1, -1], A=[[-4, 0, 1], [0, -4, 1]], g_upper=[0, 0], x_lower=[0, 0, -np.inf])
-    return ComplementarityProgram(nlp, sides(0), sides(1))
+def paired(c, pairs=1, **parts):
+    """A quadratic program whose first variables are paired with those after them."""
+    k = np.arange(pairs)
+    return ComplementarityProgram(QuadraticProgram(c, **parts), sides(k), sides(pairs + k))
 
 
 def trap():
     """Minimise x^2 + (y - 1)^2 over 0 <= x ⟂ y >= 0: the origin is M-stationary, and y descends from it."""
-    nlp = QuadraticProgram([0, -2], H=[[2, 0], [0, 2]], x_lower=[0, 0])
-    return ComplementarityProgram(nlp, sides(0), sides(1))
+    return paired([0, -2], H=[[2, 0], [0, 2]], x_lower=[0, 0])
 
 
 def at_origin(program, branch=None):

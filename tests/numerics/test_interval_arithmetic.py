@@ -1,6 +1,4 @@
-"""Taylor forms on subintervals contain all values, slopes and curvatures that sampling finds."""
-
-from __future__ import annotations
+"""Taylor forms and Bernstein coefficients contain all values, slopes and curvatures that sampling finds."""
 
 import numpy as np
 import pyomo.environ as pyo
@@ -10,7 +8,12 @@ from hypothesis import strategies as st
 
 from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
-from pyrobocop_pyomo.numerics.bernstein import bernstein_matrix, derivative_coefficients, restrict
+from pyrobocop_pyomo.numerics.bernstein import (
+    bernstein_from_samples,
+    bernstein_matrix,
+    derivative_coefficients,
+    restrict,
+)
 from pyrobocop_pyomo.numerics.interval_arithmetic import Interval
 from pyrobocop_pyomo.numerics.taylor_forms import TaylorForm, taylor_form_of_polynomial
 from pyrobocop_pyomo.numerics.taylor_functions import TAYLOR_FUNCTIONS
@@ -59,6 +62,16 @@ def formula(m: pyo.ConcreteModel, choices: list[int]) -> object:
     return made[-1]
 
 
+def forms_of(signals: dict[int, np.ndarray], start: float, end: float) -> dict[int, TaylorForm]:
+    """Of polynomials on a subinterval, from their coefficients."""
+    forms = {}
+    for key, coefficients in signals.items():
+        slopes = derivative_coefficients(coefficients)
+        triple = (coefficients, slopes, derivative_coefficients(slopes))
+        forms[key] = taylor_form_of_polynomial(tuple(restrict(order, [start], [end]) for order in triple))
+    return forms
+
+
 @settings(max_examples=200)
 @given(
     choices=st.lists(st.integers(0, 2 * 3 * 5 * 7 * 9), min_size=1, max_size=4),
@@ -75,12 +88,7 @@ def test_taylor_forms_contain_all_samples(
     expression = formula(m, choices)
     random = np.random.default_rng(seed)
     signals = {id(v): random.normal(size=(1, degree + 1)) for v in (m.a, m.b)}
-    forms = {}
-    for key, coefficients in signals.items():
-        slopes = derivative_coefficients(coefficients)
-        triple = (coefficients, slopes, derivative_coefficients(slopes))
-        forms[key] = taylor_form_of_polynomial(tuple(restrict(order, [start], [end]) for order in triple))
-    form = ExpressionSteps([expression]).evaluate_at(forms, TAYLOR_FUNCTIONS)[0]
+    form = ExpressionSteps([expression]).evaluate_at(forms_of(signals, start, end), TAYLOR_FUNCTIONS)[0]
 
     at = np.linspace(start, end, SAMPLES)
     step = at[1] - at[0]
@@ -111,14 +119,9 @@ def test_taylor_forms_of_an_instant_are_points(choices: list[int], seed: int, at
     m = model()
     expression = formula(m, choices)
     random = np.random.default_rng(seed)
-    forms, values = {}, {}
-    for variable in (m.a, m.b):
-        coefficients = random.normal(size=(1, 4))
-        slopes = derivative_coefficients(coefficients)
-        triple = (coefficients, slopes, derivative_coefficients(slopes))
-        forms[id(variable)] = taylor_form_of_polynomial(tuple(restrict(order, [at], [at]) for order in triple))
-        values[id(variable)] = bernstein_matrix(3, at) @ coefficients[0]
-    form = ExpressionSteps([expression]).evaluate_at(forms, TAYLOR_FUNCTIONS)[0]
+    signals = {id(v): random.normal(size=(1, 4)) for v in (m.a, m.b)}
+    values = {key: bernstein_matrix(3, at) @ rows[0] for key, rows in signals.items()}
+    form = ExpressionSteps([expression]).evaluate_at(forms_of(signals, at, at), TAYLOR_FUNCTIONS)[0]
     found = ExpressionSteps([expression]).evaluate_at(values, ARRAY_FUNCTIONS)[0]
     assert form.value.low[0] == pytest.approx(found[0], rel=1e-8, abs=1e-8)
     for interval in (form.value, form.first, form.second):
@@ -176,3 +179,52 @@ def test_constants_have_no_slope() -> None:
     form = TaylorForm.constant(2.5, 3)
     assert form.value.low.tolist() == [2.5] * 3
     assert form.first.magnitude.max() == form.second.magnitude.max() == 0.0
+
+
+# --------------------------------------------------------------------
+# Bernstein coefficients: they say the same as the polynomial, on [0, 1] and on its parts, and enclose it.
+
+
+degrees = st.integers(0, 9)
+seeds = st.integers(0, 10**6)
+
+
+def values_at(coefficients: np.ndarray, at: np.ndarray) -> np.ndarray:
+    return bernstein_matrix(len(coefficients) - 1, at) @ coefficients
+
+
+@given(degree=degrees)
+def test_the_polynomials_sum_to_one_and_are_not_negative(degree: int) -> None:
+    matrix = bernstein_matrix(degree, np.linspace(0, 1, 11))
+    assert matrix.sum(axis=1) == pytest.approx(1.0)
+    assert matrix.min() >= 0.0
+
+
+@given(degree=degrees, seed=seeds)
+def test_samples_give_back_the_coefficients(degree: int, seed: int) -> None:
+    coefficients = np.random.default_rng(seed).normal(size=degree + 1)
+    points, matrix = bernstein_from_samples(degree)
+    assert matrix @ values_at(coefficients, points) == pytest.approx(coefficients, abs=1e-10)
+
+
+@given(degree=degrees, seed=seeds, ends=st.tuples(st.floats(0, 1), st.floats(0, 1)))
+def test_a_part_is_the_same_polynomial(degree: int, seed: int, ends: tuple[float, float]) -> None:
+    coefficients = np.random.default_rng(seed).normal(size=degree + 1)
+    part = restrict(coefficients[None, :], [ends[0]], [ends[1]])[0]
+    local = np.linspace(0, 1, 7)
+    wanted = values_at(coefficients, ends[0] + local * (ends[1] - ends[0]))
+    assert values_at(part, local) == pytest.approx(wanted, abs=1e-12)
+    assert part.min() - 1e-13 <= wanted.min()
+    assert wanted.max() <= part.max() + 1e-13
+
+
+@given(degree=st.integers(1, 9), seed=seeds)
+def test_the_derivative_is_that_of_numpys_polynomial(degree: int, seed: int) -> None:
+    coefficients = np.random.default_rng(seed).normal(size=degree + 1)
+    at = np.linspace(0, 1, degree + 1)
+    polynomial = np.polynomial.Polynomial.fit(at, values_at(coefficients, at), degree)
+    assert values_at(derivative_coefficients(coefficients), at) == pytest.approx(polynomial.deriv()(at), abs=1e-7)
+
+
+def test_a_constant_has_no_slope() -> None:
+    assert derivative_coefficients(np.array([[3.0]])).tolist() == [[0.0]]

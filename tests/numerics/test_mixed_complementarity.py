@@ -1,7 +1,5 @@
 """Mixed complementarity problems are solved, by each way alone where its theory says so, and a failure says so."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

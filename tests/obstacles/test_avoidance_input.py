@@ -1,7 +1,5 @@
 """What makes no sense is refused by name, and leaves nothing behind."""
 
-from __future__ import annotations
-
 import networkx
 import pyomo.environ as pyo
 import pytest

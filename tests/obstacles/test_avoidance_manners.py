@@ -1,7 +1,5 @@
 """Avoidance blocks behave as Pyomo's own blocks do: cloned, pickled, indexed, deactivated, on any set of points."""
 
-from __future__ import annotations
-
 import pickle
 
 import pyomo.dae as dae

@@ -1,7 +1,5 @@
 """Pictures of avoidance blocks show where the bodies are, also between the points of the mesh."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

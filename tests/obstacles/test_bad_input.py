@@ -5,8 +5,6 @@ Options of the block that contradict each other are in `test_avoidance_input`, s
 lists of points and rows that are no shape, and poses that are none, are in `tests/geometry`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

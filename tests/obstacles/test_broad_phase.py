@@ -1,7 +1,5 @@
 """What the broad phase leaves out by itself, what it brings back, and that the plan is one of the whole problem."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Changes between solves: splits, the broad phase, margins, norms."""
 
-from __future__ import annotations
-
 import itertools
 import logging
 

@@ -1,7 +1,5 @@
 """A clearance may be a number, a parameter, a variable, an expression or a rule."""
 
-from __future__ import annotations
-
 import pickle
 from typing import Any
 

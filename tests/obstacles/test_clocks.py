@@ -1,7 +1,5 @@
 """A moving obstacle runs on the time of the plan; what runs on another clock is refused or told."""
 
-from __future__ import annotations
-
 import logging
 from typing import Any
 

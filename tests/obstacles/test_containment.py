@@ -1,7 +1,5 @@
 """Bodies that stay inside a convex region."""
 
-from __future__ import annotations
-
 import pickle
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is told to be impossible is so, and gaps that a body passes are never refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyomo.environ as pyo
 import pytest

@@ -1,7 +1,5 @@
 """Separations in space, for rotations by angles and by quaternions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyomo.environ as pyo
 import pytest

@@ -1,7 +1,5 @@
 """A plan does not depend on where the world's axes lie, on the unit of length, or on who is named first."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyomo.environ as pyo
 import pytest

@@ -1,7 +1,5 @@
 """`verify_motion`: the proof for paths of numbers and for trajectories, without a model."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -138,12 +136,12 @@ def test_several_bodies_and_rules_of_time() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"path": [0, 1, 1]}, r"row 2 \(1\) follows row 1"),
+        ({"path": [0, 1, 1]}, "1 at 1 is followed by 1"),
         ({"path": [0, 1]}, "3 poses for 2 times"),
-        ({"path": [0, math.nan, 2]}, "time of row 1 is not finite"),
+        ({"path": [0, math.nan, 2]}, "the times: nan at .1. is not finite"),
         ({"path": ["a", "b", "c"]}, "expected numbers"),
         ({"path": np.zeros((3, 3))}, "poses come second"),
-        ({"poses": [(0, 0), (1, math.inf), (2, 0)]}, "'body': row 1 has an entry"),
+        ({"poses": [(0, 0), (1, math.inf), (2, 0)]}, "'body': inf at .1, 1. is not finite"),
         ({"poses": [(0, 0, 0, 1)] * 3}, r"shape \(3, 4\); expected \(N, 2\)"),
         ({"poses": [(0, 0, 0), (1, 0, math.pi), (2, 0, 0)]}, "half a turn"),
         ({"poses": {"robot": np.zeros((3, 2))}}, "names 'robot'"),

@@ -1,13 +1,11 @@
 """Obstacles and regions over the times of a phase that gets another mesh in place."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.phases import text
+from harness.phases import text, with_phase
 from harness.scenes import state_point
 
 import pyrobocop_pyomo as rcp
@@ -19,8 +17,7 @@ SQUARE, WALL = rcp.Polytope.box(0.5, 0.5), rcp.Polytope.box(1, 2, center=(2, 0.4
 
 
 def around_a_wall(mesh: Any, *, on_model: bool = False, **options: Any) -> Any:
-    m = pyo.ConcreteModel()
-    m.move = b = rcp.PhaseBlock(duration=1.0, mesh=mesh, stages=2)
+    m, b = with_phase("move", duration=1.0, mesh=mesh, stages=2)
     state_point(b)
     b.initialize(x=lambda t: 4 * t, y=lambda t: -4 * t * (1 - t), u=4.0, v=lambda t: 8 * t - 4)
     home = m if on_model else b

@@ -1,12 +1,8 @@
 """Planes per interval and per node, on one scene and from one initial guess."""
 
-from __future__ import annotations
-
 import pyomo.environ as pyo
 import pytest
 from harness.scenes import ARROW, WALL, avoiding, exact, solve_once, turning_move
-
-import pyrobocop_pyomo as rcp
 
 pytestmark = pytest.mark.executable
 
@@ -42,15 +38,3 @@ def test_one_plane_per_interval_needs_as_many_rows_of_the_body_as_poses():
     assert len(avoid.first_shape) == 5 * 2 * 4
     assert len(avoid.second_shape) == 5 * 4
     assert len(avoid.unit) == 5
-
-
-def test_one_plane_per_interval_is_safe_between_the_nodes_where_nodes_alone_are_not():
-    wall = {"wall": rcp.Polytope.box(0.1, 2, center=(2, -0.5))}
-    safe = {}
-    for between in ("plane", None):
-        m = turning_move(elements=3, stages=1, turn=0.0)
-        avoid = avoiding(m, between=between, obstacles=wall)
-        avoid.initialize()
-        solve_once(m)
-        safe[between] = avoid.verify().safe
-    assert safe == {"plane": True, None: False}

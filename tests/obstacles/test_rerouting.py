@@ -1,7 +1,5 @@
 """Grid paths around all obstacles step through no wall, however thin, and reroute guesses where poses allow it."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

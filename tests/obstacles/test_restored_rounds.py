@@ -1,7 +1,5 @@
 """The best round is always given back, whatever happens to the rounds after it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """Gaps that separations prove never exceed the exact distance, and rows agree with the corners."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyomo.environ as pyo
 import pytest
@@ -12,6 +10,7 @@ from hypothesis import strategies as st
 import pyrobocop_pyomo as rcp
 
 NUMBER = st.floats(-3, 3)
+BODY = ARROW.padded(0.05)
 SHAPES = {
     "box": rcp.Polytope.box(1, 2, center=(2, 0)),
     "ball": rcp.Polytope.ball(0.7, (1.5, 0.5)),
@@ -28,7 +27,8 @@ def model(shape, between=None, elements=2):
         m = turning_move(elements=elements)
         for state in (m.move.x, m.move.y, m.move.theta):
             state.unfix()
-        avoiding(m, obstacles={"wall": SHAPES[shape]}, between=between)
+        body = rcp.Body(BODY, pose=placed)
+        avoiding(m, bodies={"arrow": body}, obstacles={"wall": SHAPES[shape]}, between=between)
         MODELS[key] = m
     return MODELS[key]
 
@@ -47,13 +47,20 @@ def test_started_separations_prove_the_exact_distance_wherever_shapes_are_apart(
     m = model(shape)
     poses_of(m, poses)
     m.move.avoid.initialize()
-    gaps = m.move.avoid.separation_gaps()
-    for (_, _, time), proven in gaps.items():
-        (distance,) = exact(m.move, ARROW, SHAPES[shape], [time])
+    avoid = m.move.avoid
+    for index, proven in avoid.separation_gaps().items():
+        time = index[2]
+        (distance,) = exact(m.move, BODY, SHAPES[shape], [time])
         # 1e-9 of the scene's size: both numbers are differences of coordinates up to 5.
         assert proven <= distance + 1e-8
         if distance > 1e-3:
             assert proven == pytest.approx(distance, abs=1e-7)
+            if SHAPES[shape].is_bounded:  # eq-plane: rows leave the distance less what is required, half to each shape
+                half = (distance - 0.05) / 2
+                rows = (avoid.first_shape, min), (avoid.second_shape, max)
+                spare = [least(pyo.value(r.body) for key, r in of.items() if key[:3] == index) for of, least in rows]
+                assert spare == pytest.approx([half, -half], abs=1e-7)
+            assert pyo.value(avoid.unit[index].body) == pytest.approx(1.0, abs=1e-9)
 
 
 @settings(max_examples=40)
@@ -72,7 +79,7 @@ def test_no_normal_of_a_plane_proves_more_than_the_distance(between, shape, pose
         avoid.normal[(*index, 0)].set_value(length * np.cos(angle), skip_validation=True)
         avoid.normal[(*index, 1)].set_value(length * np.sin(angle), skip_validation=True)
     for index, proven in avoid.separation_gaps().items():
-        assert proven <= min(exact(m.move, ARROW, SHAPES[shape], avoid.record.segments[index].times)) + 1e-8
+        assert proven <= min(exact(m.move, BODY, SHAPES[shape], avoid.record.segments[index].times)) + 1e-8
 
 
 def test_a_normal_of_zero_proves_nothing():
@@ -98,7 +105,7 @@ def test_rows_agree_with_the_corners(poses, margin):
                 corners = ARROW.placed(placed(m.move, time)).vertices
                 for number, corner in enumerate(corners):
                     row = avoid.first_shape[(*index, time, number)]
-                    wanted = normal @ corner - offset - 0.05 - margin
+                    wanted = normal @ corner - offset - BODY.radius - 0.05 - margin  # eq-required
                     assert pyo.value(row.body) == pytest.approx(wanted, abs=1e-12)
                     assert (row.lb, row.ub) == (0, None)
             start = avoid.record.segments[index].times[0]

@@ -1,7 +1,5 @@
 """Mistakes in rules and scenes: each is answered by name, with what to write instead; nothing is left behind."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Guesses through waypoints."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -60,7 +58,7 @@ def test_angles_need_not_count() -> None:
         ({}, {}, "there are no waypoints"),
         ({"x": [1]}, {}, "two values or more"),
         ({"x": [1, 2], "y": [1, 2, 3]}, {}, r"'x' \(2,\), 'y' \(3,\)"),
-        ({"x": [1, np.nan]}, {}, "not all are finite"),
+        ({"x": [1, np.nan]}, {}, "is not finite"),
         ({"z": [1, 2]}, {}, "for 'z', which it does not have"),
         ({"x": [1, 2]}, {"even_in": ["y"]}, "even_in has y; waypoints are given for x"),
     ],

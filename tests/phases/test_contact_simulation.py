@@ -1,7 +1,5 @@
 """Simulation with pairs follows motions known in closed form, at the order of its steps, and gains no energy."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any
@@ -9,6 +7,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.phases import one_phase
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -20,8 +19,7 @@ MODELS: list[Any] = []
 
 
 def phase(elements: int = 50, duration: Any = 1.0, **options: Any) -> Any:
-    m = pyo.ConcreteModel()
-    m.p = rcp.PhaseBlock(**{"duration": duration, "elements": elements, "scheme": "implicit_euler", **options})
+    m, _ = one_phase(**{"duration": duration, "elements": elements, "scheme": "implicit_euler", **options})
     m.p.keep_alive = pyo.Param(initialize=0)
     MODELS.append(m)  # blocks hold their model weakly
     return m.p
@@ -169,16 +167,13 @@ def belt(elements: int, stages: int) -> Any:
     b.friction, b.slower, b.faster = rcp.Algebraic(), rcp.Algebraic(bounds=(0, None)), rcp.Algebraic(bounds=(0, None))
     b.ode(lambda b, t: {b.x: b.v[t], b.v: b.friction[t] - 4 * b.x[t]})
 
-    def slip(b: Any, t: float) -> Any:
-        return b.slower[t] - b.faster[t] == 1 - b.v[t]
-
     def dry(b: Any, t: float) -> Any:
         return [
             rcp.complements(b.slower[t] >= 0, 2 - b.friction[t] >= 0),
             rcp.complements(b.faster[t] >= 0, 2 + b.friction[t] >= 0),
         ]
 
-    b.residual(slip)
+    b.residual(lambda b, t: b.slower[t] - b.faster[t] == 1 - b.v[t], name="slip")
     b.complementarity(dry)
     return b
 
@@ -227,21 +222,14 @@ def test_a_range_and_a_force_of_any_sign() -> None:
     b.v, b.f = rcp.State(initial=2.0), rcp.Algebraic()
     b.ode(lambda b, t: {b.v: -b.f[t]})
 
-    def dry(b: Any, t: float) -> Any:
-        return rcp.complements(pyo.inequality(-3, b.f[t], 3), -b.v[t])
-
-    b.complementarity(dry)
+    b.complementarity(lambda b, t: rcp.complements(pyo.inequality(-3, b.f[t], 3), -b.v[t]))
     trajectory = b.simulate()
     np.testing.assert_allclose(trajectory.v, np.maximum(2 - 3 * trajectory.time, 0), atol=1e-9)
 
     c = phase(40)
     c.x, c.f = rcp.State(initial=0.5), rcp.Algebraic()
     c.ode(lambda b, t: {b.x: b.f[t] - 1})
-
-    def stop(b: Any, t: float) -> Any:
-        return rcp.either_zero(b.x[t] >= 0, b.f[t])
-
-    c.complementarity(stop)
+    c.complementarity(lambda b, t: rcp.either_zero(b.x[t] >= 0, b.f[t]), name="stop")
     trajectory = c.simulate()
     np.testing.assert_allclose(trajectory.x, np.maximum(0.5 - trajectory.time, 0), atol=1e-9)
     assert trajectory.verify().natural_residual < 1e-9
@@ -251,14 +239,8 @@ def test_a_step_map_and_a_relay_that_reads_another_time() -> None:
     b = phase(20)
     b.x, b.f = rcp.State(initial=1.0), rcp.Algebraic(bounds=(0, None))
 
-    @b.step_map
-    def fall(b, t, previous):
-        return {b.x: previous.x - 0.1 * b.x[0.0] + b.f[t]}
-
-    @b.complementarity
-    def floor(b, t):
-        return rcp.complements(b.x[t] >= 0, b.f[t] >= 0)
-
+    b.step_map(lambda b, t, previous: {b.x: previous.x - 0.1 * b.x[0.0] + b.f[t]})
+    b.complementarity(lambda b, t: rcp.complements(b.x[t] >= 0, b.f[t] >= 0))
     trajectory = b.simulate(initial={"x": 0.5})
     np.testing.assert_allclose(trajectory.x, np.maximum(0.5 - 0.05 * np.arange(21), 0), atol=1e-9)
 
@@ -267,11 +249,7 @@ def test_a_step_without_a_solution_is_named_and_what_came_before_is_kept() -> No
     b = phase(10)
     b.x, b.f = rcp.State(initial=0.45), rcp.Algebraic()
     b.ode(lambda b, t: {b.x: -1 - b.f[t]})  # the force pulls
-
-    def floor(b: Any, t: float) -> Any:
-        return rcp.complements(b.x[t] >= 0, b.f[t] >= 0)
-
-    b.complementarity(floor)
+    b.complementarity(lambda b, t: rcp.complements(b.x[t] >= 0, b.f[t] >= 0))
     with pytest.raises(SimulationFailed, match=r"t = 0.4: the rows of element 4 were not solved \(residual") as caught:
         b.simulate()
     assert caught.value.time == pytest.approx(0.4)

@@ -1,7 +1,5 @@
 """A phase whose rules read another phase is verified with the values of that phase at the same instants."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyomo.environ as pyo
 import pytest
@@ -28,13 +26,9 @@ def carried(read: str = "closure", scheme: str = "radau", stages: int | None = 3
     of = READ[read]
     r.ode(lambda r, t: {r.y: of(m, r).x[t] + r.w[t]})
 
-    @r.residual
-    def distance(r, t):
-        return r.d[t] == of(m, r).x[t] - r.y[t]
+    r.residual(lambda r, t: r.d[t] == of(m, r).x[t] - r.y[t], name="distance")
 
-    @r.constraint
-    def speeds(r, t):
-        return of(m, r).v[t] + r.w[t] <= 10.0
+    r.constraint(lambda r, t: of(m, r).v[t] + r.w[t] <= 10.0, name="speeds")
 
     @r.complementarity
     def pushing(r, t):
@@ -43,18 +37,17 @@ def carried(read: str = "closure", scheme: str = "radau", stages: int | None = 3
     return m
 
 
+def two(grid, **other):
+    m = pyo.ConcreteModel()
+    m.body, m.me = rcp.PhaseBlock(**grid), rcp.PhaseBlock(**{**grid, **other})
+    return m
+
+
 def set_exactly(m, speed: float) -> None:
     """With v = c and w = c - 3, where the second side of the pair is zero: x = 1 + c t, and y' = x + w."""
-    for t, x in m.body.x.items():
-        x.set_value(1.0 + speed * t)
-    for v in m.body.v.values():
-        v.set_value(speed)
-    for w in m.me.w.values():
-        w.set_value(speed - 3.0)
-    for t, y in m.me.y.items():
-        y.set_value(t + speed * t**2 / 2 + (speed - 3.0) * t)
-    for t, d in m.me.d.items():
-        d.set_value(m.body.x[t].value - m.me.y[t].value)
+    m.body.initialize(x=lambda t: 1.0 + speed * t, v=speed)
+    m.me.initialize(w=speed - 3.0, y=lambda t: t + speed * t**2 / 2 + (speed - 3.0) * t)
+    m.me.d.set_values({t: m.body.x[t].value - m.me.y[t].value for t in m.me.d})
 
 
 def values(m) -> list:
@@ -98,10 +91,8 @@ def test_steps_of_implicit_euler_read_the_end_of_their_element():
     m = carried(scheme="implicit_euler", stages=None, elements=5)
     x, y = 1.0, 0.0
     h = 2.0 / 5
-    for v in m.body.v.values():
-        v.set_value(5.0)
-    for w in m.me.w.values():
-        w.set_value(2.0)
+    m.body.initialize(v=5.0)
+    m.me.initialize(w=2.0)
     for t in m.body.time:
         if t > 0:
             x = x + 5.0 * h
@@ -117,9 +108,7 @@ def test_steps_of_implicit_euler_read_the_end_of_their_element():
 
 
 def test_a_jump_at_an_element_boundary_belongs_to_the_element_that_is_integrated():
-    m = pyo.ConcreteModel()
-    grid = {"duration": 2.0, "elements": 4, "scheme": "implicit_euler"}
-    m.body, m.me = rcp.PhaseBlock(**grid), rcp.PhaseBlock(**grid)
+    m = two({"duration": 2.0, "elements": 4, "scheme": "implicit_euler"})
     m.body.force = rcp.Control()
     m.me.v = rcp.State(initial=0.0)
     m.me.ode(lambda r, t: {r.v: m.body.force[t]})
@@ -135,18 +124,14 @@ def test_a_jump_at_an_element_boundary_belongs_to_the_element_that_is_integrated
 
 
 def test_fixed_instants_and_parameters_are_those_of_the_trajectories():
-    m = pyo.ConcreteModel()
-    m.body, m.me = rcp.PhaseBlock(duration=1.0, elements=2), rcp.PhaseBlock(duration=1.0, elements=2)
+    m = two({"duration": 1.0, "elements": 2})
     m.body.x, m.me.y, m.me.k = rcp.State(), rcp.State(), rcp.Parameter()
     m.body.ode(lambda b, t: {b.x: 0.0})
     m.me.ode(lambda r, t: {r.y: m.body.x[0.0] * m.me.k})
 
     def put(x, k):
-        for variable in m.body.x.values():
-            variable.set_value(x)
-        m.me.k.set_value(k)
-        for t, variable in m.me.y.items():
-            variable.set_value(x * k * t)
+        m.body.initialize(x=x)
+        m.me.initialize(k=k, y=lambda t: x * k * t)
 
     put(2.0, 3.0)
     mine, body = m.me.trajectory(), m.body.trajectory()
@@ -157,13 +142,11 @@ def test_fixed_instants_and_parameters_are_those_of_the_trajectories():
 
 
 def test_a_simulation_reads_the_other_phase_between_the_points():
-    m = pyo.ConcreteModel()
-    m.body, m.me = rcp.PhaseBlock(duration=2.0, elements=4), rcp.PhaseBlock(duration=2.0, elements=4)
+    m = two({"duration": 2.0, "elements": 4})
     m.body.x, m.me.y = rcp.State(), rcp.State(initial=0.0)
     m.body.ode(lambda b, t: {b.x: 5.0})
     m.me.ode(lambda r, t: {r.y: m.body.x[t]})
-    for t, x in m.body.x.items():
-        x.set_value(1.0 + 5.0 * t)
+    m.body.initialize(x=lambda t: 1.0 + 5.0 * t)
     trajectory = m.me.simulate()
     assert trajectory.states["y"][-1] == pytest.approx(2.0 + 5.0 * 2.0, rel=1e-8)
 
@@ -181,23 +164,19 @@ def test_a_trajectory_of_no_other_phase_is_refused():
 
 
 def test_a_phase_of_another_grid_is_read_at_common_times_only_and_said_so():
-    m = pyo.ConcreteModel()
-    m.body = rcp.PhaseBlock(duration=2.0, elements=4, scheme="implicit_euler")
-    m.me = rcp.PhaseBlock(duration=2.0, elements=2, scheme="implicit_euler")
+    m = two({"duration": 2.0, "elements": 4, "scheme": "implicit_euler"}, elements=2)
     m.body.x, m.me.y = rcp.State(), rcp.State()
     m.body.ode(lambda b, t: {b.x: 1.0})
     m.me.ode(lambda r, t: {r.y: m.body.x[t]})
-    for t, x in m.body.x.items():
-        x.set_value(t)
-    for t, y in m.me.y.items():
-        y.set_value(t * (t + 1.0) / 2)
+    m.body.initialize(x=lambda t: t)
+    m.me.initialize(y=lambda t: t * (t + 1.0) / 2)
     verification = m.me.trajectory().verify()
     assert verification.defect < 1e-12
     assert verification.element_error is None
     assert any("between the points" in remark for remark in verification.remarks)
     mine = m.me.trajectory()
-    for variable in (*m.body.x.values(), *m.me.y.values()):
-        variable.set_value(7.0)
+    m.body.initialize(x=7.0)
+    m.me.initialize(y=7.0)
     again = mine.verify()
     assert again.defect < 1e-12
     assert any("body" in remark for remark in again.remarks)

@@ -1,14 +1,14 @@
 """Start, duration and element boundaries as variables."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.phases import integrator, rest_to_rest
+from harness.phases import integrator, one_phase, rest_to_rest
+from mistakes.entries import cart, driven, newton
+from pyomo.core.expr.visitor import identify_variables
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError
@@ -48,8 +48,7 @@ def test_on_a_mesh_that_stands_still_the_same_plan_is_worse() -> None:
 @pytest.mark.parametrize("scheme", ["radau", "gauss", "trapezoid", "hermite_simpson", "explicit"])
 def test_moved_elements_integrate_and_tell_the_time(scheme: str) -> None:
     """With boundaries put anywhere, integrals and the clock are those of the moved mesh."""
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=3.0, start=1.0, elements=4, scheme=scheme, free_element_widths=(0.2, 3))
+    _, b = one_phase(duration=3.0, start=1.0, elements=4, scheme=scheme, free_element_widths=(0.2, 3))
     cost = b.integral(lambda b, t: b.time_at(t))
     for each, fraction in zip(b.boundary.values(), [0, 0.1, 0.35, 0.8, 1.0], strict=True):
         each.set_value(fraction)
@@ -120,33 +119,72 @@ def test_a_motion_that_lasts_longer_than_a_plan_may_is_verified_in_silence(caplo
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"free_element_widths": (0, 2)}, r"free_element_widths = \(0, 2\); expected \(smallest, largest\) factor"),
-        ({"free_element_widths": (1.5, 2)}, "0 < smallest <= 1 <= largest"),
-        ({"free_element_widths": 3}, "free_element_widths = 3; expected a pair"),
-        ({"start": "noon"}, "start = 'noon'; expected a finite number, Start"),
-        ({"start": float("inf")}, "start = inf; expected a finite number"),
-        ({"start": rcp.Start(bounds=(2, 1))}, "start: the lower of its bounds, 2, exceeds the upper, 1"),
-    ],
-)
-def test_a_horizon_that_makes_no_sense_is_refused(options: dict, message: str) -> None:
-    m = pyo.ConcreteModel()
-    with pytest.raises(ModelError, match=rf"phase 'p'.*{message}"):
-        m.p = rcp.PhaseBlock(duration=1, elements=3, **options)
-    assert m.component("p") is None
-
-
-@pytest.mark.parametrize(
     "bounds",
     [lambda t: (0, 2 * t), lambda t: (0, 1 if t < 0.5 else 2), lambda t: (0, pyo.Expr_if(t < 2, 1, 2))],
     ids=["a formula", "a branch", "a choice"],
 )
 def test_bounds_over_a_time_that_is_to_be_found_are_refused_as_in_a_rule(bounds: Any) -> None:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(1, 9)), elements=3)
+    _, b = one_phase(duration=rcp.Duration(bounds=(1, 9)), elements=3)
     for declaration in (rcp.Control(bounds=bounds), rcp.State(bounds=bounds), rcp.Control(bounds=bounds, index=2)):
         with pytest.raises(ModelError, match=r"its bounds (depend on|have to know) the time.*b\.constraint"):
             b.u = declaration
     b.u = rcp.Control(bounds=lambda t: (0, 1))  # the same at all times
     assert {(u.lb, u.ub) for u in b.u.values()} == {(0, 1)}
+
+
+# --------------------------------------------------------------------
+# What a newcomer writes first about the time: the message names the place and what to write instead; that works.
+
+
+def test_a_boundary_is_found_by_its_number_whatever_its_rounding():
+    _, b = one_phase(duration=2.4, elements=24, x=rcp.State(), v=rcp.State(index=2))
+    for number in range(25):
+        time = number / 10  # the boundary at 0.8 is 0.7999999999999999
+        assert b.x[time].index() in b.time
+        assert abs(b.v[1, time].index() - time) < 1e-12
+    with pytest.raises(KeyError, match="no value of its own"):
+        b.x[0.8 + 1e-9]
+
+
+@pytest.mark.ipopt
+def test_a_variable_of_the_user_is_the_duration():
+    m = pyo.ConcreteModel()
+    m.T = pyo.Var(bounds=(0.5, 5), initialize=2)
+    b = cart(m, duration=m.T)
+    b.ode(newton)
+    m.soon = pyo.Objective(expr=m.T)
+    of_declaration = pyo.ConcreteModel()
+    c = cart(of_declaration, duration=rcp.Duration(bounds=(0.5, 5), initial_guess=2))
+    c.ode(newton)
+    of_declaration.soon = pyo.Objective(expr=c.duration)
+    assert rcp.solve(m).solved
+    assert rcp.solve(of_declaration).solved
+    assert m.T.value == pytest.approx(c.duration.value, rel=1e-7)
+    assert b.duration.value == pytest.approx(m.T.value, rel=1e-9)
+    copy = m.clone()
+    assert {id(data) for data in identify_variables(copy.p.duration_as_stated.body)} == {
+        id(copy.T),
+        id(copy.p.duration),
+    }
+
+
+@pytest.mark.ipopt
+def test_a_param_of_the_user_is_the_duration_also_after_it_has_changed():
+    m = pyo.ConcreteModel()
+    m.T = pyo.Param(initialize=2.0, mutable=True)
+    driven(m, duration=m.T)
+    for duration in (2.0, 3.0):
+        m.T.set_value(duration)
+        assert rcp.solve(m).solved
+        # x(t) is the cubic of least effort: 12 (distance)^2 / T^3.
+        assert pyo.value(m.effort) == pytest.approx(12.0 / duration**3, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "make", [lambda m: pyo.Var(bounds=(-1, 1)), lambda m: pyo.Param(initialize=-2.0, mutable=True), lambda m: pyo.Var()]
+)
+def test_a_duration_that_may_be_negative_is_refused_by_name(make):
+    m = pyo.ConcreteModel()
+    m.T = make(m)
+    with pytest.raises(ModelError, match=r"the duration 'T' has the value .*must be one positive number"):
+        cart(m, duration=m.T)

@@ -1,13 +1,11 @@
 """Guesses given after the declaration: what they set, what they leave alone, and what they refuse."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
 import numpy as np
-import pyomo.environ as pyo
 import pytest
+from harness.phases import SCHEMES, one_phase
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -15,26 +13,16 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
 
-SCHEMES = [
-    rcp.schemes.radau(1),
-    rcp.schemes.radau(3),
-    rcp.schemes.gauss_legendre(2),
-    rcp.schemes.lobatto(2),
-    rcp.schemes.lobatto(4),
-    rcp.schemes.explicit(2),
-]
-schemes = st.sampled_from(SCHEMES)
+# Not the midpoint rule: at ends of elements its lines have no values of other polynomials.
+ALL = [each for each in SCHEMES if each.name != "gauss(1)"] + [rcp.schemes.lobatto(4), rcp.schemes.explicit(2)]
+schemes = st.sampled_from(ALL)
 meshes = st.lists(st.floats(0.05, 1), min_size=1, max_size=5).map(
     lambda widths: [0.0, *(np.cumsum(widths) / np.sum(widths)).tolist()[:-1], 1.0]
 )
 
 
 def phase(scheme: Any = "radau", mesh: Any = None, duration: Any = 1.0, **declarations: Any) -> Any:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=duration, mesh=mesh, scheme=scheme)
-    for name, declaration in declarations.items():
-        setattr(b, name, declaration)
-    return b
+    return one_phase(duration=duration, mesh=mesh, scheme=scheme, **declarations)[1]
 
 
 def values(variable: Any) -> list[float]:
@@ -63,7 +51,7 @@ def test_a_polynomial_is_the_same_on_every_other_grid(
     assert target.k.value == 2.5
 
 
-@pytest.mark.parametrize("scheme", SCHEMES, ids=str)
+@pytest.mark.parametrize("scheme", ALL, ids=str)
 def test_a_trajectory_on_its_own_grid_changes_nothing(scheme: Any) -> None:
     """Also where a control jumps at element ends, which rounding must not mix up."""
     rng = np.random.default_rng(0)
@@ -229,8 +217,7 @@ KNOTS = (0.0, 0.5, 2.0)
 
 
 def model(scheme: Any = "radau", stages: int = 2) -> Any:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=2, mesh=[0, 0.3, 0.5, 1.2, 2.0], scheme=scheme, stages=stages)
+    m, b = one_phase(duration=2, mesh=[0, 0.3, 0.5, 1.2, 2.0], scheme=scheme, stages=stages)
     b.x = rcp.State(initial=0, initial_guess=lambda t: t**2, derivative_bounds=(-9, 9))
     b.z = rcp.Algebraic(initial_guess=lambda t: 1 + t)
     b.u = rcp.Control(initial_guess=lambda t: 3 * t)

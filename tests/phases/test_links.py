@@ -1,31 +1,20 @@
 """Joined phases are one motion: what is cut and linked, jumps or closes does so exactly."""
 
-from __future__ import annotations
-
 import io
 import math
 import pickle
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.phases import contents, solve
+from harness.phases import contents, each_scheme, one_phase, solve
 from pyomo.core.expr.visitor import identify_variables
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError
-
-SCHEMES = [
-    rcp.schemes.radau(1),
-    rcp.schemes.radau(3),
-    rcp.schemes.gauss_legendre(1),
-    rcp.schemes.gauss_legendre(2),
-    rcp.schemes.lobatto(3),
-]
-each_scheme = pytest.mark.parametrize("scheme", SCHEMES, ids=str)
-
 
 # ---------------------------------------------------------------- a phase cut in two
 
@@ -47,8 +36,7 @@ def running_cost(b: Any) -> Any:
 
 
 def uncut(scheme: rcp.schemes.Scheme, mesh: Any) -> pyo.ConcreteModel:
-    m = pyo.ConcreteModel()
-    m.whole = rcp.PhaseBlock(duration=2, mesh=mesh, scheme=scheme)
+    m, _ = one_phase("whole", duration=2, mesh=mesh, scheme=scheme)
     state_driven(m.whole, initial=1, final=0.5)
     m.cost = pyo.Objective(expr=running_cost(m.whole))
     solve(m, 1e-11)
@@ -222,10 +210,7 @@ def test_a_jump_may_read_controls_algebraics_parameters_durations_and_the_users_
         p.x, p.u, p.k = rcp.State(), rcp.Control(), rcp.Parameter(initial_guess=3)
         p.g = pyo.Param(initialize=10)
         p.twice = pyo.Expression(p.time, rule=lambda b, t: 2 * b.x[t])
-        for t in p.points:
-            p.u[t].set_value(1 + 4 * t)
-        for t in p.time:
-            p.x[t].set_value(t)
+        p.initialize(u=lambda t: 1 + 4 * t, x=lambda t: t)
     link = m.link = rcp.Link(m.a, m.b)
     assert pyo.value(link.pre.u) == pytest.approx(5.0)
     assert pyo.value(link.post.u) == pytest.approx(1.0)
@@ -241,9 +226,7 @@ def test_a_jump_may_read_controls_algebraics_parameters_durations_and_the_users_
 
 @each_scheme
 def test_the_end_of_a_linear_control_is_its_knot(scheme: rcp.schemes.Scheme) -> None:
-    m = pyo.ConcreteModel()
-    m.a = rcp.PhaseBlock(elements=3, scheme=scheme)
-    m.a.x = rcp.State()
+    m, _ = one_phase("a", elements=3, scheme=scheme, x=rcp.State())
     m.a.u = rcp.Control(parametrization="piecewise_linear", initial_guess=lambda t: 1 + t**2)
     m.link = rcp.Link(m.a, m.a, jump=same_control)
     assert m.link.pre.u is m.a.u_at_knots[3]
@@ -285,8 +268,7 @@ def test_states_are_selected_omitted_and_mapped() -> None:
 @pytest.mark.casadi
 def test_a_periodic_motion_closes() -> None:
     """Of all periodic motions of a driven oscillator there is one; its amplitude is known."""
-    m = pyo.ConcreteModel()
-    m.swing = b = rcp.PhaseBlock(duration=2 * math.pi / 3, elements=12, stages=4)
+    m, b = one_phase("swing", duration=2 * math.pi / 3, elements=12, stages=4)
     b.x, b.v, b.travelled = rcp.State(), rcp.State(), rcp.State(initial=0)
     b.ode(lambda b, t: {b.x: b.v[t], b.v: -b.x[t] - 0.1 * b.v[t] + pyo.cos(3 * t), b.travelled: b.v[t] ** 2})
     m.closed = rcp.Link(b, b, omit=["travelled"])
@@ -302,9 +284,7 @@ def test_a_periodic_motion_closes() -> None:
 # ---------------------------------------------------------------- what cannot be joined
 
 
-ELSEWHERE = pyo.ConcreteModel(name="elsewhere")
-ELSEWHERE.p = rcp.PhaseBlock(elements=1)
-ELSEWHERE.p.x = rcp.State()
+ELSEWHERE, _ = one_phase(model="elsewhere", elements=1, x=rcp.State())
 
 
 def lonely(m: pyo.ConcreteModel, states: tuple[str, ...]) -> Any:
@@ -320,17 +300,31 @@ def fixed_apart(m: pyo.ConcreteModel) -> Any:
     return rcp.Link(m.a, m.b)
 
 
+def joined(**options: Any) -> Callable[[Any], Any]:
+    return lambda m: rcp.Link(m.a, m.b, **options)
+
+
+JUMPS = {
+    "to no state": (lambda pre, post: {"z": 0}, "its jump: phase 'b': 'z' is no state; its states are x, y"),
+    "with a variable as key": (lambda pre, post: {post.x: 0}, "cannot be the key of a dict. Write {'speed': ...}"),
+    "results None": (lambda pre, post: None, "Is the return statement missing?"),
+    "results a number": (lambda pre, post: [1.0], r"the jump returned 1\.0"),
+    "results text": (lambda pre, post: {"x": "up"}, "the jump gives 'up' as the start of 'x'; expected an expression"),
+    "results a relation": (lambda pre, post: {"x": post.x == pre.x}, "as the start of 'x'; expected an expression"),
+    "reads what is not there": (
+        lambda pre, post: {"x": pre.mass},
+        "phase 'a' has no 'mass', which a link asks for at its end; declared are x, y, k",
+    ),
+}
 REFUSED = {
+    **{f"jump {case}": (joined(jump=jump), message) for case, (jump, message) in JUMPS.items()},
     "another model": (
         lambda m: rcp.Link(m.a, ELSEWHERE.p),
         "'p' belongs to the model 'elsewhere', the link to 'two'",
     ),
     "no phase": (lambda m: rcp.Link(m.a, m), "'two' is no PhaseBlock"),
     "three phases": (lambda m: rcp.Link(m.a, m.b, m.a), r"expected two phases \(first, second\)"),
-    "indexed phase": (
-        lambda m: rcp.Link(m.a, rcp.PhaseBlock([1, 2], rule=state_fall)),
-        r"is indexed; give one of its phases",
-    ),
+    "indexed phase": (lambda m: rcp.Link(m.a, rcp.PhaseBlock([1, 2], rule=state_fall)), "give one of its phases"),
     "rule of no phases": (lambda m: rcp.Link([1], phases=lambda m, k: None), "expected two phases .*, found None"),
     "missing in first": (
         lambda m: rcp.Link(lonely(m, ("x",)), m.a),
@@ -340,56 +334,32 @@ REFUSED = {
         lambda m: rcp.Link(m.a, lonely(m, ("x",))),
         "state 'y' of 'a' goes nowhere; 'c' has the states x. Use it in jump=, or leave it alone by omit",
     ),
-    "unknown state": (lambda m: rcp.Link(m.a, m.b, states=["z"]), "'z' is no state; its states are x, y"),
-    "unknown target": (lambda m: rcp.Link(m.a, m.b, states={"x": "z"}), "phase 'b': 'z' is no state"),
-    "given twice": (lambda m: rcp.Link(m.a, m.b, states={"x": "x", "y": "x"}), "start of state 'x' is given twice"),
+    "unknown state": (joined(states=["z"]), "'z' is no state; its states are x, y"),
+    "unknown target": (joined(states={"x": "z"}), "phase 'b': 'z' is no state"),
+    "given twice": (joined(states={"x": "x", "y": "x"}), "start of state 'x' is given twice"),
     "continues and jumps": (
-        lambda m: rcp.Link(m.a, m.b, states=["x", "y"], jump=lambda pre, post: {"x": 0}),
+        joined(states=["x", "y"], jump=lambda pre, post: {"x": 0}),
         "start of state 'x' is given twice. Take it out of states=",
     ),
-    "states and omit": (lambda m: rcp.Link(m.a, m.b, states=["x"], omit=["y"]), "Give one of them"),
-    "omit unknown": (lambda m: rcp.Link(m.a, m.b, omit=["z"]), "omit= names 'z', which is a state of neither phase"),
-    "jump to no state": (
-        lambda m: rcp.Link(m.a, m.b, jump=lambda pre, post: {"z": 0}),
-        "its jump: phase 'b': 'z' is no state; its states are x, y",
-    ),
-    "jump to a state of the first": (
-        lambda m: rcp.Link(m.a, m.b, jump=lambda pre, post: {m.a.x: 0}),
-        "its jump: phase 'b': 'x' is no state; its states are x, y",
-    ),
-    "jump with a variable as key": (
-        lambda m: rcp.Link(m.a, m.b, jump=lambda pre, post: {post.x: 0}),
-        "a variable cannot be the key of a dict. Write {'speed': ...}",
-    ),
-    "jump twice": (lambda m: rcp.Link(m.a, m.b, jump=lambda pre, post: {"x": 0, m.b.x: 1}), "start of 'x' twice"),
-    "jump results None": (
-        lambda m: rcp.Link(m.a, m.b, jump=lambda pre, post: None),
-        "Is the return statement missing?",
-    ),
-    "jump results a number": (lambda m: rcp.Link(m.a, m.b, jump=lambda pre, post: [1.0]), r"the jump returned 1\.0"),
-    "jump results text": (
-        lambda m: rcp.Link(m.a, m.b, jump=lambda pre, post: {"x": "up"}),
-        "the jump gives 'up' as the start of 'x'; expected an expression",
-    ),
-    "jump results a relation as value": (
-        lambda m: rcp.Link(m.a, m.b, jump=lambda pre, post: {"x": post.x == pre.x}),
-        "as the start of 'x'; expected an expression",
-    ),
-    "jump reads what is not there": (
-        lambda m: rcp.Link(m.a, m.b, jump=lambda pre, post: {"x": pre.mass}),
-        "phase 'a' has no 'mass', which a link asks for at its end; declared are x, y, k",
-    ),
-    "unknown parameter": (lambda m: rcp.Link(m.a, m.b, parameters=["x"]), "'x' is no parameter of 'a'; .* are k"),
+    "states and omit": (joined(states=["x"], omit=["y"]), "Give one of them"),
+    "omit unknown": (joined(omit=["z"]), "omit= names 'z', which is a state of neither phase"),
+    "jump to a state of the first": (lambda m: joined(jump=lambda pre, post: {m.a.x: 0})(m), "'b': 'x' is no state"),
+    "jump twice": (lambda m: joined(jump=lambda pre, post: {"x": 0, m.b.x: 1})(m), "start of 'x' twice"),
+    "unknown parameter": (joined(parameters=["x"]), "'x' is no parameter of 'a'; .* are k"),
     "fixed apart": (fixed_apart, r"'a.x\[1.0\]' has the fixed value 1, but 'b.x\[0.0\]' is fixed at 2. Leave one"),
     "jump between fixed": (
-        lambda m: (m.b.x[0].fix(2), rcp.Link(m.a, m.b, jump=lambda pre, post: {"x": 3.0}))[1],
+        lambda m: (m.b.x[0].fix(2), joined(jump=lambda pre, post: {"x": 3.0})(m))[1],
         r"'3.0' has the fixed value 3, but 'b.x\[0.0\]' is fixed at 2",
     ),
-    "rule raises": (lambda m: rcp.Link(m.a, m.b, rule=lambda link: link.pre.nothing), "has no 'nothing'"),
+    "rule raises": (joined(rule=lambda link: link.pre.nothing), "has no 'nothing'"),
     "indexed, a later one wrong": (
         lambda m: rcp.Link([1, 2], phases=lambda m, k: (m.a, m.b) if k == 1 else (m.a, m)),
         "is no PhaseBlock",
     ),
+    "nothing": (lambda m: rcp.Link(), "a Link takes two phases: Link"),
+    "no rule for phases": (lambda m: rcp.Link([1, 2]), "An indexed one takes index sets and phases=rule"),
+    "phases twice": (joined(phases=max), "it was given both"),
+    "a family of one": (lambda m: rcp.Link(rcp.PhaseBlock([1])), "takes two or more"),
 }
 
 
@@ -397,11 +367,10 @@ REFUSED = {
 def test_what_cannot_be_joined_is_named_and_nothing_stays(case: str) -> None:
     make, message = REFUSED[case]
     m, _, _ = two()
-    link = None
-    before: list[str] = []
+    before = contents(m)
 
     def add() -> None:
-        nonlocal link, before
+        nonlocal before
         link = make(m)
         before = contents(m)
         m.link = link
@@ -410,23 +379,9 @@ def test_what_cannot_be_joined_is_named_and_nothing_stays(case: str) -> None:
         add()
     assert m.component("link") is None
     assert contents(m) == before
-    assert "link" in str(caught.value)
+    assert "link" in str(caught.value).lower()
     m.link = rcp.Link(m.a, m.b, omit=["x"])
     assert len(m.link.continuity) == 1
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda m: rcp.Link(), "a Link takes two phases: Link"),
-        (lambda m: rcp.Link([1, 2]), "An indexed one takes index sets and phases=rule"),
-        (lambda m: rcp.Link(m.a, m.b, phases=max), "it was given both"),
-        (lambda m: rcp.Link(rcp.PhaseBlock([1])), "takes two or more"),
-    ],
-)
-def test_arguments_that_make_no_link_are_refused_at_once(make: Any, message: str) -> None:
-    with pytest.raises(ModelError, match=message):
-        make(two()[0])
 
 
 @pytest.mark.casadi

@@ -1,25 +1,21 @@
 """A phase for `pyomo.contrib.mpc`: series leave and come back, also to another mesh."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.phases import each_scheme, one_phase
 from pyomo.contrib.mpc import DynamicModelInterface, TimeSeriesData
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import InitialGuessError, TrajectoryError
 
-SCHEMES = [rcp.schemes.radau(1), rcp.schemes.radau(3), rcp.schemes.gauss_legendre(2), rcp.schemes.lobatto(3)]
-
 MODELS: list[pyo.ConcreteModel] = []  # a block does not keep its model
 
 
 def cart(elements: int = 4, duration: Any = 2.0, scheme: Any = "radau", held: bool = False) -> Any:
-    m = pyo.ConcreteModel()
-    m.cart = b = rcp.PhaseBlock(duration=duration, elements=elements, scheme=scheme)
+    m, b = one_phase("cart", duration=duration, elements=elements, scheme=scheme)
     b.x = rcp.State(initial_guess=lambda t: 1 + t)
     b.u = rcp.Control(initial_guess=lambda t: 2 * t, parametrization="piecewise_constant" if held else "collocated")
     b.k = rcp.Parameter(initial_guess=3)
@@ -27,7 +23,7 @@ def cart(elements: int = 4, duration: Any = 2.0, scheme: Any = "radau", held: bo
     return b
 
 
-@pytest.mark.parametrize("scheme", SCHEMES, ids=str)
+@each_scheme
 def test_a_series_over_the_points_leaves_and_comes_back(scheme: Any) -> None:
     b = cart(scheme=scheme)
     series = b.interface().get_data_at_time()
@@ -90,7 +86,7 @@ def test_what_does_not_fit_is_refused() -> None:
         b.interface().load_data(TimeSeriesData({"cart.x[*]": [0, 1]}, [0, 1]))
 
 
-@pytest.mark.parametrize("scheme", SCHEMES, ids=str)
+@each_scheme
 @pytest.mark.parametrize("duration", [2.0, rcp.Duration(bounds=(1, 3), initial_guess=1.7)], ids=["fixed", "free"])
 def test_a_trajectory_becomes_a_series_and_a_trajectory_again(scheme: Any, duration: Any) -> None:
     before = cart(duration=duration, scheme=scheme).trajectory()

@@ -1,18 +1,19 @@
 """What users of Pyomo do with any model works with phases: slices, labels, reports, suffixes, scaling, explanations."""
 
-from __future__ import annotations
-
 import io
 import logging
+import math
+import pickle
 from pathlib import Path
 from typing import Any
 
 import pyomo.environ as pyo
 import pytest
-from harness.phases import integrator
-from pyomo.common.timing import report_timing
+from harness.checked import timing_report
+from harness.phases import contents, exact_x, integrator, one_phase, oscillate, rows, solve
 from pyomo.contrib.iis.mis import compute_infeasibility_explanation
 from pyomo.contrib.solver.common.factory import SolverFactory as NewSolverFactory
+from pyomo.core.expr.visitor import identify_variables
 from pyomo.util.infeasible import log_infeasible_bounds, log_infeasible_constraints
 from pyomo.util.model_size import build_model_size_report
 
@@ -30,16 +31,8 @@ def leg(b: Any, *index: Any) -> None:
     b.u = rcp.Control(bounds=(-20, 20), parametrization="piecewise_constant")
     b.w = rcp.Control(bounds=(-20, 20), parametrization="piecewise_linear")
     b.k = rcp.Parameter(bounds=(1, 2), initial_guess=1)
-    b.ode(motion)
-    b.complementarity(stop)
-
-
-def motion(b: Any, t: float) -> Any:
-    return {b.x: b.v[t], b.v: b.u[t] + b.w[t] - b.k * b.z[t]}
-
-
-def stop(b: Any, t: float) -> Any:
-    return rcp.complements(b.z[t] >= 0, 2 - b.x[t] >= 0)
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] + b.w[t] - b.k * b.z[t]})
+    b.complementarity(lambda b, t: rcp.complements(b.z[t] >= 0, 2 - b.x[t] >= 0), name="stop")
 
 
 def effort(b: Any, t: float) -> Any:
@@ -60,13 +53,17 @@ def relaxed() -> pyo.ConcreteModel:
     return m
 
 
+SCALE = pyo.TransformationFactory("core.scale_model")
+
+
+def scaled_by(m: pyo.ConcreteModel, factors: list[tuple[Any, float]], **options: Any) -> pyo.ConcreteModel:
+    m.scaling_factor = pyo.Suffix(direction=pyo.Suffix.EXPORT)
+    m.scaling_factor.update(factors)
+    return SCALE.create_using(m, **options)
+
+
 def test_timing_names_our_components_and_our_transformation() -> None:
-    text = io.StringIO()
-    report_timing(text)
-    try:
-        relaxed()
-    finally:
-        report_timing(False)
+    text = timing_report(relaxed)
     for line in (
         f"construct Var phase.x; {POINTS + 1} indices",
         f"construct Constraint legs[b].x_collocation; {POINTS} indices",
@@ -75,7 +72,7 @@ def test_timing_names_our_components_and_our_transformation() -> None:
         "construct Block legs; 2 indices",
         "apply Transformation RelaxComplementarity (in-place)",
     ):
-        assert line in text.getvalue()
+        assert line in text
 
 
 def test_slices_reach_through_phases() -> None:
@@ -170,14 +167,11 @@ def test_a_scaled_model_has_the_same_solution(rename: bool) -> None:
     expected, m = relaxed(), relaxed()
     solver = pyo.SolverFactory("pyrobocop.ipopt")
     solver.solve(expected, options={"tol": 1e-10})
-    m.scaling_factor = pyo.Suffix(direction=pyo.Suffix.EXPORT)
-    b, other = m.phase, m.legs["a"]
-    for component, factor in ((b.x, 0.1), (b.u_per_element, 0.01), (b.x_collocation, 10), (other.z, 5), (m.cost, 0.01)):
-        m.scaling_factor[component] = factor
-    scale = pyo.TransformationFactory("core.scale_model")
-    scaled = scale.create_using(m, rename=rename)
+    b, z = m.phase, m.legs["a"].z
+    factors = [(b.x, 0.1), (b.u_per_element, 0.01), (b.x_collocation, 10), (z, 5), (m.cost, 0.01)]
+    scaled = scaled_by(m, factors, rename=rename)
     solver.solve(scaled, options={"tol": 1e-10})
-    scale.propagate_solution(scaled, m)
+    SCALE.propagate_solution(scaled, m)
     assert pyo.value(m.cost) == pytest.approx(pyo.value(expected.cost), rel=1e-5)
     assert m.phase.trajectory().x == pytest.approx(expected.phase.trajectory().x, abs=1e-4)
     assert m.phase.trajectory().verify().defect < 1e-6
@@ -187,16 +181,13 @@ def test_a_scaled_model_has_the_same_solution(rename: bool) -> None:
 @pytest.mark.parametrize("rename", [True, False])
 def test_a_scaled_model_can_be_given_to_solve_and_its_values_back_to_the_model(rename: bool) -> None:
     m = relaxed()
-    m.scaling_factor = pyo.Suffix(direction=pyo.Suffix.EXPORT)
-    m.scaling_factor[m.phase.x] = 0.1
-    scale = pyo.TransformationFactory("core.scale_model")
-    scaled = scale.create_using(m, rename=rename)
+    scaled = scaled_by(m, [(m.phase.x, 0.1)], rename=rename)
     result = rcp.solve(scaled)
     result.raise_for_status()
     assert "COARSE MESH" not in result.report()  # its rules are stated in other units than its values
     with pytest.raises(rcp.errors.TrajectoryError, match="propagate_solution"):
         scaled.phase.trajectory()
-    scale.propagate_solution(scaled, m)
+    SCALE.propagate_solution(scaled, m)
     assert m.phase.trajectory().x[-1] == pytest.approx(1.0)
 
 
@@ -205,23 +196,18 @@ def test_a_scaled_and_renamed_phase_may_have_a_free_duration() -> None:
     duration = rcp.Duration(bounds=(0.1, 10), initial_guess=1)
     m, b = integrator(x={"initial": 0, "final": 1}, u={"bounds": (-1, 1)}, duration=duration, elements=4)
     m.time_taken = pyo.Objective(expr=b.duration)
-    m.scaling_factor = pyo.Suffix(direction=pyo.Suffix.EXPORT)
-    m.scaling_factor[b.x] = 100
-    scaled = pyo.TransformationFactory("core.scale_model").create_using(m)
-    assert rcp.solve(scaled).objective == pytest.approx(1.0)
+    assert rcp.solve(scaled_by(m, [(b.x, 100)])).objective == pytest.approx(1.0)
 
 
 @pytest.mark.casadi
 def test_pairs_that_a_scaling_has_passed_over_are_refused() -> None:
     m = robot()
-    m.scaling_factor = pyo.Suffix(direction=pyo.Suffix.EXPORT)
-    m.scaling_factor[m.phase.x] = 0.1
-    scaled = pyo.TransformationFactory("core.scale_model").create_using(m, rename=False)
+    scaled = scaled_by(m, [(m.phase.x, 0.1)], rename=False)
     assert "'phase.stop' holds" in str(rcp.diagnose(scaled))
     with pytest.raises(rcp.errors.ModelError, match="'phase.stop' holds .*multiplied by 0.1"):
         rcp.solve(scaled)
     m.scaling_factor.clear()
-    assert rcp.solve(pyo.TransformationFactory("core.scale_model").create_using(m)).solved
+    assert rcp.solve(SCALE.create_using(m)).solved
 
 
 @pytest.mark.casadi
@@ -249,3 +235,131 @@ def test_pyomo_explains_an_infeasible_phase_by_name() -> None:
     minimal = text.getvalue().partition("Constraints / bounds in MIS:")[2]
     assert "ub of var p.u[1.0]" in minimal
     assert "constraint: p.x_collocation[1.0]" in minimal
+
+
+# --------------------------------------------------------------------
+# A phase wherever Pyomo lets a block live: indexed, nested, cloned, pickled, deactivated, abstract.
+
+
+def state_oscillators(b: Any, *index: Any) -> None:
+    b.x = rcp.State(initial=1, initial_guess=ramp, bounds=wide)
+    b.y = rcp.State(initial=1, initial_guess=1)
+    b.push = rcp.Control(parametrization="piecewise_constant")
+    b.push_per_element.fix(0)
+    b.ode(pushed)
+
+
+def ramp(t: float) -> float:
+    return 1 + t
+
+
+def wide(t: float) -> tuple[float, float]:
+    return (-100, 100)
+
+
+def pushed(b: Any, t: float) -> Any:
+    rates = oscillate(b, t)
+    return {b.x: rates[b.x] + b.push[t], b.y: rates[b.y]}
+
+
+def end(b: Any) -> float:
+    return b.x[b.final_time].value
+
+
+def solved(m: pyo.ConcreteModel) -> pyo.ConcreteModel:
+    m.nothing = pyo.Objective(expr=0)
+    solve(m)
+    return m
+
+
+@pytest.mark.casadi
+def test_one_rule_builds_scalar_indexed_and_nested_phases() -> None:
+    def nested(b, i):
+        b.phase = rcp.PhaseBlock(rule=state_oscillators)
+
+    m = pyo.ConcreteModel()
+    m.I = pyo.Set(initialize=["left", 2])
+    m.scalar = rcp.PhaseBlock(rule=state_oscillators)
+    m.many = rcp.PhaseBlock(m.I, rule=state_oscillators)
+    m.grid = rcp.PhaseBlock(m.I, [1, 2], rule=state_oscillators)
+    m.house = pyo.Block()
+    m.house.phase = rcp.PhaseBlock(rule=state_oscillators)
+    m.arms = pyo.Block(m.I, rule=nested)
+    phases = [m.scalar, *m.many.values(), *m.grid.values(), m.house.phase, *(arm.phase for arm in m.arms.values())]
+    assert len(phases) == 1 + 2 + 4 + 1 + 2
+    solved(m)
+    for phase in phases:
+        phase.check()
+        assert phase.ctype is pyo.Block
+        assert end(phase) == pytest.approx(exact_x(1.0), abs=1e-6)
+        assert phase.trajectory().name == phase.name
+    assert m.arms[2].phase.name == "arms[2].phase"
+
+
+def test_a_rule_gets_its_index() -> None:
+    def build(b, i, j):
+        b.x = rcp.State(initial=10 * i + j)
+
+    m = pyo.ConcreteModel()
+    m.p = rcp.PhaseBlock([1, 2], [3, 4], rule=build)
+    assert [b.x[0].value for b in m.p.values()] == [13, 14, 23, 24]
+
+
+@pytest.mark.casadi
+def test_a_clone_lives_its_own_life() -> None:
+    m, _ = one_phase(rule=state_oscillators, duration=rcp.Duration(bounds=(1, 2)))
+    m.p.duration.fix(1)
+    before = {id(v): v.value for v in m.component_data_objects(pyo.Var)}
+    clone = m.clone()
+    assert contents(clone) == contents(m)
+    solved(clone)
+    assert end(clone.p) == pytest.approx(exact_x(1.0), abs=1e-6)
+    assert {id(v): v.value for v in m.component_data_objects(pyo.Var)} == before
+    first = clone.p.points.first()
+    assert all(v.model() is clone for row in rows(clone) for v in identify_variables(row.body))
+    assert all(v.model() is clone for v in identify_variables(clone.p.derivative(clone.p.x)[first]))
+    assert clone.p.push[first] is clone.p.push_per_element[0]
+    assert clone.p.trajectory().verify().defect < 1e-10
+    assert clone.p.trajectory().phase is clone.p
+    assert m.p.trajectory().verify().defect > 0.1
+    clone.p.late = rcp.State(initial=0)
+    assert "late" not in m.p.record.declarations
+    assert m.p.component("late") is None
+
+
+def state_by_lambdas(b: Any) -> None:
+    b.x = rcp.State(initial=1, initial_guess=lambda t: 1 + t)
+    b.y = rcp.State(initial=1, initial_guess=1)
+    b.ode(lambda b, t: oscillate(b, t))
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("rule", [state_oscillators, state_by_lambdas])
+def test_a_pickle_comes_back_whole(rule: Any) -> None:
+    m, _ = one_phase(rule=rule)
+    back = pickle.loads(pickle.dumps(m))
+    assert contents(back) == contents(m)
+    solved(back)
+    assert end(back.p) == pytest.approx(exact_x(1.0), abs=1e-6)
+    assert end(m.p) == 2.0
+    verdict = back.p.trajectory().verify()
+    assert verdict.largest_violation < 1e-10
+    assert verdict.horizon_error is not None
+    if rule is state_oscillators:
+        assert back.p.push[back.p.points.first()] is back.p.push_per_element[0]
+    assert end(solved(m).p) == pytest.approx(exact_x(1.0), abs=1e-6)
+
+
+@pytest.mark.parametrize("bounds", [lambda t: (-t, 5), lambda t: (-math.floor(2 * t) / 2, 5)])
+def test_a_pickle_has_what_a_function_for_bounds_has_said(bounds: Any) -> None:
+    m, _ = one_phase(elements=2, x=rcp.State(initial=1, bounds=bounds))
+    m.p.ode(still)
+    back = pickle.loads(pickle.dumps(m))
+    assert back.p.x[1.0].bounds == (-1, 5)
+    for phase in (m.p, back.p):
+        phase.x[1.0].set_value(-2.0, skip_validation=True)
+    assert back.p.trajectory().verify().bounds == m.p.trajectory().verify().bounds == 1.0
+
+
+def still(b: Any, t: float) -> Any:
+    return {b.x: 0.0}

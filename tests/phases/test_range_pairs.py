@@ -1,12 +1,12 @@
 """Ranges and equalities stated in a phase: dry friction, which needs one range where it took two pairs before."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.checked import solution
+from harness.phases import one_phase
 
 import pyrobocop_pyomo as rcp
 
@@ -15,21 +15,15 @@ pytestmark = pytest.mark.asl
 
 def sliding(speed: float = 1.0) -> Any:
     """A unit mass under friction between -1 and 1: it slows down by 1 per second, and then it stays where it is."""
-    m = pyo.ConcreteModel(name="sliding")
-    m.p = b = rcp.PhaseBlock(duration=2, elements=20, scheme="implicit_euler")
-    b.position = rcp.State(initial=0)
+    m, b = one_phase(model="sliding", duration=2, elements=20, scheme="implicit_euler", position=rcp.State(initial=0))
     b.speed = rcp.State(initial=speed, initial_guess=speed)
     b.friction = rcp.Algebraic(bounds=(-1, 1), initial_guess=0)
     b.half = rcp.Algebraic(initial_guess=0)
     b.ode(lambda b, t: {b.position: b.speed[t], b.speed: b.friction[t]})
 
-    @b.complementarity
-    def stick_or_slip(b: Any, t: float) -> Any:
-        return rcp.complements(b.friction[t], b.speed[t])
+    b.complementarity(lambda b, t: rcp.complements(b.friction[t], b.speed[t]), name="stick_or_slip")
 
-    @b.complementarity
-    def definition(b: Any, t: float) -> Any:
-        return rcp.complements(2 * b.half[t] == b.speed[t], b.friction[t])
+    b.complementarity(lambda b, t: rcp.complements(2 * b.half[t] == b.speed[t], b.friction[t]), name="definition")
 
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.friction[t] ** 2))
     return m
@@ -38,8 +32,7 @@ def sliding(speed: float = 1.0) -> Any:
 @pytest.mark.parametrize("sign", [1, -1])
 def test_dry_friction_is_one_range(sign: int) -> None:
     m = sliding(sign * 1.0)
-    result = rcp.solve(m)
-    result.raise_for_status()
+    solution(m)
     trajectory = m.p.trajectory()
     expected = sign * np.maximum(1 - trajectory.time, 0)
     assert trajectory.speed == pytest.approx(expected, abs=1e-3)

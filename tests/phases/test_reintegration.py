@@ -1,13 +1,13 @@
 """The motion of the equations under the controls of a plan, against SciPy and against motions that are known."""
 
-from __future__ import annotations
-
 from itertools import pairwise
+from math import cos, exp, sin
 from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.phases import one_phase
 from scipy.integrate import solve_ivp
 
 import pyrobocop_pyomo as rcp
@@ -16,8 +16,7 @@ from pyrobocop_pyomo.numerics.flows import integrate_flows
 
 
 def pendulum(elements: int = 6, scheme: str = "radau", stages: int | None = None, **control: Any) -> Any:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=2.0, elements=elements, scheme=scheme, stages=stages)
+    _, b = one_phase(duration=2.0, elements=elements, scheme=scheme, stages=stages)
     b.angle, b.rate = rcp.State(initial=1.0), rcp.State(initial=0.0)
     b.torque = rcp.Control(**control)
     b.pull = rcp.Parameter(initial_guess=2.0)
@@ -76,9 +75,7 @@ def test_inside_elements_the_error_falls_with_the_degree_of_the_polynomial(schem
 
 
 def test_a_rule_that_has_to_know_the_time_says_nothing_between_the_points() -> None:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=2.0, elements=4)
-    b.x = rcp.State(initial=1.0)
+    _, b = one_phase(duration=2.0, elements=4, x=rcp.State(initial=1.0))
     b.ode(lambda b, t: {b.x: -b.x[t] if t < 5.0 else 0.0})
     b.initialize(b.simulate(method="scheme"))
     for asked in (b.reintegrate, b.simulate):
@@ -91,9 +88,7 @@ def test_a_rule_that_has_to_know_the_time_says_nothing_between_the_points() -> N
 @pytest.mark.parametrize("pairs", ["none", "never read", "never active"])
 def test_what_equations_determine_is_no_part_of_the_plan(kind: str, pairs: str) -> None:
     """x' = y with y = -20 x^2 is x' = -20 x^2, however y is stated, and whatever pairs stand beside it."""
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=1.0, elements=2)
-    b.x, b.y, b.force = rcp.State(initial=1.0), rcp.Algebraic(), rcp.Algebraic()
+    _, b = one_phase(duration=1.0, elements=2, x=rcp.State(initial=1.0), y=rcp.Algebraic(), force=rcp.Algebraic())
     b.ode(lambda b, t: {b.x: b.y[t] + (b.force[t] if pairs == "never active" else 0.0)})
     getattr(b, kind)(lambda b, t: b.y[t] == -20 * b.x[t] ** 2, name="law")
     if pairs == "none":
@@ -110,8 +105,7 @@ def test_what_equations_determine_is_no_part_of_the_plan(kind: str, pairs: str) 
 
 
 def ball(floor: Any, elements: int, scheme: str, stages: int | None) -> Any:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=1.2, elements=elements, scheme=scheme, stages=stages)
+    _, b = one_phase(duration=1.2, elements=elements, scheme=scheme, stages=stages)
     b.h, b.v, b.force = rcp.State(initial=1.0), rcp.State(initial=0.0), rcp.Algebraic(bounds=(0, None))
     b.ode(lambda b, t: {b.h: b.v[t], b.v: b.force[t] - 9.81})
     b.complementarity(lambda b, t: rcp.complements(b.force[t] >= 0, b.h[t] + b.force[t] / floor >= 0))
@@ -142,8 +136,7 @@ def test_a_contact_inside_an_element_is_simulated_from_the_start_of_the_plan(
 
 
 def tied(rows: Any) -> Any:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=1.0, elements=3, stages=2)
+    m, b = one_phase(duration=1.0, elements=3, stages=2)
     b.x, b.y, b.u, b.w = rcp.State(initial=1.0), rcp.State(initial=0.0), rcp.Control(), rcp.Control()
     b.ode(lambda b, t: {b.x: b.u[t], b.y: b.w[t]})
     b.constraint(rows)
@@ -165,8 +158,7 @@ def test_an_equality_that_determines_a_control_leaves_none_of_it_to_the_plan() -
 
 def test_what_pairs_leave_open_is_no_known_motion() -> None:
     """At the edge of the friction cone forces do not say how fast a finger slips; inside it does not."""
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=1.0, elements=3)
+    _, b = one_phase(duration=1.0, elements=3)
     b.x, b.force, b.slip = rcp.State(initial=0.0), rcp.Control(), rcp.Algebraic(bounds=(0, None))
     b.ode(lambda b, t: {b.x: b.slip[t]})
     b.complementarity(lambda b, t: rcp.complements(b.slip[t] >= 0, 1.0 - b.force[t] >= 0))
@@ -193,9 +185,7 @@ def test_another_start_is_followed() -> None:
 
 
 def test_a_motion_that_leaves_the_finite_numbers_is_said_to() -> None:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=3.0, elements=4, scheme="implicit_euler")
-    b.x = rcp.State(initial=1.0, initial_guess=1.0)
+    _, b = one_phase(duration=3.0, elements=4, scheme="implicit_euler", x=rcp.State(initial=1.0, initial_guess=1.0))
     b.ode(lambda b, t: {b.x: b.x[t] ** 2})
     motion = b.reintegrate()
     assert motion.open_loop is None
@@ -242,10 +232,7 @@ def test_an_unstable_motion_is_followed_far_from_its_plan() -> None:
 
 
 def test_an_integrand_may_read_the_model_otherwise_than_through_its_first_argument() -> None:
-    m = pyo.ConcreteModel()
-    m.cart = b = rcp.PhaseBlock(duration=1.0, elements=3)
-    b.x = rcp.State(initial=0)
-    b.force = rcp.Control()
+    m, b = one_phase("cart", duration=1.0, elements=3, x=rcp.State(initial=0), force=rcp.Control())
     b.ode(lambda b, t: {b.x: b.force[t]})
     outer = b.force
     b.integral(lambda b, t: outer[t] ** 2)
@@ -257,17 +244,61 @@ def test_an_integrand_may_read_the_model_otherwise_than_through_its_first_argume
 
 
 def test_errors_that_cannot_be_estimated_are_explained() -> None:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(elements=2)
-    b.u = rcp.Control()
+    _, b = one_phase(elements=2, u=rcp.Control())
     with pytest.raises(TrajectoryError, match="has no states: there is no error to estimate"):
         b.element_errors()
     b.x, b.f, b.g = rcp.State(), rcp.Algebraic(), rcp.Algebraic()
     b.ode(lambda b, t: {})
-    b.residual(half)
+    b.residual(lambda b, t: [b.derivative(b.x)[t] == b.u[t] + b.f[t], b.f[t] == b.g[t]], name="half")
     with pytest.raises(TrajectoryError, match="the motion depends on .*, of which 'half' can determine only some"):
         b.element_errors()
 
 
-def half(b: Any, t: float) -> Any:
-    return [b.derivative(b.x)[t] == b.u[t] + b.f[t], b.f[t] == b.g[t]]
+# --------------------------------------------------------------------
+# Elements in which an explicit method is held back by stability are integrated by an implicit one.
+
+
+RATE = 10000.0
+
+
+def test_the_error_of_a_stiff_element_is_that_of_the_exact_motion() -> None:
+    _, b = one_phase(model="stiff", duration=1.0, elements=1, x=rcp.State(initial=0))
+    b.ode(lambda b, t: {b.x: -RATE * (b.x[t] - pyo.cos(t))})
+    planned = {t: cos(t) + 0.01 * sin(3 * t) for t in b.time}
+    for t, variable in b.x.items():
+        variable.set_value(planned[t], skip_validation=True)
+    b.x[0.0].set_value(1.0)
+
+    def steady(t: float) -> float:
+        return RATE * (RATE * cos(t) + sin(t)) / (RATE**2 + 1)
+
+    exact = steady(1.0) + (1.0 - steady(0.0)) * exp(-RATE)
+    (error,) = b.element_errors(b.trajectory())
+    assert error == pytest.approx(abs(planned[1.0] - exact), rel=1e-6)
+
+
+def test_the_reactions_of_robertson_agree_with_scipy() -> None:
+    def rates(y: Any) -> list[Any]:
+        slow, fast, square = 0.04 * y[0], 1e4 * y[1] * y[2], 3e7 * y[1] ** 2
+        return [-slow + fast, slow - fast - square, square]
+
+    _, b = one_phase(model="reactions", duration=80.0, elements=4)
+    b.slow, b.fast, b.last = rcp.State(initial=1.0), rcp.State(initial=0.0), rcp.State(initial=0.0)
+    states = [b.slow, b.fast, b.last]
+    b.ode(lambda b, t: dict(zip(states, rates([state[t] for state in states]), strict=True)))
+    b.initialize(slow=0.9, fast=3e-5, last=0.1)
+    exact = solve_ivp(lambda t, y: rates(y), (0, 80.0), [1.0, 0.0, 0.0], method="Radau", rtol=1e-10, atol=1e-13)
+    found = b.reintegrate().open_loop
+    for values, expected, size in zip(found.values(), exact.y[:, -1], [1.0, 1e-3, 1.0], strict=True):
+        assert values[-1, -1] == pytest.approx(expected, abs=1e-6 * size)
+
+
+@pytest.mark.casadi
+def test_the_error_of_a_stiff_motion_is_known() -> None:
+    m, b = one_phase("go", model="relaxation", duration=2.0, elements=4, stages=2)
+    b.x, b.clock = rcp.State(initial=1.0), rcp.State(initial=0.0)
+    b.ode(lambda b, t: {b.x: -1e6 * (b.x[t] - pyo.cos(b.clock[t])), b.clock: 1.0})
+    m.nothing = pyo.Objective(expr=0.0)
+    result = rcp.solve(m, backend="casadi")
+    assert result.solved
+    assert b.trajectory().verify().element_error < 1e-4

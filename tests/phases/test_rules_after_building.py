@@ -1,7 +1,5 @@
 """A user's function is called while the model is being built, and never again, by whatever door."""
 
-from __future__ import annotations
-
 import math
 import pickle
 from collections.abc import Callable
@@ -10,6 +8,7 @@ from typing import Any
 
 import pyomo.environ as pyo
 import pytest
+from harness.phases import one_phase
 from harness.scenes import at_place, keep_clear
 
 import pyrobocop_pyomo as rcp
@@ -35,9 +34,7 @@ class Asked:
 
 def moved(asked: Asked, ode: Callable[..., Any], bounds: Any = (-1, 1), duration: Any = 1.0) -> pyo.ConcreteModel:
     """On so coarse a mesh that a solve refines it, where it may."""
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=duration, elements=4)
-    b.x = rcp.State(initial=1.0)
+    m, b = one_phase(duration=duration, elements=4, x=rcp.State(initial=1.0))
     b.u = rcp.Control(bounds=bounds, initial_guess=asked("guess", lambda t: math.sin(t)))
     b.ode(asked("ode", ode))
     b.constraint(asked("constraint", lambda b, t: b.u[t] + b.x[t] <= 3))
@@ -57,8 +54,7 @@ def functions_of_numbers(asked: Asked) -> pyo.ConcreteModel:
 
 
 def named_expressions(asked: Asked) -> pyo.ConcreteModel:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=1.0, elements=4)
+    m, b = one_phase(duration=1.0, elements=4)
     b.x, b.u = rcp.State(initial=1.0, history=asked("history", lambda t: pyo.cos(t))), rcp.Control(bounds=(-1, 1))
     b.drag = pyo.Expression(b.points, rule=asked("drag", lambda b, t: b.x[t] ** 2))
     b.parts = pyo.Expression([1, 2], b.points, rule=asked("parts", lambda b, i, t: i * b.drag[t]))
@@ -68,9 +64,7 @@ def named_expressions(asked: Asked) -> pyo.ConcreteModel:
 
 
 def pairs_and_delays(asked: Asked) -> pyo.ConcreteModel:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=1.0, elements=5)
-    b.x = rcp.State(initial=1.0, history=asked("history", lambda t: 1 + t))
+    m, b = one_phase(duration=1.0, elements=5, x=rcp.State(initial=1.0, history=asked("history", lambda t: 1 + t)))
     b.u = rcp.Control(bounds=(-1, 1))
     b.z = rcp.Algebraic(bounds=(0, None))
     b.ode(asked("ode", lambda b, t: {b.x: b.u[t] + b.z[t] - b.x.delayed(t, 0.2)}))
@@ -81,8 +75,7 @@ def pairs_and_delays(asked: Asked) -> pyo.ConcreteModel:
 
 def history_by_numbers(asked: Asked) -> pyo.ConcreteModel:
     """Before the start, it is known for the points of the mesh alone."""
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=1.0, elements=5)
+    m, b = one_phase(duration=1.0, elements=5)
     b.x, b.u = rcp.State(initial=1.0, history=asked("history", math.cos)), rcp.Control(bounds=(-1, 1))
     b.ode(asked("ode", lambda b, t: {b.x: b.u[t] - b.x.delayed(t, 0.2)}))
     m.cost = pyo.Objective(expr=b.integral(asked("cost", lambda b, t: b.x[t] ** 2 + b.u[t] ** 2)))
@@ -140,7 +133,7 @@ def go_through(m: pyo.ConcreteModel, folder: Path) -> None:
         trajectory.plot()
         b.verify(trajectory)
         b.initialize(trajectory)
-        for act in (b.simulate, b.replay, lambda b=b: rcp.remesh_phases({b: 16})):
+        for act in (b.simulate, b.replay, b.reintegrate, b.element_errors, lambda b=b: rcp.remesh_phases({b: 16})):
             try:
                 act()
             except rcp.errors.PyRobocopError:

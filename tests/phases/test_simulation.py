@@ -1,33 +1,26 @@
 """Forward simulation: it follows the equations to the integrator's tolerance, and says where it could not."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.phases import exact_x, exact_y, integrator, oscillators
+from harness.phases import SCHEMES, exact_x, exact_y, integrator, one_phase, oscillators
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import InitialGuessError, SimulationFailed, TrajectoryError
+from pyrobocop_pyomo.phases.simulation import put_rough_motion
+from pyrobocop_pyomo.solving import starts
 
-SCHEMES = [
-    rcp.schemes.radau(1),
-    rcp.schemes.radau(3),
-    rcp.schemes.gauss_legendre(2),
-    rcp.schemes.lobatto(3),
-    rcp.schemes.explicit(3),
-]
-each_scheme = pytest.mark.parametrize("scheme", SCHEMES, ids=str)
+ALL = [*SCHEMES, rcp.schemes.explicit(3)]
+each_scheme = pytest.mark.parametrize("scheme", ALL, ids=str)
 
 
 def pendulum(implicit: bool = False, **options: Any) -> Any:
-    m = pyo.ConcreteModel()
-    m.swing = b = rcp.PhaseBlock(**{"duration": 2.0, "elements": 8, **options})
+    _, b = one_phase("swing", **{"duration": 2.0, "elements": 8, **options})
     b.theta, b.omega = rcp.State(initial=0.5), rcp.State(initial=0)
     b.torque = rcp.Control(bounds=(-1, 1))
     b.g = rcp.Parameter(initial_guess=9.81)
@@ -36,12 +29,8 @@ def pendulum(implicit: bool = False, **options: Any) -> Any:
         b.ode(lambda b, t: {b.theta: b.omega[t]})
         b.residual(weight_and_newton)
     else:
-        b.ode(swing)
+        b.ode(lambda b, t: {b.theta: b.omega[t], b.omega: b.torque[t] - b.g * pyo.sin(b.theta[t])}, name="swing")
     return b
-
-
-def swing(b: Any, t: float) -> Any:
-    return {b.theta: b.omega[t], b.omega: b.torque[t] - b.g * pyo.sin(b.theta[t])}
 
 
 def weight_and_newton(b: Any, t: float) -> Any:
@@ -60,7 +49,7 @@ def test_a_simulation_is_the_exact_motion(scheme: Any, duration: Any) -> None:
 
 @settings(max_examples=25)
 @given(
-    scheme=st.sampled_from(SCHEMES),
+    scheme=st.sampled_from(ALL),
     amplitude=st.floats(-5, 5),
     theta=st.floats(-3, 3),
     method=st.sampled_from(["DOP853", "RK45", "LSODA"]),
@@ -106,15 +95,9 @@ def test_controls_are_given_or_as_the_phase_holds_them() -> None:
 
 
 def test_held_controls_and_phases_without_states() -> None:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(elements=2)
-    b.u = rcp.Control(parametrization="piecewise_constant")
-    b.f = rcp.Algebraic(initial_guess=1)
+    _, b = one_phase(elements=2, u=rcp.Control(parametrization="piecewise_constant"), f=rcp.Algebraic(initial_guess=1))
 
-    def cube(b: Any, t: float) -> Any:
-        return b.f[t] ** 3 == b.u[t]
-
-    b.residual(cube)
+    b.residual(lambda b, t: b.f[t] ** 3 == b.u[t], name="cube")
     trajectory = b.simulate({"u": [8.0, 27.0]})
     assert trajectory.piecewise_constant == {"u"}
     np.testing.assert_allclose(trajectory.f, [2.0] * 3 + [3.0] * 3, atol=1e-8)
@@ -122,36 +105,18 @@ def test_held_controls_and_phases_without_states() -> None:
 
 
 def contact() -> Any:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(elements=4)
-    b.x = rcp.State(initial=1)
+    _, b = one_phase(elements=4, x=rcp.State(initial=1))
     b.force, b.slack = rcp.Algebraic(bounds=(0, None), initial_guess=2), rcp.Algebraic(bounds=(0, None))
     b.ode(lambda b, t: {b.x: b.force[t]})
-    b.complementarity(touch)
+    b.complementarity(lambda b, t: rcp.complements(b.force[t] >= 0, b.slack[t] >= 0), name="touch")
     return b
-
-
-def touch(b: Any, t: float) -> Any:
-    return rcp.complements(b.force[t] >= 0, b.slack[t] >= 0)
-
-
-def height(b: Any, t: float) -> Any:
-    return b.slack[t] == b.x[t]
-
-
-def no_root_in_the_end(b: Any, t: float) -> Any:
-    return b.f[t] ** 2 == 0.55 - t
-
-
-def no_root(b: Any, t: float) -> Any:
-    return b.f[t] ** 2 == -1
 
 
 def test_algebraics_that_pairs_determine_are_given_or_keep_their_guess() -> None:
     b = contact()
     assert b.simulate().x[-1] == pytest.approx(3)
     assert b.simulate({"force": 5.0}).x[-1] == pytest.approx(6)
-    b.residual(height)
+    b.residual(lambda b, t: b.slack[t] == b.x[t], name="height")
     assert b.simulate().x[-1] == pytest.approx(1)  # equation and pair are as many as force and slack
     b.other = rcp.Algebraic()
     with pytest.raises(
@@ -163,9 +128,7 @@ def test_algebraics_that_pairs_determine_are_given_or_keep_their_guess() -> None
 
 
 def explosion(rule: Any) -> Any:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=2.0, elements=4)
-    b.x = rcp.State(initial=1.1)
+    _, b = one_phase(duration=2.0, elements=4, x=rcp.State(initial=1.1))
     b.ode(rule)
     return b
 
@@ -192,22 +155,19 @@ def test_equations_without_a_value_stop_a_simulation() -> None:
 
 
 def test_equations_without_a_root_stop_a_simulation() -> None:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(elements=2)
-    b.f = rcp.Algebraic(initial_guess=1)
-    b.residual(no_root_in_the_end)
+    m, b = one_phase(elements=2, f=rcp.Algebraic(initial_guess=1))
+    b.residual(lambda b, t: b.f[t] ** 2 == 0.55 - t, name="no_root_in_the_end")
     with pytest.raises(SimulationFailed, match=r"stopped at t = 0.5: the rows of element 1 were not solved \(resid"):
         b.simulate()
     m.q = q = rcp.PhaseBlock(elements=2, scheme=rcp.schemes.lobatto(2))
     q.f = rcp.Algebraic()
-    q.residual(no_root)
+    q.residual(lambda b, t: b.f[t] ** 2 == -1, name="no_root")
     with pytest.raises(SimulationFailed, match="the rows of element 0 were not solved"):
         q.simulate()
 
 
 def test_a_rule_that_needs_the_grid_can_be_stepped() -> None:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(elements=2)
+    _, b = one_phase(elements=2)
     b.demand = pyo.Param(b.points, initialize=lambda b, t: 2.0)
     b.x = rcp.State(initial=0)
     b.ode(lambda b, t: {b.x: b.demand[t]})
@@ -219,3 +179,75 @@ def test_a_rule_that_needs_the_grid_can_be_stepped() -> None:
 def test_a_linear_control_is_linear_within_elements_of_one_stage_too() -> None:
     _, b = integrator(x={"initial": 0}, u={"parametrization": "piecewise_linear"}, elements=1, scheme="implicit_euler")
     assert b.simulate({"u": [0.0, 1.0]}).x[-1] == pytest.approx(0.5)
+
+
+# --------------------------------------------------------------------
+# A rough motion as a start: near the simulated one, and none where there is no moderate motion.
+
+
+def swing(scheme: str = "radau", duration: Any = 2.0) -> pyo.ConcreteModel:
+    m, b = one_phase(duration=duration, elements=20, scheme=scheme)
+    b.angle, b.speed = rcp.State(initial=0.5), rcp.State(initial=0)
+    b.damping = rcp.Parameter(initial_guess=0.3)
+    b.torque = rcp.Control(initial_guess=lambda t: 1 + t**2)
+    b.ode(
+        lambda b, t: {
+            b.angle: b.speed[t],
+            b.speed: b.torque[t] - 9.81 * pyo.sin(b.angle[t]) - b.damping * b.speed[t],
+        }
+    )
+    return m
+
+
+@pytest.mark.parametrize("scheme", ["radau", "gauss", "lobatto", "implicit_euler"])
+@pytest.mark.parametrize("duration", [2.0, rcp.Duration(bounds=(1, 5), initial_guess=3)])
+def test_it_is_the_simulated_motion_to_plotting_accuracy(scheme: str, duration: Any) -> None:
+    m = swing(scheme, duration)
+    exact = m.p.simulate()
+    assert put_rough_motion(m.p)
+    for name in ("angle", "speed"):
+        found = np.array([m.p.component(name)[t].value for t in m.p.time])
+        assert np.abs(found - exact.states[name]).max() < 1e-2
+
+
+def test_a_motion_that_explodes_changes_nothing() -> None:
+    _, b = one_phase(duration=5, elements=5, x=rcp.State(initial=1, initial_guess=0.5), u=rcp.Control(initial_guess=1))
+    b.ode(lambda b, t: {b.x: b.x[t] ** 3 + b.u[t]})
+    before = [v.value for v in b.x.values()]
+    assert not put_rough_motion(b)
+    assert [v.value for v in b.x.values()] == before
+
+
+def test_a_state_without_an_explicit_equation_has_none() -> None:
+    _, b = one_phase(duration=1, elements=3, x=rcp.State(initial=1), u=rcp.Control(initial_guess=1))
+    b.residual(lambda b, t: b.derivative("x")[t] * (1 + b.x[t]) == b.u[t])
+    assert not put_rough_motion(b)
+
+
+def test_algebraics_keep_their_values() -> None:
+    _, b = one_phase(duration=1, elements=3, x=rcp.State(initial=0), y=rcp.Algebraic(initial_guess=2.0))
+    b.ode(lambda b, t: {b.x: b.y[t]})
+    b.residual(lambda b, t: b.y[t] == 1 + b.x[t])
+    assert put_rough_motion(b)
+    assert b.x[b.final_time].value == pytest.approx(2.0)
+    assert {v.value for v in b.y.values()} == {2.0}
+
+
+@pytest.mark.parametrize("with_algebraic", [False, True])
+def test_a_start_moves_roughly_unless_there_is_more_to_find_than_states(with_algebraic: bool, monkeypatch) -> None:
+    m, simulated = swing(), []
+    if with_algebraic:
+        m.p.power = rcp.Algebraic()
+        m.p.residual(lambda b, t: b.power[t] == b.torque[t] * b.speed[t], name="power_of_torque")
+
+    def simulate(*arguments: Any) -> rcp.Trajectory:
+        simulated.append(arguments[0])
+        return simulation(*arguments)
+
+    simulation = starts.simulate
+    monkeypatch.setattr(starts, "simulate", simulate)
+    exact = m.p.simulate()
+    assert starts.put_motion(m)
+    found = np.array([m.p.angle[t].value for t in m.p.time])
+    assert np.abs(found - exact.angle).max() < 1e-2
+    assert len(simulated) == with_algebraic

@@ -1,11 +1,10 @@
 """Numbers of declarations as Pyomo's users write them: Params that change, expressions, and numbers with units."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pyomo.environ as pyo
 import pytest
+from harness.phases import one_phase
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError
@@ -15,10 +14,9 @@ metre = pyo.units.m
 
 
 def cart(x0: Any = 0.0, final: Any = 1.0, units: Any = None, **of_x: Any) -> pyo.ConcreteModel:
-    m = pyo.ConcreteModel(name="cart")
+    m, b = one_phase("go", model="cart", duration=1.0, elements=4)
     m.x0 = pyo.Param(initialize=0.5, mutable=True)
     m.goal = pyo.Param(initialize=2.0, mutable=True)
-    m.go = b = rcp.PhaseBlock(duration=1.0, elements=4)
     read = lambda given: given(m) if callable(given) and not hasattr(given, "is_expression_type") else given  # noqa: E731
     b.x = rcp.State(initial=read(x0), final=read(final), units=units, **{k: read(v) for k, v in of_x.items()})
     b.v = rcp.Control(units=units)
@@ -67,9 +65,8 @@ def test_a_copy_follows_its_own_param_also_on_another_mesh() -> None:
 
 @pytest.mark.ipopt
 def test_the_start_may_be_a_variable_of_the_model() -> None:
-    m = pyo.ConcreteModel()
+    m, b = one_phase("go", duration=1.0, elements=2)
     m.free = pyo.Var()
-    m.go = b = rcp.PhaseBlock(duration=1.0, elements=2)
     b.x, b.v = rcp.State(initial=m.free, final=1), rcp.Control()
     b.ode(lambda b, t: {b.x: b.v[t]})
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.v[t] ** 2) + m.free**2)
@@ -85,10 +82,9 @@ def test_units_are_converted_to_those_of_the_declaration() -> None:
     assert m.go.x[0].value == pytest.approx(3.0)
     assert m.go.x[0.25].value == pytest.approx(4.0)
     assert m.go.x[0.25].lb == pytest.approx(-2.0)
-    m = pyo.ConcreteModel()
+    m, b = one_phase("go", duration=1.0, elements=2, time_units=pyo.units.s)
     m.far = pyo.Param(initialize=300.0, mutable=True, units=centimetre)
     m.plain = pyo.Param(initialize=5.0, mutable=True)
-    m.go = b = rcp.PhaseBlock(duration=1.0, elements=2, time_units=pyo.units.s)
     b.x, b.v = rcp.State(initial=m.far, final=m.plain, units=metre), rcp.Control(units=metre / pyo.units.s)
     b.ode(lambda b, t: {b.x: b.v[t]})
     m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.v[t] ** 2))
@@ -97,10 +93,9 @@ def test_units_are_converted_to_those_of_the_declaration() -> None:
 
 
 def test_vectors_take_an_indexed_param() -> None:
-    m = pyo.ConcreteModel()
+    m, b = one_phase("go", duration=1.0, elements=2)
     m.q0 = pyo.Param(["hip", "knee"], initialize={"hip": 0.1, "knee": 0.2}, mutable=True)
     m.fixed = pyo.Param([0, 1], initialize={0: 0.3, 1: 0.4})
-    m.go = b = rcp.PhaseBlock(duration=1.0, elements=2)
     b.q = rcp.State(index=["hip", "knee"], initial=m.q0)
     b.p = rcp.State(index=2, initial=m.fixed, final=[m.q0["hip"], 3.0])
     assert pyo.value(b.q_hip_initial_as_stated.body) == pytest.approx(pyo.value(b.q_hip_initial_as_stated.upper))
@@ -109,9 +104,8 @@ def test_vectors_take_an_indexed_param() -> None:
 
 
 def test_what_never_changes_is_a_number() -> None:
-    m = pyo.ConcreteModel()
+    m, b = one_phase("go", duration=1.0, elements=2)
     m.one = pyo.Param(initialize=1.0)
-    m.go = b = rcp.PhaseBlock(duration=1.0, elements=2)
     b.x = rcp.State(initial=m.one, final=(m.one, 2 * m.one), bounds=(None, 3 * m.one), initial_guess=m.one)
     assert b.x[0].fixed
     assert b.x[1].bounds == (1.0, 2.0)

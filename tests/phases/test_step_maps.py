@@ -1,7 +1,5 @@
 """Step maps: states that a rule leads from one element boundary to the next, without a derivative."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +8,8 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.checked import unchanged
+from harness.phases import contents
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError, TrajectoryError
@@ -27,10 +27,6 @@ def rule_pendulum(b: Any, t: float, previous: Any) -> Any:
     }
 
 
-def ode_pendulum(b: Any, t: float) -> Any:
-    return {b.theta: b.omega[t], b.omega: b.torque[t] - pyo.sin(b.theta[t])}
-
-
 def phase(scheme: Any = IMPLICIT, model: Any = None) -> Any:
     m = pyo.ConcreteModel() if model is None else model
     m.p = rcp.PhaseBlock(duration=DURATION, elements=ELEMENTS, scheme=scheme)
@@ -44,7 +40,7 @@ def pendulum(scheme: Any = IMPLICIT, by_step: bool = True) -> Any:
     if by_step:
         b.step_map(rule_pendulum)
     else:
-        b.ode(ode_pendulum)
+        b.ode(lambda b, t: {b.theta: b.omega[t], b.omega: b.torque[t] - pyo.sin(b.theta[t])})
     return b
 
 
@@ -70,9 +66,7 @@ def test_a_simulation_applies_the_map_and_solves_the_rows(scheme: Any) -> None:
     b.x = rcp.State(initial=2.0)
     b.u = rcp.Control(initial_guess=0.25)
 
-    @b.step_map
-    def halve(b: Any, t: float, previous: Any) -> Any:
-        return {b.x: 0.5 * previous.x + b.u[t]}
+    b.step_map(lambda b, t, previous: {b.x: 0.5 * previous.x + b.u[t]})
 
     trajectory = b.simulate()
     expected = [2.0]
@@ -92,18 +86,10 @@ def mixed(scheme: Any = IMPLICIT, model: Any = None) -> Any:
     b = phase(scheme, model)
     b.v, b.x, b.count = rcp.State(initial=1), rcp.State(initial=0), rcp.State(initial=0)
     b.drag = rcp.Algebraic()
-    b.ode(slow_down)
-    b.residual(brake)
+    b.ode(lambda b, t: {b.v: -b.drag[t]})
+    b.residual(lambda b, t: b.drag[t] == 2 * b.v[t], name="brake")
     b.step_map(move_and_count)
     return b
-
-
-def slow_down(b: Any, t: float) -> Any:
-    return {b.v: -b.drag[t]}
-
-
-def brake(b: Any, t: float) -> Any:
-    return b.drag[t] == 2 * b.v[t]
 
 
 def move_and_count(b: Any, t: float, previous: Any) -> Any:
@@ -183,10 +169,8 @@ def test_a_map_reads_another_phase_a_parameter_and_the_duration() -> None:
 
 
 def refused(b: Any, rule: Any, message: str) -> None:
-    before = list(b.component_map())
-    with pytest.raises(ModelError, match=message):
+    with unchanged(contents, b), pytest.raises(ModelError, match=message):
         b.step_map(rule)
-    assert list(b.component_map()) == before
     assert not b.record.discrete_states
 
 

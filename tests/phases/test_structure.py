@@ -1,51 +1,36 @@
-"""A built phase has the variables and rows that the formulas say, and leaves nothing undetermined."""
+"""A built phase has the variables and rows that the formulas say, and the structural index that is allowed."""
 
-from __future__ import annotations
-
+import pickle
 from typing import Any
 
 import pyomo.environ as pyo
 import pytest
-from harness.phases import free_variables, oscillators, rank, rows, undetermined
+from harness.phases import each_collocated, free_variables, one_phase, oscillators, rank, rows, undetermined
+from pyomo.mpec import Complementarity as PyomoComplementarity
+from pyomo.mpec import complements as pyomo_complements
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.phases.structure import PointStructure, middle_point
 
 
 def plant(scheme: rcp.schemes.Scheme, parametrization: str = "collocated", **options: Any) -> pyo.ConcreteModel:
     """Two states, an algebraic, a control, a parameter."""
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(**{"duration": 2, "elements": 6, "scheme": scheme, **options})
-    b.x = rcp.State(initial=0)
+    m, b = one_phase(x=rcp.State(initial=0), **{"duration": 2, "elements": 6, "scheme": scheme, **options})
     b.v = rcp.State(initial=0)
     b.f = rcp.Algebraic()
     b.u = rcp.Control(bounds=(-1, 1), parametrization=parametrization)
     b.k = rcp.Parameter(bounds=(1, 2), initial_guess=1.5)
-    b.ode(motion)
-    b.residual(spring)
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.f[t]})
+    b.residual(lambda b, t: b.f[t] == b.u[t] - b.k * b.x[t], name="spring")
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2 + b.x[t]))
     return m
 
 
-def motion(b: Any, t: float) -> dict[Any, Any]:
-    return {b.x: b.v[t], b.v: b.f[t]}
-
-
-def spring(b: Any, t: float) -> Any:
-    return b.f[t] == b.u[t] - b.k * b.x[t]
-
-
-SCHEMES = [
-    rcp.schemes.radau(1),
-    rcp.schemes.radau(2),
-    rcp.schemes.radau(4),
-    rcp.schemes.gauss_legendre(1),
-    rcp.schemes.gauss_legendre(3),
-]
-each_scheme = pytest.mark.parametrize("scheme", SCHEMES, ids=str)
 each_control = pytest.mark.parametrize("parametrization", ["collocated", "piecewise_constant"])
 
 
-@each_scheme
+@each_collocated
 @each_control
 def test_counts_follow_the_formulas(scheme: rcp.schemes.Scheme, parametrization: str) -> None:
     m, n, s = plant(scheme, parametrization), 6, scheme.stages
@@ -59,7 +44,7 @@ def test_counts_follow_the_formulas(scheme: rcp.schemes.Scheme, parametrization:
     assert list(m.p.points) == list(m.p.u.keys()) == list(m.p.f.keys())
 
 
-@each_scheme
+@each_collocated
 @each_control
 def test_every_variable_is_determined(scheme: rcp.schemes.Scheme, parametrization: str) -> None:
     m = plant(scheme, parametrization, duration=rcp.Duration(bounds=(1, 2)))
@@ -68,7 +53,7 @@ def test_every_variable_is_determined(scheme: rcp.schemes.Scheme, parametrizatio
     assert rank(m) == len(rows(m))
 
 
-@each_scheme
+@each_collocated
 def test_a_simulation_is_square_and_of_full_rank(scheme: rcp.schemes.Scheme) -> None:
     m = oscillators(scheme=scheme, elements=4)
     assert len(free_variables(m)) == len(rows(m)) == rank(m)
@@ -81,18 +66,14 @@ def test_a_held_control_is_one_variable_seen_at_each_point_of_its_element() -> N
 
 
 def test_bounds_in_time_hold_where_the_variable_is_asked() -> None:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=2, elements=2, stages=2)
-    b.u = rcp.Control(bounds=lambda t: (t, 9 - t))
+    _, b = one_phase(duration=2, elements=2, stages=2, u=rcp.Control(bounds=lambda t: (t, 9 - t)))
     b.held = rcp.Control(bounds=lambda t: (t, 9 - t), parametrization="piecewise_constant")
     assert [b.u[t].bounds for t in b.points] == [(t, 9 - t) for t in b.points]
     assert [variable.bounds for variable in b.held_per_element.values()] == [(1, 8), (2, 7)]
 
 
 def test_boundary_values_fix_bound_or_leave_free() -> None:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(elements=2)
-    b.fixed = rcp.State(initial=1, final=2, bounds=(0, 5), initial_guess=4)
+    _, b = one_phase(elements=2, fixed=rcp.State(initial=1, final=2, bounds=(0, 5), initial_guess=4))
     b.bound = rcp.State(initial=(-1, 3), final=(None, 4), bounds=(0, 5), initial_guess=4.5)
     b.free = rcp.State(bounds=(0, 5), initial_guess=9)
     first, last = b.initial_time, b.final_time
@@ -118,11 +99,148 @@ def test_a_mesh_end_that_differs_by_rounding_is_the_horizon() -> None:
 
 def test_generated_names_are_not_mistaken_for_the_users() -> None:
     """A constraint of the user's counts as an equation, whatever the end of its name."""
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(elements=2)
-    b.x, b.f = rcp.State(initial=0), rcp.Algebraic()
+    _, b = one_phase(elements=2, x=rcp.State(initial=0), f=rcp.Algebraic())
     b.ode(lambda b, t: {b.x: b.f[t]})
     with pytest.raises(rcp.errors.PyRobocopError, match="too few equations"):
         b.check()
     b.force_equation = pyo.Constraint(b.points, rule=lambda b, t: b.f[t] == 1 - b.x[t])
     b.check()
+
+
+# --------------------------------------------------------------------
+# The structural index: what is refused, what is let through, and who is named.
+
+
+LENGTH, GRAVITY = 1.0, 9.81
+
+
+def pendulum(constraint: Any, **options: Any) -> pyo.ConcreteModel:
+    """A mass on a rod in Cartesian coordinates; the rod is stated as position, velocity or acceleration."""
+    m, b = one_phase("swing", model="pendulum", **{"duration": 1, "elements": 5, "stages": 2, **options})
+    for name, initial in {"x": LENGTH, "y": 0.0, "u": 0.0, "v": 0.0}.items():
+        setattr(b, name, rcp.State(initial=initial, initial_guess=initial))
+    b.tension = rcp.Algebraic()
+    b.ode(mass)
+    b.residual(constraint)
+    return m
+
+
+def mass(b: Any, t: float) -> Any:
+    along = b.tension[t]
+    return {b.x: b.u[t], b.y: b.v[t], b.u: -along * b.x[t], b.v: -along * b.y[t] - GRAVITY}
+
+
+def position(b: Any, t: float) -> Any:
+    return b.x[t] ** 2 + b.y[t] ** 2 == LENGTH**2
+
+
+def velocity(b: Any, t: float) -> Any:
+    return b.x[t] * b.u[t] + b.y[t] * b.v[t] == 0
+
+
+def acceleration(b: Any, t: float) -> Any:
+    return b.u[t] ** 2 + b.v[t] ** 2 - GRAVITY * b.y[t] == b.tension[t] * (b.x[t] ** 2 + b.y[t] ** 2)
+
+
+def accelerations_as_derivatives(b: Any, t: float) -> Any:
+    """The same through the derivatives, which the ode has given: they hold the tension."""
+    return (
+        b.u[t] ** 2
+        + b.v[t] ** 2
+        + b.x[t] * b.derivative(b.u)[t]
+        + b.y[t] * b.derivative(b.v)[t]
+        == 0
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("constraint", [acceleration, accelerations_as_derivatives])
+def test_index_one_passes(constraint: Any) -> None:
+    pendulum(constraint).swing.check()
+
+
+@pytest.mark.parametrize("constraint", [position, velocity])
+def test_a_higher_index_is_refused_with_the_equation_and_the_unknown(constraint: Any) -> None:
+    m = pendulum(constraint)
+    with pytest.raises(ModelError) as caught:
+        m.swing.check()
+    message = str(caught.value)
+    assert f"equation '{constraint.__name__}' holds no derivative and no algebraic to determine" in message
+    assert "nothing determines unknown 'tension'" in message
+    assert "allow_higher_index=True" in message
+
+
+@pytest.mark.casadi
+def test_an_expert_may_allow_it_and_gets_the_motion() -> None:
+    m = pendulum(velocity, allow_higher_index=True, elements=20, stages=3)
+    rcp.solve(m, options={"tol": 1e-11}).raise_for_status()
+    b, end = m.swing, 1.0
+    energy = (b.u[end].value ** 2 + b.v[end].value ** 2) / 2 + GRAVITY * b.y[end].value
+    assert energy == pytest.approx(0.0, abs=1e-4)
+    assert b.x[end].value ** 2 + b.y[end].value ** 2 == pytest.approx(LENGTH**2, abs=1e-6)
+
+
+def test_the_permission_survives_clone_and_pickle() -> None:
+    m = pendulum(position, allow_higher_index=True)
+    m.clone().swing.check()
+    pickle.loads(pickle.dumps(m)).swing.check()
+
+
+def test_equations_that_share_an_unknown_are_named_with_it() -> None:
+    _, b = one_phase(elements=2, x=rcp.State(initial=0), y=rcp.Algebraic(), z=rcp.Algebraic())
+    b.ode(lambda b, t: {b.x: b.z[t]})
+
+    b.residual(lambda b, t: {"left": b.y[t] == b.x[t], "right": b.y[t] == 2 * b.x[t]}, name="springs")
+    with pytest.raises(ModelError, match=r"equations 'springs\[left\]', 'springs\[right\]' share only unknown"):
+        b.check()
+
+
+def no_motion(b: Any, t: float) -> Any:
+    return b.v[t] == 0
+
+
+def newton(b: Any, t: float) -> Any:
+    return b.derivative(b.v)[t] == b.u[t] - b.x[t]
+
+
+def test_a_kept_derivative_is_an_unknown_like_any_other() -> None:
+    def pushed(residual: Any) -> Any:
+        m, b = one_phase(elements=2, x=rcp.State(initial=0), v=rcp.State(initial=0, derivative_bounds=(-1, 1)))
+        b.f, b.u = rcp.Algebraic(), rcp.Control()
+        b.ode(lambda b, t: {b.x: b.v[t], b.v: b.f[t] + b.u[t]})
+        b.residual(residual)
+        return m.p
+
+    with pytest.raises(ModelError, match="equation 'no_motion' holds no derivative"):
+        pushed(no_motion).check()
+    b = pushed(newton)
+    b.check()
+    structure = PointStructure(b, middle_point(b.record))
+    assert list(structure.unknowns) == ["derivative of v", "f"]
+    assert list(structure.rows) == ["ode of v", "newton"]
+
+
+@pytest.mark.parametrize("package", ["ours", "pyomo"])
+def test_a_pair_determines_an_algebraic_that_it_holds(package: str) -> None:
+    _, b = one_phase(elements=2, x=rcp.State(initial=1), force=rcp.Algebraic(bounds=(0, None)))
+    b.ode(lambda b, t: {b.x: b.force[t]})
+    if package == "ours":
+        b.complementarity(lambda b, t: rcp.complements(b.x[t] >= 0, b.force[t] >= 0), name="contact")
+    else:
+        b.contact = PyomoComplementarity(b.points, rule=lambda b, t: pyomo_complements(b.x[t] >= 0, b.force[t] >= 0))
+    b.check()
+    structure = PointStructure(b, middle_point(b.record))
+    assert structure.undetermined == []
+    assert list(structure.helpers) == ["contact"]
+
+
+def test_an_equation_that_determines_a_control_passes() -> None:
+    """A feedback law stated as a residual: unusual, since the control is then an algebraic, but nothing is wrong."""
+    _, b = one_phase(elements=2, x=rcp.State(initial=1), u=rcp.Control(), z=rcp.Algebraic(bounds=(0, None)))
+    b.ode(lambda b, t: {b.x: b.u[t] + b.z[t]})
+
+    b.residual(lambda b, t: b.u[t] == -b.x[t], name="feedback")
+    b.complementarity(lambda b, t: rcp.complements(b.x[t] >= 0, b.z[t] >= 0), name="stop")
+    b.check()
+    structure = PointStructure(b, middle_point(b.record))
+    assert structure.leftover_rows == ["feedback"]
+    assert not structure.has_higher_index

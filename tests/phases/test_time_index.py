@@ -1,7 +1,5 @@
 """Where the time of a phase is to be found, ``t`` is an index where it looks something up, and the time in formulas."""
 
-from __future__ import annotations
-
 import copy
 import math
 import pickle
@@ -11,6 +9,8 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.checked import unchanged
+from harness.phases import contents, one_phase
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError
@@ -25,34 +25,13 @@ HORIZONS: dict[str, dict[str, Any]] = {
 
 
 def ramp(scheme: str = "radau", **horizon: Any) -> tuple[pyo.ConcreteModel, Any]:
-    m = pyo.ConcreteModel()
-    m.go = b = rcp.PhaseBlock(elements=4, scheme=scheme, **horizon)
+    m, b = one_phase("go", elements=4, scheme=scheme, **horizon)
     b.x, b.z, b.u = rcp.State(initial=0), rcp.Algebraic(), rcp.Control(bounds=(0, 1))
     return m, b
 
 
 def as_ode(b: Any, of_time: Callable[[Any, Any], Any]) -> None:
     b.ode(lambda b, t: {b.x: of_time(b, t)}, name="said")
-
-
-def as_step(b: Any, of_time: Callable[[Any, Any], Any]) -> None:
-    b.step_map(lambda b, t, previous: {b.x: previous.x + of_time(b, t)}, name="said")
-
-
-def as_residual(b: Any, of_time: Callable[[Any, Any], Any]) -> None:
-    b.residual(lambda b, t: b.z[t] - of_time(b, t), name="said")
-
-
-def as_constraint(b: Any, of_time: Callable[[Any, Any], Any]) -> None:
-    b.constraint(lambda b, t: (0, b.x[t], of_time(b, t)), name="said")
-
-
-def at_boundaries(b: Any, of_time: Callable[[Any, Any], Any]) -> None:
-    b.constraint_at_boundaries(lambda b, t: b.x[t] <= 1 + of_time(b, t), name="said")
-
-
-def as_pairs(b: Any, of_time: Callable[[Any, Any], Any]) -> None:
-    b.complementarity(lambda b, t: rcp.complements(b.u[t] >= 0, of_time(b, t) - b.z[t] >= 0), name="said")
 
 
 def as_integral(b: Any, of_time: Callable[[Any, Any], Any]) -> None:
@@ -62,11 +41,18 @@ def as_integral(b: Any, of_time: Callable[[Any, Any], Any]) -> None:
     b.integral(said)
 
 
-def as_law(b: Any, of_time: Callable[[Any, Any], Any]) -> None:
-    b.said = rcp.mechanics.Maximum(lambda b, t: b.x[t] - of_time(b, t), 0)
-
-
-STATEMENTS = [as_ode, as_step, as_residual, as_constraint, at_boundaries, as_pairs, as_integral, as_law]
+STATEMENTS: dict[str, Callable[[Any, Callable[[Any, Any], Any]], Any]] = {
+    "ode": as_ode,
+    "step": lambda b, rule: b.step_map(lambda b, t, previous: {b.x: previous.x + rule(b, t)}, name="said"),
+    "residual": lambda b, rule: b.residual(lambda b, t: b.z[t] - rule(b, t), name="said"),
+    "constraint": lambda b, rule: b.constraint(lambda b, t: (0, b.x[t], rule(b, t)), name="said"),
+    "boundaries": lambda b, rule: b.constraint_at_boundaries(lambda b, t: b.x[t] <= 1 + rule(b, t), name="said"),
+    "pairs": lambda b, rule: b.complementarity(
+        lambda b, t: rcp.complements(b.u[t] >= 0, rule(b, t) - b.z[t] >= 0), name="said"
+    ),
+    "integral": as_integral,
+    "law": lambda b, rule: b.declare("said", rcp.mechanics.Maximum(lambda b, t: b.x[t] - rule(b, t), 0)),
+}
 
 
 def rows(b: Any) -> list[str]:
@@ -75,26 +61,23 @@ def rows(b: Any) -> list[str]:
 
 
 @pytest.mark.parametrize("horizon", HORIZONS)
-@pytest.mark.parametrize("state", STATEMENTS)
-def test_in_every_kind_of_rule_it_is_the_time(state: Any, horizon: str) -> None:
-    scheme = "implicit_euler" if state is as_step else "radau"
+@pytest.mark.parametrize("kind", STATEMENTS)
+def test_in_every_kind_of_rule_it_is_the_time(kind: str, horizon: str) -> None:
     stated = []
     for of_time in (lambda b, t: 2 * t, lambda b, t: 2 * b.time_at(t)):
-        _, b = ramp(scheme, **HORIZONS[horizon])
-        state(b, of_time)
+        _, b = ramp("implicit_euler" if kind == "step" else "radau", **HORIZONS[horizon])
+        STATEMENTS[kind](b, of_time)
         stated.append(rows(b))
     assert stated[0] == stated[1] != []
 
 
 @pytest.mark.parametrize("horizon", HORIZONS)
-@pytest.mark.parametrize("state", STATEMENTS)
-def test_every_kind_of_rule_is_refused_that_needs_its_number(state: Any, horizon: str) -> None:
-    scheme = "implicit_euler" if state is as_step else "radau"
-    _, b = ramp(scheme, **HORIZONS[horizon])
-    before = list(b.component_map())
-    with pytest.raises(ModelError, match=r"phase 'go'.*said.* uses t as a number.*pyo\.sin\(t\)"):
-        state(b, lambda b, t: math.sin(t))
-    assert list(b.component_map()) == before
+@pytest.mark.parametrize("kind", STATEMENTS)
+def test_every_kind_of_rule_is_refused_that_needs_its_number(kind: str, horizon: str) -> None:
+    _, b = ramp("implicit_euler" if kind == "step" else "radau", **HORIZONS[horizon])
+    message = r"phase 'go'.*said.* uses t as a number.*pyo\.sin\(t\)"
+    with unchanged(contents, b), pytest.raises(ModelError, match=message):
+        STATEMENTS[kind](b, lambda b, t: math.sin(t))
 
 
 FORMULAS: dict[str, Callable[[Any, Any], Any]] = {
@@ -257,8 +240,7 @@ def test_pairs_and_obstacles_come_with_the_data() -> None:
     instance = m.create_instance(DATA)
     assert [pair.name for pair in rcp.active_pairs(instance)] == ["c[a]", "c[b]", "c[c]"]
     twin = instance.clone()
-    for t, x in instance.p.x.items():
-        x.set_value(2 * t)
+    instance.p.initialize(x=lambda t: 2 * t)
     (near,), (far,) = instance.off.verify().body_pairs, twin.off.verify().body_pairs
     assert near.distance == pytest.approx(3 - 2 - 0.2, abs=1e-6)
     assert far.distance == pytest.approx(3 - 1 - 0.2, abs=1e-6)

@@ -1,16 +1,16 @@
 """Units: where they are given, the transcribed rows are consistent, and a wrong one shows."""
 
-from __future__ import annotations
-
 import pickle
 from typing import Any
 
 import pyomo.environ as pyo
 import pytest
+from harness.phases import one_phase
 from pyomo.core.base.units_container import UnitsError
 from pyomo.util.check_units import assert_units_consistent, assert_units_equivalent
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import ModelError
 
 U = pyo.units
 
@@ -23,21 +23,16 @@ HORIZONS = {
 
 
 def cart(**options: Any) -> pyo.ConcreteModel:
-    m = pyo.ConcreteModel("cart")
-    m.p = b = rcp.PhaseBlock(**{"elements": 4, "time_units": U.s, **options})
+    m, b = one_phase(model="cart", **{"elements": 4, "time_units": U.s, **options})
     b.x = rcp.State(initial=0, final=1, units=U.m)
     b.v = rcp.State(initial=0, units=U.m / U.s, derivative_bounds=(-3, 3))
     b.f = rcp.Control(units=U.N, parametrization="piecewise_linear", rate_bounds=(-50, 50))
     b.drag = rcp.Algebraic(units=U.N)
     b.mass = rcp.Parameter(units=U.kg, bounds=(1, 2), initial_guess=1)
-    b.ode(newton)
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: (b.f[t] - b.drag[t]) / b.mass})
     b.residual(air)
     m.work = pyo.Objective(expr=b.integral(power))
     return m
-
-
-def newton(b: Any, t: float) -> Any:
-    return {b.x: b.v[t], b.v: (b.f[t] - b.drag[t]) / b.mass}
 
 
 def air(b: Any, t: float) -> Any:
@@ -72,10 +67,20 @@ def test_without_time_units_a_rate_in_metres_per_second_is_refused_by_pyomo() ->
         assert_units_consistent(m.p.x_collocation)
 
 
+@pytest.mark.ipopt
+def test_units_that_differ_are_refused_before_the_solve() -> None:
+    m, b = one_phase(duration=2.0, elements=4, time_units=U.s, x=rcp.State(initial=0, final=1, units=U.m))
+    b.v = rcp.State(initial=0, units=U.m / U.s)
+    b.u = rcp.Control(bounds=(-2, 2), units=U.N)
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
+    with pytest.raises(ModelError, match="'p.v_collocation'.*not compatible.*correct the units"):
+        rcp.solve(m)
+
+
 def press(sides: str) -> pyo.ConcreteModel:
     """A pair in newtons and metres, stated in one of several ways."""
-    m = pyo.ConcreteModel("press")
-    m.p = b = rcp.PhaseBlock(elements=2, time_units=U.s)
+    m, b = one_phase(model="press", elements=2, time_units=U.s)
     b.x, b.v = rcp.State(initial=1, units=U.m), rcp.State(initial=0, units=U.m / U.s)
     b.f = rcp.Algebraic(bounds=(0, None), units=U.N)
     b.ode(lambda b, t: {b.x: b.v[t], b.v: b.f[t] / (2 * U.kg)})

@@ -1,7 +1,5 @@
 """A vector of states is its components: whatever is said of the one gives what is said of the others."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Callable
 from pathlib import Path
@@ -10,6 +8,8 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.checked import unchanged
+from harness.phases import contents, one_phase
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
@@ -22,8 +22,7 @@ B = np.array([[0.0], [1.0], [0.0]])
 
 
 def as_vector() -> Any:
-    m = pyo.ConcreteModel()
-    m.go = b = rcp.PhaseBlock(duration=2.0, elements=4)
+    m, b = one_phase("go", duration=2.0, elements=4)
     b.x = rcp.State(index=3, initial=[1.0, 0.0, -1.0], bounds=([-3, -4, -5], 6), initial_guess=[1.0, 2.0, 3.0])
     b.u = rcp.Control(index=1, bounds=(-2, 2), initial_guess=0.5)
     b.gain = rcp.Parameter(index=["fast", "slow"], bounds=[(0.0, 1.0), (0.0, 2.0)], initial_guess=[0.5, 0.7])
@@ -35,8 +34,7 @@ def as_vector() -> Any:
 
 
 def as_scalars() -> Any:
-    m = pyo.ConcreteModel()
-    m.go = b = rcp.PhaseBlock(duration=2.0, elements=4)
+    m, b = one_phase("go", duration=2.0, elements=4)
     for i, first in enumerate([1.0, 0.0, -1.0]):
         b.declare(f"x_{i}", rcp.State(initial=first, bounds=(-3 - i, 6), initial_guess=1.0 + i))
     b.u_0 = rcp.Control(bounds=(-2, 2), initial_guess=0.5)
@@ -55,8 +53,7 @@ def as_scalars() -> Any:
 
 @pytest.mark.parametrize("bounds", [None, lambda t: None], ids=["None", "function"])
 def test_none_means_no_bounds_as_in_pyomo(bounds: Any) -> None:
-    m = pyo.ConcreteModel()
-    m.go = b = rcp.PhaseBlock(duration=1.0, elements=2)
+    m, b = one_phase("go", duration=1.0, elements=2)
     b.x, b.u, b.z = rcp.State(bounds=bounds), rcp.Control(bounds=bounds), rcp.Algebraic(bounds=bounds)
     b.c = rcp.Control(bounds=bounds, parametrization="piecewise_constant")
     b.gain = rcp.Parameter(bounds=bounds)
@@ -81,9 +78,12 @@ def test_a_vector_has_the_variables_rows_and_values_of_its_components() -> None:
     assert pyo.value(vector.cost) == pytest.approx(pyo.value(scalars.cost), rel=1e-12)
 
 
-def test_labels_slices_and_collections_lead_to_the_same_variables() -> None:
-    b = as_vector().go
-    t = b.points.at(3)
+@pytest.mark.parametrize("copied", [lambda m: m, lambda m: m.clone(), lambda m: pickle.loads(pickle.dumps(m))])
+def test_labels_slices_and_collections_lead_to_the_same_variables(copied: Callable[[Any], Any]) -> None:
+    m = as_vector()
+    twin = copied(m)
+    b, t = twin.go, m.go.points.at(3)
+    assert (b.x[2, t] is m.go.x[2, t]) == (twin is m)
     assert b.x[1, t] is b.x_1[t]
     assert [entry.expression for entry in b.x[t]] == [b.x_0[t], b.x_1[t], b.x_2[t]]
     assert [entry.expression for entry in b.x[1:, t]] == [b.x_1[t], b.x_2[t]]
@@ -91,15 +91,6 @@ def test_labels_slices_and_collections_lead_to_the_same_variables() -> None:
     assert dict(b.x.items())[2, t] is b.x_2[t]
     assert len(b.x) == 3 * len(b.time)
     assert b.x.shape == (3,)
-
-
-@pytest.mark.parametrize("copied", [lambda m: m.clone(), lambda m: pickle.loads(pickle.dumps(m))])
-def test_copies_have_vectors_of_their_own(copied: Callable[[Any], Any]) -> None:
-    m = as_vector()
-    twin = copied(m)
-    t = m.go.points.at(2)
-    assert twin.go.x[2, t] is twin.go.x_2[t]
-    assert twin.go.x[2, t] is not m.go.x[2, t]
 
 
 def test_what_is_simulated_is_the_matrix_exponential() -> None:
@@ -117,8 +108,7 @@ def test_what_is_simulated_is_the_matrix_exponential() -> None:
 @given(st.lists(st.floats(-2, 2), min_size=12, max_size=12))
 def test_a_matrix_keeps_its_rows_and_columns(numbers: list[float]) -> None:
     given_array = np.array(numbers).reshape(3, 4)
-    m = pyo.ConcreteModel()
-    m.go = b = rcp.PhaseBlock(duration=1.0, elements=1, scheme="implicit_euler")
+    _, b = one_phase("go", duration=1.0, elements=1, scheme="implicit_euler")
     b.X = rcp.State(index=[range(3), range(4)], initial=given_array, initial_guess=given_array)
     assert b.X.shape == (3, 4)
     for i in range(3):
@@ -131,9 +121,8 @@ def test_a_matrix_keeps_its_rows_and_columns(numbers: list[float]) -> None:
 def test_a_matrix_equation_keeps_its_invariant() -> None:
     # X' = K X with K skew: the rows turn, and X^T X stays.
     turn = np.array([[0.0, -1.0], [1.0, 0.0]])
-    m = pyo.ConcreteModel()
+    m, b = one_phase("go", duration=1.0, elements=3)
     m.pairs = pyo.Set(initialize=[0, 1]) * pyo.Set(initialize=[0, 1])
-    m.go = b = rcp.PhaseBlock(duration=1.0, elements=3)
     b.X = rcp.State(index=m.pairs, initial=np.eye(2))
     b.ode(lambda b, t: {b.X: turn @ b.X[t]})
     end = b.simulate().X[..., -1]
@@ -152,15 +141,10 @@ def test_guesses_of_every_form_reach_the_components() -> None:
 
 
 def test_derivatives_and_step_maps_of_vectors_are_arrays() -> None:
-    m = pyo.ConcreteModel()
-    m.go = b = rcp.PhaseBlock(duration=1.0, elements=3, scheme="implicit_euler")
-    b.x = rcp.State(index=2, initial=[1.0, 2.0])
+    _, b = one_phase("go", duration=1.0, elements=3, scheme="implicit_euler", x=rcp.State(index=2, initial=[1.0, 2.0]))
     b.w = rcp.State(index=2, initial=0.0)
 
-    def decay(b: Any, t: float) -> Any:
-        return b.derivative(b.x)[t] + b.x[t] == 0
-
-    b.residual(decay)
+    b.residual(lambda b, t: b.derivative(b.x)[t] + b.x[t] == 0, name="decay")
     b.step_map(lambda b, t, previous: {b.w: previous.w + b.x[t]})
     found = b.simulate()
     euler = np.array([[1.0], [2.0]]) * (1 + 1 / 3) ** -np.arange(4.0)
@@ -245,20 +229,14 @@ def state(**options: Any) -> Callable[[Any], None]:
 def test_wrong_lengths_are_refused_by_name_and_leave_nothing(
     act: Callable[[Any], Any], error: type[Exception], message: str
 ) -> None:
-    m = pyo.ConcreteModel()
-    m.go = b = rcp.PhaseBlock(duration=1.0, elements=2)
-    b.x = rcp.State(index=3)
-    before = list(b.component_map())
-    with pytest.raises(error, match=message):
+    _, b = one_phase("go", duration=1.0, elements=2, x=rcp.State(index=3))
+    with unchanged(contents, b), pytest.raises(error, match=message):
         act(b)
-    assert list(b.component_map()) == before
     assert not hasattr(b, "y")
 
 
 def test_a_component_of_a_vector_is_asked_by_its_name_and_a_number_in_brackets_is_a_time() -> None:
-    m = pyo.ConcreteModel()
-    m.go = b = rcp.PhaseBlock(duration=2.0, elements=2)
-    b.x = rcp.State(index=["left", "right"], history=0.0)
+    _, b = one_phase("go", duration=2.0, elements=2, x=rcp.State(index=["left", "right"], history=0.0))
     b.y = rcp.State(index=[1, 7], history=0.0)
     assert b.x["left"] is b.x_left
     assert b.x["left"][2.0] is b.x["left", 2.0]

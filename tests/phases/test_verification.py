@@ -1,15 +1,15 @@
 """The judgement of a trajectory: small for what is right, and large for each way of being wrong."""
 
-from __future__ import annotations
-
-import dataclasses
 import math
+import re
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.phases import exact_x, exact_y, oscillators, solve
+from harness.phases import exact_x, exact_y, one_phase, oscillators, solve
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import TrajectoryError
@@ -20,7 +20,7 @@ NO_SUCH_ERROR = {"defect", "continuity", "equations", "bounds", "natural_residua
 def changed(trajectory: rcp.Trajectory, group: str, name: str, position: int, by: float) -> rcp.Trajectory:
     values = getattr(trajectory, group)[name].copy()
     values[position] += by
-    return dataclasses.replace(trajectory, **{group: {**getattr(trajectory, group), name: values}})
+    return replace(trajectory, **{group: {**getattr(trajectory, group), name: values}})
 
 
 def simulated(**options: Any) -> Any:
@@ -63,19 +63,12 @@ def test_re_integration_measures_the_error_of_the_scheme() -> None:
 
 
 def test_a_relation_with_two_bounds_and_a_side_that_is_a_bound_are_judged() -> None:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(elements=1, scheme="implicit_euler")
+    _, b = one_phase(elements=1, scheme="implicit_euler")
     b.u = rcp.Control(bounds=lambda t: (None, 4 * t), initial_guess=1.5)
     b.v = rcp.Control(bounds=(-1, None), initial_guess=2)
 
-    def window(b, t):
-        return pyo.inequality(2, b.u[t], 9)
-
-    def plain_variables(b, t):
-        return rcp.complements(b.u[t], b.v[t])
-
-    b.constraint(window)
-    b.complementarity(plain_variables)
+    b.constraint(lambda b, t: pyo.inequality(2, b.u[t], 9), name="window")
+    b.complementarity(lambda b, t: rcp.complements(b.u[t], b.v[t]), name="plain_variables")
     verdict = b.trajectory().verify()
     assert verdict.equations == 0.5
     assert (verdict.natural_residual, verdict.product) == (2.5, 7.5)  # min(4 - 1.5, 2 + 1)
@@ -92,30 +85,17 @@ def test_a_jump_between_elements_is_found() -> None:
 
 def hand_made() -> Any:
     """All values set by hand: rates and residuals follow from them."""
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=1, elements=2, scheme="implicit_euler")
+    _, b = one_phase(duration=1, elements=2, scheme="implicit_euler")
     b.x = rcp.State(initial=0, final=(None, 2), bounds=(0, 3), derivative_bounds=(-1, 4))
     b.gap = rcp.Algebraic(bounds=(0, 1))
     b.force = rcp.Control(bounds=lambda t: (0, 10 * t))
     b.k = rcp.Parameter(bounds=(1, 2), initial_guess=1)
-    b.ode(slide)
-    b.residual(height)
+    b.ode(lambda b, t: {b.x: b.k * b.force[t]})
+    b.residual(lambda b, t: [b.gap[t] == 0.5], name="height")
     b.constraint(limits)
     b.complementarity(touch)
-    for t in b.time:
-        b.x[t].value = 2 * t
-    for t in b.points:
-        b.gap[t].value = 0.5
-        b.force[t].value = 2.0
+    b.initialize(x=lambda t: 2 * t, gap=0.5, force=2.0)
     return b
-
-
-def slide(b: Any, t: float) -> Any:
-    return {b.x: b.k * b.force[t]}
-
-
-def height(b: Any, t: float) -> Any:
-    return [b.gap[t] == 0.5]
 
 
 def limits(b: Any, t: float) -> Any:
@@ -159,32 +139,23 @@ def test_each_violation_is_found_with_its_size(
 
 def test_a_parameter_and_a_duration_out_of_bounds_are_found() -> None:
     trajectory = hand_made().trajectory()
-    assert dataclasses.replace(trajectory, parameters={"k": 2.5}).verify().bounds == 0.5
+    assert replace(trajectory, parameters={"k": 2.5}).verify().bounds == 0.5
     m = oscillators(elements=2, duration=rcp.Duration(bounds=(1, 2)))
     m.swing.duration.set_value(2.75, skip_validation=True)
     assert m.swing.trajectory().verify().bounds == pytest.approx(0.75)
 
 
 def test_implicit_equations_are_stepped_anew() -> None:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(elements=2)
-    b.x, b.y = rcp.State(initial=0), rcp.State(initial=1, initial_guess=lambda t: 1.0 + t)
+    _, b = one_phase(elements=2, x=rcp.State(initial=0), y=rcp.State(initial=1, initial_guess=lambda t: 1.0 + t))
     b.ode(lambda b, t: {b.y: 1.0})
-
-    def implicit(b, t):
-        return b.derivative(b.x)[t] == b.y[t]
-
-    b.residual(implicit)
+    b.residual(lambda b, t: b.derivative(b.x)[t] == b.y[t])
     verdict = b.trajectory().verify()
     assert verdict.horizon_error == pytest.approx(1.5)  # x = t + t^2 / 2, and the trajectory has zero
     assert verdict.motion_error == pytest.approx(1.5)
 
 
 def test_equations_that_do_not_determine_the_motion_are_named() -> None:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(elements=2)
-    b.x, b.y = rcp.State(initial=0), rcp.State(initial=0)
-    b.u, b.w = rcp.Control(), rcp.Control()
+    m, b = one_phase(elements=2, x=rcp.State(initial=0), y=rcp.State(initial=0), u=rcp.Control(), w=rcp.Control())
     b.ode(lambda b, t: {b.y: b.u[t]})
 
     def implicit(b, t):
@@ -203,8 +174,7 @@ def test_equations_that_do_not_determine_the_motion_are_named() -> None:
 
 @pytest.mark.parametrize("rate", [2.0, 3.0])
 def test_a_derivative_that_a_right_hand_side_reads_is_followed_between_the_points(rate: float) -> None:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(elements=2)
+    _, b = one_phase(elements=2)
     b.x, b.y = (
         rcp.State(initial=0, initial_guess=lambda t: 2 * t),
         rcp.State(initial=0, initial_guess=lambda t: rate * t),
@@ -228,9 +198,9 @@ def test_a_foreign_trajectory_is_refused() -> None:
     with pytest.raises(TrajectoryError, match=r"has the states \['x'\], phase 'swing' has \['x', 'y'\]"):
         trajectory.verify(other)
     with pytest.raises(TrajectoryError, match=r"has the algebraics and controls \['gap'\]"):
-        dataclasses.replace(trajectory, signals={"gap": trajectory.gap}).verify()
+        replace(trajectory, signals={"gap": trajectory.gap}).verify()
     with pytest.raises(TrajectoryError, match=r"has the parameters \[\], .* has \['k'\]"):
-        dataclasses.replace(trajectory, parameters={}).verify()
+        replace(trajectory, parameters={}).verify()
 
 
 def test_a_trajectory_on_another_mesh_can_be_judged() -> None:
@@ -240,8 +210,7 @@ def test_a_trajectory_on_another_mesh_can_be_judged() -> None:
 
 @pytest.mark.casadi
 def test_path_constraints_on_controls_and_rates_are_looked_at_between_the_points() -> None:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.5, 20), initial_guess=3), elements=6)
+    m, b = one_phase(duration=rcp.Duration(bounds=(0.5, 20), initial_guess=3), elements=6)
     b.x, b.v, b.w = rcp.State(initial=0, final=2), rcp.State(initial=0, final=0), rcp.State(initial=1, final=0)
     b.u, b.f = rcp.Control(rate_bounds=(-3, 3)), rcp.Control()
     b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t], b.w: b.f[t]})
@@ -268,9 +237,7 @@ def test_path_constraints_on_controls_and_rates_are_looked_at_between_the_points
     ("limit", "by"), [({"max_switches": 1}, 3.0), ({"min_dwell": 1.0}, 0.75), ({"max_switches": 4}, 0)]
 )
 def test_integer_controls_that_switch_too_often_or_too_soon_are_found(limit: dict[str, float], by: float) -> None:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=2.0, elements=8, scheme="implicit_euler")
-    b.x = rcp.State(initial=0)
+    _, b = one_phase(duration=2.0, elements=8, scheme="implicit_euler", x=rcp.State(initial=0))
     b.mode = rcp.Control(index=3, integer=(0, 1), one_of=True, **limit)
     b.ode(lambda b, t: {b.x: 0 * b.mode[0, t]})
     for name, values in zip(b.record.names(rcp.Control), np.eye(3)[[0, 1, 2, 0, 0, 0, 1, 1]].T, strict=True):
@@ -278,3 +245,120 @@ def test_integer_controls_that_switch_too_often_or_too_soon_are_found(limit: dic
             variable.set_value(value)
     b.x[:].set_value(0.0)
     assert b.trajectory().verify().bounds == pytest.approx(by)
+
+
+# --------------------------------------------------------------------
+# The verdict on a trajectory says what holds, and why an error that grows over the horizon need not matter.
+
+
+def falling(rate: float, *, elements: int = 10, **options: Any) -> Any:
+    """A model, and the motion of x' = rate * x + u at u = 0 by the scheme of its phase."""
+    m, b = one_phase(duration=10.0, elements=elements, x=rcp.State(initial=1), u=rcp.Control(bounds=(-1, 1)), **options)
+    b.ode(lambda b, t: {b.x: rate * b.x[t] + b.u[t]})
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
+    assert rcp.solve(m, mesh_tolerance=None).solved
+    return m, b.trajectory()
+
+
+@pytest.mark.ipopt
+def test_what_is_integrated_by_the_scheme_holds():
+    m, motion = falling(-0.3)
+    verdict = motion.verify(m.p).verdict
+    assert verdict.startswith("Verdict: equations and bounds hold at the points of the mesh")
+    assert "each element follows its equations" in verdict
+    assert "horizon" not in verdict
+    assert str(motion.verify(m.p)).endswith(verdict)
+
+
+@pytest.mark.ipopt
+def test_what_was_changed_does_not_hold():
+    m, plan = falling(-0.3)
+    moved = replace(plan, states={"x": plan.states["x"] + np.linspace(0, 1, len(plan.time))})
+    assert "does NOT hold: the equations of motion are violated by" in moved.verify(m.p).verdict
+
+
+@pytest.mark.ipopt
+def test_a_coarse_mesh_is_named():
+    m, motion = falling(-3.0, elements=3, scheme="implicit_euler")
+    verdict = motion.verify(m.p).verdict
+    assert "the mesh is coarse" in verdict
+    assert "Take more elements." in verdict
+
+
+@pytest.mark.ipopt
+def test_an_error_that_grows_over_the_horizon_is_explained():
+    m, b = one_phase(duration=10.0, elements=20, x=rcp.State(initial=0.1, final=0), v=rcp.State(initial=0, final=0))
+    b.u = rcp.Control(bounds=(-5, 5))
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: 10 * pyo.sin(b.x[t]) + b.u[t]})
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
+    assert rcp.solve(m).solved
+    found = b.trajectory().verify()
+    assert found.horizon_error > 1e3 * found.element_error
+    assert "since the motion is unstable" in found.verdict
+    assert "harmless where a controller or replanning corrects" in found.verdict
+
+
+# --------------------------------------------------------------------
+# What has no value on a trajectory is named with its expression, rule and time; nothing else is raised.
+
+
+def falling_through_zero(state: Callable[[Any, Any], Any]) -> Any:
+    """A state that passes zero at t = 1, with a rule that is not defined there or from there on."""
+    m, b = one_phase(model="falling_through_zero", duration=2.0, elements=4, x=rcp.State(initial=1), u=rcp.Control())
+    state(m, b)
+    for variable in b.x.values():
+        if not variable.fixed:
+            variable.set_value(1.0 - variable.index())
+    for variable in (*b.u.values(), *(b.z.values() if hasattr(b, "z") else ())):
+        variable.set_value(-1.0)
+    return b
+
+
+def with_root(m: Any, b: Any) -> None:
+    b.ode(lambda b, t: {b.x: pyo.sqrt(b.x[t]) + b.u[t]})
+
+
+def with_limit(m: Any, b: Any) -> None:
+    b.ode(lambda b, t: {b.x: b.u[t]})
+    b.constraint(lambda b, t: pyo.log(b.x[t] + 0.1) <= 1, name="limit")
+
+
+def with_algebraic(m: Any, b: Any) -> None:
+    b.ode(lambda b, t: {b.x: b.u[t]})
+    b.z = rcp.Algebraic()
+    b.residual(lambda b, t: b.z[t] == pyo.log(b.x[t] + 0.1), name="level")
+
+
+@pytest.mark.parametrize(
+    ("state", "words"), [(with_root, r"sqrt.*ode"), (with_limit, r"log.*'limit'"), (with_algebraic, r"log.*'level'")]
+)
+def test_verification_names_expression_rule_and_time(state: Any, words: str) -> None:
+    b = falling_through_zero(state)
+    with pytest.raises(TrajectoryError, match=rf"phase 'p': {words}.* at time 1\.\d+ \(element 2\)"):
+        b.trajectory().verify()
+
+
+def with_algebraic_in_motion(m: Any, b: Any) -> None:
+    b.z = rcp.Algebraic()
+    b.ode(lambda b, t: {b.x: b.u[t] + 1e-9 * b.z[t]})
+    b.residual(lambda b, t: b.z[t] == pyo.log(b.x[t] + 0.1), name="level")
+
+
+@pytest.mark.parametrize(("state", "words"), [(with_root, "sqrt"), (with_algebraic_in_motion, "log")])
+def test_reintegration_names_what_the_plan_itself_does_not_define(state: Any, words: str) -> None:
+    b = falling_through_zero(state)
+    trajectory = b.trajectory()
+    for ask in (b.reintegrate, b.element_errors):
+        with pytest.raises(TrajectoryError, match=rf"{words}.*'x'.* at time 1\.\d+ \(element 2\)"):
+            ask(trajectory)
+
+
+@pytest.mark.parametrize(("state", "words"), [(with_root, "sqrt"), (with_limit, "log"), (with_algebraic, "log")])
+def test_diagnose_names_the_expression(state: Any, words: str) -> None:
+    b = falling_through_zero(state)
+    assert re.search(rf"{words}\(\.\.\.\) of (p\.)?x\[1\.", str(rcp.diagnose(b.model())))
+
+
+def test_reintegration_does_not_ask_what_the_motion_does_not_read() -> None:
+    b = falling_through_zero(with_algebraic)
+    assert b.element_errors(b.trajectory()) == pytest.approx(0.0, abs=1e-9)

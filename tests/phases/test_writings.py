@@ -4,8 +4,6 @@ The catalogue states ``x' = -k x + u`` (or a relative of it) in all the ways tha
 points of the grid stands in the rows that were made of it, so these are the judge of the judges.
 """
 
-from __future__ import annotations
-
 import copy
 import functools
 from collections.abc import Callable
@@ -14,6 +12,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.phases import one_phase
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import InitialGuessError, PyRobocopError, SimulationFailed, TrajectoryError
@@ -189,9 +188,8 @@ def _(m, b):
 GLOBAL: Any = None
 
 
-def model(name: str, horizon: str = "fixed") -> pyo.ConcreteModel:
-    m = pyo.ConcreteModel("writing")
-    m.p = b = rcp.PhaseBlock(duration=HORIZONS[horizon], elements=2, stages=2)
+def model(name: str, horizon: str = "fixed", elements: int = 2) -> pyo.ConcreteModel:
+    m, b = one_phase(model="writing", duration=HORIZONS[horizon], elements=elements, stages=2)
     b.x = rcp.State(initial=1.0, initial_guess=lambda t: 1 - 0.3 * t)
     b.u = rcp.Control(initial_guess=lambda t: 0.2 + 0.1 * t)
     b.ode(WRITINGS[name](m, b))
@@ -276,10 +274,8 @@ def test_rules_of_a_copy_read_the_copy(name: str) -> None:
 @every_writing
 def test_on_another_mesh_a_rule_is_judged_by_one_formula_or_refused(name: str) -> None:
     trajectory = model("plain").p.trajectory()
-    m = pyo.ConcreteModel("finer")
-    m.p = b = rcp.PhaseBlock(duration=1.5, elements=3, stages=2)
-    b.x, b.u = rcp.State(initial=1.0, initial_guess=1.0), rcp.Control(initial_guess=5.0)
-    b.ode(WRITINGS[name](m, b))
+    m = model(name, elements=3)
+    disturb(m)
     try:
         verdict = trajectory.verify(m.p)
     except TrajectoryError:
@@ -307,9 +303,7 @@ READINGS = {
 @pytest.mark.parametrize("reading", READINGS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_residuals_constraints_and_pairs_are_judged_by_what_they_say(kind: str, reading: str) -> None:
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=1.0, elements=2, stages=2)
-    b.x = rcp.State(initial=1.0, initial_guess=lambda t: 1 + t)
+    m, b = one_phase(duration=1.0, elements=2, stages=2, x=rcp.State(initial=1.0, initial_guess=lambda t: 1 + t))
     b.z = rcp.Algebraic(initial_guess=lambda t: 0.25 * t)
     b.ode(lambda b, t: {b.x: 1.0})
     b.e = pyo.Expression(b.points, rule=lambda b, t: b.x[t])

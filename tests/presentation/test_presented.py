@@ -96,7 +96,7 @@ def test_shapes_show_their_name_and_extent(shape: rcp.Polytope) -> None:
 def test_a_phase_shows_its_declarations_and_rules() -> None:
     phase = cart().cart
     texts = " ".join(in_order(phase._repr_html_()))
-    for name in ("position", "velocity", "arm, shape (2,)", "force", "newton", "arm_motion", "-10 .. 10"):
+    for name in ("position", "velocity", "arm, shape (2,)", "force", "newton", "arm_motion", "bounds=(-10, 10)"):
         assert name in texts
     assert repr(phase) == "<PhaseBlock: 'cart': 4 states, 1 control, 4 elements of radau(2)>"
     assert "not constructed" in repr(rcp.PhaseBlock())

@@ -13,19 +13,13 @@ import pytest
 
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
 from pyrobocop_pyomo.native.shared_library import SWITCH_VARIABLE
+from pyrobocop_pyomo.programs import summed_terms
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.compiled_terms import (
-    EVALUATIONS,
-    OPERATIONS,
-    SOURCE,
-    CompiledFunction,
-    CompiledSums,
-    CompiledTerm,
-    NumpySums,
-    compiled_functions_of,
-    evaluation_library,
-)  # fmt: skip
+from pyrobocop_pyomo.programs.compiled_terms import OPERATIONS, SOURCE, evaluation_library
+from pyrobocop_pyomo.programs.model_terms import Terms
 from pyrobocop_pyomo.programs.nonlinear_program import Scales
+from pyrobocop_pyomo.programs.term_groups import Columns, TermGroup
+from pyrobocop_pyomo.programs.vectorised_program import EVALUATIONS, compiled_functions_of
 from pyrobocop_pyomo.programs.wrapped_programs import ScaledProgram, ShiftedRows
 
 pytestmark = [
@@ -37,23 +31,26 @@ NUMBERS = np.array([-2.5, -1.0, -0.3, 0.0, 0.4, 1.0, 1.7, 30.0, np.nan])
 A, B = (grid.ravel() for grid in np.meshgrid(NUMBERS, NUMBERS))
 
 
-def evaluated(expression, symbols, values: np.ndarray, kind: type[CompiledSums] = CompiledSums) -> np.ndarray:
-    """A function of the variables, by the library or by NumPy; one instance for each column of the values."""
-    inputs = [symbols, casadi.SX.sym("p", 0), casadi.SX.sym("w", 1)]
-    function = CompiledFunction(casadi.Function("value", inputs, [expression]))
-    nothing = CompiledFunction(casadi.Function("nothing", inputs, [casadi.SX(0, 1)]))
-    count = values.shape[1]
-    term = CompiledTerm(
-        [function, nothing, nothing], np.arange(values.size), np.empty(0), np.arange(count), np.ones(count),
-        np.empty(0), count,
-    )  # fmt: skip
-    none = np.empty(0, dtype=np.intp)
-    sums = kind(evaluation_library(), [term], [none], [none], np.zeros(count), (none, none, np.empty(0)), np.empty(0))
-    return sums.values(values.ravel())
+@pytest.fixture
+def ways(monkeypatch: pytest.MonkeyPatch):
+    """Values of a function of the variables by the library and by NumPy; one instance for each column of the values."""
 
+    def both(function, values: np.ndarray) -> list[np.ndarray]:
+        # CasADi has more operations than Pyomo's expressions ask for.
+        monkeypatch.setattr(summed_terms, "_output", lambda terms, x, p, varies: function(*x.elements()))
+        size, count = values.shape
+        terms = Terms(Columns())
+        group = terms.groups[()] = TermGroup((), size, 0)
+        group.rows, group.scales = list(range(count)), [1.0] * count
+        group.columns = np.arange(values.size).reshape(size, count).T.ravel().tolist()
+        found = []
+        for library in (evaluation_library(), None):
+            sums = summed_terms.SummedTerms(terms, count, values.size, library)
+            summed_terms.place_hessians([sums], values.size)
+            found.append(sums.values(values.ravel()))
+        return found
 
-def by_numpy(expression, symbols, values: np.ndarray) -> np.ndarray:
-    return evaluated(expression, symbols, values, NumpySums)
+    return both
 
 
 def test_operations_have_the_numbers_of_the_source() -> None:
@@ -66,17 +63,15 @@ BINARY = "atan2 copysign fmod fmin fmax hypot power"
 
 
 @pytest.mark.parametrize("name", UNARY.split())
-def test_functions_of_one_number_are_those_of_numpy(name: str) -> None:
-    x = casadi.SX.sym("x", 1)
-    expression, values = getattr(casadi, name)(x), NUMBERS[None]
-    np.testing.assert_allclose(evaluated(expression, x, values), by_numpy(expression, x, values), rtol=1e-15)
+def test_functions_of_one_number_are_those_of_numpy(name: str, ways) -> None:
+    ours, theirs = ways(getattr(casadi, name), NUMBERS[None])
+    np.testing.assert_allclose(ours, theirs, rtol=1e-15)
 
 
 @pytest.mark.parametrize("name", BINARY.split())
-def test_functions_of_two_numbers_are_those_of_numpy(name: str) -> None:
-    x, values = casadi.SX.sym("x", 2), np.array([A, B])
-    expression = getattr(casadi, name)(x[0], x[1])
-    np.testing.assert_allclose(evaluated(expression, x, values), by_numpy(expression, x, values), rtol=1e-15)
+def test_functions_of_two_numbers_are_those_of_numpy(name: str, ways) -> None:
+    ours, theirs = ways(getattr(casadi, name), np.array([A, B]))
+    np.testing.assert_allclose(ours, theirs, rtol=1e-15)
 
 
 OPERATORS = {
@@ -100,10 +95,8 @@ OPERATORS = {
 
 
 @pytest.mark.parametrize("name", OPERATORS)
-def test_operators_are_those_of_numpy(name: str) -> None:
-    x, values = casadi.SX.sym("x", 2), np.array([A, B])
-    expression = OPERATORS[name](x[0], x[1])
-    np.testing.assert_array_equal(evaluated(expression, x, values), by_numpy(expression, x, values))
+def test_operators_are_those_of_numpy(name: str, ways) -> None:
+    np.testing.assert_array_equal(*ways(OPERATORS[name], np.array([A, B])))
 
 
 def model(instances: int) -> pyo.ConcreteModel:

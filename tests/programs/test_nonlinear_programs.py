@@ -9,6 +9,7 @@ import pyomo.environ as pyo
 import pyomo.repn.util
 import pytest
 from harness.nested_models import differ_from_differences
+from harness.phases import one_phase
 from harness.small_problems import every_derivative, every_kind_of_row, maximisation, square_system
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -133,17 +134,6 @@ def test_a_second_derivative_that_is_infinite_at_a_bound_does_not_end_the_proces
     assert np.isfinite(nlp.hessian(np.zeros(1), 1.0, np.zeros(0))).all()
 
 
-@pytest.mark.asl
-@pytest.mark.parametrize("derivative", ["gradient", "jacobian"])
-def test_an_infinite_derivative_is_an_error_and_not_the_end_of_the_process(derivative: str) -> None:
-    m = pyo.ConcreteModel()
-    m.x = pyo.Var(bounds=(0, None), initialize=1.0)
-    m.o = pyo.Objective(expr=pyo.sqrt(m.x))
-    m.c = pyo.Constraint(expr=pyo.sqrt(m.x) <= 2)
-    with pytest.raises(EvaluationError, match="ASL cannot evaluate the"):
-        getattr(CompiledModel(m, "asl").nlp, derivative)(np.zeros(1))
-
-
 FUNCTIONS = {
     "sqrt": (pyo.sqrt, -1.0),
     "log": (pyo.log, 0.0),
@@ -197,6 +187,13 @@ def test_a_second_derivative_that_does_not_exist_does_not_end_the_process(functi
     nlp = CompiledModel(one_function(function), "asl").nlp
     with pytest.raises(EvaluationError, match="ASL cannot evaluate the gradient"):
         nlp.hessian(np.array([point]), 1.0, np.ones(1))
+
+
+@pytest.mark.asl
+@pytest.mark.parametrize("derivative", ["gradient", "jacobian"])
+def test_an_infinite_derivative_is_an_error_and_not_the_end_of_the_process(derivative: str) -> None:
+    with pytest.raises(EvaluationError, match="ASL cannot evaluate the"):
+        getattr(CompiledModel(one_function(pyo.sqrt), "asl").nlp, derivative)(np.zeros(1))
 
 
 UNDEFINED = {
@@ -284,8 +281,7 @@ def test_equations_without_a_variable_of_their_own_are_those_that_the_rank_of_ge
 
 
 def thrown(angle: float) -> pyo.ConcreteModel:
-    m = pyo.ConcreteModel(name="thrown")
-    m.p = b = rcp.PhaseBlock(duration=2, elements=6)
+    m, b = one_phase(model="thrown", duration=2, elements=6)
     b.x, b.y, b.v = rcp.State(initial=0), rcp.State(initial=0, final=0.1), rcp.State(initial=0)
     b.angle = rcp.Control(bounds=(-3.2, 3.2), initial_guess=angle)
 

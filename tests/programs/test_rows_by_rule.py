@@ -5,6 +5,7 @@ import pickle
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.phases import one_phase
 from harness.program_values import InModelOrder, assert_same
 from pyomo.core.expr.visitor import identify_variables
 
@@ -24,9 +25,8 @@ HORIZONS = {
 
 def pendulum(scheme="radau", **horizon):
     """A pendulum whose friction is a parameter of the phase, its torque a vector of one."""
-    m = pyo.ConcreteModel()
+    m, p = one_phase(**{"elements": 4, "scheme": scheme, **horizon})
     m.gain = pyo.Param(initialize=0.7, mutable=True)
-    m.p = p = rcp.PhaseBlock(**{"elements": 4, "scheme": scheme, **horizon})
     p.angle = rcp.State(initial=0.1, final=3.0, bounds=(-4, 4))
     p.rate = rcp.State(initial=0.0)
     p.torque = rcp.Control(index=1, bounds=(-5, 5))
@@ -141,9 +141,7 @@ def test_a_row_that_is_not_there_is_not_made():
 def test_pyomo_s_writers_see_ordinary_rows(write, tmp_path):
     m = pendulum() if write == "nl" else None
     if m is None:
-        m = pyo.ConcreteModel()
-        m.p = p = rcp.PhaseBlock(duration=1.0, elements=2)
-        p.x, p.u = rcp.State(initial=1.0), rcp.Control(bounds=(-1, 1))
+        m, p = one_phase(duration=1.0, elements=2, x=rcp.State(initial=1.0), u=rcp.Control(bounds=(-1, 1)))
         p.ode(lambda b, t: {b.x: b.u[t] - b.x[t]})
         m.cost = pyo.Objective(expr=p.integral(lambda b, t: b.x[t]))
     m.write(str(tmp_path / f"model.{write}"))

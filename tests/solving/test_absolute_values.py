@@ -1,14 +1,13 @@
 """Models with absolute values are solved as they stand: known optima, and the model stays the user's."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
 import pytest
 from complementarity.harness import nl_text, state
-from harness.phases import mass
+from harness.checked import solution
+from harness.phases import mass, one_phase
 from harness.routes import every_backend
 from harness.scenes import keep_clear
 from mpcc_catalogue.point_check import check_point
@@ -35,8 +34,7 @@ LEAST_FUEL = 3 - 5**0.5
 def test_least_fuel_is_thrust_rest_thrust() -> None:
     m = least_fuel(elements=60)
     before = state(m)
-    result = rcp.solve(m, progress=False)
-    assert result.solved, str(result)
+    result = solution(m)
     assert result.strategy == TWO_PARTS
     assert state(m) == before
     assert result.objective == pytest.approx(pyo.value(m.fuel), abs=1e-12)
@@ -63,8 +61,7 @@ def test_a_distance_as_objective(start: float, backend: str) -> None:
     m = pyo.ConcreteModel()
     m.x = pyo.Var(initialize=start)
     m.cost = pyo.Objective(expr=abs(m.x - 0.5))
-    result = rcp.solve(m, backend=backend, progress=False)
-    assert result.solved, str(result)
+    result = solution(m, backend=backend)
     assert m.x.value == pytest.approx(0.5, abs=1e-6)
     assert result.objective == abs(m.x.value - 0.5)
 
@@ -76,8 +73,7 @@ def test_rows_that_say_more_than_a_derivative_can() -> None:
     m.diamond = pyo.Constraint(expr=abs(m.x) + abs(m.y) == 1)
     m.cost = pyo.Objective(expr=m.x**2 + (m.y - 3) ** 2)
     text = nl_text(m)
-    result = rcp.solve(m, progress=False)
-    assert result.solved, str(result)
+    solution(m)
     assert (m.x.value, m.y.value) == pytest.approx((0.0, 1.0), abs=1e-5)
     assert check_point(m).violation <= 1e-6
     assert nl_text(m).count("\n") == text.count("\n")
@@ -86,16 +82,14 @@ def test_rows_that_say_more_than_a_derivative_can() -> None:
 @pytest.mark.heavy
 def test_least_fuel_with_a_floor_that_stops_the_mass() -> None:
     """Thrust for s seconds, and the floor is hit after 3: ``s (3 - s / 2) = 1``, and the pairs are certified."""
-    m = pyo.ConcreteModel(name="onto the floor")
-    m.p = b = rcp.PhaseBlock(duration=3.0, elements=20, scheme="implicit_euler")
+    m, b = one_phase(model="onto the floor", duration=3.0, elements=20, scheme="implicit_euler")
     b.x, b.v = rcp.State(initial=1, final=0), rcp.State(initial=0, final=0)
     b.u, b.force = rcp.Control(bounds=(-1, 1)), rcp.Control(bounds=(0, None))
     b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] + b.force[t]})
     b.complementarity(lambda b, t: rcp.complements(b.x[t] >= 0, b.force[t] >= 0))
     m.fuel = pyo.Objective(expr=b.integral(lambda b, t: abs(b.u[t])))
     before = state(m)
-    result = rcp.solve(m, progress=False)
-    assert result.solved, str(result)
+    result = solution(m)
     assert result.strategy == TWO_PARTS
     assert state(m) == before
     assert result.objective == pytest.approx(3 - 7**0.5, rel=0.05)
@@ -113,8 +107,7 @@ def test_suffixes_have_the_multipliers_of_the_rows() -> None:
         m.far = pyo.Constraint(expr=m.x + 2 * m.y == distance)
         m.cost = pyo.Objective(expr=abs(m.x) + 3 * abs(m.y - 0.1))
         m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
-        result = rcp.solve(m, progress=False)
-        assert result.solved, str(result)
+        result = solution(m)
         assert result.strategy == TWO_PARTS
         return m.dual[m.far], result.objective
 
@@ -137,14 +130,12 @@ def test_a_model_without_absolute_values_has_no_such_try() -> None:
 @pytest.mark.slow
 def test_the_shortest_way_over_a_wall_by_its_parts() -> None:
     """The total change of height is twice what the cart has to rise, whenever it does so."""
-    m = pyo.ConcreteModel(name="over a wall")
-    m.move = b = rcp.PhaseBlock(duration=2.0, elements=10)
+    m, b = one_phase("move", model="over a wall", duration=2.0, elements=10)
     b.x, b.y = rcp.State(initial=0, final=4), rcp.State(initial=0, final=0)
     b.vx, b.vy = rcp.Control(bounds=(-4, 4)), rcp.Control(bounds=(-4, 4))
     b.ode(lambda b, t: {b.x: b.vx[t], b.y: b.vy[t]})
     m.way = pyo.Objective(expr=b.integral(lambda b, t: abs(b.vx[t]) + abs(b.vy[t])))
     keep_clear(b, rcp.Polytope.box(0.4, 0.4), {"wall": rcp.Polytope.box(0.8, 2, center=(2, -0.5))})
-    result = rcp.solve(m, progress=False)
-    assert result.solved, str(result)
+    result = solution(m)
     assert result.safe
     assert result.objective == pytest.approx(4 + 2 * (0.5 + 0.2 + 0.05), abs=1e-2)

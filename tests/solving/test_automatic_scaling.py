@@ -1,13 +1,12 @@
 """Ipopt sees programs without pairs in variables, rows and an objective of size one, and nobody else does."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.phases import integrator
+from harness.checked import solution
+from harness.phases import integrator, one_phase
 from harness.routes import every_backend
 from harness.scenes import avoiding, turning_move
 from harness.small_problems import corner
@@ -32,9 +31,7 @@ def braking(metre: float = 1.0, second: float = 1.0) -> pyo.ConcreteModel:
     b.v = rcp.State(initial=30 * speed, final=0, bounds=(0, 40 * speed), initial_guess=lambda s: 30 * (1 - s) * speed)
     b.a = rcp.Control(bounds=(-1.92 * rate, 2 * rate))
 
-    @b.ode
-    def motion(b, t):
-        return {b.x: b.v[t], b.v: b.a[t] - 1e-3 * b.v[t] ** 2 / metre}
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.a[t] - 1e-3 * b.v[t] ** 2 / metre})
 
     m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.a[t] ** 2) + 0.1 * rate**2 * b.duration)
     for name in SUFFIXES:
@@ -114,8 +111,7 @@ def test_a_suffix_of_the_user_wins() -> None:
     m.scaling_factor = pyo.Suffix(direction=pyo.Suffix.EXPORT)
     m.scaling_factor[m.car.v] = 0.01
     m.scaling_factor[m.effort] = 0.5
-    result = rcp.solve(m)
-    result.raise_for_status()
+    result = solution(m)
     assert result.scaling is not None
     assert result.scaling.variables["car.v"] == pytest.approx(100.0)
     assert result.scaling.rows["car.v_collocation"] == pytest.approx(100.0)
@@ -127,8 +123,7 @@ def test_ipopts_own_option_is_taken_as_it_is() -> None:
     m = braking()
     m.scaling_factor = pyo.Suffix(direction=pyo.Suffix.EXPORT)
     m.scaling_factor[m.car.v] = 0.1
-    result = rcp.solve(m, options={"nlp_scaling_method": "user-scaling"})
-    result.raise_for_status()
+    result = solution(m, options={"nlp_scaling_method": "user-scaling"})
     assert result.scaling is None
 
 
@@ -153,8 +148,7 @@ def test_values_over_time_are_one_group() -> None:
 def test_models_with_obstacles_stay_in_their_units() -> None:
     m = turning_move()
     avoiding(m)
-    result = rcp.solve(m)
-    result.raise_for_status()
+    result = solution(m)
     assert result.scaling is None
 
 
@@ -164,8 +158,7 @@ def test_an_objective_that_is_constant_but_for_rounding_is_not_divided_by_it() -
     m.angle = pyo.Var(initialize=1.0)
     m.bound = pyo.Constraint(expr=pyo.sin(m.angle) == 0.5)
     m.cost = pyo.Objective(expr=2.5 * pyo.cos(m.angle) ** 2 + 2.5 * pyo.sin(m.angle) ** 2)
-    result = rcp.solve(m)
-    assert result.solved
+    result = solution(m)
     assert result.strategy == "solve"
     assert result.scaling is not None
     assert result.scaling.objective > 1e-9
@@ -174,14 +167,11 @@ def test_an_objective_that_is_constant_but_for_rounding_is_not_divided_by_it() -
 @pytest.mark.casadi
 @pytest.mark.parametrize(("first", "expected"), [(math.sin(2 * math.pi), 1.0), (1e-3, 1e-3)])
 def test_what_rounding_leaves_of_zero_is_no_size(first: float, expected: float) -> None:
-    m = pyo.ConcreteModel(name="wave")
-    m.go = b = rcp.PhaseBlock(duration=1.0, elements=4)
-    b.x = rcp.State(index=2, initial=[1.0, first])
+    m, b = one_phase("go", model="wave", duration=1.0, elements=4, x=rcp.State(index=2, initial=[1.0, first]))
     b.u = rcp.Control(bounds=(-1, 1))
     b.ode(lambda b, t: {b.x: [b.x[1, t], b.u[t] - b.x[0, t]]})
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] @ b.x[t]))
-    result = rcp.solve(m, backend="casadi", mesh_tolerance=None)
-    assert result.solved
+    result = solution(m, backend="casadi", mesh_tolerance=None)
     assert result.strategy == "solve"
     assert result.scaling is not None
     assert 0.1 * expected <= result.scaling.variables["go.x_1"] <= 10 * expected

@@ -1,7 +1,5 @@
 """`rcp.solve` with obstacles: what it gives back, what it leaves behind, and what it never claims."""
 
-from __future__ import annotations
-
 import io
 import pickle
 from collections.abc import Callable
@@ -10,8 +8,9 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.checked import solution
 from harness.routes import every_backend
-from harness.scenes import ARROW, WALL, avoiding, placed, turning_move
+from harness.scenes import ARROW, WALL, avoiding, placed, sampled_distance, turning_move
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import SolveFailed
@@ -40,15 +39,8 @@ def curved(**options: Any) -> pyo.ConcreteModel:
     return m
 
 
-def closest(m: pyo.ConcreteModel, obstacles: Any, samples: int = 400) -> float:
-    """Smallest distance on the trajectory itself, looked at independently of the proof."""
-    trajectory = m.move.trajectory()
-    least = np.inf
-    for time in np.linspace(0.0, 1.0, samples):
-        there = trajectory(time)
-        pose = rcp.planar_pose(there["x"], there["y"], there["theta"])
-        least = min(least, *(rcp.scenes.signed_distance(ARROW, each, pose).distance for each in obstacles))
-    return float(least)
+def closest(m: pyo.ConcreteModel, obstacles: Any) -> float:
+    return sampled_distance(m.move.trajectory(), ARROW, obstacles, np.linspace(0.0, 1.0, 400))
 
 
 @pytest.fixture
@@ -63,14 +55,16 @@ def components(m: pyo.ConcreteModel) -> set[str]:
     return {each.name for each in m.component_objects()}
 
 
-def test_rounds_are_told_and_the_last_rows_hold_at_the_answer() -> None:
+def test_rounds_are_told_and_shown_and_the_last_rows_hold_at_the_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = io.StringIO()
+    monkeypatch.setattr("sys.stderr", stream)
     m = curved()
-    result = rcp.solve(m)
-    result.raise_for_status()
+    result = solution(m, progress=True)
     assert result.safe
     assert len(result.rounds) > 1
     for each in result.rounds:
         assert each.purpose in result.report()
+        assert str(each) in stream.getvalue()
     assert "shortfall" in result.report()
     assert not result.rounds[0].safe
     assert result.rounds[-1].safe
@@ -215,8 +209,7 @@ def test_blocks_that_are_switched_off_take_no_part() -> None:
 @every_backend
 def test_every_backend_plans_safely(backend: str) -> None:
     m = curved()
-    result = rcp.solve(m, backend=backend)
-    assert result.solved
+    result = solution(m, backend=backend)
     assert result.objective == pytest.approx(rcp.solve(curved()).objective, rel=1e-4)
     assert closest(m, [WALL]) > 0.0495
 
@@ -240,14 +233,6 @@ def test_the_side_that_the_user_chose_is_kept() -> None:
         assert rcp.solve(m).safe
         middle = min(m.move.time, key=lambda t: abs(m.move.x[t].value - 2))
         assert m.move.y[middle].value * side < 0
-
-
-def test_progress_shows_every_round(monkeypatch: pytest.MonkeyPatch) -> None:
-    stream = io.StringIO()
-    monkeypatch.setattr("sys.stderr", stream)
-    result = rcp.solve(curved(), progress=True)
-    for each in result.rounds:
-        assert str(each) in stream.getvalue()
 
 
 # ---------------------------------------------------------------- recovery

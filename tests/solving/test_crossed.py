@@ -1,7 +1,5 @@
 """What a grouping crosses is held to the end: by the branch that is solved, by its certificate, in the multipliers."""
 
-from __future__ import annotations
-
 import pyomo.environ as pyo
 import pytest
 
@@ -62,9 +60,7 @@ def sliding(elements: int) -> pyo.ConcreteModel:
         sign = 2 * b.right[t] - 1
         return {b.x: b.u[t] - sign, b.y: 1 + 0.5 * sign}
 
-    @b.residual
-    def parts(b, t):
-        return b.x[t] == b.above[t] - b.below[t]
+    b.residual(lambda b, t: b.x[t] == b.above[t] - b.below[t], name="parts")
 
     @b.complementarity
     def switch(b, t):

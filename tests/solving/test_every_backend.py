@@ -1,7 +1,5 @@
 """Every way to Ipopt gives the same answer, in value and in sign."""
 
-from __future__ import annotations
-
 import pyomo.environ as pyo
 import pytest
 from harness.small_problems import PROBLEMS, every_backend, every_derivative, every_kind_of_row, solver

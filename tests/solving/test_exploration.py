@@ -1,7 +1,5 @@
 """Looking beyond the nearest solution: it has a budget, is shown, can be interrupted, and loses nothing."""
 
-from __future__ import annotations
-
 import time
 from functools import partial
 from typing import Any

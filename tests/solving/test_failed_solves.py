@@ -1,19 +1,21 @@
 """A solve that fails names what is not met, where and by how much; its remedy works when it is followed."""
 
-from __future__ import annotations
-
 import logging
+import math
 import pickle
 from types import SimpleNamespace
 
 import pyomo.environ as pyo
 import pytest
-from harness.phases import cart
+from harness.checked import solution
+from harness.phases import cart, one_phase
+from pyomo.mpec import Complementarity, complements
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.complementarity import PairResidual
 from pyrobocop_pyomo.errors import ContradictionError, SolveFailed
 from pyrobocop_pyomo.solving import initial_guess
-from pyrobocop_pyomo.solving.iterates import Quality, StopReason, Tolerances
+from pyrobocop_pyomo.solving.iterates import Quality, Standing, StopReason, Tolerances
 from pyrobocop_pyomo.solving.least_violation import Least
 from pyrobocop_pyomo.solving.violations import violations_of_pairs, worst_of_each_component
 
@@ -67,9 +69,7 @@ def test_a_row_outside_phases_that_no_variable_can_mend_is_refused_by_name():
 def test_an_expression_without_a_value_is_named_once(caplog):
     m = cart()
 
-    @m.p.constraint
-    def far(b, t):
-        return pyo.log(b.x[t] - 2.0) <= 5.0
+    m.p.constraint(lambda b, t: pyo.log(b.x[t] - 2.0) <= 5.0, name="far")
 
     with caplog.at_level(logging.WARNING):
         result = rcp.solve(m)
@@ -106,9 +106,8 @@ def test_what_a_result_finds_and_what_the_model_shows_are_one_diagnosis():
 @pytest.mark.parametrize("elements", [10, 20])
 def test_a_free_gain_times_a_control_that_costs_grows_without_end(elements):
     """The larger the gain, the smaller the control: no number of iterations gets there."""
-    m = pyo.ConcreteModel()
+    m, b = one_phase(duration=2, elements=elements)
     m.k = pyo.Var(initialize=1)
-    m.p = b = rcp.PhaseBlock(duration=2, elements=elements)
     b.x, b.v, b.u = rcp.State(initial=0, final=1), rcp.State(initial=0, final=0), rcp.Control()
     b.ode(lambda b, t: {b.x: b.v[t], b.v: m.k * b.u[t]})
     m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
@@ -147,10 +146,99 @@ def test_an_objective_of_zero_is_no_mistake(zero):
     m.x = pyo.Var(initialize=1)
     m.row = pyo.Constraint(expr=m.x**2 == 4)
     m.nothing = pyo.Objective(expr={"int": 0, "float": 0.0}.get(zero, m.component(zero)))
-    result = rcp.solve(m)
-    assert result.solved
+    result = solution(m)
     assert result.remarks == ()
     assert result.doubts == ()
     m.mutable.set_value(3.0)
     expected = zero == "mutable"
     assert any("holds no variable" in doubt.message for doubt in rcp.solve(m).doubts) is expected
+
+
+# --------------------------------------------------------------------
+# Models with pairs that start where a side has no value, whose bounds contradict each other, or that are unbounded.
+
+
+def in_the_plane(start: tuple[float, float] = (1.0, 1.0), bounds: tuple[float | None, float | None] = (None, None)):
+    m = pyo.ConcreteModel(name="in_the_plane")
+    m.x, m.y = pyo.Var(bounds=bounds, initialize=start[0]), pyo.Var(bounds=bounds, initialize=start[1])
+    return m
+
+
+def test_a_start_at_which_a_side_has_no_value_is_moved():
+    m = in_the_plane(start=(-1.0, 1.0))
+    m.pair = Complementarity(expr=complements(pyo.sqrt(m.x) - 1 >= 0, m.y >= 0))
+    m.cost = pyo.Objective(expr=(m.x - 4) ** 2 + (m.y - 2) ** 2)
+    result = solution(m)
+    guess = "The initial guess could not be evaluated: sqrt(...) of x = -1, in a side of complementarity 'pair'"
+    assert guess in result.report()
+    assert result.objective == pytest.approx(4.0, abs=1e-6)
+
+
+def test_a_side_that_can_have_no_value_where_the_rows_hold_is_a_failed_result():
+    m = in_the_plane(start=(-1.0, 1.0))
+    m.negative = pyo.Constraint(expr=m.x + m.y / 10 <= -0.5)
+    m.pair = Complementarity(expr=complements(pyo.sqrt(m.x) >= 0, m.y >= 0))
+    m.cost = pyo.Objective(expr=(m.x - 4) ** 2 + (m.y - 2) ** 2)
+    result = rcp.solve(m)
+    assert result.quality is Quality.INFEASIBLE
+    assert "sqrt(...) of x = -1" in result.report()
+    assert result.table()
+    assert result.report()
+
+
+def test_pairs_without_a_value_are_reported_as_not_met():
+    residual = PairResidual("pair", math.nan, 1.0)
+    (violation,) = violations_of_pairs([residual], Tolerances())
+    assert math.isinf(violation.amount)
+    assert violation.name == "pair"
+
+
+def with_an_equation(m):
+    m.z = pyo.Var(initialize=1)
+    m.row = pyo.Constraint(expr=m.z == m.y / 3 + 0.1 * m.x - 0.1)
+    return m.x >= 0, m.z >= 0
+
+
+SIDES = {
+    "two variables": lambda m: (m.x >= 0, m.y >= 0),
+    "expressions": lambda m: (m.x + 0.5 * m.y - 0.5 * m.y >= 0, m.y * (1 + m.x**2) >= 0),
+    "of Pyomo": lambda m: (m.x >= 0, m.y >= 0),
+    "between bounds": lambda m: (pyo.inequality(0, m.x, 10), m.y),
+    "with an equation": with_an_equation,
+}
+
+
+@pytest.mark.parametrize("maximise", [False, True])
+@pytest.mark.parametrize("sides", SIDES)
+def test_an_objective_that_falls_without_end_has_no_solution(sides: str, maximise: bool):
+    m = in_the_plane()
+    pair = complements(*SIDES[sides](m))
+    m.pair = (Complementarity if sides == "of Pyomo" else rcp.Complementarity)(expr=pair)
+    cost = (m.x - 1) ** 2 - m.y
+    m.cost = pyo.Objective(expr=-cost if maximise else cost, sense=pyo.maximize if maximise else pyo.minimize)
+    result = rcp.solve(m)
+    assert not result.solved
+    assert result.stop_reason is StopReason.DIVERGED
+    assert "What grows: " in result.report()
+    assert "'y' (" in result.report()
+    # What is left on the model is the optimum of the branch that is bounded, where any run has found it.
+    if any(step.converged for step in result.steps):
+        assert abs(m.y.value) < 1.0
+        assert abs(result.objective) < 1.0
+    assert not result.standing.bounded
+
+
+def test_with_a_bound_on_what_grows_the_far_branch_is_the_solution():
+    m = in_the_plane()
+    m.pair = rcp.Complementarity(expr=rcp.complements(m.x >= 0, m.y >= 0))
+    m.y.setub(1e4)
+    m.cost = pyo.Objective(expr=(m.x - 1) ** 2 - m.y)
+    result = solution(m)
+    assert result.objective == pytest.approx(1 - 1e4, rel=1e-6)
+
+
+def test_points_on_the_way_to_infinity_are_the_last_choice_among_feasible_ones():
+    far, near = Standing(excess=1.0, cost=-1e19, bounded=False), Standing(excess=1.0, cost=1.0)
+    assert near.is_better_than(far)
+    assert not far.is_better_than(near)
+    assert far.is_better_than(Standing(excess=2.0))

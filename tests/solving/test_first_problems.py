@@ -1,10 +1,9 @@
 """Problems as somebody states them who has just read the documentation."""
 
-from __future__ import annotations
-
 import pyomo.environ as pyo
 import pytest
-from harness.phases import rest_to_rest
+from harness.checked import solution
+from harness.phases import one_phase, rest_to_rest
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ComplementarityError, ContradictionError
@@ -26,8 +25,7 @@ def test_state_that_passes_its_bound_between_the_points_is_named():
     f.ode(lambda b, t: {b.height: b.speed[t], b.speed: -9.81})
     m.lift_off = rcp.Link(a, f)
     m.apex = pyo.Objective(expr=f.height[f.final_time], sense=pyo.maximize)
-    result = rcp.solve(m, progress=False)
-    result.raise_for_status()
+    result = solution(m)
     # The fall ends where full thrust just stops it at 0.4; from there on the thrust does work up to the height 1.
     turn = (9.81 * 0.6 + (30 - 9.81) * 0.4) / 30
     best = 0.6 + 30 * (1 - turn) / 9.81
@@ -42,8 +40,7 @@ def test_state_that_passes_its_bound_between_the_points_is_named():
 def test_control_that_jumps_and_passes_its_bound_between_the_points_is_named():
     def verified(parametrization):
         m = rest_to_rest(u={"parametrization": parametrization}, elements=7)
-        result = rcp.solve(m, progress=False, mesh_tolerance=None, strategies=rcp.Strategy(exploration=0))
-        result.raise_for_status()
+        result = solution(m, mesh_tolerance=None, strategies=rcp.Strategy(exploration=0))
         return m.p.trajectory().verify().bounds_passed, str(result)
 
     passed, text = verified("collocated")
@@ -60,8 +57,7 @@ def test_control_that_jumps_and_passes_its_bound_between_the_points_is_named():
 
 
 def dropped(**declarations):
-    m = pyo.ConcreteModel(name="dropped")
-    m.fall = b = rcp.PhaseBlock(duration=0.5, elements=4, scheme="implicit_euler")
+    m, b = one_phase("fall", model="dropped", duration=0.5, elements=4, scheme="implicit_euler")
     b.height, b.speed = rcp.State(initial=1.0), rcp.State(initial=0)
     b.force = rcp.Algebraic(bounds=(0, None))
     for name, declaration in declarations.items():

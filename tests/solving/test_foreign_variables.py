@@ -1,21 +1,19 @@
 """What reads a variable of another model is refused, wherever it stands; what is of the same model is not."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable
 from typing import Any
 
 import pyomo.environ as pyo
 import pytest
+from harness.phases import one_phase
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError
 
 
 def drive(name: str) -> pyo.ConcreteModel:
-    m = pyo.ConcreteModel(name=name)
-    m.go = b = rcp.PhaseBlock(duration=1.0, elements=2)
+    m, b = one_phase("go", model=name, duration=1.0, elements=2)
     b.x, b.v = rcp.State(initial=0, final=1), rcp.Control(bounds=(-5, 5))
     b.y = rcp.State(initial=0)
     m.mass = pyo.Var(initialize=1.0)

@@ -1,13 +1,13 @@
 """Integer controls come out of `solve` with values that they may take, near what the relaxed problem says."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.checked import solution, unchanged
+from harness.phases import contents, one_phase
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError
@@ -15,8 +15,7 @@ from pyrobocop_pyomo.errors import ModelError
 
 def fishing(elements: int, **options: Any) -> Any:
     """Lotka-Volterra fishing: Sager (2005); the relaxed optimum is 1.34408."""
-    m = pyo.ConcreteModel("fishing")
-    m.go = b = rcp.PhaseBlock(duration=12.0, elements=elements)
+    m, b = one_phase("go", model="fishing", duration=12.0, elements=elements)
     b.x = rcp.State(initial=0.5, initial_guess=1.0, bounds=(0, 5))
     b.y = rcp.State(initial=0.7, initial_guess=1.0, bounds=(0, 5))
     b.w = rcp.Control(initial_guess=0.5, **{"integer": (0, 1), **options})
@@ -35,8 +34,7 @@ def test_fishing_is_rounded_within_the_bound_and_comes_near_its_relaxation() -> 
     objectives = []
     for elements in (20, 60):
         m = fishing(elements)
-        result = rcp.solve(m)
-        assert result.solved
+        result = solution(m)
         values = m.go.trajectory().w
         assert set(np.unique(values)) <= {0.0, 1.0}
         assert not any(variable.fixed for variable in m.component_data_objects(pyo.Var) if "w" in variable.name)
@@ -54,8 +52,7 @@ def test_fishing_is_rounded_within_the_bound_and_comes_near_its_relaxation() -> 
 
 def near_a_line(elements: int, width: float) -> Any:
     """A position that follows the time to a width, by a speed of 0 or 2: elements may be no longer than the width."""
-    m = pyo.ConcreteModel("near a line")
-    m.go = b = rcp.PhaseBlock(duration=1.0, elements=elements, stages=1)
+    m, b = one_phase("go", model="near a line", duration=1.0, elements=elements, stages=1)
     b.x = rcp.State(initial=0.0, bounds=lambda t: (t - width, t + width))
     b.w = rcp.Control(integer=(0, 1), initial_guess=0.5)
     b.ode(lambda b, t: {b.x: 2 * b.w[t]})
@@ -81,8 +78,7 @@ def test_what_helps_is_told_where_rounded_controls_cannot_meet_the_constraints()
 @pytest.mark.ipopt
 def test_switches_and_dwelling_are_limited() -> None:
     m = fishing(24, max_switches=2, min_dwell=1.2)
-    result = rcp.solve(m)
-    assert result.solved
+    result = solution(m)
     values = m.go.trajectory().w[::3]
     ends = np.flatnonzero(np.diff(values)) + 1
     assert len(ends) == result.rounding.controls[0].switches <= 2
@@ -93,9 +89,7 @@ def test_switches_and_dwelling_are_limited() -> None:
 def test_one_mode_of_several_is_chosen_at_a_time() -> None:
     # x' = one of -1, 0.3, 2 (chosen by a vector): follow a straight line of slope 0.3, then one of slope 1.
     slopes = np.array([-1.0, 0.3, 2.0])
-    m = pyo.ConcreteModel()
-    m.go = b = rcp.PhaseBlock(duration=2.0, elements=20)
-    b.x = rcp.State(initial=0.0)
+    m, b = one_phase("go", duration=2.0, elements=20, x=rcp.State(initial=0.0))
     b.mode = rcp.Control(index=3, integer=(0, 1), one_of=True, initial_guess=0.3)
     b.ode(lambda b, t: {b.x: slopes @ b.mode[t]})
 
@@ -104,8 +98,7 @@ def test_one_mode_of_several_is_chosen_at_a_time() -> None:
 
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: (b.x[t] - wanted(t)) ** 2))
     b.remesh(16)
-    result = rcp.solve(m)
-    assert result.solved
+    result = solution(m)
     modes = m.go.trajectory().mode
     assert modes.sum(axis=0) == pytest.approx(np.ones(48))
     assert set(np.unique(modes)) <= {0.0, 1.0}
@@ -118,15 +111,13 @@ def test_one_mode_of_several_is_chosen_at_a_time() -> None:
 
 @pytest.mark.ipopt
 def test_fixed_integers_stay_and_a_free_duration_is_rounded_on_its_own_intervals() -> None:
-    m = pyo.ConcreteModel()
-    m.go = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.5, 9), initial_guess=3), elements=9)
+    m, b = one_phase("go", duration=rcp.Duration(bounds=(0.5, 9), initial_guess=3), elements=9)
     b.x = rcp.State(initial=0.0, final=(2.9, 3.1))
     b.gear = rcp.Control(integer=True, bounds=(0, 2))
     b.ode(lambda b, t: {b.x: b.gear[t]})
     b.gear_per_element[0].fix(1.0)
     m.cost = pyo.Objective(expr=b.duration)
-    result = rcp.solve(m)
-    assert result.solved
+    result = solution(m)
     assert b.gear_per_element[0].fixed
     values = m.go.trajectory().gear[::3]
     assert values[0] == 1.0
@@ -159,12 +150,9 @@ def declare(**options: Any) -> Callable[[Any], None]:
     ],
 )
 def test_integer_controls_without_sense_are_refused_and_leave_nothing(act: Callable[[Any], None], message: str) -> None:
-    m = pyo.ConcreteModel()
-    m.go = b = rcp.PhaseBlock(duration=1.0, elements=2)
-    before = list(b.component_map())
-    with pytest.raises(ModelError, match=message):
+    _, b = one_phase("go", duration=1.0, elements=2)
+    with unchanged(contents, b), pytest.raises(ModelError, match=message):
         act(b)
-    assert list(b.component_map()) == before
 
 
 def test_relaxed_values_of_integer_controls_are_a_violation() -> None:

@@ -1,12 +1,12 @@
 """Points are judged by sizes at the answer and in the user's units: neither a guess nor a unit makes one true."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.checked import solution
+from harness.phases import one_phase
 from harness.routes import every_backend
 from harness.small_problems import corner
 from hypothesis import given, settings
@@ -28,8 +28,7 @@ def decaying(
     guess: Any = 1.0, *, weight: float = 1.0, unit: float = 1.0, bound: float | None = None
 ) -> pyo.ConcreteModel:
     """P' = u - P from 1 to 2 with the least integral of u^2 + P^2: a convex quadratic program."""
-    m = pyo.ConcreteModel(name="decaying")
-    m.b = b = rcp.PhaseBlock(duration=5, elements=10)
+    m, b = one_phase("b", model="decaying", duration=5, elements=10)
     b.P = rcp.State(initial=unit, final=2 * unit, initial_guess=guess)
     b.u = rcp.Control(initial_guess=guess, bounds=(None, None) if bound is None else (-bound, bound))
     b.ode(lambda b, t: {b.P: b.u[t] - b.P[t]})
@@ -47,16 +46,14 @@ LEAST = 10.0615  # of ten elements and more
 @settings(max_examples=15, deadline=None)
 @given(power=st.floats(0, 9), bounded=st.booleans())
 def test_the_answer_does_not_depend_on_the_size_of_the_guess(power: float, bounded: bool) -> None:
-    result = rcp.solve(decaying(10**power, bound=1e10 if bounded else None))
-    assert result.solved
+    result = solution(decaying(10**power, bound=1e10 if bounded else None))
     assert result.objective == pytest.approx(LEAST, rel=1e-4)
 
 
 @every_backend
 @pytest.mark.parametrize("guess", [5e6, 1e9])
 def test_no_backend_is_deceived_by_the_size_of_the_guess(backend: str, guess: float) -> None:
-    result = rcp.solve(decaying(guess, bound=1e10), backend=backend)
-    assert result.solved
+    result = solution(decaying(guess, bound=1e10), backend=backend)
     assert result.objective == pytest.approx(LEAST, rel=1e-4)
 
 
@@ -76,8 +73,7 @@ def test_a_weight_of_the_objective_changes_no_answer_that_is_called_solved(power
 @given(power=st.integers(-9, 9), guess=st.sampled_from([1.0, "unit"]))
 def test_the_unit_of_a_state_changes_no_answer(power: int, guess: Any) -> None:
     unit = 10.0**power
-    result = rcp.solve(decaying(unit if guess == "unit" else guess, unit=unit))
-    assert result.solved
+    result = solution(decaying(unit if guess == "unit" else guess, unit=unit))
     assert result.objective == pytest.approx(LEAST, rel=1e-4)
 
 
@@ -86,8 +82,7 @@ def test_the_unit_of_a_state_changes_no_answer(power: int, guess: Any) -> None:
 def test_a_weight_changes_no_answer_of_a_model_with_pairs(power: int, backend: str) -> None:
     weight = 10.0**power
     m = corner((1, 2), (1.0, 8.2), weight)  # from far away
-    result = rcp.solve(m, backend=backend)
-    assert result.solved
+    result = solution(m, backend=backend)
     assert (m.x.value, m.y.value) == pytest.approx((0.0, 2.0), abs=1e-5)
     assert result.multipliers is not None
     assert result.multipliers.nu == pytest.approx([-2 * weight], rel=1e-5)  # of x: the derivative of (x - 1)^2
@@ -97,8 +92,7 @@ def test_a_weight_changes_no_answer_of_a_model_with_pairs(power: int, backend: s
 @settings(max_examples=10, deadline=None)
 @given(rate=st.floats(25, 40), elements=st.integers(5, 20))
 def test_what_violates_its_rows_in_the_units_of_the_user_is_never_solved(rate: float, elements: int) -> None:
-    m = pyo.ConcreteModel(name="explosive")
-    m.b = b = rcp.PhaseBlock(duration=1, elements=elements)
+    m, b = one_phase("b", model="explosive", duration=1, elements=elements)
     b.x, b.u = rcp.State(initial=1, initial_guess=lambda t: np.exp(rate * t)), rcp.Control()
     b.ode(lambda b, t: {b.x: pyo.exp(b.x[t]) + b.u[t]})
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))

@@ -1,7 +1,5 @@
 """The procedure in the form of a Pyomo solver, through both of Pyomo's interfaces."""
 
-from __future__ import annotations
-
 import io
 import json
 import logging
@@ -11,6 +9,7 @@ import sys
 
 import pyomo.environ as pyo
 import pytest
+from harness.checked import unchanged
 from harness.dae import driven_tank
 from harness.routes import every_backend
 from harness.small_problems import maximisation
@@ -58,6 +57,26 @@ def contradiction() -> pyo.ConcreteModel:
     return m
 
 
+def ruled_out() -> pyo.ConcreteModel:
+    """By its bounds neither side can be zero."""
+    m = two_corners()
+    m.x.setlb(1)
+    m.y.setlb(2)
+    return m
+
+
+def without_end() -> pyo.ConcreteModel:
+    m = pyo.ConcreteModel()
+    m.x, m.y = pyo.Var(initialize=1.0), pyo.Var(initialize=1.0)
+    m.cost = pyo.Objective(expr=m.x + m.y**2)
+    return m
+
+
+@pytest.fixture
+def m():
+    return two_corners()
+
+
 def solver():
     return SolverFactory("pyrobocop.mpcc")
 
@@ -70,12 +89,7 @@ def state(m):
     return [(v.value, v.stale) for v in m.component_data_objects(pyo.Var)]
 
 
-def components(m):
-    return [each.name for each in m.component_objects(active=True)]
-
-
-def test_the_newer_interface_gives_the_whole_answer():
-    m = two_corners()
+def test_the_newer_interface_gives_the_whole_answer(m):
     results = solver().solve(m)
     assert (m.x.value, m.y.value) == (0.0, pytest.approx(1.5, abs=1e-6))
     assert results.solution_status is SolutionStatus.optimal
@@ -91,8 +105,7 @@ def test_the_newer_interface_gives_the_whole_answer():
     assert m.pair.active
 
 
-def test_the_older_interface_reports_as_pyomo_expects():
-    m = two_corners()
+def test_the_older_interface_reports_as_pyomo_expects(m):
     results = legacy().solve(m)
     pyo.assert_optimal_termination(results)
     assert m.y.value == pytest.approx(1.5, abs=1e-6)
@@ -100,8 +113,7 @@ def test_the_older_interface_reports_as_pyomo_expects():
 
 
 @every_backend
-def test_duals_and_reduced_costs_are_prices(backend):
-    m = two_corners()
+def test_duals_and_reduced_costs_are_prices(m, backend):
     m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
     results = solver().solve(m, backend=backend)
     assert m.dual[m.row] == pytest.approx(1.0, abs=1e-5)  # d/dr (r - 1)^2 at 3/2
@@ -110,8 +122,7 @@ def test_duals_and_reduced_costs_are_prices(backend):
     assert m.component("rc") is None
 
 
-def test_unloaded_solutions_leave_the_model_as_it_was_until_they_are_loaded():
-    m = two_corners()
+def test_unloaded_solutions_leave_the_model_as_it_was_until_they_are_loaded(m):
     m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
     m.dual[m.row] = 7.0
     before = state(m)
@@ -128,8 +139,7 @@ def test_unloaded_solutions_leave_the_model_as_it_was_until_they_are_loaded():
 
 
 @pytest.mark.parametrize("with_suffix", [False, True])
-def test_unloaded_solutions_of_the_older_interface_are_loaded_by_the_model(with_suffix):
-    m = two_corners()
+def test_unloaded_solutions_of_the_older_interface_are_loaded_by_the_model(m, with_suffix):
     if with_suffix:
         m.dual, m.rc = pyo.Suffix(direction=pyo.Suffix.IMPORT), pyo.Suffix(direction=pyo.Suffix.IMPORT)
     before = state(m)
@@ -139,8 +149,7 @@ def test_unloaded_solutions_of_the_older_interface_are_loaded_by_the_model(with_
     assert m.y.value == pytest.approx(1.5, abs=1e-6)
 
 
-def test_a_name_that_is_taken_keeps_its_meaning():
-    m = two_corners()
+def test_a_name_that_is_taken_keeps_its_meaning(m):
     m.dual = pyo.Var(initialize=3)
     results = solver().solve(m)
     assert m.dual.value == 3
@@ -148,61 +157,48 @@ def test_a_name_that_is_taken_keeps_its_meaning():
         results.solution_loader.get_duals()
 
 
-@pytest.mark.parametrize(("options", "make"), [(ITERATION_LIMIT, long_valley), ({}, contradiction)])
+@pytest.mark.parametrize(("options", "make"), [(ITERATION_LIMIT, long_valley), ({}, contradiction), ({}, ruled_out)])
 def test_what_is_not_solved_is_raised_and_leaves_the_model_as_it_was(options, make):
     m = make()
     m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
-    before = state(m)
-    with pytest.raises(NoOptimalSolutionError) as caught:
+    with unchanged(state, m), pytest.raises(NoOptimalSolutionError) as caught:
         solver().solve(m, solver_options=options)
-    assert state(m) == before
     assert not list(m.dual)
+    assert m.pair.active
     answer = caught.value.results.extra_info.result
     assert not answer.solved
     assert answer.stop_reason.value in str(caught.value)
 
 
-def test_options_reach_ipopt_and_a_limit_is_no_success():
+@pytest.mark.parametrize(
+    ("make", "options", "limit", "ends"),
+    [
+        (long_valley, ITERATION_LIMIT, None, "iterationLimit"),
+        (contradiction, {}, None, "locallyInfeasible"),
+        (ruled_out, {}, None, "locallyInfeasible"),
+        (without_end, {}, None, "unbounded"),
+        (two_corners, {}, 1e-9, "maxTimeLimit"),
+    ],
+)
+def test_how_a_solve_ended_is_told_in_pyomos_words(make, options, limit, ends):
+    results = solver().solve(
+        make(), solver_options=options, time_limit=limit, raise_exception_on_nonoptimal_result=False
+    )
+    assert results.termination_condition is TerminationCondition[ends]
+    assert results.solution_status is not SolutionStatus.optimal
+    if ends == "locallyInfeasible":
+        assert results.solution_status is SolutionStatus.infeasible
+        assert results.incumbent_objective is None
+    assert not pyo.check_optimal_termination(legacy().solve(make(), options=options, timelimit=limit))
+
+
+def test_options_reach_ipopt():
     m = long_valley()
     results = solver().solve(m, solver_options=ITERATION_LIMIT, raise_exception_on_nonoptimal_result=False)
-    assert results.termination_condition is TerminationCondition.iterationLimit
-    assert results.solution_status is not SolutionStatus.optimal
     assert {step.iterations for step in results.extra_info.result.steps} <= {0, 1}
-    results = legacy().solve(m, options=ITERATION_LIMIT)
-    assert results.solver.termination_condition == pyo.TerminationCondition.maxIterations
-    assert not pyo.check_optimal_termination(results)
     limited = legacy()
     limited.options["max_iter"] = 1
-    assert not pyo.check_optimal_termination(limited.solve(m))
-
-
-def test_an_infeasible_problem_is_not_reported_as_solved():
-    m = contradiction()
-    results = solver().solve(m, raise_exception_on_nonoptimal_result=False)
-    assert results.solution_status is SolutionStatus.infeasible
-    assert results.termination_condition is not TerminationCondition.convergenceCriteriaSatisfied
-    assert results.incumbent_objective is None
-    assert not pyo.check_optimal_termination(legacy().solve(m))
-
-
-def test_a_pair_that_bounds_rule_out_makes_the_problem_infeasible():
-    m = two_corners()
-    m.x.setlb(1)
-    m.y.setlb(2)
-    before = state(m)
-    with pytest.raises(NoOptimalSolutionError, match="local infeasibility") as caught:
-        solver().solve(m)
-    assert caught.value.results.termination_condition is TerminationCondition.locallyInfeasible
-    assert state(m) == before
-    assert m.pair.active
-
-
-def test_an_objective_without_end_is_told_as_unbounded():
-    m = pyo.ConcreteModel()
-    m.x, m.y = pyo.Var(initialize=1.0), pyo.Var(initialize=1.0)
-    m.cost = pyo.Objective(expr=m.x + m.y**2)
-    results = solver().solve(m, raise_exception_on_nonoptimal_result=False)
-    assert results.termination_condition is TerminationCondition.unbounded
+    assert limited.solve(m).solver.termination_condition == pyo.TerminationCondition.maxIterations
 
 
 def test_the_error_of_the_mesh_is_estimated_when_the_message_is_read(monkeypatch):
@@ -217,12 +213,6 @@ def test_the_error_of_the_mesh_is_estimated_when_the_message_is_read(monkeypatch
         estimates.clear()
 
 
-def test_a_time_limit_is_kept_and_reported():
-    results = solver().solve(two_corners(), time_limit=1e-9, raise_exception_on_nonoptimal_result=False)
-    assert results.termination_condition is TerminationCondition.maxTimeLimit
-    assert not pyo.check_optimal_termination(legacy().solve(two_corners(), timelimit=1e-9))
-
-
 def test_the_log_goes_to_the_streams_that_are_given_and_nowhere_else(capfd):
     stream = io.StringIO()
     solver().solve(two_corners(), tee=[stream])
@@ -234,8 +224,7 @@ def test_the_log_goes_to_the_streams_that_are_given_and_nowhere_else(capfd):
     assert "EXIT: Optimal Solution Found" in capfd.readouterr().out
 
 
-def test_choices_are_made_at_the_factory_for_the_older_interface():
-    m = two_corners()
+def test_choices_are_made_at_the_factory_for_the_older_interface(m):
     chosen = legacy(strategies=rcp.Strategy("continuation", polish=False))
     pyo.assert_optimal_termination(chosen.solve(m))
     assert 0.0 < m.x.value < 1e-6, "without polish the pair is met as its relaxation has it"

@@ -1,6 +1,4 @@
-"""Models without pairs: a bounded look for better optima beyond a solution, by default."""
-
-from __future__ import annotations
+"""Models without pairs: looks for better optima beyond a solution, beyond a saddle, and where the first run fails."""
 
 from math import pi, sin
 from typing import Any
@@ -8,35 +6,50 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.phases import mass
+from harness.checked import solution
+from harness.phases import mass, one_phase
+from harness.routes import every_backend
 from hypothesis import given
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.solving import procedure
-from pyrobocop_pyomo.solving.curvature import is_convex
+from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
+from pyrobocop_pyomo.solving import procedure, runner
+from pyrobocop_pyomo.solving.curvature import direction_of_descent, is_convex
 from pyrobocop_pyomo.solving.ipopt_options import IpoptOptions
+from pyrobocop_pyomo.solving.iterates import Iterate
 from pyrobocop_pyomo.solving.polish import plain_work
+from pyrobocop_pyomo.solving.strategies import STRATEGIES
 
 pytestmark = pytest.mark.casadi
 
 
-def round_a_hill(elements: int = 16, sense: Any = pyo.minimize) -> pyo.ConcreteModel:
-    """Past a hill that is not in the middle, guessed on its far side."""
-    m = pyo.ConcreteModel(name="hill")
-    m.path = b = rcp.PhaseBlock(duration=1, elements=elements)
-    b.r = rcp.State(index=2, initial=[-2, 0], final=[2, 0], initial_guess=lambda s: [-2 + 4 * s, -2 * sin(pi * s)])
+def hill(elements: int, guess: Any, height: float, place: float, sense: Any = pyo.minimize) -> pyo.ConcreteModel:
+    """A path from one side of a hill to the other."""
+    m, b = one_phase("path", model="hill", duration=1, elements=elements)
+    b.r = rcp.State(index=2, initial=[-2, 0], final=[2, 0], initial_guess=guess)
     b.v = rcp.Control(index=2, initial_guess=[4, 0])
     b.ode(lambda b, t: {b.r: b.v[t]})
     sign = 1.0 if sense is pyo.minimize else -1.0
 
     def cost(b: Any, t: Any) -> Any:
         (x, y), (vx, vy) = b.r[t], b.v[t]
-        return sign * (vx**2 + vy**2 + 80 * pyo.exp(-(x**2) - (y + 0.6) ** 2))
+        return sign * (vx**2 + vy**2 + height * pyo.exp(-(x**2) - (y - place) ** 2))
 
     m.cost = pyo.Objective(expr=b.integral(cost), sense=sense)
     return m
+
+
+def round_a_hill(elements: int = 16, sense: Any = pyo.minimize) -> pyo.ConcreteModel:
+    """Which is not in the middle, guessed on its far side."""
+    return hill(elements, lambda s: [-2 + 4 * s, -2 * sin(pi * s)], 80, -0.6, sense)
+
+
+def over_a_hill() -> pyo.ConcreteModel:
+    """Guessed straight over its top."""
+    return hill(20, lambda s: [-2 + 4 * s, 0], 40.0, 0.0)
 
 
 def two_wells() -> pyo.ConcreteModel:
@@ -48,8 +61,7 @@ def two_wells() -> pyo.ConcreteModel:
 
 def past_a_disc() -> pyo.ConcreteModel:
     """Through the middle of a disc says the guess. Along the way 4 s are the least, and beside it there is room."""
-    m = pyo.ConcreteModel(name="disc")
-    m.path = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.5, 20), initial_guess=4), elements=40)
+    m, b = one_phase("path", model="disc", duration=rcp.Duration(bounds=(0.5, 20), initial_guess=4), elements=40)
     b.r = rcp.State(index=2, initial=[-2, 0], final=[2, 0])
     b.v = rcp.State(index=2, initial=0, final=0)
     b.a = rcp.Control(index=2, bounds=(-1, 1))
@@ -113,8 +125,7 @@ def test_what_is_no_convex_quadratic_is_looked_at_further() -> None:
 def test_a_fine_mesh_is_explored_on_a_coarser_one() -> None:
     m = round_a_hill(elements=80)
     before = rcp.solve(round_a_hill(elements=80), strategies=rcp.Strategy(exploration=0))
-    result = rcp.solve(m)
-    assert result.solved
+    result = solution(m)
     assert result.strategy == "other optimum"
     assert result.objective < before.objective - 10.0
     assert m.path.grid.mesh.elements == 80
@@ -154,8 +165,7 @@ def test_a_start_that_leads_nowhere_leaves_enough_for_the_next_one() -> None:
 
 
 def test_where_the_guess_is_in_the_way_a_start_from_its_side_follows_soon() -> None:
-    result = rcp.solve(past_a_disc())
-    assert result.solved
+    result = solution(past_a_disc())
     assert result.objective == pytest.approx(4.0, rel=1e-4)
     assert result.iterations < 1500
 
@@ -183,3 +193,212 @@ def test_convex_is_what_has_linear_rows_and_no_negative_curvature(curvatures: li
     compiled = CompiledModel(m, "casadi")
     expected = not curved and min(np.round(curvatures, 2)) >= 0.0
     assert is_convex(compiled.nlp, compiled.current_point()) == expected
+
+
+# --------------------------------------------------------------------
+# A stationary point that is no minimum is not called optimal: runs go on from it, or the result says what it is.
+
+
+def saddle(sense=pyo.minimize, limit=2.0):
+    m = pyo.ConcreteModel(name="saddle")
+    m.x, m.y = pyo.Var(initialize=0.0), pyo.Var(initialize=0.0, bounds=(-limit, limit))
+    sign = 1.0 if sense is pyo.minimize else -1.0
+    m.cost = pyo.Objective(expr=sign * ((m.x - 1) ** 2 - m.y**2), sense=sense)
+    return m
+
+
+def test_a_path_does_not_stay_on_the_ridge_where_its_guess_was():
+    m = over_a_hill()
+    result = solution(m, strategies=rcp.Strategy(exploration=0))
+    assert labels(result) == ["solve", "beyond a saddle"]
+    assert result.objective < result.steps[0].objective - 1.0
+    assert max(abs(m.path.r[1, t].value) for t in m.path.time) > 0.5
+
+
+@pytest.mark.parametrize("sense", [pyo.minimize, pyo.maximize])
+@pytest.mark.parametrize("options", [{}, {"nlp_scaling_method": "gradient-based"}])
+def test_a_saddle_is_left_whatever_the_sense_and_the_scaling(sense, options):
+    m = saddle(sense)
+    solution(m, options=options)
+    assert abs(m.y.value) == pytest.approx(2.0, rel=1e-6)
+
+
+@pytest.mark.executable
+def test_a_saddle_is_left_by_the_executable(monkeypatch):
+    monkeypatch.setattr(procedure, "ITERATIONS_OF_ONE", 3000)  # so many come to rest on it
+    m = saddle()
+    result = solution(m, backend="executable")
+    assert labels(result) == ["solve", "beyond a saddle"]
+
+
+def test_a_saddle_from_which_nothing_better_is_found_is_no_solution(monkeypatch):
+    """Starts beside the saddle that are the saddle again."""
+    monkeypatch.setattr(runner, "STEP_FROM_SADDLE", 0.0)
+    result = rcp.solve(over_a_hill())
+    assert not result.solved
+    assert result.quality is rcp.Quality.FEASIBLE
+    assert "stationary, but no minimum" in result.report()
+    assert "DOUBTFUL" in str(result)
+    assert len(result.doubts) == 1
+
+
+def line_of_minima(m):
+    """Nothing changes along it: the curvature is zero."""
+    m.x, m.y = pyo.Var(initialize=1.0), pyo.Var(initialize=3.0)
+    m.cost = pyo.Objective(expr=(m.x + m.y - 1) ** 2)
+
+
+def parabola(m):
+    """The rows forbid the curvature."""
+    m.x, m.y = pyo.Var(initialize=1.0), pyo.Var(initialize=0.5)
+    m.row = pyo.Constraint(expr=m.y == m.x**2)
+    m.again = pyo.Constraint(expr=2 * m.y == 2 * m.x**2)
+    m.cost = pyo.Objective(expr=3 * m.y - m.x**2)
+
+
+def box(m):
+    """Concave between its bounds: each of the ends is a minimum, also where a multiplier is small."""
+    m.x, m.y = pyo.Var(bounds=(0, 1), initialize=0.9), pyo.Var(bounds=(0, 1), initialize=0.2)
+    m.cost = pyo.Objective(expr=-(m.x**2) - 1e-3 * m.x - (m.y - 0.5) ** 2)
+
+
+@pytest.mark.parametrize(("state", "x"), [(line_of_minima, None), (parabola, 0.0), (box, 1.0)])
+def test_a_minimum_is_no_saddle_whatever_the_curvature_that_nothing_can_follow(state, x):
+    m = pyo.ConcreteModel()
+    state(m)
+    assert labels(solution(m)) == ["solve"]
+    assert x is None or m.x.value == pytest.approx(x, abs=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_direction_is_found_where_the_hessian_is_not_convex_on_the_null_space_of_the_rows(seed):
+    """Against eigenvalues of the reduced Hessian, with a row that is there twice to first order."""
+    random = np.random.default_rng(seed)
+    n, m = 8, 3
+    hessian, jacobian = random.standard_normal((n, n)), random.standard_normal((m, n))
+    hessian = hessian + hessian.T + random.uniform(0, 6) * np.eye(n)
+    jacobian[2] = jacobian[1]
+    model = pyo.ConcreteModel()
+    model.x = pyo.Var(range(n), initialize=0.0)
+    x = np.array(list(model.x.values()))
+    model.rows = pyo.Constraint(range(m), rule=lambda model, i: jacobian[i] @ x + (-1) ** i * x[0] ** 2 == 0)
+    model.cost = pyo.Objective(expr=0.5 * x @ hessian @ x)
+    nlp = CompiledModel(model, "casadi").nlp
+    # Those of the two rows that are the same to first order cancel in the Hessian.
+    multipliers = np.array([0.0, 1e5, 1e5])
+    point = PrimalDualPoint(np.zeros(n), multipliers, np.zeros(n), np.zeros(n))
+    jacobian_here = np.zeros((m, n))
+    np.add.at(jacobian_here, nlp.jacobian_structure, nlp.jacobian(point.x))
+    space = np.linalg.svd(jacobian_here)[2][2:].T
+    least = np.linalg.eigvalsh(space.T @ hessian @ space)[0]
+    found = direction_of_descent(nlp, point)
+    assert (found is not None) == (least < -1e-3)
+    if found is not None:
+        assert np.abs(found).max() == pytest.approx(1.0)
+        assert found @ hessian @ found == pytest.approx(least * (found @ found), rel=0.3)
+        assert np.abs(jacobian_here @ found).max() < 1e-4
+
+
+# --------------------------------------------------------------------
+# What follows where the first run fails, and starts that cannot be evaluated.
+
+
+def _goddard(elements: int = 12) -> pyo.ConcreteModel:
+    """A rocket that climbs as high as it can: mass and height divide, and start at 0 where no guess is given."""
+    m, b = one_phase("climb", model="rocket", duration=rcp.Duration(bounds=(0.01, 1)), elements=elements)
+    b.height = rcp.State(initial=1)
+    b.speed = rcp.State(initial=0)
+    b.mass = rcp.State(initial=1, final=0.6)
+    b.thrust = rcp.Control(bounds=(0, 3.5))
+
+    @b.ode
+    def flight(b, t):
+        drag = 310 * b.speed[t] ** 2 * pyo.exp(-500 * (b.height[t] - 1))
+        acceleration = (b.thrust[t] - drag) / b.mass[t] - 1 / b.height[t] ** 2
+        return {b.height: b.speed[t], b.speed: acceleration, b.mass: -b.thrust[t] / 0.5}
+
+    m.cost = pyo.Objective(expr=b.height[b.points.last()], sense=pyo.maximize)
+    return m
+
+
+@every_backend
+def test_a_start_without_a_value_is_moved_and_named(backend: str) -> None:
+    m = _goddard()
+    m.climb.initialize({"height": 0.0})
+    # From there Ipopt comes to one of two local optima, by its last digits.
+    result = solution(m, backend=backend, strategies=rcp.Strategy(exploration=float("inf")))
+    assert result.objective == pytest.approx(1.01283, abs=2e-4)
+    assert "could not be evaluated: division by climb.height" in result.report()
+    assert "in right-hand side of 'speed' of phase 'climb' at t = " in result.remarks[0]
+    assert "element 0" in result.remarks[0]
+
+
+def test_what_cannot_be_moved_ends_in_a_result_that_names_it() -> None:
+    m = pyo.ConcreteModel(name="log")
+    m.x = pyo.Var(initialize=-1.0, bounds=(None, -0.5))
+    m.y = pyo.Var(initialize=0.0)
+    m.row = pyo.Constraint(expr=pyo.log(m.x) + m.y == 0)
+    m.cost = pyo.Objective(expr=m.y**2)
+    result = rcp.solve(m)
+    assert result.quality is rcp.Quality.INFEASIBLE
+    assert "log(...) of x = -1, in constraint 'row'" in result.report()
+    assert m.x.value == -1.0
+    with pytest.raises(rcp.errors.SolveFailed, match=r"log\(\.\.\.\) of x = -1"):
+        result.raise_for_status()
+
+
+def test_what_has_no_solution_ends_after_a_few_tries() -> None:
+    m = pyo.ConcreteModel(name="apart")
+    m.x, m.y = pyo.Var(initialize=1.0), pyo.Var(initialize=2.0)
+    m.circle = pyo.Constraint(expr=m.x**2 + m.y**2 <= 1)
+    m.outside = pyo.Constraint(expr=m.x + m.y >= 4)
+    m.cost = pyo.Objective(expr=m.x)
+    result = rcp.solve(m)
+    assert result.quality is rcp.Quality.INFEASIBLE
+    assert result.stop_reason is rcp.StopReason.INFEASIBLE
+    assert labels(result) == ["solve", "own units", "elastic rows", "solve from there"]
+    assert sum(step.iterations for step in result.steps[1:]) <= max(1500, 2 * result.steps[0].iterations)
+    alone = rcp.solve(m, strategies="solve")
+    assert len(alone.steps) == 1
+
+
+def test_rows_that_repeat_each_other_are_solved_with_elastic_rows() -> None:
+    """Two equations of one variable: Ipopt refuses more equations than variables."""
+    m = pyo.ConcreteModel(name="repeated")
+    m.x = pyo.Var(initialize=0.5)
+    m.first = pyo.Constraint(expr=m.x**2 == 4)
+    m.second = pyo.Constraint(expr=m.x**3 == 8)
+    m.cost = pyo.Objective(expr=m.x)
+    result = solution(m)
+    assert result.strategy == "elastic rows"
+    assert m.x.value == pytest.approx(2.0, abs=1e-7)
+    assert result.objective == pytest.approx(2.0, abs=1e-7)
+
+
+def test_a_limit_of_the_caller_is_the_end() -> None:
+    result = rcp.solve(_goddard(), options={"max_iter": 3})
+    assert result.stop_reason is rcp.StopReason.ITERATION_LIMIT
+    assert result.iterations == 3
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e3])
+@pytest.mark.parametrize("kink", [0.0, 1.0], ids=["smooth", "with an absolute value"])
+def test_one_run_solves_where_a_large_state_lies_at_zero(kink: float, unit: float) -> None:
+    """A climb stays on the ground for half of its time: by what Ipopt loosens that bound no row is violated."""
+    m, b = one_phase("b", model="late climb", duration=100, elements=20)
+    b.height = rcp.State(initial=0, final=5e4 * unit, bounds=(0, 2.5e5 * unit))
+    b.path = rcp.Control(bounds=(-1.5, 1.5))
+    b.ode(lambda b, t: {b.height: 1e3 * unit * pyo.sin(b.path[t])})
+    cost = b.integral(lambda b, t: b.height[t] + kink * 0.1 * abs(b.height[t] - 3e4 * unit))
+    m.cost = pyo.Objective(expr=cost / (1e3 * unit) + b.integral(lambda b, t: b.path[t] ** 2))
+    result = rcp.solve(m, strategies=rcp.Strategy(exploration=0), mesh_tolerance=None)
+    assert labels(result) == ["solve"]
+    assert result.solved, str(result)
+    assert min(b.trajectory().height) >= 0.0
+
+
+@pytest.mark.parametrize(("status", "first"), [("SOLVED", "tighter"), ("STEP_FAILED", "absolute values as pairs")])
+def test_a_run_that_converged_met_no_kink(status: str, first: str) -> None:
+    """Smaller tolerances take a few iterations, absolute values in two parts hundreds."""
+    ended = Iterate.of_run("solve", IpoptStatus[status], iterations=26, seconds=0.1, delta=None, mu=None)
+    assert next(row.name for row in STRATEGIES if ended.stop_reason in row.follows) == first

@@ -1,15 +1,15 @@
-"""Beyond a certified point: other ways down and random starts, within the budget of exploring; and shares of effort."""
-
-from __future__ import annotations
+"""With pairs, beyond a certified point or before infeasibility is told: other ways down, other starts, shares."""
 
 from dataclasses import replace
 from functools import partial
+from math import pi
 from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
 import pytest
 from harness.observed_runs import interrupt_run
+from harness.phases import one_phase
 from known_mpccs.random_families import FAMILIES, random_problems
 from mpcc_catalogue.point_check import PointCheck
 
@@ -21,6 +21,7 @@ from pyrobocop_pyomo.solving.strategies import BARRIER, STRATEGIES, StartingPoin
 
 pytestmark = pytest.mark.casadi
 
+
 # The quadratic ones are up to 500 dense pairs.
 SMALL = [problem for problem in random_problems(1000, 2) if "quadratic" not in problem.tags]
 
@@ -31,14 +32,16 @@ def made(family: str, seed: int) -> Any:
     return FAMILIES[family](np.random.default_rng(seed))[0]
 
 
-def two_wells() -> Any:
+def two_wells(paired: bool = True) -> Any:
     """The start is beside the higher one of two minima, which no choice of a side leads away from."""
     m = pyo.ConcreteModel()
     m.x = pyo.Var(bounds=(-2, 2), initialize=1.2)
-    m.y, m.z = pyo.Var(bounds=(0, None), initialize=0.5), pyo.Var(bounds=(0, None), initialize=0.5)
-    m.sum = pyo.Constraint(expr=m.y + m.z == 1)
-    m.pair = rcp.Complementarity(expr=rcp.complements(m.y >= 0, m.z >= 0))
-    m.cost = pyo.Objective(expr=(m.x**2 - 1) ** 2 + 0.3 * m.x + m.y)
+    m.cost = pyo.Objective(expr=(m.x**2 - 1) ** 2 + 0.3 * m.x)
+    if paired:
+        m.y, m.z = pyo.Var(bounds=(0, None), initialize=0.5), pyo.Var(bounds=(0, None), initialize=0.5)
+        m.sum = pyo.Constraint(expr=m.y + m.z == 1)
+        m.pair = rcp.Complementarity(expr=rcp.complements(m.y >= 0, m.z >= 0))
+        m.cost.set_value(m.cost.expr + m.y)
     return m
 
 
@@ -55,13 +58,7 @@ def test_a_random_start_finds_the_better_of_two_certified_optima() -> None:
 
 
 def test_without_pairs_other_starts_are_on_request() -> None:
-    def wells() -> Any:
-        m = pyo.ConcreteModel()
-        m.x = pyo.Var(bounds=(-2, 2), initialize=1.2)
-        m.cost = pyo.Objective(expr=(m.x**2 - 1) ** 2 + 0.3 * m.x)
-        return m
-
-    near, far = wells(), wells()
+    near, far = two_wells(paired=False), two_wells(paired=False)
     assert not any("start" in remark for remark in solve(near).remarks)
     result = solve(far, strategies=rcp.Strategy(exploration=float("inf")))
     assert near.x.value > 0 > far.x.value
@@ -97,23 +94,16 @@ def test_ctrl_c_on_another_way_keeps_the_certified_point(monkeypatch: pytest.Mon
     assert pyo.value(next(model.component_data_objects(pyo.Objective))) <= before.objective + 1e-6
 
 
-def test_a_strategy_that_is_cut_short_leaves_the_solve_to_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    short = replace(BARRIER, most_iterations=3)
-    monkeypatch.setattr(procedure, "STRATEGIES", (short, *STRATEGIES[1:]))
-    model = made("traffic", 100)
+@pytest.mark.parametrize(("others", "seed"), [(STRATEGIES[1:], 100), ((), 101)], ids=["others", "none"])
+def test_a_strategy_that_is_cut_short_leaves_the_solve_to_the_others_or_is_taken_up_again(
+    others: Any, seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(procedure, "STRATEGIES", (replace(BARRIER, most_iterations=3), *others))
+    model = made("traffic", seed)
     check, result = PointCheck(model), solve(model, strategies=rcp.Strategy(exploration=0))
     assert result.solved
     assert result.strategy != "barrier"
-    assert check.point().natural <= 1e-6
-
-
-def test_what_nothing_else_solved_is_taken_up_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    short = replace(BARRIER, most_iterations=3)
-    monkeypatch.setattr(procedure, "STRATEGIES", (short,))
-    model = made("traffic", 101)
-    check, result = PointCheck(model), solve(model, strategies=rcp.Strategy(exploration=0))
-    assert result.strategy == "barrier to the end"
-    assert result.solved
+    assert others or result.strategy == "barrier to the end"
     assert check.point().natural <= 1e-6
 
 
@@ -209,3 +199,49 @@ def test_a_way_down_that_ends_at_a_worse_point_goes_back_to_the_start() -> None:
     assert result.strategy == "initial guess"
     assert result.solved
     assert result.objective == pytest.approx(known, rel=1e-6)
+
+
+# --------------------------------------------------------------------
+# Other starts before a problem is called infeasible.
+
+
+def pendulum_between_walls(**guess: float) -> pyo.ConcreteModel:
+    """It swings up between two soft walls."""
+    m, b = one_phase("swing", model="pendulum", duration=3.0, elements=40, scheme="implicit_euler")
+    b.angle, b.speed = rcp.State(initial=pi, final=0.0, **guess), rcp.State(initial=0.0, final=0.0)
+    b.torque = rcp.Control(bounds=(-4, 4))
+    b.left, b.right = rcp.Control(bounds=(0, None)), rcp.Control(bounds=(0, None))
+
+    @b.ode
+    def motion(b, t):
+        fall = 9.81 * pyo.sin(b.angle[t]) - 0.1 * b.speed[t]
+        return {"angle": b.speed[t], "speed": fall + b.torque[t] + b.left[t] - b.right[t]}
+
+    @b.complementarity
+    def walls(b, t):
+        side = pyo.sin(b.angle[t])
+        return [
+            rcp.complements(b.left[t] >= 0, b.left[t] / 200 + side + 0.6 >= 0),
+            rcp.complements(b.right[t] >= 0, b.right[t] / 200 - side + 0.6 >= 0),
+        ]
+
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.torque[t] ** 2))
+    return m
+
+
+def test_a_start_at_rest_does_not_make_a_problem_infeasible() -> None:
+    """No strategy gets further from there than local infeasibility, which says nothing of the problem."""
+    stated = rcp.solve(pendulum_between_walls(), progress=False)
+    elsewhere = rcp.solve(pendulum_between_walls(initial_guess=pi), progress=False)
+    assert stated.solved
+    assert elsewhere.solved
+    assert elsewhere.objective <= stated.objective * (1 + 1e-6)
+    assert elsewhere.strategy == "straight lines"
+
+
+def test_what_is_infeasible_is_still_said_to_be() -> None:
+    m = pendulum_between_walls()
+    m.swing.torque.setub(0.01)
+    m.swing.torque.setlb(-0.01)
+    result = rcp.solve(m, progress=False)
+    assert result.quality is rcp.Quality.INFEASIBLE

@@ -1,6 +1,6 @@
 """The presolve: what bounds decide is decided, contradictions are named, and every bound is as it was afterwards."""
 
-from __future__ import annotations
+from typing import Any
 
 import pyomo.environ as pyo
 import pytest
@@ -17,6 +17,12 @@ def plane(x_bounds=(0, None), y_bounds=(0, None)) -> pyo.ConcreteModel:
     m = corner()
     m.x.bounds, m.y.bounds = x_bounds, y_bounds
     return m
+
+
+def decisions(m: pyo.ConcreteModel) -> list[Any]:
+    """What bounds decide of the lifted pairs."""
+    RELAX.apply_to(m, lift=True)
+    return presolve(RELAX.lifted_pairs_of(m))
 
 
 def fixed(m: pyo.ConcreteModel) -> pyo.ConcreteModel:
@@ -76,10 +82,9 @@ def test_bounds_come_back_after_an_exception() -> None:
 
 def test_a_bound_that_excludes_zero_is_not_overwritten() -> None:
     m = plane((0.5, None))
-    RELAX.apply_to(m, lift=True)
-    decisions = presolve(RELAX.lifted_pairs_of(m))
+    decided = decisions(m)
     m.y.setub(-1.0)
-    with fixed_at_zero(decisions):
+    with fixed_at_zero(decided):
         assert m.y.ub == -1.0
 
 
@@ -88,8 +93,7 @@ def test_a_side_at_its_upper_bound_is_held_from_below() -> None:
     m.x = pyo.Var(bounds=(1, None), initialize=1)
     m.y = pyo.Var(bounds=(None, 2), initialize=1)
     m.pair = rcp.Complementarity(expr=rcp.complements(m.x >= 0, m.y <= 2))
-    RELAX.apply_to(m, lift=True)
-    (side,) = presolve(RELAX.lifted_pairs_of(m))
+    (side,) = decisions(m)
     assert side.variable is m.y
     with fixed_at_zero([side]):
         assert (m.y.lb, m.y.ub) == (2.0, 2.0)
@@ -101,15 +105,13 @@ def test_an_expression_decides_by_the_intervals_of_its_variables() -> None:
     m.pair.deactivate()
     m.x.setub(1.0)
     m.bent = rcp.Complementarity(expr=rcp.complements(2 - m.x**2 >= 0, m.y >= 0))
-    RELAX.apply_to(m, lift=True)
-    (side,) = presolve(RELAX.lifted_pairs_of(m))
+    (side,) = decisions(m)
     assert side.variable is m.y
 
 
 def test_an_open_pair_is_left_open() -> None:
     m = plane()
-    RELAX.apply_to(m, lift=True)
-    assert presolve(RELAX.lifted_pairs_of(m)) == []
+    assert decisions(m) == []
 
 
 def both_positive() -> pyo.ConcreteModel:
@@ -149,5 +151,4 @@ def test_a_side_may_hold_any_function(name):
     m = plane((-0.5, 0.5), (0, 5))
     m.pair.deactivate()
     m.side = rcp.Complementarity(expr=rcp.complements(function(m.x) >= 0, m.y >= 0))
-    RELAX.apply_to(m, lift=True)
-    assert presolve(RELAX.lifted_pairs_of(m)) == []
+    assert decisions(m) == []

@@ -1,16 +1,17 @@
 """Models with Python functions go through all that other models go through."""
 
-from __future__ import annotations
-
 import logging
 
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.phases import one_phase
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
+
+pytestmark = pytest.mark.casadi
 
 
 def pull(X: np.ndarray) -> np.ndarray:
@@ -31,21 +32,17 @@ def in_pyomo(angle, rate):
 
 
 def pendulum(f, elements: int = 15) -> pyo.ConcreteModel:
-    m = pyo.ConcreteModel(name="pendulum")
-    m.swing = b = rcp.PhaseBlock(duration=2.0, elements=elements, scheme="radau", stages=2)
+    m, b = one_phase("swing", model="pendulum", duration=2.0, elements=elements, scheme="radau", stages=2)
     b.angle = rcp.State(initial=0, final=1.0)
     b.rate = rcp.State(initial=0, final=0)
     b.torque = rcp.Control(bounds=(-12, 12))
 
-    @b.ode
-    def dynamics(b, t):
-        return {b.angle: b.rate[t], b.rate: f(b.angle[t], b.rate[t]) + b.torque[t]}
+    b.ode(lambda b, t: {b.angle: b.rate[t], b.rate: f(b.angle[t], b.rate[t]) + b.torque[t]})
 
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.torque[t] ** 2))
     return m
 
 
-@pytest.mark.casadi
 def test_a_phase_is_solved_verified_simulated_cloned_and_drawn_alike() -> None:
     called, written_out = pendulum(PULL), pendulum(in_pyomo)
     first, second = rcp.solve(called), rcp.solve(written_out, backend="vectorised")
@@ -63,7 +60,6 @@ def test_a_phase_is_solved_verified_simulated_cloned_and_drawn_alike() -> None:
     assert not rcp.diagnose(called).errors
 
 
-@pytest.mark.casadi
 def test_sides_of_pairs_may_call_functions() -> None:
     def model(square):
         m = pyo.ConcreteModel(name="pairs")
@@ -78,7 +74,6 @@ def test_sides_of_pairs_may_call_functions() -> None:
     assert first.certificate is second.certificate
 
 
-@pytest.mark.casadi
 def test_a_persistent_solve_reads_numbers_again_and_notices_structure() -> None:
     m = pyo.ConcreteModel()
     m.x, m.y = pyo.Var(initialize=1.0), pyo.Var(initialize=1.0)
@@ -97,7 +92,6 @@ def test_a_persistent_solve_reads_numbers_again_and_notices_structure() -> None:
     assert nlp.preparations == 2
 
 
-@pytest.mark.casadi
 def test_a_function_outside_of_its_domain_shortens_the_step_and_is_named_at_the_first_point(caplog) -> None:
     m = pyo.ConcreteModel()
     m.x = pyo.Var(initialize=3.0)
@@ -109,7 +103,6 @@ def test_a_function_outside_of_its_domain_shortens_the_step_and_is_named_at_the_
     assert "'ln': its value is nan at (input 0 = -1)" in caplog.text
 
 
-@pytest.mark.casadi
 def test_pyomo_solvers_of_this_package_call_functions() -> None:
     for name in ("pyrobocop.ipopt", "pyrobocop.mpcc"):
         m = pyo.ConcreteModel()
@@ -119,11 +112,9 @@ def test_pyomo_solvers_of_this_package_call_functions() -> None:
         assert m.x.value == pytest.approx(3.0, abs=1e-6)
 
 
-@pytest.mark.casadi
 def test_a_fixed_end_beyond_a_table_is_told_in_the_result_and_nowhere_else(caplog: pytest.LogCaptureFixture) -> None:
     wind = rcp.Table([0, 1, 2, 3], [1.0, 1.2, 1.1, 1.3], name="wind")
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=2.0, elements=3)
+    m, b = one_phase(duration=2.0, elements=3)
     b.x, b.u = rcp.State(initial=0, final=6, initial_guess=lambda t: 3 * t), rcp.Control()
     b.ode(lambda b, t: {b.x: b.u[t] * wind(b.x[t])})
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
@@ -135,7 +126,6 @@ def test_a_fixed_end_beyond_a_table_is_told_in_the_result_and_nowhere_else(caplo
     assert not caplog.records
 
 
-@pytest.mark.casadi
 @pytest.mark.parametrize("place", ["row", "argument"])
 def test_discrete_variables_beside_a_function_are_named(place: str) -> None:
     m = pyo.ConcreteModel(name="steps")

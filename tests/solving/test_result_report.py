@@ -1,12 +1,11 @@
 """What a result says about its pairs and its runs, as data and as text."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.checked import solution
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -34,9 +33,7 @@ def three_kinds() -> pyo.ConcreteModel:
 
 @pytest.fixture(scope="module")
 def result() -> rcp.SolveResult:
-    found = rcp.solve(three_kinds())
-    found.raise_for_status()
-    return found
+    return solution(three_kinds())
 
 
 @pytest.mark.casadi

@@ -1,13 +1,12 @@
 """A plan is proven safe whatever the scheme, with free durations, moving elements and continuous sets alike."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.scenes import effort_of, keep_clear, placed, rigid_body
+from harness.phases import one_phase
+from harness.scenes import effort_of, keep_clear, placed, rigid_body, sampled_distance
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError
@@ -28,8 +27,7 @@ SCHEMES: list[tuple[str, int | None]] = [
 
 def build(**options: Any) -> pyo.ConcreteModel:
     """Over the wall, turning once on the way."""
-    m = pyo.ConcreteModel(name="over the wall")
-    m.move = b = rcp.PhaseBlock(**{"duration": 4.0, "elements": 12, **options})
+    m, b = one_phase("move", model="over the wall", **{"duration": 4.0, "elements": 12, **options})
     kind = "piecewise_linear" if b.grid.elements_share_points else "piecewise_constant"
     rigid_body(b, (-1.5, 0, 0), (1.5, 0, 2.0), bounds=(-3, 3), parametrization=kind)
     m.effort = pyo.Objective(expr=effort_of(b) + b.duration)
@@ -42,9 +40,7 @@ def closest(m: pyo.ConcreteModel) -> float:
     trajectory = m.move.trajectory()
     boundaries = np.array(trajectory.grid.mesh.boundaries)
     times = np.unique(boundaries[:-1, None] + np.diff(boundaries)[:, None] * np.linspace(0, 1, 401))
-    found = trajectory(times)
-    poses = (rcp.planar_pose(*each) for each in zip(found["x"], found["y"], found["theta"], strict=True))
-    return min(rcp.scenes.signed_distance(BODY, WALL, at).distance for at in poses)
+    return sampled_distance(trajectory, BODY, [WALL], times)
 
 
 @pytest.mark.parametrize(("scheme", "stages"), SCHEMES)

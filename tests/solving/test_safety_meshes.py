@@ -1,7 +1,5 @@
 """Plans on meshes that are too coarse for their equations: refined in place, or kept away by margins."""
 
-from __future__ import annotations
-
 import time
 from itertools import pairwise
 from typing import Any
@@ -9,16 +7,18 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.scenes import along_its_heading, keep_clear
+from harness.phases import one_phase
+from harness.scenes import along_its_heading, keep_clear, state_point
 from scipy.integrate import solve_ivp
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.motion.equations_motion import needed_reductions
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
-from pyrobocop_pyomo.planning import mesh_loop
+from pyrobocop_pyomo.planning import mesh_loop, safe_planning
 from pyrobocop_pyomo.planning.planning_point import PlanningPoint
 
-pytestmark = [pytest.mark.ipopt]
+pytestmark = pytest.mark.ipopt
+
 
 CLEARANCE = 0.05
 POST = (1.0, 0.0)
@@ -27,8 +27,7 @@ BODY, ROUND = rcp.Polytope.box(0.2, 0.1), {"post": rcp.Polytope.ball(0.2, POST)}
 
 def unicycle(elements: int, scheme: str = "radau", stages: int | None = 1) -> Any:
     """Around a post, on few elements of low order."""
-    m = pyo.ConcreteModel(name="unicycle")
-    m.move = b = rcp.PhaseBlock(duration=2.0, elements=elements, scheme=scheme, stages=stages)
+    m, b = one_phase("move", model="unicycle", duration=2.0, elements=elements, scheme=scheme, stages=stages)
     b.x, b.y = rcp.State(initial=0, final=2), rcp.State(initial=0, final=0.2)
     b.heading = rcp.State(initial=0.8)
     b.speed, b.turn = rcp.Control(bounds=(0, 3)), rcp.Control(bounds=(-4, 4))
@@ -78,8 +77,7 @@ def test_a_mesh_that_is_too_coarse_is_refined_and_the_rounds_say_so() -> None:
 
 def in_a_field(elements: int) -> Any:
     """Past a post in a field of forces that drives the motion away from a plan on few elements."""
-    m = pyo.ConcreteModel(name="field")
-    m.move = b = rcp.PhaseBlock(duration=4.0, elements=elements)
+    m, b = one_phase("move", model="field", duration=4.0, elements=elements)
     b.p, b.v = rcp.State(index=2, initial=0, final=[2, 0.2]), rcp.State(index=2, initial=0)
     b.a = rcp.Control(index=2, bounds=(-20, 20))
     b.ode(lambda b, t: {b.p: b.v[t], b.v: b.a[t] + 8 * np.array([pyo.sin(3 * b.p[1, t]), pyo.sin(3 * b.p[0, t])])})
@@ -188,3 +186,53 @@ def test_a_round_that_could_not_be_verified_in_time_is_not_begun(limit: float, m
     assert clock[0] <= limit
     assert result.safe or result.stop_reason is rcp.StopReason.TIME_LIMIT
     assert result.quality is not rcp.Quality.INFEASIBLE
+
+
+# --------------------------------------------------------------------
+# Long plans among many obstacles start from a copy on fewer elements.
+
+
+def field(elements: int) -> Any:
+    """A disc through a field of posts."""
+    m, b = one_phase("move", model="field", duration=2.0, elements=elements, stages=2)
+    state_point(b)
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2 + b.v[t] ** 2))
+    b.initialize_straight_lines()
+    posts = {f"post {x} {y}": rcp.Polytope.box(0.3, 0.3, center=(x, y)) for x in (1, 2, 3) for y in (-0.7, 0.1, 0.9)}
+    keep_clear(b, rcp.Polytope.box(0.2, 0.2), posts)
+    return m
+
+
+@pytest.mark.slow
+def test_a_start_on_fewer_elements_leads_to_the_same_plan_and_keeps_the_users_variables(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(safe_planning, "LEAST_PAIRS", 50)
+    m = field(80)
+    held = dict(m.move.x.items())
+    result = rcp.solve(m)
+    assert result.safe
+    assert any(made.purpose.startswith("fewer elements: ") for made in result.rounds)
+    assert any(made.purpose == "from a plan on 20 elements" for made in result.rounds)
+    assert m.move.grid.mesh.elements == 80
+    assert all(m.move.x[t] is variable for t, variable in held.items())
+    monkeypatch.undo()
+    directly = rcp.solve(field(80))
+    assert directly.safe
+    assert result.objective == pytest.approx(directly.objective, rel=2e-2)
+    assert np.isfinite(result.objective)
+
+
+@pytest.mark.slow
+def test_equations_are_looked_at_on_the_users_mesh_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(safe_planning, "LEAST_PAIRS", 50)
+    asked: set[tuple[int, bool]] = set()
+    verify = ObstacleAvoidanceBlockData.verify
+
+    def noted(block: Any, *, equations: bool) -> Any:
+        asked.add((len(block.motion.intervals), equations))
+        return verify(block, equations=equations)
+
+    monkeypatch.setattr(ObstacleAvoidanceBlockData, "verify", noted)
+    assert rcp.solve(field(80)).safe
+    assert asked == {(20, False), (80, True)}

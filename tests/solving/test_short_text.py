@@ -1,7 +1,5 @@
 """`print(result)`: one line where all is well, two with pairs, and at most eight where it is not."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import itertools
@@ -12,7 +10,8 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.phases import cart
+from harness.checked import solution
+from harness.phases import cart, one_phase
 from harness.scenes import keep_clear
 from harness.small_problems import corner
 from hypothesis import given
@@ -41,8 +40,7 @@ def test_seconds_are_written_without_an_exponent(seconds: float, said: str) -> N
 
 
 def test_where_no_error_of_the_mesh_is_known_the_report_says_what_to_write() -> None:
-    m = pyo.ConcreteModel(name="rub")
-    m.p = b = rcp.PhaseBlock(duration=1.0, elements=4, scheme="implicit_euler")
+    m, b = one_phase(model="rub", duration=1.0, elements=4, scheme="implicit_euler")
     b.x, b.v, b.u = rcp.State(initial=0, final=0.1), rcp.State(initial=0), rcp.Control(bounds=(-5, 5))
     b.floor = rcp.mechanics.CoulombFriction(b.v, normal=1.0, coefficient=0.3)
     b.ode(lambda b, t: {b.x: b.v[t]})
@@ -68,8 +66,7 @@ def winch() -> Any:
 
 
 def tank(final: float) -> Any:
-    m = pyo.ConcreteModel(name="tank")
-    m.p = b = rcp.PhaseBlock(duration=1.0, elements=3)
+    m, b = one_phase(model="tank", duration=1.0, elements=3)
     b.level, b.inflow = rcp.State(initial=1, final=final), rcp.Control(bounds=(0, 1))
     b.ode(lambda b, t: {b.level: b.inflow[t] - pyo.sqrt(b.level[t] - 0.5)})
     m.water = pyo.Objective(expr=b.integral(lambda b, t: b.inflow[t] ** 2))
@@ -78,8 +75,7 @@ def tank(final: float) -> Any:
 
 def arm(fastest: float) -> Any:
     """A path constraint that no motion meets, and that a fast one passes between the points."""
-    m = pyo.ConcreteModel(name="arm")
-    m.p = b = rcp.PhaseBlock(duration=2.0, elements=4, stages=2)
+    m, b = one_phase(model="arm", duration=2.0, elements=4, stages=2)
     b.q, b.w = rcp.State(initial=0, final=2.6), rcp.Control(bounds=(-fastest, fastest))
     b.ode(lambda b, t: {b.q: b.w[t]})
     b.constraint(lambda b, t: pyo.sin(b.q[t]) <= 0.9, name="ceiling")
@@ -157,8 +153,7 @@ def failed() -> Any:
 
 def too_far() -> Any:
     """An end in other units, and a wall beside the way that has nothing to do with it."""
-    m = pyo.ConcreteModel(name="too far")
-    m.p = b = rcp.PhaseBlock(duration=2.0, elements=8, stages=2)
+    m, b = one_phase(model="too far", duration=2.0, elements=8, stages=2)
     b.x, b.y = rcp.State(initial=0, final=600), rcp.State(initial=0, final=0)
     b.v, b.w = rcp.State(initial=0, final=0, bounds=(-3, 3)), rcp.Control(bounds=(-3, 3))
     b.u = rcp.Control(bounds=(-9, 9))
@@ -229,8 +224,7 @@ def test_what_stands_against_a_solution_does_not_depend_on_how_busy_the_machine_
 
 def test_a_path_constraint_that_is_passed_between_the_points_is_doubtful() -> None:
     m = arm(fastest=30)
-    result = rcp.solve(m, mesh_tolerance=None, strategies=rcp.Strategy(exploration=0))
-    assert result.solved
+    result = solution(m, mesh_tolerance=None, strategies=rcp.Strategy(exploration=0))
     assert max(math.sin(angle) for angle in m.p.trajectory()(np.linspace(0, 2, 200))["q"]) > 0.95
     (doubt,) = [line for line in str(result).splitlines() if line.startswith("COARSE MESH: ")]
     assert "a limit of states is passed between the points by " in doubt

@@ -1,10 +1,9 @@
 """Units of sides and of the objective change neither the answer nor what is called a solution."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.checked import solution
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyomo.mpec import Complementarity, complements
@@ -43,8 +42,7 @@ def test_sides_in_other_units_have_the_same_answer_or_none(x_power: int, y_power
 @pytest.mark.parametrize(("x_unit", "y_unit"), [(1e-2, 1e-2), (1e-4, 1e-4), (1e-5, 1e-6), (1e-5, 100.0), (1e-4, 1e6)])
 def test_the_answer_is_found_in_small_units(x_unit: float, y_unit: float, lifted: bool):
     m = corner(x_unit, y_unit, lifted=lifted)
-    result = rcp.solve(m)
-    assert result.solved
+    result = solution(m)
     assert result.objective == pytest.approx(1.0, abs=1e-2)  # the side is slightly turned where it is lifted
     assert abs(m.x.value / x_unit + (1e-3 * m.y.value / y_unit if lifted else 0.0)) < 1e-6
 
@@ -131,8 +129,7 @@ def test_sides_that_are_both_zero_at_the_answer():
     for unit in (1.0, 1e-4):
         m = corner(unit, unit)
         m.cost.set_value((m.x / unit + 1) ** 2 + (m.y / unit + 1) ** 2)
-        result = rcp.solve(m)
-        assert result.solved
+        result = solution(m)
         assert result.objective == pytest.approx(2.0, abs=1e-6)
 
 

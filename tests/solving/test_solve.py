@@ -1,11 +1,11 @@
 """`solve` on every backend: the same answers, the model given back, failures that keep their best point."""
 
-from __future__ import annotations
-
 import signal
 
 import pyomo.environ as pyo
 import pytest
+from harness.checked import solution
+from harness.phases import one_phase
 from harness.routes import BACKENDS, every_backend
 from harness.small_problems import corner
 
@@ -16,36 +16,24 @@ from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.solving import in_process_session
 from pyrobocop_pyomo.solving.iterates import Iterate
 
-RELAX = pyo.TransformationFactory("pyrobocop.relax_complementarity")
-
 
 def touching_mass(elements: int = 15) -> pyo.ConcreteModel:
     """A mass pushed towards a wall at 0: the wall pushes back only where it is touched."""
-    m = pyo.ConcreteModel(name="mass at a wall")
-    m.move = b = rcp.PhaseBlock(duration=1.5, elements=elements, scheme="implicit_euler")
+    m, b = one_phase("move", model="mass at a wall", duration=1.5, elements=elements, scheme="implicit_euler")
     b.gap = rcp.State(initial=1.0, bounds=(0, None), initial_guess=0.5)
     b.speed = rcp.State(initial=-1.0)
     b.contact = rcp.Algebraic(bounds=(0, None))
     b.push = rcp.Control(bounds=(-2, 2))
-    b.ode(mass_rates)
-    b.complementarity(wall)
+    b.ode(lambda b, t: {b.gap: b.speed[t], b.speed: b.push[t] + b.contact[t]})
+    b.complementarity(lambda b, t: rcp.complements(b.gap[t] >= 0, b.contact[t] >= 0), name="wall")
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.push[t] ** 2 + 4 * (b.gap[t] - 0.1) ** 2))
     return m
-
-
-def mass_rates(b, t):
-    return {b.gap: b.speed[t], b.speed: b.push[t] + b.contact[t]}
-
-
-def wall(b, t):
-    return rcp.complements(b.gap[t] >= 0, b.contact[t] >= 0)
 
 
 @every_backend
 def test_every_backend_finds_the_corner(backend: str) -> None:
     m = corner()
-    result = rcp.solve(m, backend=backend)
-    assert result.solved, str(result)
+    result = solution(m, backend=backend)
     result.raise_for_status()
     assert (m.x.value, m.y.value) == pytest.approx((2, 0), abs=1e-6)
     assert result.objective == pytest.approx(1.0, abs=1e-6)
@@ -72,8 +60,7 @@ def test_every_backend_finds_the_corner(backend: str) -> None:
 )
 def test_every_treatment_solves_the_mass_at_the_wall(backend: str, treatment: rcp.Strategy) -> None:
     m = touching_mass()
-    result = rcp.solve(m, backend=backend, strategies=treatment)
-    assert result.solved, str(result)
+    result = solution(m, backend=backend, strategies=treatment)
     assert result.largest_product <= 1e-7
     assert m.move.trajectory().verify().largest_violation <= 2e-4  # a pair at delta = 1e-8 may keep min(a, b) = 1e-4
     assert result.objective == pytest.approx(BEST_MASS, rel=1e-3)

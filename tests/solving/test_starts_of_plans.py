@@ -1,7 +1,5 @@
 """Which starts are tried for a plan around obstacles, in which order, and with what on the model."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import pyomo.environ as pyo

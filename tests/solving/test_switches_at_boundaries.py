@@ -1,11 +1,10 @@
 """Where pairs switch inside elements, `solve` moves the boundaries there, or says where it is and what to write."""
 
-from __future__ import annotations
-
 from math import sqrt
 
 import pyomo.environ as pyo
 import pytest
+from harness.phases import one_phase
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -17,8 +16,7 @@ HORIZON, TARGET = 2.0, 5 / 3
 
 def choose_the_start(elements: int, stages: int = 3) -> pyo.ConcreteModel:
     """x' = 2 - sign(x); a fixed mesh has a local minimum in every element (Stewart & Anitescu 2010)."""
-    m = pyo.ConcreteModel(name="start")
-    m.phase = b = rcp.PhaseBlock(duration=HORIZON, elements=elements, stages=stages)
+    m, b = one_phase("phase", model="start", duration=HORIZON, elements=elements, stages=stages)
     b.x = rcp.State(initial=(-2, 0), initial_guess=0)
     b.positive = rcp.mechanics.Step(b.x)
     b.ode(lambda b, t: {b.x: 3 - 2 * b.positive[t]})
@@ -34,8 +32,7 @@ def exact() -> float:
 
 def least_fuel(elements: int) -> pyo.ConcreteModel:
     """A unit mass by 1 in 3 s with |u| <= 1; the jumps are those of the sides, which no pair changes."""
-    m = pyo.ConcreteModel(name="fuel")
-    m.phase = b = rcp.PhaseBlock(duration=3.0, elements=elements)
+    m, b = one_phase("phase", model="fuel", duration=3.0, elements=elements)
     b.x, b.v = rcp.State(initial=0, final=1), rcp.State(initial=0, final=0)
     b.push, b.pull = rcp.Control(bounds=(0, 1)), rcp.Control(bounds=(0, 1))
     b.ode(lambda b, t: {b.x: b.v[t], b.v: b.push[t] - b.pull[t]})
@@ -88,8 +85,7 @@ def test_controls_that_jump_at_no_switch_of_a_pair_are_met_too() -> None:
 @settings(max_examples=15, deadline=None)
 @given(st.integers(2, 6), st.integers(1, 3), st.floats(-1.0, 1.0))
 def test_boundaries_that_begin_to_move_change_nothing_where_they_are(elements: int, stages: int, start: float) -> None:
-    m = pyo.ConcreteModel()
-    m.phase = b = rcp.PhaseBlock(start=start, duration=HORIZON, elements=elements, stages=stages)
+    m, b = one_phase("phase", start=start, duration=HORIZON, elements=elements, stages=stages)
     b.x = rcp.State(initial=1, initial_guess=lambda t: 1 + t * t)
     b.u = rcp.Control(initial_guess=lambda t: 2 - t)
     b.ode(lambda b, t: {b.x: b.u[t] * t + b.x[t]})
@@ -110,9 +106,7 @@ def test_boundaries_that_begin_to_move_change_nothing_where_they_are(elements: i
 
 
 def test_bounds_that_are_given_by_the_time_of_a_point_cannot_move() -> None:
-    m = pyo.ConcreteModel()
-    m.phase = b = rcp.PhaseBlock(duration=1.0, elements=3)
-    b.x = rcp.State(bounds=lambda t: (0, 1 + t))
+    _, b = one_phase("phase", duration=1.0, elements=3, x=rcp.State(bounds=lambda t: (0, 1 + t)))
     b.ode(lambda b, t: {b.x: 1 - b.x[t]})
     with pytest.raises(rcp.errors.ModelError, match="bounds of 'x'"):
         free_element_widths([b], (0.5, 2.0))

@@ -1,7 +1,5 @@
 """The table of strategies: a page shows it, a person can read it, and every row says for which figure it is there."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pyrobocop_pyomo

@@ -3,8 +3,6 @@
 Time is that of this process, for the deadlines and for the tests: other programs on the machine do not count.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterable
 from typing import Any

@@ -1,7 +1,5 @@
 """Options of Ipopt that the user gives win over every other, in every run."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pyomo.environ as pyo
@@ -16,6 +14,11 @@ import pyrobocop_pyomo as rcp
 
 USERS: Options = {"tol": 1e-9, "max_iter": 407, "mu_init": 0.05, "mu_strategy": "monotone"}
 STRATEGIES = ["barrier", "tight", "continuation", "elastic"]
+
+
+@pytest.fixture
+def seen(monkeypatch: pytest.MonkeyPatch) -> list[Options]:
+    return observe_options(monkeypatch)
 
 
 def as_numbers(options: Any, names: Any = USERS) -> dict[str, str]:
@@ -36,18 +39,16 @@ def own_path(backend: str, step: Any) -> bool:
 @pytest.mark.parametrize("strategy", STRATEGIES, ids=str)
 @pytest.mark.parametrize("name", ["bard1", "crossed qpec 2x4"])
 def test_every_run_of_every_strategy_uses_what_the_user_gave(
-    name: str, strategy: Any, backend: str, monkeypatch: pytest.MonkeyPatch
+    name: str, strategy: Any, backend: str, seen: list[Options]
 ) -> None:
-    seen = observe_options(monkeypatch)
     result = rcp.solve(mpcc_problem(name).build(), strategies=strategy, backend=backend, options=USERS)
     check(result, seen, backend)
 
 
 @every_backend
-def test_the_whole_sequence_on_a_problem_without_solution(backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_whole_sequence_on_a_problem_without_solution(backend: str, seen: list[Options]) -> None:
     m = mpcc_problem("bard1").build()
     m.never = pyo.Constraint(expr=sum(v**2 for v in m.component_data_objects(pyo.Var)) <= -1)
-    seen = observe_options(monkeypatch)
     result = rcp.solve(m, backend=backend, options={**USERS, "max_iter": 57})
     assert result.quality is rcp.Quality.INFEASIBLE
     check(result, seen, backend, {**USERS, "max_iter": 57})
@@ -72,19 +73,17 @@ def check(result: Any, seen: list[Options], backend: str, users: Options = USERS
 
 
 @every_backend
-def test_a_model_without_pairs(backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_model_without_pairs(backend: str, seen: list[Options]) -> None:
     m = pyo.ConcreteModel()
     m.x = pyo.Var(initialize=3.0)
     m.cost = pyo.Objective(expr=pyo.exp(m.x) - 2 * m.x)
-    seen = observe_options(monkeypatch)
     check(rcp.solve(m, backend=backend, options=USERS), seen, backend)
 
 
 @pytest.mark.casadi
-def test_every_round_of_planning_around_obstacles(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_round_of_planning_around_obstacles(seen: list[Options]) -> None:
     m = turning_move()
     avoiding(m)
-    seen = observe_options(monkeypatch)
     result = rcp.solve(m, options=USERS)
     assert result.safe
     check(result, seen, "vectorised")
@@ -103,18 +102,16 @@ def test_options_of_a_strategy_win_over_ours_and_lose_to_the_users() -> None:
 
 @pytest.mark.casadi
 @pytest.mark.parametrize("name", ["bound_relax_factor", "linear_solver", "warm_start_init_point", "s_max"])
-def test_options_that_are_also_set_here_are_the_users(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_options_that_are_also_set_here_are_the_users(name: str, seen: list[Options]) -> None:
     users = {"bound_relax_factor": 1e-9, "linear_solver": "mumps", "warm_start_init_point": "no", "s_max": 50.0}[name]
-    seen = observe_options(monkeypatch)
     result = rcp.solve(mpcc_problem("bard1").build(), strategies="continuation", options={name: users})
     assert all(options[name] == users for options in seen)
     assert all(step.options[name] == users for step in steps_of_ipopt(result))
 
 
 @pytest.mark.casadi
-def test_several_starts_and_paths_pass_the_options_on(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_several_starts_and_paths_pass_the_options_on(seen: list[Options]) -> None:
     m = weighted()
-    seen = observe_options(monkeypatch)
     for outcome in rcp.studies.multistart(m, 3, options=USERS):
         check(outcome.result, seen, "asl")
     seen.clear()

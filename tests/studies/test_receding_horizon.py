@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.phases import with_phase
 from harness.scenes import keep_clear, on_the_line
 
 import pyrobocop_pyomo as rcp
@@ -16,8 +17,7 @@ PARAMETRIZATIONS = ["collocated", "piecewise_constant", "piecewise_linear"]
 
 
 def regulator(parametrization: str = "collocated", start: float = 1.0, **options: Any) -> pyo.ConcreteModel:
-    m = pyo.ConcreteModel(name="regulator")
-    m.ahead = b = rcp.PhaseBlock(**{"duration": 3.0, "elements": 12, **options})
+    m, b = with_phase("ahead", "regulator", **{"duration": 3.0, "elements": 12, **options})
     b.x = rcp.State(initial=start)
     b.v = rcp.State(initial=0, derivative_bounds=(-3, 3))
     b.u = rcp.Control(bounds=(-2, 2), parametrization=parametrization)
@@ -138,8 +138,7 @@ def test_without_obstacles_nothing_is_said_of_safety() -> None:
 
 def test_first_step_starts_where_the_equations_have_values():
     """A guess of zero between the ends, where a rate by exp(-1 / T) has no value."""
-    m = pyo.ConcreteModel(name="reactor")
-    m.ahead = b = rcp.PhaseBlock(duration=1.0, elements=4)
+    m, b = with_phase("ahead", "reactor", duration=1.0, elements=4)
     b.temperature = rcp.State(initial=350)
     b.initialize({"temperature": 0.0})
     b.heat = rcp.Control(bounds=(-50, 50))

@@ -1,8 +1,5 @@
 """A rule is asked once: its template says on the grid and between its points what the rule itself would say."""
 
-from __future__ import annotations
-
-import copy
 import math
 from collections import Counter
 from typing import Any
@@ -10,6 +7,8 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.phases import one_phase
+from harness.small_problems import every_derivative
 from pyomo.core.expr.visitor import identify_variables
 
 import pyrobocop_pyomo as rcp
@@ -73,9 +72,10 @@ def counted(rule: Any, calls: Counter[str]) -> Any:
 @pytest.mark.parametrize("horizon", [1.5, rcp.Duration(bounds=(1, 2))], ids=["fixed", "free"])
 @pytest.mark.parametrize("name", TEMPLATES)
 def test_a_template_gives_the_rows_of_the_rule_and_asks_it_twice(name: str, horizon: Any) -> None:
-    b, calls = phase(duration=horizon), Counter[str]()
+    b, calls, costs = phase(duration=horizon), Counter[str](), Counter[str]()
     b.ode(counted(lambda b, t: {b.x: TEMPLATES[name](b, t)}, calls), name="said")
-    assert calls["rule"] == 2
+    b.integral(counted(TEMPLATES[name], costs))
+    assert calls["rule"] == costs["rule"] == 2
     assert b.record.statements[0].rule.is_template(b)
     rng = np.random.default_rng(5)
     for variable in b.component_data_objects(pyo.Var):
@@ -147,61 +147,16 @@ def test_step_maps_are_templates_with_the_states_before() -> None:
         before = t
 
 
-def test_a_copy_reads_the_copy() -> None:
-    b = phase()
-    b.ode(lambda _, t: {"x": b.model().p.k * b.u[t]})
-    copied = copy.deepcopy(b.model())
-    twin = copied.p
-    for model in (b, twin):
-        model.u.set_values(dict.fromkeys(model.u, 1.0))
-        model.v.set_values(dict.fromkeys(model.v, 0.0))
-    twin.k.set_value(2.0)
-    b.ode(lambda b, t: {b.v: 0.0})
-    twin.ode(lambda b, t: {b.v: 0.0})
-    assert b.simulate()["x"][-1] == pytest.approx(1.0 + 0.3 * 1.5)
-    assert twin.simulate()["x"][-1] == pytest.approx(1.0 + 2.0 * 1.5)
-
-
-@pytest.mark.ipopt
-def test_solving_verifying_simulating_and_reintegrating_ask_no_rule_again() -> None:
-    b, calls = phase(duration=rcp.Duration(bounds=(1.5, 2.0))), Counter[str]()
-    b.ode(counted(lambda b, t: {b.x: b.v[t], b.v: b.u[t] - b.k * b.x[t] * pyo.sin(t)}, calls))
-    b.residual(lambda b, t: b.z[t] == b.x[t] + b.u[t])
-    limits: Counter[str] = Counter()
-    b.constraint(counted(lambda b, t: b.z[t] <= 3 + t, limits))
-    costs: Counter[str] = Counter()
-    m = b.model()
-    m.cost = pyo.Objective(expr=b.integral(counted(lambda b, t: b.u[t] ** 2 + b.x[t] ** 2, costs)))
-    b.k.fix()
-    result = rcp.solve(m)
-    assert result.solved
-    verification = b.trajectory().verify()
-    assert verification.largest_violation < 1e-6
-    b.simulate()
-    b.reintegrate()
-    assert np.isfinite(b.element_errors()).all()
-    assert max(calls["rule"], limits["rule"], costs["rule"]) <= 2
-
-
-@pytest.mark.parametrize(
-    "backend",
-    [
-        pytest.param("asl", marks=pytest.mark.asl),
-        pytest.param("vectorised", marks=pytest.mark.casadi),
-    ],
-)
-def test_a_choice_by_the_time_is_the_side_that_holds_at_each_point(backend):
-    m = pyo.ConcreteModel()
-    m.b = b = rcp.PhaseBlock(duration=2.0, elements=20)
-    b.x = rcp.State(initial=0)
-    b.u = rcp.Control(bounds=(-1, 1))
+@every_derivative
+def test_a_choice_by_the_time_is_the_side_that_holds_at_each_point(derivatives):
+    m, b = one_phase("b", duration=2.0, elements=20, x=rcp.State(initial=0), u=rcp.Control(bounds=(-1, 1)))
     b.ode(
         lambda b, t: {
             b.x: pyo.Expr_if(IF=pyo.inequality(None, t, 1.0), THEN=1.0 + b.u[t], ELSE=b.u[t] - pyo.sin(b.x[t]))
         }
     )
     m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
-    assert rcp.solve(m, backend=backend, progress=False).solved
+    assert rcp.solve(m, backend=derivatives, progress=False).solved
     assert b.x[1.0].value == pytest.approx(1.0, abs=1e-7)
     # From there the exact motion is tan(x / 2) = tan(1 / 2) exp(1 - t).
     assert b.x[2.0].value == pytest.approx(2 * math.atan(math.tan(0.5) * math.exp(-1.0)), abs=1e-7)

@@ -201,13 +201,16 @@ def test_values_that_no_solve_left_say_so(tmp_path: Path) -> None:
 
 
 @pytest.mark.ipopt
-def test_a_solution_says_so_and_keeps_its_title(tmp_path: Path) -> None:
+def test_a_solution_says_so_as_do_its_clones_pickles_and_files_and_doubts_are_told(tmp_path: Path) -> None:
     m = cart()
-    rcp.solve(m)
-    plan = m.p.trajectory()
-    assert "'p', solved," in repr(plan)
-    assert plan.plot().get_suptitle() == "p"
+    result = rcp.solve(m)
+    for model in (m, m.clone(), pickle.loads(pickle.dumps(m))):
+        plan = model.p.trajectory()
+        assert plan.outcome == "solved"
+        assert "'p', solved," in repr(plan)
+        assert plan.plot().get_suptitle() == "p"
     assert rcp.Trajectory.load(plan.save(tmp_path / "plan")).outcome == "solved"
+    assert type(result)(**{**vars(result), "doubts": ("something",)}).outcome == "DOUBTFUL"
 
 
 @pytest.mark.ipopt
@@ -237,14 +240,6 @@ def test_what_is_changed_after_a_solve_is_no_solution() -> None:
 
 
 @pytest.mark.ipopt
-def test_clones_and_pickles_remember() -> None:
-    m = cart()
-    rcp.solve(m)
-    for other in (m.clone(), pickle.loads(pickle.dumps(m))):
-        assert other.p.trajectory().outcome == "solved"
-
-
-@pytest.mark.ipopt
 def test_a_point_that_a_study_loads_is_that_of_its_result() -> None:
     m = cart()
     several = rcp.studies.multistart(m, starts=2)
@@ -252,11 +247,3 @@ def test_a_point_that_a_study_loads_is_that_of_its_result() -> None:
     m.p.x[0.5].set_value(0.3)
     several.load(1)
     assert m.p.trajectory().outcome == several.outcomes[1].result.outcome == "solved"
-
-
-@pytest.mark.ipopt
-def test_doubts_are_told() -> None:
-    m = cart()
-    result = rcp.solve(m)
-    doubtful = type(result)(**{**vars(result), "doubts": ("something",)})
-    assert doubtful.outcome == "DOUBTFUL"

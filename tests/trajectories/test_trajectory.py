@@ -7,7 +7,7 @@ from zipfile import ZipFile
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.phases import oscillators
+from harness.phases import oscillators, with_phase
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -90,8 +90,7 @@ def test_values_are_read_by_name() -> None:
 
 def with_expressions(scheme: Any, **values: Any) -> Any:
     """Expressions over the times and over the points, of degrees that the polynomials of the scheme have."""
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=2.0, elements=3, scheme=scheme)
+    _, b = with_phase("p", duration=2.0, elements=3, scheme=scheme)
     b.x, b.u = rcp.State(initial_guess=lambda t: 1 + t), rcp.Control(initial_guess=3)
     b.l = rcp.Control(initial_guess=lambda t: t, parametrization="piecewise_linear")
     b.twice = pyo.Expression(b.time, rule=lambda b, t: 2 * b.x[t])

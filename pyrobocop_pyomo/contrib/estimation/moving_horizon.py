@@ -181,7 +181,7 @@ class MovingHorizon:
                 variables.append(variable)
                 times.append(moment)
         self._moments = np.array(times)
-        self._cost = QuadraticCost(variables, blocks=[np.arange(len(estimated))])
+        self._cost = QuadraticCost(variables, dense=len(estimated))
         self._outputs = self._places(added.output.values()).reshape(len(self._times), len(self._measures))
         self._noise = [
             (self._places(self._values.variables[name]), weight)
@@ -233,7 +233,7 @@ class MovingHorizon:
         stated, seen = program.compiled.nlp, program.program
         seen.g_lower = np.where(ahead, -np.inf, stated.g_lower)
         seen.g_upper = np.where(ahead, np.inf, stated.g_upper)
-        cost.diagonal[:], cost.linear[:], cost.dense[0][:] = self._squares(self._newest)
+        cost.diagonal[:], cost.linear[:], cost.dense[:] = self._squares(self._newest)
         outcome = program.solve(mu=mu, time_limit=time_limit)
         if not outcome.status.solved:
             program.compiled.load_point(start)

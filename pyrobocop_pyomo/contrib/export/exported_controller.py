@@ -21,9 +21,9 @@ from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases import Control
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
 from pyrobocop_pyomo.programs.compiled_terms import SOURCE as TERM_EVALUATION
-from pyrobocop_pyomo.programs.compiled_terms import CompiledFunction, CompiledTerm
+from pyrobocop_pyomo.programs.compiled_terms import CompiledFunction
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
-from pyrobocop_pyomo.programs.summed_terms import SummedTerms
+from pyrobocop_pyomo.programs.summed_terms import SummedTerms, TermFunction
 from pyrobocop_pyomo.programs.vectorised_program import VectorisedProgram
 from pyrobocop_pyomo.solving.ipopt_options import warm_start
 from pyrobocop_pyomo.studies.receding_horizon import RecedingHorizon
@@ -235,22 +235,21 @@ def program_source(program: VectorisedProgram, states: Sequence[Any], source: CS
 
 
 def _sums(name: str, rows: SummedTerms, source: CSource) -> str:
-    compiled = rows.compiled
-    offsets = source.array(compiled.offsets, f"{name}_offsets", constant=False)
-    source.structures("Term", f"{name}_terms", [_term(term, source) for term in compiled.terms])
-    linear = ", ".join(map(source.array, compiled.linear))
-    entries = source.array(compiled.constant_entries)
+    offsets = source.array(rows.offsets, f"{name}_offsets", constant=False)
+    source.structures("Term", f"{name}_terms", [_term(term, source) for term in rows.functions])
+    linear = ", ".join(map(source.array, rows.linear))
+    entries = source.array(rows.constant_entries)
     return (
-        f"{{{rows.rows}, {compiled.constant_entries.size}, {len(compiled.terms)}, {name}_terms, {offsets}, {linear}, "
-        f"{entries}}}"
+        f"{{{rows.rows}, {rows.constant_entries.size}, {len(rows.functions)}, {name}_terms, {offsets}, {linear}, "
+        f"{entries}, {rows.work}}}"
     )
 
 
-def _term(term: CompiledTerm, source: CSource) -> str:
+def _term(term: TermFunction, source: CSource) -> str:
     numbers = source.array(term.numbers, constant=False)
     arrays = [source.array(term.columns), numbers, source.array(term.rows), source.array(term.scales)]
     functions = [_function(function, source) for function in term.functions]
-    return f"{{{term.instances}, {', '.join(arrays)}, {', '.join(functions)}}}"
+    return f"{{{term.instances}, {', '.join(arrays)}, {{{', '.join(functions)}}}}}"
 
 
 def _function(function: CompiledFunction, source: CSource) -> str:
@@ -271,7 +270,7 @@ def _given(rows: SummedTerms, parameters: np.ndarray, state_of: Mapping[Any, int
 
 def _places(rows: SummedTerms, state_of: Mapping[Any, int], source: CSource) -> list[str]:
     return [
-        f"{{{source.array(function.compiled.numbers)} + {place}, {state_of[k]}}}"
+        f"{{{source.array(function.numbers)} + {place}, {state_of[k]}}}"
         for function in rows.functions
         for place, k in zip(function.places_of_parameters.tolist(), function.parameters.tolist(), strict=True)
         if k in state_of

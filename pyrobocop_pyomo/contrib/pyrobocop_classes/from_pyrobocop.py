@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from functools import partial
 from typing import Any
 
@@ -11,12 +11,12 @@ from pyomo.common.numeric_types import native_numeric_types
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.PyomoModel import ConcreteModel
 from pyomo.core.base.var import ScalarVar
-from pyomo.core.expr.numeric_expr import DivisionExpression, NegationExpression, ProductExpression, SumExpression
+from pyomo.repn import generate_standard_repn
 
 from pyrobocop_pyomo.complementarity import complements
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_arrays import ArrayEntry, plain_entry, plain_scalar
-from pyrobocop_pyomo.modeling.shared_nodes import NodeReplacement, variables_in_any
+from pyrobocop_pyomo.modeling.shared_nodes import NodeReplacement
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases import Algebraic, Control, Parameter, PhaseBlock, State
 
@@ -257,32 +257,12 @@ def _explicit_rates(rates: dict[str, Any], rows: list[Any]) -> dict[str, tuple[i
     names = {id(rate): name for name, rate in rates.items()}
     given: dict[str, tuple[int, Any]] = {}
     for i, row in enumerate(rows):
-        summands = list(_summands(row))
-        of_rates = [(factor, names[id(node)]) for factor, node in summands if factor and id(node) in names]
-        others = [(factor, node) for factor, node in summands if id(node) not in names]
-        if len(of_rates) == 1 and names.keys().isdisjoint(variables_in_any(node for _, node in others)):
-            of_rate, name = of_rates[0]
-            given.setdefault(name, (i, sum(-factor / of_rate * node for factor, node in others)))
+        found = generate_standard_repn(row, compute_values=False, quadratic=False)
+        terms = zip(found.linear_coefs, found.linear_vars, strict=True)
+        of_rates = [(factor, rate) for factor, rate in terms if id(rate) in names]
+        if len(of_rates) == 1 and names.keys().isdisjoint(map(id, found.nonlinear_vars)):
+            factor, rate = of_rates[0]
+            if factor.__class__ in native_numeric_types:
+                rest = NodeReplacement({id(rate): 0.0}).of(row)
+                given.setdefault(names[id(rate)], (i, -rest / factor))
     return given
-
-
-def _summands(row: Any) -> Iterator[tuple[float, Any]]:
-    """What a row is the sum of, and the number in front of each."""
-    pending = [(1.0, row)]
-    while pending:
-        factor, node = pending.pop()
-        if isinstance(node, SumExpression):
-            pending += [(factor, part) for part in reversed(node.args)]
-        elif isinstance(node, NegationExpression):
-            pending.append((-factor, node.args[0]))
-        elif isinstance(node, ProductExpression) and any(_is_number(part) for part in node.args):
-            number, part = sorted(node.args, key=_is_number, reverse=True)
-            pending.append((factor * number, part))
-        elif isinstance(node, DivisionExpression) and _is_number(node.args[1]):
-            pending.append((factor / node.args[1], node.args[0]))
-        else:
-            yield factor, node
-
-
-def _is_number(node: Any) -> bool:
-    return node.__class__ in native_numeric_types

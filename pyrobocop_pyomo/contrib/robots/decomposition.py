@@ -6,16 +6,19 @@ triangle mesh is cut along the planes of the triangles inside, and cells are mer
 
 from __future__ import annotations
 
-import itertools
-from typing import Any
+import heapq
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
 
 import numpy as np
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry.polyhedra import convex_hull
 from pyrobocop_pyomo.geometry.polytope import Polytope
-from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE, ROUNDING
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.optional_imports import scipy, shapely
+
+Part = TypeVar("Part")
 
 LARGEST_NUMBER = 400
 
@@ -78,51 +81,14 @@ def _polygons(shape: Any, name: str) -> list[Any]:
 
 
 def _convex_polygons(polygon: Any) -> list[np.ndarray]:
-    """Corners (k, 2), counter-clockwise, of each part."""
+    """Corners (k, 2) of each part."""
     triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
-    rings = [shapely.get_coordinates(triangle)[:3] for triangle in triangles]
-    corners, inverse = np.unique(np.vstack(rings), axis=0, return_inverse=True)
-    tolerance = ROUNDING * float(np.ptp(corners, axis=0).max()) ** 2
-    parts: dict[int, list[int]] = {}
-    for k, (ring, rows) in enumerate(zip(rings, inverse.reshape(-1, 3).tolist(), strict=True)):
-        parts[k] = rows if _turn(*ring) > 0.0 else rows[::-1]
-    # Long diagonals first: this gives compact parts.
-    sides = {(a, b): k for k, rows in parts.items() for a, b in _around(rows)}
-    diagonals = [(a, b) for a, b in sides if a < b and (b, a) in sides]
-    for a, b in sorted(diagonals, key=lambda ends: -float(np.linalg.norm(corners[ends[0]] - corners[ends[1]]))):
-        left, right = sides[a, b], sides[b, a]
-        if left == right:
-            continue
-        merged = _without(parts[left], a, b) + _without(parts[right], b, a)
-        if _is_convex(corners[merged], tolerance):
-            parts[left] = merged
-            for side in _around(parts.pop(right)):
-                sides[side] = left
-    return [corners[rows] for rows in parts.values()]
+    return _merged([shapely.get_coordinates(triangle) for triangle in triangles], _hull_in_the_plane)
 
 
-def _around(rows: list[int]) -> list[tuple[int, int]]:
-    return list(zip(rows, [*rows[1:], rows[0]], strict=True))
-
-
-def _without(rows: list[int], a: int, b: int) -> list[int]:
-    """From b around to before a: the outline less its side from a to b, its last corner left to the neighbour."""
-    start = rows.index(b)
-    return [*rows[start:], *rows[:start]][:-1]
-
-
-def _is_convex(ring: np.ndarray, tolerance: float) -> bool:
-    before, after = ring - np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0) - ring
-    turns = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-    if turns.min() < -tolerance:
-        return False
-    # All turns to the left, and only once around.
-    angles = np.arctan2(turns, (before * after).sum(axis=1))
-    return bool(angles.sum() < 3.0 * np.pi)
-
-
-def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
-    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+def _hull_in_the_plane(points: np.ndarray) -> tuple[np.ndarray, float]:
+    hull = shapely.MultiPoint(points).convex_hull
+    return shapely.get_coordinates(hull), hull.area
 
 
 def convex_cells(vertices: np.ndarray, faces: np.ndarray, name: str) -> list[np.ndarray]:
@@ -161,7 +127,7 @@ def convex_cells(vertices: np.ndarray, faces: np.ndarray, name: str) -> list[np.
         normal = np.cross(cutting[1] - cutting[0], cutting[2] - cutting[0]) / areas.max()
         for side in (normal, -normal):
             closed.append((_half(corners, side, float(side @ cutting[0]), NEGLIGIBLE * extent), near))
-    return _merged(cells)
+    return _merged(cells, _hull_in_space)
 
 
 def _refuse_open_meshes(faces: np.ndarray, name: str) -> None:
@@ -230,18 +196,70 @@ def _winding(triangles: np.ndarray, point: np.ndarray) -> float:
     return float(np.arctan2(numerator, denominator).sum() / (2.0 * np.pi))
 
 
-def _merged(cells: list[np.ndarray]) -> list[np.ndarray]:
-    """Put cells together while the hull of two holds no more than the two."""
-    volumes = [scipy.spatial.ConvexHull(cell).volume for cell in cells]
-    changed = True
-    while changed:
-        changed = False
-        for i, j in itertools.combinations(range(len(cells)), 2):
-            both = np.vstack([cells[i], cells[j]])
-            hull = scipy.spatial.ConvexHull(both)
-            if hull.volume <= (volumes[i] + volumes[j]) * (1.0 + NEGLIGIBLE):
-                cells[i], volumes[i] = both[hull.vertices], hull.volume
-                del cells[j], volumes[j]
-                changed = True
-                break
-    return cells
+def _hull_in_space(points: np.ndarray) -> tuple[np.ndarray, float]:
+    hull = scipy.spatial.ConvexHull(points)
+    return points[hull.vertices], hull.volume
+
+
+# -------------------------------------------------------------------------------------------------------------- joining
+
+
+def _merged(cells: list[np.ndarray], hull_of: Callable[[np.ndarray], tuple[np.ndarray, float]]) -> list[np.ndarray]:
+    """Put cells together while the hull of two holds no more than the two.
+
+    Parameters
+    ----------
+    cells : list of (k, d) arrays
+    hull_of : callable
+        Corners and volume of a hull of points.
+    """
+
+    def join(one: tuple[np.ndarray, float], other: tuple[np.ndarray, float]) -> tuple[np.ndarray, float] | None:
+        hull = hull_of(np.vstack([one[0], other[0]]))
+        return hull if hull[1] <= (one[1] + other[1]) * (1.0 + NEGLIGIBLE) else None
+
+    return [corners for corners, _ in joined(map(hull_of, cells), lambda cell: cell[0], 0.0, join)]
+
+
+def joined(
+    parts: Iterable[Part],
+    points_of: Callable[[Part], np.ndarray],
+    far: float,
+    join: Callable[[Part, Part], Part | None],
+) -> list[Part]:
+    """Put one part in the place of two while that may be, those in the smallest box first.
+
+    Parameters
+    ----------
+    parts : iterable
+    points_of : callable
+        Points (k, d) whose hull a part is.
+    far : float
+        Parts whose boxes are farther apart stay apart.
+    join : callable
+        Makes one part of two; None where they stay apart.
+    """
+    known: dict[int, Part] = {}
+    boxes: list[tuple[np.ndarray, np.ndarray]] = []
+    waiting: list[tuple[float, int, int]] = []
+
+    def add(part: Part) -> None:
+        points = points_of(part)
+        low, high = points.min(axis=0), points.max(axis=0)
+        for other in known:
+            other_low, other_high = boxes[other]
+            if (low <= other_high + far).all() and (other_low <= high + far).all():
+                extent = float(np.linalg.norm(np.maximum(high, other_high) - np.minimum(low, other_low)))
+                heapq.heappush(waiting, (extent, other, len(boxes)))
+        known[len(boxes)] = part
+        boxes.append((low, high))
+
+    for part in parts:
+        add(part)
+    while waiting:
+        _, i, j = heapq.heappop(waiting)
+        made = join(known[i], known[j]) if i in known and j in known else None
+        if made is not None:
+            del known[i], known[j]
+            add(made)
+    return list(known.values())

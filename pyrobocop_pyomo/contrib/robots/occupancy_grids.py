@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import heapq
 import itertools
 import logging
 import math
-from collections.abc import Callable, Iterable
+from bisect import bisect
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -18,9 +17,9 @@ from pyrobocop_pyomo.geometry.polytope import Polytope
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.optional_imports import scipy
 
-logger = logging.getLogger(__name__)
+from .decomposition import joined
 
-Part = TypeVar("Part")
+logger = logging.getLogger(__name__)
 
 # Of 0 to 100, or of 0 to 1: what the map server of ROS takes for occupied.
 _OCCUPIED = 0.65
@@ -77,11 +76,10 @@ def cover_occupancy_grid(
     reach = 1.0 if tolerance is None else float(tolerance) / float(resolution)
     if not (math.isfinite(reach) and reach >= 0.0):
         raise ObstacleError(f"'{name}': tolerance {tolerance!r}; expected a length that is not negative.")
-    boxes = _boxes(cells)
-    parts = [(_corners(low, high), 0.0) for low, high in boxes]
+    parts = [(corners, 0.0) for corners in _boxes(cells)]
     if cells.ndim == 2 and reach > 0.0 and len(parts) > 1:
         distance = np.asarray(scipy.ndimage.distance_transform_edt(~cells))
-        parts = _joined_boxes([corners for corners, _ in parts], distance, reach)
+        parts = _joined_boxes(parts, distance, reach)
     logger.info("'%s': %d occupied cells are covered by %d shapes.", name, int(cells.sum()), len(parts))
     shapes = []
     for k, (corners, more) in enumerate(parts, start=1):
@@ -139,161 +137,65 @@ def _read_origin(origin: Any, dimension: int, name: str) -> tuple[np.ndarray, np
 # --------------------------------------------------------------------------------------------------------------- boxes
 
 
-def _boxes(cells: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Boxes of occupied cells (lower, upper corner) that cover all of them; they may overlap.
+def _boxes(cells: np.ndarray) -> list[np.ndarray]:
+    """Corners of boxes of occupied cells that cover all of them; they may overlap.
 
     From a cell that is not covered, a box grows along one axis after the other, in every order of the axes. The one
     with most cells that are not covered yet is taken.
     """
-    counts = np.zeros([size + 1 for size in cells.shape], dtype=np.int64)
-    counts[(slice(1, None),) * cells.ndim] = cells
-    for axis in range(cells.ndim):
-        counts = counts.cumsum(axis=axis)
     remaining = cells.copy()
     orders = list(itertools.permutations(range(cells.ndim)))
     flat, first = remaining.ravel(), 0
-    boxes: list[tuple[np.ndarray, np.ndarray]] = []
+    boxes: list[np.ndarray] = []
     while True:
         first += int(np.argmax(flat[first:]))
         if not flat[first]:
             return boxes
-        seed = np.array(np.unravel_index(first, cells.shape))
-        grown = [_grown(counts, seed, order) for order in orders]
-        low, high = max(grown, key=lambda box: int(remaining[_region(*box)].sum()))
-        remaining[_region(low, high)] = False
-        boxes.append((low, high))
+        seed = np.array(np.unravel_index(first, cells.shape)).tolist()
+        box = max((_grown(cells, seed, order) for order in orders), key=lambda box: int(remaining[box].sum()))
+        remaining[box] = False
+        boxes.append(np.array(list(itertools.product(*((side.start, side.stop) for side in box))), dtype=float))
 
 
-def _region(low: np.ndarray, high: np.ndarray) -> tuple[slice, ...]:
-    return tuple(slice(a, b) for a, b in zip(low.tolist(), high.tolist(), strict=True))
-
-
-def _grown(counts: np.ndarray, seed: np.ndarray, order: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    low, high = seed.copy(), seed + 1
+def _grown(cells: np.ndarray, seed: list[int], order: tuple[int, ...]) -> tuple[slice, ...]:
+    box = [slice(place, place + 1) for place in seed]
     for axis in order:
-        for end, step, most in ((high, 1, counts.shape[axis] - 1 - high[axis]), (low, -1, low[axis])):
-            start = int(end[axis])
-            near, far = 0, int(most)
-            while near < far:  # a box that is full stays full when it shrinks: bisection
-                middle = (near + far + 1) // 2
-                end[axis] = start + step * middle
-                near, far = (middle, far) if _is_full(counts, low, high) else (near, middle - 1)
-            end[axis] = start + step * near
-    return low, high
-
-
-def _is_full(counts: np.ndarray, low: np.ndarray, high: np.ndarray) -> bool:
-    total, volume = 0, 1
-    ends = list(zip(low.tolist(), high.tolist(), strict=True))
-    for chosen in itertools.product((0, 1), repeat=len(ends)):
-        at = tuple(end[which] for end, which in zip(ends, chosen, strict=True))
-        total += int(counts[at]) * (1 if (len(ends) - sum(chosen)) % 2 == 0 else -1)
-    for a, b in ends:
-        volume *= b - a
-    return total == volume
-
-
-def _corners(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    return np.array(list(itertools.product(*zip(low.tolist(), high.tolist(), strict=True))), dtype=float)
+        box[axis] = slice(None)
+        is_full = np.asarray(cells[tuple(box)].all(axis=tuple(other for other in order if other != axis)))
+        ends = [-1, *np.flatnonzero(~is_full).tolist(), len(is_full)]
+        k = bisect(ends, seed[axis])
+        box[axis] = slice(ends[k - 1] + 1, ends[k])
+    return tuple(box)
 
 
 # -------------------------------------------------------------------------------------------------------------- joining
 
 
-def joined(
-    parts: Iterable[Part],
-    cost: Callable[[Part, Part], float | None],
-    join: Callable[[Part, Part], Part | None],
-    holds: Callable[[Part, Part], bool] = lambda part, other: False,
-) -> list[Part]:
-    """Put one part in the place of two while that may be, the pair of least cost first.
-
-    Parameters
-    ----------
-    parts : iterable
-    cost : callable
-        Of joining two parts; None for those that stay apart.
-    join : callable
-        Makes one part of two; None where they stay apart after all.
-    holds : callable
-        Whether a part that was made holds another one, which is left out then.
-    """
-    known = dict(enumerate(parts))
-    waiting: list[tuple[float, int, int]] = []
-
-    def propose(i: int, j: int) -> None:
-        price = cost(known[i], known[j])
-        if price is not None:
-            heapq.heappush(waiting, (price, i, j))
-
-    for i, j in itertools.combinations(known, 2):
-        propose(i, j)
-    number = len(known)
-    while waiting:
-        _, i, j = heapq.heappop(waiting)
-        made = join(known[i], known[j]) if i in known and j in known else None
-        if made is None:
-            continue
-        del known[i], known[j]
-        known = {place: part for place, part in known.items() if not holds(made, part)}
-        known[number] = made
-        for other in [*known][:-1]:
-            propose(other, number)
-        number += 1
-    return list(known.values())
-
-
-def _joined_boxes(boxes: list[np.ndarray], distance: np.ndarray, reach: float) -> list[tuple[np.ndarray, float]]:
+def _joined_boxes(
+    boxes: list[tuple[np.ndarray, float]], distance: np.ndarray, reach: float
+) -> list[tuple[np.ndarray, float]]:
     """Hulls with their excess: of two, while it enters no free cell that is too far from the occupied ones.
 
     The point with a given place in its cell is as far from the point with the same place in the nearest occupied cell
     as the centres of both cells are: distances of centres bound those of all points.
     """
-    near = reach + 1.0
 
-    def join(one: tuple[np.ndarray, float], other: tuple[np.ndarray, float]) -> tuple[np.ndarray, float]:
-        hull = _hull(np.vstack([one[0], other[0]]))
-        return hull, _largest_distance(hull, distance)
+    def join(one: tuple[np.ndarray, float], other: tuple[np.ndarray, float]) -> tuple[np.ndarray, float] | None:
+        made = _hull_with_excess(np.vstack([one[0], other[0]]), distance)
+        return made if made[1] <= reach else None
 
-    def cost(one: tuple[np.ndarray, float], other: tuple[np.ndarray, float]) -> float | None:
-        (a, _), (b, _) = one, other
-        if ((a.min(axis=0) > b.max(axis=0) + near) | (b.min(axis=0) > a.max(axis=0) + near)).any():
-            return None
-        hull, more = join(one, other)
-        return _area(hull) - _area(a) - _area(b) if more <= reach else None
-
-    return joined([(_hull(box), 0.0) for box in boxes], cost, join, lambda part, other: _is_within(other[0], part[0]))
+    return joined(boxes, lambda part: part[0], reach + 1.0, join)
 
 
-def _hull(points: np.ndarray) -> np.ndarray:
-    return points[convex_hull(points).corners]
-
-
-def _area(corners: np.ndarray) -> float:
-    x, y = corners.T
-    return float(0.5 * (x * np.roll(y, -1) - y * np.roll(x, -1)).sum())
-
-
-def _sides(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Outward unit normals and offsets of the sides of a polygon with corners counter-clockwise."""
-    along = np.roll(corners, -1, axis=0) - corners
-    normals = np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
-    return normals, (normals * corners).sum(axis=1)
-
-
-def _is_within(inner: np.ndarray, outer: np.ndarray) -> bool:
-    normals, offsets = _sides(outer)
-    return bool((inner @ normals.T <= offsets + NEGLIGIBLE).all())
-
-
-def _largest_distance(corners: np.ndarray, distance: np.ndarray) -> float:
-    """Largest distance from an occupied cell among the cells that a polygon enters."""
-    low = np.floor(corners.min(axis=0) + NEGLIGIBLE).astype(int)
-    high = np.ceil(corners.max(axis=0) - NEGLIGIBLE).astype(int)
+def _hull_with_excess(points: np.ndarray, distance: np.ndarray) -> tuple[np.ndarray, float]:
+    """Corners of a hull, and the largest distance from an occupied cell among the cells that it enters."""
+    hull = convex_hull(points)
+    low = np.floor(points.min(axis=0) + NEGLIGIBLE).astype(int)
+    high = np.ceil(points.max(axis=0) - NEGLIGIBLE).astype(int)
     x, y = (np.arange(a, b) + 0.5 for a, b in zip(low, high, strict=True))
-    normals, offsets = _sides(corners)
     entered = np.ones((len(x), len(y)), dtype=bool)
-    for (across, up), offset in zip(normals.tolist(), offsets.tolist(), strict=True):
+    for (across, up), offset in zip(hull.normals.tolist(), hull.offsets.tolist(), strict=True):
         nearest = across * x[:, None] + up * y[None, :] - 0.5 * (abs(across) + abs(up))
         entered &= nearest < offset - NEGLIGIBLE
-    return float(distance[low[0] : high[0], low[1] : high[1]][entered].max(initial=0.0))
+    excess = float(distance[low[0] : high[0], low[1] : high[1]][entered].max(initial=0.0))
+    return points[hull.corners], excess

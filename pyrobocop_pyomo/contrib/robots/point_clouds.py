@@ -15,7 +15,7 @@ from pyrobocop_pyomo.geometry.polytope import Polytope
 from pyrobocop_pyomo.geometry.polytope_input import read_points
 from pyrobocop_pyomo.optional_imports import scipy
 
-from .occupancy_grids import joined
+from .decomposition import joined
 
 logger = logging.getLogger(__name__)
 
@@ -73,10 +73,6 @@ def cover_point_cloud(points: Any, tolerance: float, *, radius: float = 0.0, nam
     ]
 
 
-# Points by their numbers, and the box around them.
-_Boxed = tuple[np.ndarray, np.ndarray, np.ndarray]
-
-
 class _Cover:
     """Sets of points (indices) whose hulls stay near the points."""
 
@@ -104,30 +100,12 @@ class _Cover:
         return done
 
     def joined(self, parts: list[np.ndarray]) -> list[np.ndarray]:
-        """Join neighbours while the hull of both is near enough, the smallest joint extent first."""
-        return [part for part, _, _ in joined(map(self._in_a_box, parts), self._extent, self._join)]
+        """Join neighbours while the hull of both is near enough."""
+        return joined(parts, lambda part: self.cloud[part], 2.0 * self.tolerance, self._join)
 
-    def _in_a_box(self, part: np.ndarray) -> _Boxed:
-        return part, self.cloud[part].min(axis=0), self.cloud[part].max(axis=0)
-
-    def _extent(self, one: _Boxed, other: _Boxed) -> float | None:
-        """Size of the box around two sets; None for sets that are no neighbours."""
-        (_, low, high), (_, other_low, other_high) = one, other
-        far = 2.0 * self.tolerance
-        if not ((low <= other_high + far).all() and (other_low <= high + far).all()):
-            return None
-        return float(np.linalg.norm(np.maximum(high, other_high) - np.minimum(low, other_low)))
-
-    def _join(self, one: _Boxed, other: _Boxed) -> _Boxed | None:
-        both = np.concatenate([one[0], other[0]])
-        return self._in_a_box(self._corners(both)) if self._is_near(self.cloud[both]) else None
-
-    def _corners(self, part: np.ndarray) -> np.ndarray:
-        """The points of a set that its hull is made of: the others are inside."""
-        points = self.cloud[part]
-        basis = affine_basis(points, np.zeros((0, points.shape[1])))
-        flat = (points - points[0]) @ basis.T
-        return part[convex_hull(flat).corners] if len(basis) == points.shape[1] else part
+    def _join(self, one: np.ndarray, other: np.ndarray) -> np.ndarray | None:
+        both = np.concatenate([one, other])
+        return both if self._is_near(self.cloud[both]) else None
 
     def _is_near(self, points: np.ndarray) -> bool:
         """Whether the boundary of the hull is nowhere farther than the tolerance from a point of the cloud."""

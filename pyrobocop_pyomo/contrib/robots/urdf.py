@@ -17,7 +17,7 @@ import numpy as np
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, Pose, signed_distance
 from pyrobocop_pyomo.motion import Body
-from pyrobocop_pyomo.optional_imports import yourdfpy
+from pyrobocop_pyomo.optional_imports import networkx, yourdfpy
 from pyrobocop_pyomo.presentation import Presented, table
 
 from .collision_shapes import MESHES, shapes_of_link
@@ -185,13 +185,11 @@ def _tree_of(robot: Any) -> KinematicTree:
     if len(roots) != 1:
         raise ObstacleError(f"robot '{robot.name}' has the root links {roots}; expected one that no joint moves.")
     tree = KinematicTree(roots[0], joints)
-    for name in names:
-        link, seen = name, {name}
-        while link != tree.root:
-            link = joints[link].parent
-            if link in seen:
-                raise ObstacleError(f"robot '{robot.name}': link '{name}' is in a loop of joints.")
-            seen.add(link)
+    reached = networkx.DiGraph((joint.parent, link) for link, joint in joints.items())
+    reached.add_node(tree.root)
+    loose = set(joints) - networkx.descendants(reached, tree.root)
+    if loose:
+        raise ObstacleError(f"robot '{robot.name}': link '{min(loose)}' is in a loop of joints, or behind one.")
     return tree
 
 
@@ -232,11 +230,7 @@ def _coordinate_rule(joint: str, given: Any, kind: str) -> Callable[[Any, Any], 
     if callable(given):
         return given
     if isinstance(given, str):
-
-        def of_state(block: Any, t: Any) -> Any:
-            return getattr(block, given)[t]
-
-        return of_state
+        return lambda block, t: getattr(block, given)[t]
     fits = isinstance(given, Pose) if kind in WITH_A_POSE else isinstance(given, (int, float, np.number))
     if not fits:
         expected = "a pose" if kind in WITH_A_POSE else "a number"
@@ -244,11 +238,7 @@ def _coordinate_rule(joint: str, given: Any, kind: str) -> Callable[[Any, Any], 
             f"joint '{joint}' ({kind}) is given {given!r}; expected a rule(block, t), the name of a state, or "
             f"{expected}."
         )
-
-    def constant(block: Any, t: Any) -> Any:
-        return given
-
-    return constant
+    return lambda block, t: given
 
 
 def _rule_of_base(base: Any) -> Callable[[Any, Any], Pose | None]:
@@ -320,25 +310,21 @@ def _disabled(srdf: str | Path | None) -> list[tuple[str, str]]:
 def _excluded(tree: KinematicTree, links: list[str], disabled: list[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
     """Pairs that are fixed to each other or joined by one joint, links without geometry between them left out."""
     groups = {link: tree.rigid_group(link) for link in links}
-    with_geometry = set(groups.values())
-    parents: dict[str, str] = {}
-    for group in with_geometry - {tree.root}:
-        above = tree.rigid_group(tree.joints[group].parent)
-        while above not in with_geometry and above != tree.root:
-            above = tree.rigid_group(tree.joints[above].parent)
-        parents[group] = above
-    pairs = {
+
+    def next_to_root(group: str) -> str | None:
+        while group != tree.root:
+            group = tree.rigid_group(tree.joints[group].parent)
+            if group in groups.values():
+                return group
+        return None
+
+    near = {link: (group, next_to_root(group)) for link, group in groups.items()}
+    left_out = set(map(frozenset, disabled))
+    return tuple(
         (first, second)
         for first, second in itertools.combinations(links, 2)
-        if groups[first] == groups[second]
-        or parents.get(groups[first]) == groups[second]
-        or parents.get(groups[second]) == groups[first]
-    }
-    for first, second in disabled:
-        if first in groups and second in groups and (second, first) not in pairs:
-            pairs.add((first, second))
-    order = {link: place for place, link in enumerate(links)}
-    return tuple(sorted(pairs, key=lambda pair: (order[pair[0]], order[pair[1]])))
+        if groups[first] in near[second] or groups[second] in near[first] or frozenset((first, second)) in left_out
+    )
 
 
 def _warn_of_overlaps(robot: DescribedRobot, shapes: Mapping[str, list[Polytope]]) -> None:

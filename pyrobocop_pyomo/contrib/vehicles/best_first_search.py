@@ -19,7 +19,7 @@ from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.numerics import Array, BoolArray, Indices
 
 from .cost_to_go import Bounds, CostToGo
-from .free_space import FreeSpace, FreeSpaceWithTrailer
+from .free_space import FreeSpace, FreeSpaceWithTrailer, are_free
 from .motion_primitives import COARSE_HEADINGS, MotionPrimitives
 
 # Poses that are expanded together: array operations on a few hundred motions cost little more than on ten. As many
@@ -181,8 +181,8 @@ class BestFirstSearch:
         motions = self.primitives.follow(poses, arcs, curvatures)
         clear = self.within(motions)
         coarse = motions[clear, ::STRIDE]
-        free = self.space.are_free(coarse.reshape(-1, motions.shape[-1])).reshape(coarse.shape[:2]).all(axis=1)
-        clear[clear] = free
+        free = are_free(self.space, coarse.reshape(-1, motions.shape[-1]))
+        clear[clear] = free.reshape(coarse.shape[:2]).all(axis=1)
         kept = np.flatnonzero(clear)
         spacings = np.full(len(kept), self.primitives.spacing)
         clear[kept] = self.space.is_clear(motions[kept], np.abs(curvatures[kept]).max(axis=1, initial=0.0), spacings)

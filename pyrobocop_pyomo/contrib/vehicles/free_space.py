@@ -75,8 +75,6 @@ class FreeSpace:
         Sides of each obstacle, the last one repeated.
     points : (o, w, 2) array
         Corners of each obstacle, the last one repeated.
-    middles, radii : (o, 2) and (o,) arrays
-        Of circles around the obstacles; infinite for those without end.
     needed : (o,) array
         Asked clearance and both paddings.
     grid : _Grid or None
@@ -90,8 +88,6 @@ class FreeSpace:
     normals: Array
     offsets: Array
     points: Array
-    middles: Array
-    radii: Array
     needed: Array
     grid: _Grid | None = None
 
@@ -101,11 +97,6 @@ class FreeSpace:
         sides, reaches = _sides(body)
         every = [_sides(obstacle) for obstacle in obstacles]
         corners = [_corners(obstacle, scene) for obstacle in obstacles]
-        middles = [0.5 * (obstacle.vertices.min(axis=0) + obstacle.vertices.max(axis=0)) for obstacle in obstacles]
-        radii = [
-            float(np.linalg.norm(obstacle.vertices - middle, axis=1).max()) if obstacle.is_bounded else np.inf
-            for obstacle, middle in zip(obstacles, middles, strict=True)
-        ]
         discs, disc_radius = _covering_discs(np.array(body.vertices))
         return cls(
             corners=np.array(body.vertices),
@@ -116,50 +107,37 @@ class FreeSpace:
             normals=_padded([normals for normals, _ in every], (2,)),
             offsets=_padded([offsets for _, offsets in every], ()),
             points=_padded(corners, (2,)),
-            middles=np.array(middles).reshape(-1, 2),
-            radii=np.array(radii),
             needed=np.array([clearance + body.radius + obstacle.radius for obstacle in obstacles]),
         )
 
     def with_grid(self, low: Array, high: Array, cell: float, enough: float) -> FreeSpace:
         """The same with a grid of distances over a region, which need not be known beyond what is enough."""
         counts = np.maximum(np.ceil((high - low) / cell).astype(int), 1)
-        found = np.full(counts.tolist(), enough)
-        for k, needed in enumerate(self.needed.tolist()):
-            window, places = self._near_obstacle(k, low, cell, counts, needed + enough)
-            if not places.size:
-                continue
-            # The gap along a side is exact beside it, and less than the distance elsewhere.
-            bound = (places @ self.normals[k].T - self.offsets[k]).max(axis=-1)
-            if math.isfinite(self.radii[k]):
-                away = places - self.middles[k]
-                bound = np.maximum(bound, np.hypot(away[..., 0], away[..., 1]) - self.radii[k])
-            found[window] = np.minimum(found[window], bound - needed)
-        bounds = found - math.sqrt(0.5) * cell
+        bounds = self._room(low, cell, counts, enough) - math.sqrt(0.5) * cell
         return replace(self, grid=_Grid(np.array(low, dtype=float), cell, bounds))
 
-    def _near_obstacle(
-        self, k: int, low: Array, cell: float, counts: Array, distance: float
-    ) -> tuple[tuple[slice, slice], Array]:
-        """The part of a grid that is no farther than a distance from the box of an obstacle, and its middles."""
-        points = self.points[k]
-        first = np.clip(np.floor((points.min(axis=0) - distance - low) / cell), 0, counts).astype(int)
-        last = np.clip(np.ceil((points.max(axis=0) + distance - low) / cell), 0, counts).astype(int)
-        axes = [low[i] + (np.arange(first[i], last[i]) + 0.5) * cell for i in range(2)]
-        window = (slice(int(first[0]), int(last[0])), slice(int(first[1]), int(last[1])))
-        return window, np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    def cells_free_of_point(self, low: Array, cell: float, counts: Array) -> BoolArray:
+        """Which cells of a grid hold a place that is no nearer to any obstacle than the clearance; for points.
 
-    def are_free(self, poses: Array) -> BoolArray:
-        """Whether the body keeps its clearance at each of the poses ``(n, 3)``, up to rounding."""
-        free = np.ones(len(poses), dtype=bool)
-        if not len(self.needed):
-            return free
-        near = np.flatnonzero(~self._keeps_away(poses, np.zeros(len(poses))))
-        pose, obstacle = self._near(poses[near], np.zeros(len(near)))
-        pose = near[pose]
-        apart = self._distances(poses[pose], obstacle) >= self.needed[obstacle] - 100.0 * NEGLIGIBLE
-        free[pose[~apart]] = False
-        return free
+        The body counts as a point with the radius that `needed` has.
+        """
+        return np.asarray(self._room(low, cell, counts, 0.0) >= -math.sqrt(0.5) * cell)
+
+    def _room(self, low: Array, cell: float, counts: Array, most: float) -> Array:
+        """What the middles of cells have left of their distance to the nearest obstacle, up to `most`."""
+        found = np.full(counts.tolist(), most)
+        for points, normals, offsets, needed in zip(self.points, self.normals, self.offsets, self.needed, strict=True):
+            first = np.clip(np.floor((points.min(axis=0) - needed - most - low) / cell), 0, counts).astype(int)
+            last = np.clip(np.ceil((points.max(axis=0) + needed + most - low) / cell), 0, counts).astype(int)
+            axes = [low[i] + (np.arange(first[i], last[i]) + 0.5) * cell for i in range(2)]
+            places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+            gaps = (places @ normals.T - offsets).max(axis=-1)
+            # Beside a corner the distance is that to the corner, and more than any gap.
+            outside = (gaps > 0.0) & (gaps < needed + most)
+            gaps[outside] = _distances_to_ring(places[outside], points)
+            window = found[first[0] : last[0], first[1] : last[1]]
+            np.minimum(window, gaps - needed, out=window)
+        return found
 
     def is_clear(self, motions: Array, curvatures: Array, spacings: Array) -> BoolArray:
         """Whether the body keeps its clearance along whole motions, also between the given poses.
@@ -174,9 +152,8 @@ class FreeSpace:
         clear = np.ones(len(motions), dtype=bool)
         if not len(self.needed) or not len(motions):
             return clear
-        farthest = float(np.linalg.norm(self.corners, axis=1).max())
         # No point of the body is farther from where it is at one of the two poses.
-        moved = 0.5 * spacings * (1.0 + curvatures * farthest)
+        moved = 0.5 * spacings * (1.0 + curvatures * self.corners_reach)
         reach = np.repeat(moved, motions.shape[1])
         away = self._keeps_away(motions.reshape(-1, 3), reach).reshape(motions.shape[:2])
         motion, step = np.nonzero(~(away[:, :-1] & away[:, 1:]))
@@ -197,34 +174,14 @@ class FreeSpace:
         return np.asarray((self.grid.at(places) >= (self.disc_radius + moved + NEGLIGIBLE)[:, None]).all(axis=1))
 
     def _near(self, poses: Array, moved: Array) -> tuple[Indices, Indices]:
-        """Pairs of a pose and an obstacle that circles around them do not keep apart."""
-        places = self._placed(poses, self.discs)
+        """Pairs of a pose and an obstacle that the discs around the body do not keep apart."""
+        places = self._placed(poses, self.discs).reshape(-1, 2).T
         pose, obstacle = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
-        for k, (middle, radius) in enumerate(zip(self.middles, (self.radii + self.needed).tolist(), strict=True)):
-            away = np.hypot(places[..., 0] - middle[0], places[..., 1] - middle[1]).min(axis=1)
-            close = np.flatnonzero(away <= radius + self.disc_radius + moved + NEGLIGIBLE)
-            pose.append(close)
-            obstacle.append(np.full(len(close), k))
-        pairs, other = np.concatenate(pose), np.concatenate(obstacle)
-        # The discs along the sides: what is beside a long obstacle is inside of its circle.
-        gaps = np.full(len(pairs), np.inf)
-        for k in range(places.shape[1]):
-            middle = places[pairs, k]
-            along = middle[:, :1] * self.normals[other, :, 0] + middle[:, 1:] * self.normals[other, :, 1]
-            gaps = np.minimum(gaps, (along - self.offsets[other]).max(axis=1))
-        kept = gaps <= self.needed[other] + self.disc_radius + moved[pairs] + NEGLIGIBLE
-        return pairs[kept], other[kept]
-
-    def _distances(self, poses: Array, obstacle: Indices) -> Array:
-        """Exact signed distances of the body at poses ``(p, 3)`` to one obstacle each, without paddings."""
-        corners, points = self._placed(poses, self.corners), self.points[obstacle]
-        widest = self._from_obstacles(corners, obstacle).max(axis=1)
-        widest = np.maximum(widest, self._from_body(poses, points).max(axis=1))
-        pair = np.flatnonzero(widest >= -NEGLIGIBLE)  # overlapping shapes have no nearest corners
-        if len(pair):
-            own, other = corners[pair], points[pair]
-            widest[pair] = np.maximum(widest[pair], _gap_along(_between_corners(own, other), own, other))
-        return np.asarray(widest)
+        for k, needed in enumerate(self.needed.tolist()):
+            gaps = (self.normals[k] @ places - self.offsets[k][:, None]).max(axis=0).reshape(-1, len(self.discs))
+            pose.append(np.flatnonzero(gaps.min(axis=1) <= needed + self.disc_radius + moved + NEGLIGIBLE))
+            obstacle.append(np.full(len(pose[-1]), k))
+        return np.concatenate(pose), np.concatenate(obstacle)
 
     def _are_clear(
         self, before: Array, after: Array, obstacle: Indices, curvatures: Array, spacings: Array
@@ -234,20 +191,18 @@ class FreeSpace:
         # That distance is at most the distance to the body's origin plus the turning radius.
         ratio = 0.125 * (curvatures * spacings) ** 2
         of_origin = ratio / np.maximum(curvatures, 1e-12)
-        deviation = of_origin + ratio * float(np.linalg.norm(self.corners, axis=1).max())
-        needed = self.needed[obstacle] - NEGLIGIBLE
+        deviation = of_origin + ratio * self.corners_reach
+        needed, other = self.needed[obstacle] - NEGLIGIBLE, self.points[obstacle]
         start, end = self._placed(before, self.corners), self._placed(after, self.corners)
         gaps = np.minimum(self._from_obstacles(start, obstacle), self._from_obstacles(end, obstacle)).max(axis=1)
         clear = np.asarray(gaps - deviation >= needed)
+        gaps = np.minimum(*(self._from_body(poses, other, ratio) for poses in (before, after))).max(axis=1)
+        clear |= gaps - of_origin >= needed
         left = np.flatnonzero(~clear)
-        other = self.points[obstacle[left]]
-        gaps = np.minimum(*(self._from_body(poses[left], other, ratio[left]) for poses in (before, after))).max(axis=1)
-        clear[left] = gaps - of_origin[left] >= needed[left]
-        left = left[~clear[left]]
-        other = self.points[obstacle[left]]
-        for own in (start[left], end[left]) if len(left) else ():
+        start, end, other = start[left], end[left], other[left]
+        for own in (start, end) if len(left) else ():
             along = _between_corners(own, other)
-            gaps = np.minimum(_gap_along(along, start[left], other), _gap_along(along, end[left], other))
+            gaps = np.minimum(_gap_along(along, start, other), _gap_along(along, end, other))
             clear[left] |= gaps - deviation[left] >= needed[left]
         return clear
 
@@ -261,26 +216,6 @@ class FreeSpace:
         ones, others = self._placed(first, self.corners), self._placed(second, self.corners)
         gaps = [self._from_body(first, others).max(axis=1), self._from_body(second, ones).max(axis=1)]
         return np.asarray(np.maximum(*gaps))
-
-    def cells_free_of_point(self, low: Array, cell: float, counts: Array) -> BoolArray:
-        """Which cells of a grid hold a place that is no nearer to any obstacle than the clearance; for points.
-
-        The body counts as a point with the radius that `needed` has.
-        """
-        free = np.ones(counts.tolist(), dtype=bool)
-        slack = math.sqrt(0.5) * cell
-        for k, needed in enumerate(self.needed.tolist()):
-            window, places = self._near_obstacle(k, low, cell, counts, needed)
-            if not places.size:
-                continue
-            gaps = (places @ self.normals[k].T - self.offsets[k]).max(axis=-1)
-            near = gaps < needed - slack
-            # Beside a corner the distance is that to the corner, and more than any gap.
-            unsure = near & (gaps > 0.0)
-            if unsure.any():
-                near[unsure] = _distances_to_ring(places[unsure], self.points[k]) < needed - slack
-            free[window] &= ~near
-        return free
 
     def _placed(self, poses: Array, points: Array) -> Array:
         """Points of the body in the world, ``(n, v, 2)``."""
@@ -330,20 +265,19 @@ class FreeSpaceWithTrailer:
     of_trailer: FreeSpace
     trailer: Trailer
 
-    def are_free(self, poses: Array) -> BoolArray:
-        """As for `FreeSpace`, from poses ``(n, 4)``; the angle is within its limit as well."""
-        free = self.trailer.are_within(poses)
-        free[free] = self.of_car.are_free(poses[free])
-        free[free] = self.of_trailer.are_free(self.trailer.poses(poses[free]))
-        return free
-
     def is_clear(self, motions: Array, curvatures: Array, spacings: Array) -> BoolArray:
-        """As for `FreeSpace`, from motions ``(m, s, 4)``."""
+        """As for `FreeSpace`, from motions ``(m, s, 4)``; the angle is within its limit as well."""
         clear: BoolArray = np.asarray(self.trailer.are_within(motions).all(axis=1))
         clear[clear] = self.of_car.is_clear(motions[clear, :, :3], curvatures[clear], spacings[clear])
         arcs = self.trailer.as_arcs(curvatures[clear], spacings[clear])
         clear[clear] = self.of_trailer.is_clear(self.trailer.poses(motions[clear]), *arcs)
         return clear
+
+
+def are_free(space: FreeSpace | FreeSpaceWithTrailer, poses: Array) -> BoolArray:
+    """Whether everything keeps its clearance at each of the poses ``(n, 3)``, or ``(n, 4)``."""
+    nothing = np.zeros(len(poses))
+    return space.is_clear(np.stack([poses, poses], axis=1), nothing, nothing)
 
 
 def _padded(rows: Sequence[Any], shape: tuple[int, ...]) -> Array:

@@ -14,8 +14,10 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.numerics import Array, BoolArray, Indices
+from pyrobocop_pyomo.optional_imports import scipy
 
 from .best_first_search import BestFirstSearch, first_nonzero
+from .free_space import are_free
 from .motion_primitives import count_cusps
 
 NODES = 36
@@ -34,7 +36,7 @@ LEAST_SAVING = 0.05
 
 @dataclass(frozen=True, eq=False)
 class _Edges:
-    """Ways from node to node, sorted by the node where they end.
+    """Ways from node to node.
 
     Attributes
     ----------
@@ -43,12 +45,10 @@ class _Edges:
         Length and cusps within.
     first, last : (e,) arrays
         Directions in which an edge begins and ends.
-    segments : (e, 5) arrays, two
-        Signed lengths and turns of a Reeds-Shepp path.
+    lengths, turns : (e, 5) arrays
+        Of the segments of a Reeds-Shepp path.
     own : (e,) int array
         Number of the piece of the path itself that an edge is, or -1.
-    order : (e,) int array
-        Numbers of the edges in another list that these were taken from.
     """
 
     start: Indices
@@ -59,17 +59,6 @@ class _Edges:
     lengths: Array
     turns: Array
     own: Indices
-    order: Indices
-
-
-def _reversed(edges: _Edges, count: int) -> _Edges:
-    """The same ways from the last node to the first."""
-    order = np.argsort(count - 1 - edges.start, kind="stable")
-    start, end = (count - 1 - edges.end)[order], (count - 1 - edges.start)[order]
-    segments = edges.lengths[order], edges.turns[order]
-    return _Edges(
-        start, end, edges.cost[order], edges.last[order], edges.first[order], *segments, edges.own[order], order
-    )
 
 
 def with_shortcuts(search: BestFirstSearch, lengths: Array, curvatures: Array) -> tuple[Array, Array]:
@@ -99,16 +88,13 @@ def _shortened(search: BestFirstSearch, lengths: Array, curvatures: Array) -> tu
     places, kept = _nodes(search, poses, lengths, curvatures)
     edges = _edges(search, places, kept, lengths)
     cusp = CUSP_FACTOR * search.primitives.cusp_cost
-    backward = _reversed(edges, len(places))
     clear = edges.own >= 0
     banned = np.zeros(len(clear), dtype=bool)
     least = LEAST_SAVING * search.primitives.turning_radius
-    before, own_way = _cheapest_way(edges, clear, len(places), cusp)[:2]
-    best, way = before, own_way
+    best, way, _ = _cheapest_way(edges, clear, len(places), cusp)
+    before = best
     for _ in range(ROUNDS):
-        _, _, reached = _cheapest_way(edges, ~banned, len(places), cusp)
-        _, _, to_go = _cheapest_way(backward, ~banned[backward.order], len(places), cusp)
-        bound = reached[edges.start] + edges.cost + to_go[len(places) - 1 - edges.end]
+        _, _, bound = _cheapest_way(edges, ~banned, len(places), cusp)
         unknown = np.flatnonzero(~clear & ~banned & (bound < best - least))
         if not len(unknown):
             break
@@ -138,11 +124,10 @@ def _nodes(
             for bend in dict.fromkeys((float(curvatures[k - 1]), 0.0, 1.0 / radius, -1.0 / radius)):
                 arcs = np.full(3, sign * radius * BEYOND / 3)
                 beyond = search.primitives.follow(poses[k], arcs, np.full(len(arcs), bend))[1:]
-                inside = search.within(beyond[None])[0] if len(beyond) else False
-                free = search.space.are_free(beyond) if inside else np.zeros(len(beyond), bool)
-                for pose in beyond[np.cumprod(free).astype(bool)]:
-                    places.append(pose)
-                    kept.append((k, -1))
+                free = are_free(search.space, beyond) & search.within(beyond[None])
+                clear = beyond[np.logical_and.accumulate(free)]
+                places += list(clear)
+                kept += [(k, -1)] * len(clear)
     return np.array(places), kept
 
 
@@ -170,56 +155,42 @@ def _edges(search: BestFirstSearch, places: Array, kept: list[tuple[int, int]], 
     of_path = np.array([(a, b, k) for a, b, k in own], dtype=np.int64).reshape(-1, 3)
     signs = np.sign(lengths[of_path[:, 2]])
     spans = driven[number[of_path[:, 1]]] - driven[number[of_path[:, 0]]]
-    reverse = segments[:, ::-1]
-    start_all = np.concatenate([of_path[:, 0], start[pair]])
-    end_all = np.concatenate([of_path[:, 1], end[pair]])
-    order = np.argsort(end_all, kind="stable")
     return _Edges(
-        start_all[order],
-        end_all[order],
-        np.concatenate([spans, costs[word, pair]])[order],
-        np.concatenate([signs, np.sign(first_nonzero(segments))])[order],
-        np.concatenate([signs, np.sign(first_nonzero(reverse))])[order],
-        np.concatenate([np.zeros((len(signs), segments.shape[1])), segments])[order],
-        np.concatenate([np.zeros((len(signs), segments.shape[1])), turns[word]])[order],
-        np.concatenate([np.arange(len(signs)), np.full(len(word), -1)])[order],
-        order,
+        np.concatenate([of_path[:, 0], start[pair]]),
+        np.concatenate([of_path[:, 1], end[pair]]),
+        np.concatenate([spans, costs[word, pair]]),
+        np.concatenate([signs, np.sign(first_nonzero(segments))]),
+        np.concatenate([signs, np.sign(first_nonzero(segments[:, ::-1]))]),
+        np.concatenate([np.zeros((len(signs), segments.shape[1])), segments]),
+        np.concatenate([np.zeros((len(signs), segments.shape[1])), turns[word]]),
+        np.concatenate([np.arange(len(signs)), np.full(len(word), -1)]),
     )
 
 
 def _cheapest_way(edges: _Edges, allowed: BoolArray, count: int, cusp: float) -> tuple[float, list[int], Array]:
-    """Cost and edges from the first node to the last, and the costs of all nodes."""
-    # By node and the direction in which the car gets there, backwards first.
-    cost = np.full((count, 2), np.inf)
-    cost[0] = 0.0
-    arrived = np.full((count, 2), -1)
-    came = np.zeros((count, 2), dtype=int)
-    forwards = (edges.first > 0).astype(int)
-    leaves = (edges.last > 0).astype(int)
-    begins = np.searchsorted(edges.end, np.arange(count + 1))
-    for node in range(1, count):
-        span = np.arange(begins[node], begins[node + 1])
-        span = span[allowed[span]]
-        if not len(span):
-            continue
-        along, against = cost[edges.start[span], forwards[span]], cost[edges.start[span], 1 - forwards[span]] + cusp
-        total = np.minimum(along, against) + edges.cost[span]
-        for way in (0, 1):
-            mine = np.flatnonzero(leaves[span] == way)
-            if len(mine):
-                best = mine[total[mine].argmin()]
-                cost[node, way], arrived[node, way] = total[best], span[best]
-                straight = along[best] <= against[best]
-                came[node, way] = forwards[span[best]] if straight else 1 - forwards[span[best]]
-    way = int(cost[-1].argmin())
-    found, node, total_cost = [], count - 1, float(cost[-1, way])
-    while node > 0:
-        edge = int(arrived[node, way])
-        if edge < 0:
-            return float("inf"), [], cost.min(axis=1)
-        found.append(edge)
-        node, way = int(edges.start[edge]), int(came[node, way])
-    return total_cost, found[::-1], cost.min(axis=1)
+    """Cost and edges from the first node to the last, and for each edge a bound of what such a way along it costs.
+
+    The graph has two vertices for each node, one for each direction in which the car gets there, and one for each edge.
+    """
+    used = np.flatnonzero(allowed).astype(np.int32)
+    start, forwards, half = 2 * edges.start[used], edges.first[used] > 0, 0.5 * edges.cost[used]
+    origins = np.concatenate([start + forwards, start + ~forwards, 2 * count + used]).astype(np.int32)
+    targets = np.concatenate([2 * count + used] * 2 + [2 * edges.end[used] + (edges.last[used] > 0)]).astype(np.int32)
+    size = 2 * count + len(allowed)
+    entries = np.concatenate([half, half + cusp, half]), (origins, targets)
+    graph = scipy.sparse.coo_array(entries, shape=(size, size)).tocsr()
+    goals = [2 * count - 2, 2 * count - 1]
+    search = scipy.sparse.csgraph.dijkstra
+    there, before, _ = search(graph, indices=[0, 1], return_predecessors=True, min_only=True)
+    back = search(graph.T.tocsr(), indices=goals, min_only=True)
+    vertex = goals[int(there[goals].argmin())]
+    total, way = float(there[vertex]), []
+    while vertex >= 2:
+        vertex = int(before[vertex])
+        if vertex >= 2 * count:
+            way.append(vertex - 2 * count)
+    reached, to_go = (costs[: 2 * count].reshape(count, 2).min(axis=1) for costs in (there, back))
+    return total, way[::-1], reached[edges.start] + edges.cost + to_go[edges.end]
 
 
 def _are_clear(search: BestFirstSearch, places: Array, edges: _Edges, chosen: Indices) -> BoolArray:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import enum
 import logging
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from pyrobocop_pyomo.errors import InitialGuessError, PathNotFound
-from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.modeling.deadline import Deadline
 
 from .car_kinematics import Trailer
@@ -64,16 +64,12 @@ def staged_search(
     start: Sequence[float],
     goal: Sequence[float],
     *,
-    body: Polytope,
-    obstacles: Mapping[str, Polytope],
-    wheelbase: float,
-    steering_limit: float,
     regions: Sequence[Bounds],
     clearance: float,
     shares: Sequence[float] = CLEARANCES,
     search: CarSearch | None = None,
     time_limit: float | None = None,
-    trailer: Trailer | None = None,
+    **car: Any,
 ) -> StagedPath:
     """A path with as much of the clearance as possible, and the first one found unless it has many cusps.
 
@@ -88,8 +84,8 @@ def staged_search(
         Its expansions are for all searches together.
     time_limit : float, optional
         Seconds, for all searches together.
-
-    The others are those of `hybrid_a_star`.
+    **car
+        The others are those of `hybrid_a_star`.
 
     Raises
     ------
@@ -97,7 +93,7 @@ def staged_search(
         When there is none: what the first search says.
     """
     given = CarSearch() if search is None else search
-    radius = wheelbase / math.tan(steering_limit)
+    radius = car["wheelbase"] / math.tan(car["steering_limit"])
     expansions, deadline = given.max_expansions, Deadline.after(time_limit)
     first: InitialGuessError | None = None
 
@@ -108,20 +104,9 @@ def staged_search(
         most = max(1, round(part * expansions))
         limit = None if deadline.left is None else max(part * deadline.left, 1e-9)
         until = Deadline.after(limit)
+        search = replace(_with_cells(given, divisor, radius, car.get("trailer")), max_expansions=most)
         try:
-            path = hybrid_a_star(
-                start,
-                goal,
-                body=body,
-                obstacles=obstacles,
-                wheelbase=wheelbase,
-                steering_limit=steering_limit,
-                bounds=bounds,
-                clearance=needed,
-                search=replace(_with_cells(given, divisor, radius, trailer), max_expansions=most),
-                time_limit=limit,
-                trailer=trailer,
-            )
+            path = hybrid_a_star(start, goal, bounds=bounds, clearance=needed, search=search, time_limit=limit, **car)
             return StagedPath(path, needed, bounds)
         except InitialGuessError as error:
             logger.info("a clearance of %.4g, cells divided by %g: %s", needed, divisor, error)

@@ -35,7 +35,7 @@ from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .cost_to_go import free_cells_of_disc
-from .free_space import FreeSpace
+from .free_space import FreeSpace, are_free
 from .hybrid_a_star import MOST_CELLS
 from .motion_primitives import CarSearch
 from .parking_case import ParkingCar
@@ -271,7 +271,7 @@ def _moves_aside(
         gaps = space.gaps_of_two(np.repeat(places, len(taken), 0), np.tile(taken, (len(places), 1)))
         apart = gaps.reshape(len(places), -1).min(axis=1) >= 2.0 * (clearance + SPARE)
         trials = ASIDE_TRIALS
-        for place in places[apart & space.are_free(places)]:
+        for place in places[apart & are_free(space, places)]:
             if not trials or deadline.has_passed:
                 break
             if not _discs_have_ways(case, car, place[None], others):

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.phases import with_phase
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -18,8 +19,7 @@ ERRORS = np.array([0.3, -1.2, 0.7, 0.4, -0.1])
 
 
 def decay(start: float | None = 1.0, duration: Any = 2.0) -> Any:
-    m = pyo.ConcreteModel("decay")
-    m.tank = b = rcp.PhaseBlock(duration=duration, elements=5)
+    m, b = with_phase("tank", "decay", duration=duration, elements=5)
     b.c = rcp.State(initial=start, initial_guess=1.0)
     b.flow = rcp.Control(initial_guess=0.0)
     b.rate = rcp.Parameter(bounds=(0.01, 10), initial_guess=1.0)
@@ -124,8 +124,7 @@ def test_a_mistyped_datum_is_named_before_the_table(place: int, factor: float, e
 @pytest.mark.casadi
 def test_an_estimate_that_a_coarse_mesh_shifts_is_told() -> None:
     def first_order(elements: int) -> Any:
-        m = pyo.ConcreteModel("decay")
-        m.tank = b = rcp.PhaseBlock(duration=2.0, elements=elements, scheme="implicit_euler")
+        m, b = with_phase("tank", "decay", duration=2.0, elements=elements, scheme="implicit_euler")
         b.c = rcp.State(initial=1.0)
         b.rate = rcp.Parameter(bounds=(0.01, 10), initial_guess=1.0)
         b.ode(lambda b, t: {b.c: -b.rate * b.c[t]})
@@ -265,8 +264,7 @@ def test_a_fit_with_the_ranges_of_the_data_as_errors_does_not_depend_on_units() 
 
 def leaning() -> Any:
     """A mass that is pushed against a soft wall at 0.5: p of the wall, q of the damping."""
-    m = pyo.ConcreteModel("leaning")
-    m.push = b = rcp.PhaseBlock(duration=3.0, elements=30, scheme="implicit_euler")
+    m, b = with_phase("push", "leaning", duration=3.0, elements=30, scheme="implicit_euler")
     b.x = rcp.State(initial=0.0)
     b.wall = rcp.Algebraic(bounds=(0, None))
     b.stiffness = rcp.Parameter(bounds=(0.1, 50), initial_guess=2.0)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.phases import mass
+from harness.phases import mass, with_phase
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ComplementarityError, EstimationError, ModelError
@@ -21,8 +21,7 @@ SAMPLES[3], SAMPLES[7, 0], SAMPLES[9, 1] = np.nan, np.nan, np.nan
 
 
 def spring(elements: int = 4, **bounds: Any) -> Any:
-    m = pyo.ConcreteModel("spring")
-    m.window = b = rcp.PhaseBlock(duration=WIDTH * elements, elements=elements, scheme="implicit_euler")
+    m, b = with_phase("window", "spring", duration=WIDTH * elements, elements=elements, scheme="implicit_euler")
     b.x = rcp.State(initial=0.2, bounds=bounds.get("x"))
     b.v = rcp.State(initial_guess=0.1)
     b.force = rcp.Control(parametrization="piecewise_constant")
@@ -118,8 +117,7 @@ def pendulum(k: int, start: tuple[float, float] = (0.8, 0.0), damping: float = 0
 
 
 def swinging(guess: tuple[float, float, float], **options: Any) -> rcp.estimation.MovingHorizon:
-    m = pyo.ConcreteModel("pendulum")
-    m.window = b = rcp.PhaseBlock(duration=5 * WIDTH, elements=5, scheme="implicit_euler")
+    m, b = with_phase("window", "pendulum", duration=5 * WIDTH, elements=5, scheme="implicit_euler")
     b.angle, b.rate = rcp.State(initial=guess[0]), rcp.State(initial=guess[1])
     b.damping = rcp.Parameter(bounds=(0, 2), initial_guess=guess[2])
     b.ode(lambda b, t: {b.angle: b.rate[t], b.rate: -9 * pyo.sin(b.angle[t]) - b.damping * b.rate[t]})
@@ -192,8 +190,7 @@ STATED = [
 
 @pytest.mark.parametrize(("changed", "message"), STATED)
 def test_a_phase_that_is_no_window_is_refused(changed: dict[str, Any], message: str) -> None:
-    m = pyo.ConcreteModel()
-    m.window = b = rcp.PhaseBlock(duration=1.0, **changed.get("phase", {}))
+    m, b = with_phase("window", duration=1.0, **changed.get("phase", {}))
     b.x = rcp.State(**{"initial": 0.0, **changed.get("x", {})})
     b.w = rcp.Control(**{"parametrization": "piecewise_constant", **changed.get("w", {})})
     b.ode(lambda b, t: {b.x: b.w[t]})
@@ -228,8 +225,7 @@ def test_samples_that_do_not_fit_are_refused_and_not_taken_in() -> None:
 
 
 def test_what_is_known_ever_better_does_not_spoil_the_arrival_cost() -> None:
-    m = pyo.ConcreteModel()
-    m.window = b = rcp.PhaseBlock(duration=4.0, elements=2, scheme="implicit_euler")
+    m, b = with_phase("window", duration=4.0, elements=2, scheme="implicit_euler")
     b.fast, b.slow, b.level = rcp.State(initial=1.0), rcp.State(initial=1.0), rcp.State(initial=0.0)
     b.ode(lambda b, t: {b.fast: b.slow[t] - 5 * b.fast[t], b.slow: -b.slow[t], b.level: 0 * b.level[t]})
     moving = rcp.estimation.MovingHorizon(

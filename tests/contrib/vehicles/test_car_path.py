@@ -13,7 +13,7 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.contrib.vehicles import CarTiming
 from pyrobocop_pyomo.contrib.vehicles.car_kinematics import follow_arc, follow_arcs
 from pyrobocop_pyomo.contrib.vehicles.car_path import CarPath
-from pyrobocop_pyomo.contrib.vehicles.free_space import FreeSpace
+from pyrobocop_pyomo.contrib.vehicles.free_space import FreeSpace, are_free
 from pyrobocop_pyomo.contrib.vehicles.reeds_shepp import reeds_shepp_paths
 from pyrobocop_pyomo.errors import InitialGuessError
 
@@ -59,23 +59,18 @@ def test_known_shortest_paths() -> None:
         assert min(np.abs(lengths).sum() for _, lengths, exists in found if exists[0]) == pytest.approx(length)
 
 
-def distances(space: FreeSpace, poses: np.ndarray) -> np.ndarray:
-    every = [space._distances(poses, np.full(len(poses), k)) - needed for k, needed in enumerate(space.needed)]
-    return np.stack(every, axis=1)
+def distance(pose: Any, obstacle: rcp.Polytope) -> float:
+    return rcp.scenes.signed_distance(CAR, obstacle, rcp.planar_pose(*pose)).distance
 
 
 @given(pose=st.tuples(places, places, angles), corners=st.lists(st.tuples(places, places), min_size=1, max_size=6))
-def test_distances_of_many_poses_are_those_of_one(pose: Any, corners: Any) -> None:
-    obstacles = [
-        rcp.Polytope.hull(corners, allow_flat=True, radius=0.1, name="hull"),
-        REVERSE["obstacles"]["left"],
-        REVERSE["obstacles"]["wall"],
-    ]
-    space = FreeSpace.around(CAR, obstacles, 0.25, 30.0)
-    exact = [
-        rcp.scenes.signed_distance(CAR, obstacle, rcp.planar_pose(*pose)).distance - 0.25 for obstacle in obstacles
-    ]
-    assert distances(space, np.array([pose]))[0] == pytest.approx(exact, abs=1e-7)
+def test_a_pose_is_free_as_far_as_its_exact_distance(pose: Any, corners: Any) -> None:
+    hull = rcp.Polytope.hull(corners, allow_flat=True, radius=0.1, name="hull")
+    for obstacle in (hull, REVERSE["obstacles"]["left"], REVERSE["obstacles"]["wall"]):
+        exact = distance(pose, obstacle)
+        for clearance in (exact - 1e-6, exact + 1e-6):
+            space = FreeSpace.around(CAR, [obstacle], max(clearance, 0.0), 30.0)
+            assert are_free(space, np.array([pose])).tolist() == [max(clearance, 0.0) < exact]
 
 
 @given(pose=st.tuples(places, st.floats(5, 10), angles), length=st.floats(-3, 3), curvature=st.floats(-0.25, 0.25))
@@ -87,7 +82,7 @@ def test_a_motion_that_is_called_clear_is_clear_all_along(pose: Any, length: flo
     motion = follow_arcs(np.array(pose), steps, np.full(3, curvature))
     clear = space.is_clear(motion[None], np.array([abs(curvature)]), np.array([abs(length) / 3]))[0]
     between = follow_arc(np.array(pose), np.linspace(0, length, 61), np.full(61, curvature))
-    least = distances(space, between).min()
+    least = min(distance(each, obstacle) for each in between.tolist() for obstacle in obstacles) - 0.1
     if clear:
         assert least >= -1e-7
     elif least > 0.15:  # not over-careful: what one direction per step cannot prove is small
