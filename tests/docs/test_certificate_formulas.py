@@ -8,7 +8,7 @@ import pytest
 from harness.quadratic_program import QuadraticProgram
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from mpcc.problems import scholtes4, sides, trap
+from mpcc.problems import sides, trap
 from scipy.optimize import linprog
 
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
@@ -110,7 +110,8 @@ def least_residual(program, x, kind):
 @settings(max_examples=40)
 def test_multipliers_leave_the_least_largest_residual(x, c):
     """eq-existence: scholtes4 with any costs, biactive, its third variable a little away from its limits."""
-    program = scholtes4()
+    nlp = QuadraticProgram([1, 1, -1], A=[[-4, 0, 1], [0, -4, 1]], g_upper=[0, 0], x_lower=[0, 0, -np.inf])
+    program = ComplementarityProgram(nlp, sides(0), sides(1))
     program.nlp.c[:] = c
     point = np.array([0.0, 0.0, -x[2]])
     problem = MultiplierProblem(program, Linearisation.at(program.nlp, point))
