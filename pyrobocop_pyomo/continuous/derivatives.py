@@ -53,8 +53,15 @@ def derivatives_along(spots: list[Spot], domain: Any) -> list[tuple[Any, dict[in
     return list(found.values())
 
 
-def add_collocation(discretisation: Discretisation, spots: list[Spot]) -> None:
-    """Add the rows of every derivative along a set, beside the derivative."""
+def add_collocation(discretisation: Discretisation, spots: list[Spot], alone: bool = False) -> None:
+    """Add the rows of every derivative along a set, beside the derivative.
+
+    Parameters
+    ----------
+    alone : bool
+        Whether no other set is discretised. Nobody then reads the rows before `finish_rows`, which writes those that no
+        substitution has written before.
+    """
     homes: dict[int, Any] = {}
     open_ids = open_sets(continuous_sets(spots))
     discretisation.states, discretisation.derivatives, discretisation.rows = [], [], ComponentMap()
@@ -65,7 +72,7 @@ def add_collocation(discretisation: Discretisation, spots: list[Spot]) -> None:
             nearest = by_order[min(known for known in by_order if known >= order)]
             home = _home(discretisation, nearest.parent_block(), homes)
             levels.append(by_order[order] if order in by_order else _between(home, variable, nearest, order))
-            _add_rows(home, levels[-2], levels[-1], discretisation, open_ids)
+            _add_rows(home, levels[-2], levels[-1], discretisation, alone, open_ids)
             discretisation.states.append(levels[-2])
             discretisation.derivatives.append((levels[-2], levels[-1]))
 
@@ -96,7 +103,9 @@ def _between(home: Any, variable: Any, derivative: Any, order: int) -> Any:
     return added
 
 
-def _add_rows(home: Any, state: Any, rate: Any, discretisation: Discretisation, open_ids: set[int]) -> None:
+def _add_rows(
+    home: Any, state: Any, rate: Any, discretisation: Discretisation, alone: bool, open_ids: set[int]
+) -> None:
     grid, axis = discretisation.grid, axis_on(rate, discretisation.domain)
     assert axis is not None
     lines = _others(rate, axis, grid.times[0])
@@ -111,8 +120,9 @@ def _add_rows(home: Any, state: Any, rate: Any, discretisation: Discretisation, 
             discretisation.joints.append((state, rows))
         else:
             discretisation.rows[rate] = rows
-        for others in lines:
-            line_rows.write(rows, others)
+        if not alone or name != names[0]:
+            for others in lines:
+                line_rows.write(rows, others)
         if will_grow:
             line_rows.known = frozenset(lines)
             rows._rule = Initializer(line_rows)
@@ -173,14 +183,22 @@ def rewrite_rows(discretisation: Discretisation, state: Any, rate: Any, sides: M
     """Write the rows of a derivative anew with the right-hand sides in its place; returns the block of the rows."""
     grid, axis, rows = discretisation.grid, axis_on(rate, discretisation.domain), discretisation.rows[rate]
     assert axis is not None
-    holding = set(rows)  # where there are several sets, those that would hold absent values are gone already
+    # Where there are several sets, those that would hold absent values are gone already.
+    holding = set(rows)
     rows.clear()
     line_rows = LineRows(state, rate, grid, axis, False)
     for others in dict.fromkeys(axis.others(index) for index in sides):
         line_rows.write(rows, others, {time: sides[axis.join(others, time)] for time in grid.points})
-    for index in set(rows) - holding:
+    for index in [index for index in rows if holding and index not in holding]:
         del rows[index]
     return rows.parent_block()
+
+
+def finish_rows(discretisation: Discretisation) -> None:
+    """Write the rows that `add_collocation` has left out and no substitution has written."""
+    for state, rate in discretisation.derivatives:
+        if not discretisation.rows[rate]:
+            rewrite_rows(discretisation, state, rate, rate)
 
 
 def _others(component: Any, axis: Axis, time: float) -> list[Any]:

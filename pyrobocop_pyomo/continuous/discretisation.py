@@ -19,6 +19,7 @@ from pyrobocop_pyomo.transcription import quadrature
 from .derivatives import (
     add_collocation,
     derivatives_along,
+    finish_rows,
     remove_collocation,
     restore_derivatives,
     substitute_derivatives,
@@ -100,7 +101,7 @@ def _discretise(
         for one in everything:
             remove_collocation(one)
         for one in everything:
-            add_collocation(one, found)
+            add_collocation(one, found, alone=len(everything) == 1)
         if previous is not None:
             previous.give_to(list(spots(root)), discretisation)
         for one in everything:
@@ -229,6 +230,8 @@ def finalise(discretisation: Discretisation) -> None:
     domain, scheme = discretisation.domain, discretisation.grid.scheme
     if discretisation.substitutes and not discretisation.substitutions:
         substitute_derivatives(discretisation, list(spots(domain.model())))
+    if len(discretisations_on(domain.model())) == 1:
+        finish_rows(discretisation)
     found = list(spots(domain.model()))
     family = scheme.name.split("(")[0]
     domain.set_changed(True)

@@ -11,7 +11,7 @@ AMPL: ``dual`` is the change of the objective, as the user stated it, per unit o
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -31,8 +31,8 @@ from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoi
 from .ipopt_outcome import IpoptOutcome
 from .ipopt_run import ProblemScaling
 
-# Components, and their numbers.
-Entries = tuple[Sequence[Any], Sequence[Any]]
+# Components, and their numbers; arrays are read when somebody asks.
+Entries = tuple[Sequence[Any], Sequence[Any] | FloatArray]
 
 
 def starting_point(compiled: CompiledModel) -> PrimalDualPoint:
@@ -140,8 +140,13 @@ class FoundPoint(SolutionLoader):
         return _selected(self._suffixes[name], wanted)
 
 
+def _by_component(entries: Entries) -> Iterator[tuple[Any, Any]]:
+    components, numbers = entries
+    return zip(components, numbers.tolist() if isinstance(numbers, np.ndarray) else numbers, strict=True)
+
+
 def _selected(entries: Entries, wanted: Sequence[Any] | None = None) -> ComponentMap:
-    everything = ComponentMap(zip(*entries, strict=True))
+    everything = ComponentMap(_by_component(entries))
     return everything if wanted is None else ComponentMap((component, everything[component]) for component in wanted)
 
 
@@ -161,10 +166,10 @@ class InProcessSolutionLoader(FoundPoint):
         # Adding zero turns -0.0 into 0.0, which reads better in a report.
         lower, upper = sign * outcome.lower_multipliers + 0.0, -sign * outcome.upper_multipliers + 0.0
         larger = np.where(np.abs(upper) > np.abs(lower), upper, lower)
-        suffixes: dict[str, Entries] = {"dual": (compiled.constraints, (-sign * outcome.g_multipliers).tolist())}
+        suffixes: dict[str, Entries] = {"dual": (compiled.constraints, -sign * outcome.g_multipliers)}
         for name, numbers in (("rc", larger), ("ipopt_zL_out", lower), ("ipopt_zU_out", upper)):
-            suffixes[name] = compiled.variables, numbers.tolist()
-        super().__init__(compiled.model, (compiled.variables, outcome.x.tolist()), suffixes)
+            suffixes[name] = compiled.variables, numbers
+        super().__init__(compiled.model, (compiled.variables, outcome.x), suffixes)
 
     def load_vars(self, vars_to_load: Sequence[VarData] | None = None) -> None:
         """Put values into the model's variables."""
@@ -175,5 +180,5 @@ class InProcessSolutionLoader(FoundPoint):
 
     def row_multipliers(self) -> RowMultipliers:
         """Multipliers of rows and bounds, in the signs of Pyomo's suffixes."""
-        found = (self._suffixes[name] for name in ("dual", "ipopt_zL_out", "ipopt_zU_out"))
-        return RowMultipliers(*(dict(zip(map(id, parts), numbers, strict=True)) for parts, numbers in found))
+        found = (_by_component(self._suffixes[name]) for name in ("dual", "ipopt_zL_out", "ipopt_zU_out"))
+        return RowMultipliers(*({id(part): number for part, number in entries} for entries in found))

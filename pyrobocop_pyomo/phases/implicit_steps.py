@@ -7,7 +7,7 @@ at all of their stages. Where contact opens, closes or slips, the shortest steps
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from itertools import pairwise
@@ -120,16 +120,15 @@ class StepSystem:
         )
         return MixedComplementarity(self.values, lower.astype(float), upper.astype(float), either.astype(bool))
 
-    def determined(self, problem: MixedComplementarity, values: ComplementarityValues, little: float) -> Iterator[bool]:
-        """For each choice of equations of the pairs near a point, whether nothing that it leaves free moves a state.
-
-        Forces may be shared in many ways.
-        """
+    def is_determined(self, problem: MixedComplementarity, values: ComplementarityValues, little: float) -> bool:
+        """Whether nothing that the equations leave free moves a state; forces may be shared in many ways."""
         for matrix in problem.matrices(values, little):
             sizes = np.abs(matrix).max(axis=1, keepdims=True)
             _, singular, directions = np.linalg.svd(matrix / np.where(sizes > 0, sizes, 1.0))
             free = directions[singular <= 1e-11 * singular[0], : self._layout.states]
-            yield bool((np.abs(free) <= 1e-6 * self._lengths.max()).all())
+            if not (np.abs(free) <= 1e-6 * self._lengths.max()).all():
+                return False
+        return True
 
     def at_stages(self, point: Array, nodes: Array, unknowns: Array) -> tuple[Array, Array]:
         """Rates, rows and both sides of all pairs at the stages (v, s), and derivatives (v, s, size), at `parts`."""
@@ -253,7 +252,7 @@ class _Step:
     unknowns: Array
     sides: NDArray[np.int64]
     solved: bool
-    determined: Callable[[], Iterator[bool]]
+    is_determined: Callable[[], bool]
 
 
 class ElementSteps:
@@ -308,8 +307,8 @@ class ElementSteps:
             whole = None
             if self._equations.pairs and self._before is None:
                 whole = self._step(i, parts[0], parts[1], state, _radau(3))
-                if whole.solved and not all(whole.determined()):
-                    raise self._left_open(i, parts[0])
+                if whole.solved:
+                    self._refuse_what_is_left_open(i, whole)
                 little = 2.0**-self._halvings * parts[1]
                 self._before = self._step(i, parts[0], little, state, _radau(1), thorough=True)
             for begin, end in pairwise(parts.tolist()):
@@ -356,12 +355,13 @@ class ElementSteps:
         time = float(self._rates.times_at(fraction)[i])
         return f"under the plan's controls the motion goes on to t = {time:g}, from where on"
 
-    def _left_open(self, i: int, fraction: float) -> TrajectoryError:
-        return TrajectoryError(f"{self._at(i, fraction)} pairs and controls leave open what happens.")
+    def _refuse_what_is_left_open(self, i: int, step: _Step) -> None:
+        if not step.is_determined():
+            raise TrajectoryError(f"{self._at(i, step.begin)} pairs and controls leave open what happens.")
 
     def _take(self, i: int, *steps: _Step) -> Array:
-        if self._equations.pairs and not all(steps[-1].determined()):
-            raise self._left_open(i, steps[-1].begin)
+        if self._equations.pairs:
+            self._refuse_what_is_left_open(i, steps[-1])
         self._path += steps
         self._before = steps[-1]
         return steps[-1].nodes[-1]
@@ -397,8 +397,8 @@ class ElementSteps:
         of_states, of_pairs = left[: nodes[1:].size].reshape(len(state), -1), left[len(values.rows) :]
         is_small = (of_states <= self._tolerance * self._scales[:, None]).all() and (of_pairs <= self._tolerance).all()
         solved = found.residual <= 1e-9 and bool(is_small)
-        determined = partial(system.determined, problem, values, little)
-        return _Step(scheme, begin, end, nodes, unknowns, sides, solved, determined)
+        is_determined = partial(system.is_determined, problem, values, little)
+        return _Step(scheme, begin, end, nodes, unknowns, sides, solved, is_determined)
 
 
 def _sides(

@@ -786,6 +786,6 @@ def _phase_table(record: PhaseRecord) -> str:
         facts[f"{name}, shape {family.shape}"] = f"{type(record.declarations[family.members[0]]).__name__}(...)"
     facts["duration"] = record.duration
     facts["grid"] = f"{record.grid.mesh.elements} elements of {record.grid.scheme.name}"
-    for statement in record.statements:
-        facts[statement.kind] = ", ".join(each.name for each in record.statements_of(statement.kind))
+    for kind in dict.fromkeys(statement.kind for statement in record.statements):
+        facts[kind] = ", ".join(statement.name for statement in record.statements_of(kind))
     return facts_table(facts)

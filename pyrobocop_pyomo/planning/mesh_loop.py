@@ -193,7 +193,8 @@ class _FinerMeshes:
         now = {name: phase.grid.mesh for name, phase in self._phases.items()}
         if _is_optimal(best) and not best.discretisation.ratio(self._tolerance) > 1.0:  # or not known
             return None
-        was_in_vain = not halved and self._was_in_vain(best)
+        if not halved and self._was_in_vain(best):
+            return None
         if halved:
             meshes = {name: halves_of(mesh) for name, mesh in now.items()}
         else:
@@ -201,8 +202,7 @@ class _FinerMeshes:
             meshes = best.discretisation.finer(now, trajectories, AIMED * self._tolerance, keep=self._boundaries)
         plan = MeshPlan({self._phases[name]: mesh for name, mesh in meshes.items()}, "errors")
         at_an_end = (
-            was_in_vain
-            or best.stop_reason is StopReason.INTERRUPTED
+            best.stop_reason is StopReason.INTERRUPTED
             or self._settings.deadline.has_passed
             or plan.elements > min(self._most, self._left)
             or meshes == now
