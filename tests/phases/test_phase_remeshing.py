@@ -18,6 +18,7 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.numerics import Mesh
 from pyrobocop_pyomo.phases import why_not_remeshed
+from pyrobocop_pyomo.phases.remeshing import put_on_meshes
 
 COARSE, FINE = (0.0, 0.25, 0.5, 1.0), (0.0, 0.1, 0.25, 0.5, 0.6, 0.75, 1.0)
 
@@ -183,6 +184,15 @@ def test_the_model_is_the_one_that_is_built_on_the_mesh(build: Callable[[Any], A
     assert phase_of(m).grid.mesh == Mesh(after)
     assert list(phase_of(m).time) == list(phase_of(build(after)).time)
     assert_same(m, build(after))
+
+
+@each_case
+def test_what_was_read_on_the_mesh_before_is_not_said_on_the_next_one(build: Callable[[Any], Any]) -> None:
+    m = build(COARSE)
+    for mesh in (FINE, COARSE):
+        rows(m)
+        put_on_meshes({phase_of(m): mesh})  # without the comparison with the rules, which makes them anew as well
+    assert_same(m, build(COARSE))
 
 
 @each_case
