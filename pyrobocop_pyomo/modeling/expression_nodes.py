@@ -20,7 +20,7 @@ from pyomo.core.expr import numeric_expr, relational_expr
 from pyomo.core.expr.numvalue import NumericValue
 
 # Kinds of nodes: operators with a fixed count of arguments, then the others.
-PRODUCT, DIVISION, NEGATION, POWER, CHOICE = 1, 2, 3, 4, 5
+PRODUCT, DIVISION, NEGATION, POWER, CHOICE = range(1, 6)
 CONSTANT, LEAF, NAMED, SUMMATION, FUNCTION, RELATION, UNKNOWN, CALL = range(10, 18)
 
 _KIND_OF_BASE: dict[type, int] = {

@@ -39,16 +39,15 @@ from .planning_point import PlanningPoint
 
 logger = logging.getLogger(__name__)
 
-# What is aimed at, as a part of the tolerance: estimates are right within a factor, and one solve more costs more than
+# What is aimed at, as a part of what is tolerated: estimates are right within a factor, and one solve more costs more than
 # some elements.
 AIMED = 0.3
 # Meshes have at most `MOST_TIMES` the elements of the first one, or as many as a small problem may have.
 SMALL_ELEMENTS = 200
 # Iterations times elements of all of them: a multiple of that of the first solve, or a small problem's.
 EFFORT, SMALL_EFFORT = 10, 30_000
-# As shares of a clearance: equations that lead farther away from the plan call for a finer mesh, which aims at the
-# second one.
-LARGEST_SHARE, WANTED_SHARE = 0.25, 0.05
+# Of a clearance: equations that lead farther away from the plan call for a finer mesh.
+LARGEST_SHARE = 0.25
 # An objective on a finer mesh that is worse by more than this many estimated errors is that of another local optimum,
 # unless the motion before was none of the equations.
 _TRUST = 10.0
@@ -342,7 +341,7 @@ def _reduction(report: SafetyReport) -> float:
         for interval in pair.plan_only:
             deviation, clearance = pair.interval_deviation[interval], pair.interval_clearance[interval]
             if deviation > LARGEST_SHARE * clearance:
-                share = WANTED_SHARE * clearance / deviation if np.isfinite(deviation) else 0.01
+                share = AIMED * LARGEST_SHARE * clearance / deviation if np.isfinite(deviation) else 0.01
                 reduction = min(reduction, float(share))
     return reduction
 
