@@ -32,6 +32,8 @@ class LinearisedRows:
     ----------
     rows : list
         Each has a body.
+    include_fixed : bool
+        Take derivatives by the fixed variables as well.
 
     Attributes
     ----------
@@ -41,12 +43,12 @@ class LinearisedRows:
         Positions in `variables` of what each row holds.
     """
 
-    def __init__(self, rows: Sequence[Any]) -> None:
+    def __init__(self, rows: Sequence[Any], include_fixed: bool = False) -> None:
         self.rows, self.variables = rows, list[Any]()
         column: dict[int, int] = {}
         self.incidence: list[list[int]] = []
         for row in rows:
-            own = list(variables_in(row.body, include_fixed=False))
+            own = list(variables_in(row.body, include_fixed=include_fixed))
             for variable in own:
                 if column.setdefault(id(variable), len(column)) == len(self.variables):
                     self.variables.append(variable)
