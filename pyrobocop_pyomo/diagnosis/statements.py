@@ -178,16 +178,12 @@ def objective_findings(model: Any) -> Iterator[Finding]:
             )
     controls = free_controls(model)
     if without and controls and not objectives:
-        others = model.model().component_data_objects(Objective, active=True, descend_into=Block)
-        elsewhere = next((data.name for data in others), None)
         yield warning_about(
             f"{without} in '{model.name}', while {quoted(controls)} may be chosen: any values that "
             "meet the constraints are an answer.",
             controls,
-            f"The objective '{elsewhere}' stands outside of it: solve the model that holds both."
-            if elsewhere
-            else "State what is to be small: m.cost = pyo.Objective(expr=phase.integral(lambda b, t: ...)); where any "
-            "values will do, 0.",
+            "State what is to be small: m.cost = pyo.Objective(expr=phase.integral(lambda b, t: ...)), or solve the "
+            "model that does; where any values will do, 0.",
         )
 
 

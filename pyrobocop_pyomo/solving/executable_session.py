@@ -139,15 +139,13 @@ class ExecutableSession(Session):
             resolved = {**options.resolve(warm, loose), "mu_init": mu, **({} if last else {"mu_target": mu})}
             delta = schedule.delta_for(mu)
             self._move_to(delta)
-            start = self._solve("delta = mu, from outside", delta, resolved, deadline, start)
+            start = replace(self._solve(resolved, deadline, start), label="delta = mu, from outside", delta=delta)
             yield start
             if last or not start.converged:
                 return
             mu = max(tolerance / 10, min(0.2 * mu, mu**1.5))
 
-    def _solve(
-        self, label: str, delta: float | None, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None
-    ) -> Iterate:
+    def _solve(self, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None) -> Iterate:
         for arrived, handed in zip(_ARRIVED, _HANDED, strict=True):
             suffix = self._own.component(handed)
             entries = [] if start is None else list(start.multipliers[arrived].items())
@@ -166,9 +164,8 @@ class ExecutableSession(Session):
             self._model, ((), ()), {name: (tuple(of), tuple(of.values())) for name, of in multipliers.items()}
         )
         iterate = Iterate.of_run(
-            label,
+            "solve",
             status,
-            delta=delta,
             mu=options.get("mu_target"),
             options=options,
             iterations=iterations,

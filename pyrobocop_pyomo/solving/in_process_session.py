@@ -80,29 +80,19 @@ class InProcessSession(Session):
         assert isinstance(self._nlp, ShiftedRows)
         resolved = options.resolve()
         follow_mu = DeltaFollowsBarrier(self._nlp, schedule, resolved, self._live)
-        iterate = self._solve("delta follows mu", None, resolved, deadline, None, follow_mu)
-        yield replace(iterate, delta=follow_mu.delta, path=follow_mu.path)
+        iterate = self._solve(resolved, deadline, None, follow_mu)
+        yield replace(iterate, label="delta follows mu", delta=follow_mu.delta, path=follow_mu.path)
 
     def _solve(
-        self,
-        label: str,
-        delta: float | None,
-        options: Mapping[str, Any],
-        deadline: Deadline,
-        start: Iterate | None,
-        on_iteration: OnIteration | None = None,
+        self, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None, follow: OnIteration | None = None
     ) -> Iterate:
-        on_iteration = on_iteration or Standstill(self._live)
-        nlp, point, head = self._nlp, starting_point(self._compiled), ""
+        on_iteration = follow or Standstill(self._live)
+        nlp, point = self._nlp, starting_point(self._compiled)
         if start is not None:
             point = replace(start.multipliers, x=point.x)
         options, scales = self._with_scaling(options)
         if scales is not None:
             nlp, point = ScaledProgram(nlp, scales), scales.scaled(point)
-            head = (
-                f"The log below is about the scaled program: the objective divided by {scales.objective:.3g}, "
-                "variables and rows by their typical sizes.\n"
-            )
         elastic = None if self._price is None else ElasticRows(nlp, self._price)
         if elastic is not None:
             point = PrimalDualPoint(elastic.restrict(point.x))
@@ -116,7 +106,6 @@ class InProcessSession(Session):
             scaling=scaling_factors(self._compiled) if by_user else None,
             on_iteration=lambda record: on_iteration(record._replace(objective=record.objective * unit)),
             output=self._output,
-            head=head,
         )
         end = outcome.point if elastic is None else elastic.inner(outcome.point)
         undefined_at = None if outcome.undefined_at is None else outcome.undefined_at[: nlp.n]
@@ -127,10 +116,9 @@ class InProcessSession(Session):
         loader = InProcessSolutionLoader(self._compiled, replace(outcome, **vars(end)))
         solver = FELL_BACK if outcome.fell_back else outcome.linear_solver  # empty where Ipopt decided itself
         return Iterate.of_run(
-            label,
+            "solve",
             # Nothing else stops a run here.
             IpoptStatus.TINY_STEP if outcome.status is IpoptStatus.STOPPED else outcome.status,
-            delta=delta,
             mu=outcome.mu,
             iterations=outcome.iterations,
             seconds=outcome.seconds,

@@ -394,11 +394,13 @@ def least_violation(model: Any, deadline: Deadline = NO_DEADLINE) -> LeastViolat
         if impossible is not None:
             return impossible
         at = ViolatedRows(rows)
-        with values_restored(free):
-            contradiction = _contradiction(rows, deadline) if at.is_finite else None
-        if contradiction is not None:
-            return contradiction
-        found = _descended(rows, bool(pairs), deadline, at)
+        linear = [row for row in constraints if row.body.polynomial_degree() in (0, 1)] if at.is_finite else []
+        if 0 < len(linear) < len(rows):
+            with values_restored(free):
+                found = _descended(ViolatedRows(linear), False, deadline)
+            if found is not None and found.kind is Least.PROVEN:
+                return found  # whatever pairs and nonlinear rows say
+        found = _descended(at, bool(pairs), deadline)
     return None if found is None or (pairs and not found.obstructions) else found
 
 
@@ -410,7 +412,7 @@ def _impossible_pair(
     found: list[LeastViolation] = []
     for zero, other in ((pair.a, pair.b), (pair.b, pair.a)):
         sides = [StatedRow(pair.source, zero, 0.0, 0.0), StatedRow(pair.source, other, 0.0, None)]
-        least = _descended([*constraints, *sides], False, deadline)
+        least = _descended(ViolatedRows([*constraints, *sides]), False, deadline)
         if least is None or not least.obstructions or not pair.a_part is SidePart.WHOLE is pair.b_part:
             return None
         found.append(least)
@@ -421,20 +423,9 @@ def _impossible_pair(
     return LeastViolation(kind, False, min(least.total for least in found), tuple(against.values()), least_relief)
 
 
-def _contradiction(rows: Sequence[StatedRow], deadline: Deadline) -> LeastViolation | None:
-    """The proof that the linear constraints contradict each other, whatever pairs and nonlinear rows say."""
-    linear = [row for row in rows if row.data.ctype is Constraint and row.body.polynomial_degree() in (0, 1)]
-    if not 0 < len(linear) < len(rows):
-        return None
-    found = _descended(linear, False, deadline)
-    return found if found is not None and found.kind is Least.PROVEN else None
-
-
-def _descended(
-    rows: Sequence[StatedRow], has_pairs: bool, deadline: Deadline, at: ViolatedRows | None = None
-) -> LeastViolation | None:
-    """Go down from the values on the model; `at` are the rows there, where they are known already."""
-    at = ViolatedRows(rows) if at is None else at
+def _descended(at: ViolatedRows, has_pairs: bool, deadline: Deadline) -> LeastViolation | None:
+    """Go down from the values on the model."""
+    rows = at.rows
     # Pyomo finds a degree by evaluating what is fixed in a row, which may have no value.
     is_linear = at.is_finite and all(row.body.polynomial_degree() in (0, 1) for row in rows)
     radius = math.inf if is_linear else 1.0
@@ -493,21 +484,21 @@ def grouped(data: Iterable[ObstructingData]) -> list[tuple[Obstruction, list[Obs
     for one in data:
         groups.setdefault(_label(one), []).append(one)
     stated = [some for some in groups.values() if some[0].sign or not is_equation_of_a_phase(some[0].data)]
-    # A bound is a number that can be widened. Ends are fixed, and contact is stated, in almost every problem.
-    ranked = [(_rank(some[0]), _obstruction(some), some) for some in stated or groups.values()]
-    return [(one, some) for _, one, some in sorted(ranked, key=lambda each: (each[0], -each[1].influence))]
+    named = [(_obstruction(some), some) for some in stated or groups.values()]
+
+    def rank(each: tuple[Obstruction, list[ObstructingData]]) -> tuple[bool, bool, bool, float]:
+        # A bound is a number that can be widened. Ends are fixed, and contact is stated, in almost every problem.
+        obstruction, (first, *_) = each
+        of_pairs = first.data.parent_component().ctype in PAIR_TYPES
+        return obstruction.is_fixed, of_pairs, not first.sign, -obstruction.influence
+
+    return sorted(named, key=rank)
 
 
 def _label(one: ObstructingData) -> Hashable:
     if not one.sign and (separation := separation_of(one.data)) is not None:
         return separation[:3]
     return id(one.data.parent_component()), one.sign, one.value if one.sign == "=" else None
-
-
-def _rank(one: ObstructingData) -> int:
-    if one.sign:
-        return 3 if one.sign == "=" else 0
-    return 2 if one.data.parent_component().ctype in PAIR_TYPES else 1
 
 
 def _obstruction(some: list[ObstructingData]) -> Obstruction:

@@ -64,7 +64,7 @@ def presolve(pairs: Sequence[LiftedPair], tolerance: float = 1e-7) -> list[SideV
                     f"be >= 0. Check the bounds and what is fixed. {SIDES_HOLD}"
                 )
         if least_a > tolerance and least_b > tolerance:
-            if not (_is_fixed(pair.a) or _is_fixed(pair.b)):
+            if not (pair.a.variable.fixed or pair.b.variable.fixed):
                 continue  # bounds alone: a problem without a solution, which the solve says
             raise ComplementarityError(
                 f"'{pair.pair.name}': both sides are positive by bounds and fixed variables (at least {least_a:g} and "
@@ -98,10 +98,6 @@ def fixed_at_zero(sides: Sequence[SideVariable]) -> Iterator[None]:
     finally:
         for variable, name, bound in reversed(before):
             setattr(variable, name, bound)
-
-
-def _is_fixed(side: SideVariable) -> bool:
-    return bool(side.variable.fixed)
 
 
 def _range(side: SideVariable, expression: Any, part: SidePart, intervals: ExpressionBounds) -> tuple[float, float]:

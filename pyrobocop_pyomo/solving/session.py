@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -67,18 +68,16 @@ class Session(ABC):
     ) -> Iterate:
         """Solve with a fixed delta from the point on the model, with the multipliers of `start` where it is given."""
         if delta is None:
-            return self._solve("solve", None, options, deadline, start)
+            return self._solve(options, deadline, start)
         self._move_to(delta)
-        return self._solve("fixed delta", delta, options, deadline, start)
+        return replace(self._solve(options, deadline, start), label="fixed delta", delta=delta)
 
     def _move_to(self, delta: float) -> None:
         """Let the next run be of the program with this delta."""
         self._relaxed.delta.set_value(delta)
 
     @abstractmethod
-    def _solve(
-        self, label: str, delta: float | None, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None
-    ) -> Iterate:
+    def _solve(self, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None) -> Iterate:
         """One run of Ipopt."""
 
     @abstractmethod

@@ -123,9 +123,6 @@ class SolveResult(Presented):
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "model": no_model}
 
-    def __copy__(self) -> SolveResult:
-        return replace(self)
-
     @property
     def objective(self) -> float:
         """The user's objective, recomputed."""
@@ -264,12 +261,11 @@ class SolveResult(Presented):
 
     def to_pandas(self) -> Any:
         """The pairs as a data frame, indexed by name."""
-        facts = ("component", "index", "first", "second", "product", "natural", "active")
-        columns = [*facts, "first_multiplier", "second_multiplier"]
+        columns = ["component", "index", "first", "second", "product", "natural", "active"]
+        columns += ["first_multiplier", "second_multiplier"]
         index = pandas.Index([pair.name for pair in self.pairs], name="pair", dtype=object)
         rows = [[getattr(pair, name) for name in columns] for pair in self.pairs]
-        frame = pandas.DataFrame(rows, index=index, columns=columns)
-        return frame.assign(active=[pair.active.value for pair in self.pairs])
+        return pandas.DataFrame(rows, index, columns).assign(active=[pair.active.value for pair in self.pairs])
 
     def steps_table(self) -> str:
         """The runs as a table in text."""
