@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import takewhile
 from typing import Any
 
 from pyrobocop_pyomo.complementarity import PairResidual
@@ -327,10 +328,7 @@ class SolveResult(Presented):
 
 def with_steps_of_all(result: SolveResult, results: Sequence[SolveResult]) -> SolveResult:
     """A result with the steps of several, of which it is one, numbered anew."""
-    steps: list[Iterate] = []
-    best = result.best
-    for each in results:
-        if each is result:
-            best = replace(result.best, number=len(steps) + result.best.number)
-        steps += [replace(step, number=len(steps) + k) for k, step in enumerate(each.steps)]
-    return replace(result, steps=steps, best=best)
+    before = sum(len(each.steps) for each in takewhile(lambda each: each is not result, results))
+    every = (step for each in results for step in each.steps)
+    steps = [replace(step, number=number) for number, step in enumerate(every)]
+    return replace(result, steps=steps, best=replace(result.best, number=before + result.best.number))
