@@ -119,6 +119,11 @@ class Session(ABC):
         if self._compiled is None or self._stated is None or "nlp_scaling_method" in options:
             return options, None
         self.scaling = automatic_scaling(self._compiled, self._stated, like=self.scaling)
+        for stream in self._output:
+            divided = f"the objective divided by {self.scaling.scales.objective:.3g}"
+            stream.write(
+                f"The log below is about the scaled program: {divided}, variables and rows by typical sizes.\n"
+            )
         return {**self._scaled_options, **options}, self.scaling.scales
 
     @functools.cached_property
