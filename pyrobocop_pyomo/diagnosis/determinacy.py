@@ -24,8 +24,10 @@ from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.phases import Algebraic, phases_of
 from pyrobocop_pyomo.phases.structure import sides_of
 
-from .findings import Finding, error_about, quoted, warning_about
+from .findings import Finding, Severity, error_about, quoted, warning_about
 from .linearised_rows import Equations, equilibrate
+
+FREE_AN_END = "Remove an equation, or free an initial or final value."
 
 
 def appearance_findings(block: Any, known: set[str]) -> Iterator[Finding]:
@@ -80,16 +82,13 @@ def excess_findings(block: Any, equations: Equations, without: str = "") -> Iter
     over, columns = Matching(equations.incidence, range(len(equations.variables))).overdetermined
     if over:
         names = _components(equations.rows[i] for i in over)
-        said = f"{len(over)} equations hold only {len(columns)} variables that may move: {quoted(names)}"
-        if without:
-            yield warning_about(
-                f"{without}, and {said}. A point that meets them all is chance.",
-                names,
-                "Free a variable that is fixed, such as an initial condition, or remove an equation.",
-            )
-        else:
-            remedy = "Remove an equation, or free an initial or final value."
-            yield error_about(f"{said}.{_fixed_ends(block)}", names, remedy)
+        yield Finding(
+            Severity.WARNING if without else Severity.ERROR,
+            f"{without}{', and ' if without else ''}{len(over)} equations hold only {len(columns)} variables that may "
+            f"move: {quoted(names)}.{_fixed_ends(block)}",
+            names,
+            FREE_AN_END,
+        )
 
 
 def _undetermined(block: Any, equations: Equations) -> list[Any]:
@@ -143,40 +142,27 @@ def dependence_findings(block: Any, equations: Equations) -> Iterator[Finding]:
     gap, largest = abs(weights @ residuals), float(np.abs(residuals).max())
     is_linear = all(row.body.polynomial_degree() in (0, 1) for row in concerned)
     if is_linear and gap > 1e-8 * max(1.0, largest):
-        yield error_about(
-            f"the equations {quoted(names)} contradict each other.{_fixed_ends(block)}",
-            names,
-            "Remove an equation, or free an initial or final value.",
-        )
+        said = f"the equations {quoted(names)} contradict each other.{_fixed_ends(block)}"
+        yield error_about(said, names, FREE_AN_END)
     else:
-        yield warning_about(
-            f"at the initial guess one of the equations {quoted(names)} follows from the others.{_fixed_ends(block)}",
-            names,
-            "Remove one of them, free an initial or final value, or start from another initial guess.",
-        )
+        said = f"at the initial guess one of the equations {quoted(names)} follows from the others."
+        remedy = "Remove one of them, free an initial or final value, or start from another initial guess."
+        yield warning_about(f"{said}{_fixed_ends(block)}", names, remedy)
 
 
 def left_null_vector(matrix: Any) -> Array | None:
     """Unit vector ``y`` with ``y @ matrix`` as good as zero, or None where the rows are independent.
 
-    Inverse iteration on ``matrix @ matrix.T``, through one sparse factorisation of the augmented system.
+    Such a vector is the lower part of the eigenvector of an augmented matrix whose eigenvalue is zero.
     """
     count, columns = matrix.shape
-    shift = 1e-14
-    augmented = scipy.sparse.bmat(
-        [[scipy.sparse.identity(columns), matrix.T], [matrix, -shift * scipy.sparse.identity(count)]], format="csc"
-    )
+    augmented = scipy.sparse.bmat([[scipy.sparse.identity(columns), matrix.T], [matrix, None]], format="csc")
+    start = np.random.default_rng(0).standard_normal(count + columns)
     try:
-        factorised = scipy.sparse.linalg.splu(augmented)
-    except RuntimeError:  # exactly singular: the shift was lost in rounding
+        _, vectors = scipy.sparse.linalg.eigsh(augmented, k=1, sigma=-1e-14, v0=start)
+    except RuntimeError:  # exactly singular, as the shift was lost in rounding; or no eigenvalue is near zero
         return None
-    vector = np.random.default_rng(0).standard_normal(count)
-    for _ in range(4):
-        vector = factorised.solve(np.concatenate([np.zeros(columns), vector]))[columns:]
-        size = float(np.linalg.norm(vector))
-        if not np.isfinite(size) or size == 0.0:
-            return None
-        vector = vector / size
+    vector = vectors[columns:, 0] / np.linalg.norm(vectors[columns:, 0])
     # Well above rounding, well below what a long horizon or an unstable motion leaves of independent equations.
     return vector if np.linalg.norm(matrix.T @ vector) < 1e-9 else None
 

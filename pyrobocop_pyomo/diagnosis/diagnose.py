@@ -138,7 +138,12 @@ def doubts_before_solve(model: Any) -> tuple[Finding, ...]:
     """
     # One row tells of most components; a variable that is met elsewhere is refused when the model is compiled.
     contradictions = [*bound_findings(model), *start_findings(model, [])]
-    findings = list(shared_findings(model, rows_of_each=1))
+    findings = [*misplaced_findings(model), *shared_findings(model, rows_of_each=1)]
+    for phase in phases_of(model):
+        # Where some variables have no units, units are no more than labels.
+        declarations = phase.record.declarations.values()
+        if declarations and all(declaration.units is not None for declaration in declarations):
+            findings += unit_findings(phase, rows_of_each=1)
     if not is_renamed(model):
         findings += objective_findings(model)
         if without := without_objective(model):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.presentation import Presented, disclosed_text, table
+from pyrobocop_pyomo.presentation import Presented
 
 
 class Severity(Enum):
@@ -96,23 +96,10 @@ class Diagnosis(Presented):
         if self.errors:
             raise ModelError(f"'{self.name}': " + "\n".join(map(str, self.errors)))
 
-    def _summary(self) -> str:
-        return f"'{self.name}': {self._counts()}"
-
-    def _counts(self) -> str:
-        errors, others = len(self.errors), len(self.findings) - len(self.errors)
-        return f"{errors} error{'s' * (errors != 1)}, {others} other finding{'s' * (others != 1)}"
-
-    def _html_parts(self) -> list[str]:
-        rows = [(one.severity.value, one.message, one.remedy) for one in self.findings]
-        found = [table(("severity", "finding", "remedy"), rows)] if rows else []
-        return [*found, disclosed_text("as text", str(self))]
-
     def __str__(self) -> str:
-        lines = [
-            f"Diagnosis of '{self.name}': {self._counts()}",
-            *(f"  {counts}" for counts in self.counts),
-        ]
+        errors, others = len(self.errors), len(self.findings) - len(self.errors)
+        counts = f"{errors} error{'s' * (errors != 1)}, {others} other finding{'s' * (others != 1)}"
+        lines = [f"Diagnosis of '{self.name}': {counts}", *(f"  {each}" for each in self.counts)]
         for finding in self.findings:
             lines += [
                 f"- {finding.severity.value}: {finding.message}",

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Hashable, Iterable, Iterator
-from itertools import chain, islice, permutations
+from itertools import chain, permutations
 from typing import Any
 
 from pyomo.core.base.block import Block
@@ -84,11 +83,7 @@ def _variables_of(row: Any) -> list[Any]:
 
 
 class _Joined:
-    """Which phases have a row, a pair or a variable in common, directly or by what lies between.
-
-    First all that stands outside of the phases is read, and one row of each component inside; all the rest only where
-    that leaves phases apart.
-    """
+    """Which phases have a row, a pair or a variable in common, directly or by what lies between."""
 
     def __init__(self, block: Any, phases: list[Any]) -> None:
         self._phases = {id(phase): phase for phase in phases}
@@ -96,23 +91,19 @@ class _Joined:
         self._parent: dict[Hashable, Hashable] = {}
         self._in_others: set[int] = set()  # in inequalities and pairs beside the phases
         self._equations: list[set[int]] = []
-        inside = []
         for component in block.component_objects((Constraint, *PAIR_TYPES), active=True, descend_into=Block):
-            if self._is_per_point(component):
-                inside.append(component)
-                continue
-            for row, variables in self._united(component.values()):
-                held = set(map(id, variables))
-                if row.ctype is Constraint and row.equality:
-                    self._equations.append(held)
-                else:
-                    self._in_others |= held
+            is_beside, rows = not self._is_per_point(component), [row for row in component.values() if row.active]
+            # Of what a rule says at all points, the first and the last row tell what it joins.
+            for row in rows if is_beside else (*rows[:1], *rows[-1:]):
+                variables = _variables_of(row)
+                self._unite(variables)
+                if is_beside and row.ctype is Constraint and row.equality:
+                    self._equations.append(set(map(id, variables)))
+                elif is_beside:
+                    self._in_others.update(map(id, variables))
         for avoidance in blocks_of_kind(block, ObstacleAvoidanceBlockData):
             poses = {body: pose for (body, _), pose in avoidance.record.poses.items()}
             self._unite(chain.from_iterable(map(variables_of, poses.values())))
-        for some in (slice(1), slice(1, None)):
-            for component in inside if len({self._root(number) for number in self._phases}) > 1 else ():
-                deque(self._united(islice(component.values(), some.start, some.stop)), maxlen=0)
 
     def _is_per_point(self, component: Any) -> bool:
         """Whether a rule of a phase, or a differential equation, has made it."""
@@ -121,14 +112,6 @@ class _Joined:
             return False
         record = phase.record
         return component.local_name in record.generated_rows | {statement.name for statement in record.statements}
-
-    def _united(self, rows: Iterable[Any]) -> Iterator[tuple[Any, list[Any]]]:
-        """Active rows with what may move in them, which is put into one group."""
-        for row in rows:
-            if row.active:
-                variables = _variables_of(row)
-                self._unite(variables)
-                yield row, variables
 
     def _unite(self, variables: Iterable[Any]) -> None:
         roots = {self._root(self._key(variable)) for variable in variables if not variable.fixed}

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property
+from itertools import chain
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -12,7 +14,6 @@ from pyomo.common.collections import ComponentMap
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.expr.calculus.diff_with_pyomo import DifferentiationException, reverse_ad
-from pyomo.core.expr.numvalue import native_numeric_types
 
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
@@ -32,6 +33,8 @@ class LinearisedRows:
     ----------
     rows : list
         Each has a body.
+    include_fixed : bool
+        Take derivatives by the fixed variables as well.
 
     Attributes
     ----------
@@ -41,12 +44,12 @@ class LinearisedRows:
         Positions in `variables` of what each row holds.
     """
 
-    def __init__(self, rows: Sequence[Any]) -> None:
+    def __init__(self, rows: Sequence[Any], include_fixed: bool = False) -> None:
         self.rows, self.variables = rows, list[Any]()
         column: dict[int, int] = {}
         self.incidence: list[list[int]] = []
         for row in rows:
-            own = list(variables_in(row.body, include_fixed=False))
+            own = list(variables_in(row.body, include_fixed=include_fixed))
             for variable in own:
                 if column.setdefault(id(variable), len(column)) == len(self.variables):
                     self.variables.append(variable)
@@ -55,13 +58,11 @@ class LinearisedRows:
     @cached_property
     def jacobian(self) -> Any:
         """Sparse matrix of derivatives; a NaN where one does not exist."""
-        triplets = [
-            (i, j, entry)
-            for i, (row, own) in enumerate(zip(self.rows, self.incidence, strict=True))
-            for j, (_, entry) in zip(own, gradient(row.body, [self.variables[j] for j in own]), strict=True)
-        ]
-        i, j, entries = zip(*triplets, strict=True) if triplets else ((), (), ())
-        return scipy.sparse.csr_matrix((entries, (i, j)), shape=(len(self.rows), len(self.variables)))
+        pairs = zip(self.rows, self.incidence, strict=True)
+        entries = [entry for row, own in pairs for entry in gradient(row.body, [self.variables[j] for j in own])]
+        i = np.repeat(np.arange(len(self.rows)), list(map(len, self.incidence)))
+        j = list(chain.from_iterable(self.incidence))
+        return scipy.sparse.csr_matrix((entries, (i, j)), shape=(len(self.rows), len(self.variables)), dtype=float)
 
 
 class Equations(LinearisedRows):
@@ -83,19 +84,14 @@ class Equations(LinearisedRows):
         return np.array([number_or_nan(row.body) - number_or_nan(row.upper) for row in self.rows])
 
 
-def gradient(body: Any, variables: Iterable[Any]) -> Iterator[tuple[Any, float]]:
+def gradient(body: Any, variables: Iterable[Any]) -> list[float]:
     """Derivatives of an expression by some of its variables; NaN where Pyomo gives none."""
-    variables = list(variables)
-    if not variables:
-        return
     derivatives = ComponentMap()
     if all(variable.value is not None for variable in variables_in(body)):  # else Pyomo logs an error for each
         with contextlib.suppress(*NO_VALUE, DifferentiationException):
             derivatives = reverse_ad(body)
-    for variable in variables:
-        derivative = derivatives.get(variable, NAN)
-        real = derivative.__class__ in native_numeric_types and not isinstance(derivative, complex)
-        yield variable, float(derivative) if real else NAN
+    numbers = [derivatives.get(variable, NAN) for variable in variables]
+    return [float(each) if isinstance(each, Real) else NAN for each in numbers]
 
 
 def equilibrate(matrix: Any) -> tuple[Array, Array]:

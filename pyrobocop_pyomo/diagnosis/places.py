@@ -63,15 +63,6 @@ def at_time(phase: Any, time: float) -> str:
     return f" at t = {time:g}" + ("" if element is None else f", element {element}")
 
 
-def at_point(phase: Any, time: float) -> str:
-    """``" at t = 0.5, element 3, point 2"``: of the collocation points of the element, counted from 1."""
-    grid = phase.record.grid
-    element = grid.element_of.get(time)
-    if element is None or grid.scheme.stages == 1:
-        return at_time(phase, time)
-    return f"{at_time(phase, time)}, point {grid.stage_times[element].index(time) + 1}"
-
-
 def _kind(component: Any) -> str:
     return "constraint" if component.ctype is Constraint else str(component.ctype.__name__).lower()
 

@@ -178,16 +178,12 @@ def objective_findings(model: Any) -> Iterator[Finding]:
             )
     controls = free_controls(model)
     if without and controls and not objectives:
-        others = model.model().component_data_objects(Objective, active=True, descend_into=Block)
-        elsewhere = next((data.name for data in others), None)
         yield warning_about(
             f"{without} in '{model.name}', while {quoted(controls)} may be chosen: any values that "
             "meet the constraints are an answer.",
             controls,
-            f"The objective '{elsewhere}' stands outside of it: solve the model that holds both."
-            if elsewhere
-            else "State what is to be small: m.cost = pyo.Objective(expr=phase.integral(lambda b, t: ...)); where any "
-            "values will do, 0.",
+            "State what is to be small: m.cost = pyo.Objective(expr=phase.integral(lambda b, t: ...)), or solve the "
+            "model that does; where any values will do, 0.",
         )
 
 
@@ -201,17 +197,13 @@ def free_controls(block: Any) -> dict[str, set[int]]:
     return {name: ids for name, ids in free.items() if ids}
 
 
-def refuse_misplaced(model: Any) -> None:
-    """Refuse a model with declarations or pairs on a block that does nothing with them.
-
-    Parameters
-    ----------
-    model : Block
+def refuse_no_model(model: Any) -> None:
+    """Refuse what is no model, or one that is not built.
 
     Raises
     ------
     ModelError
-        When it is no model, or holds such a declaration.
+        With what to write instead.
     """
     if not isinstance(model, BlockData):
         raise ModelError(
@@ -219,8 +211,6 @@ def refuse_misplaced(model: Any) -> None:
             if not hasattr(model, "create_instance") or hasattr(model, "component_map")
             else f"'{model}' is not built yet: rcp.solve(model.create_instance(data))."
         )
-    for finding in misplaced_findings(model):
-        raise ModelError(f"{finding.message} {finding.remedy}")
 
 
 def unit_findings(block: Any, rows_of_each: int | None = None) -> Iterator[Finding]:
@@ -246,28 +236,6 @@ def unit_findings(block: Any, rows_of_each: int | None = None) -> Iterator[Findi
                 (component.name,),
                 "Give constants their units (9.81 * units.m / units.s**2), or correct the units of a declaration.",
             )
-
-
-def refuse_inconsistent_units(model: Any) -> None:
-    """Refuse a phase all of whose variables have units, where the terms of a row differ in them.
-
-    One row of each component is looked at: they come from one rule. Where some variables have no units, units are no
-    more than labels, and `unit_findings` says what differs.
-
-    Parameters
-    ----------
-    model : Block
-
-    Raises
-    ------
-    ModelError
-        Naming the component and the units.
-    """
-    for phase in phases_of(model):
-        declarations = phase.record.declarations.values()
-        if declarations and all(declaration.units is not None for declaration in declarations):
-            for finding in unit_findings(phase, rows_of_each=1):
-                raise ModelError(f"phase '{phase.name}': {finding.message} {finding.remedy}")
 
 
 def form_findings(model: Any) -> Iterator[Finding]:

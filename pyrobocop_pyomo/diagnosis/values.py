@@ -27,7 +27,7 @@ from pyrobocop_pyomo.phases.rule_formulas import RuleFormulas
 from pyrobocop_pyomo.phases.structure import sides_of
 
 from .findings import Finding, error_about
-from .places import at_point, place_in_words
+from .places import at_time, place_in_words
 
 # So often are all expressions gone through, until each has a value.
 _SWEEPS = 10
@@ -101,28 +101,25 @@ def move_into_domain(model: Any) -> list[UndefinedRow]:
     return list(undefined_rows(model)) if moved else []
 
 
-def _place(row: Any) -> str:
-    """The place of a row; of one that stands for sides of pairs while these are relaxed, the first of them."""
-    sources = generating_pairs(row)
-    return f"a side of {place_in_words(sources[0])}" if sources else place_in_words(row)
-
-
 def _expressions(model: Any) -> Iterator[tuple[str, str, Any]]:
     """Every expression with its component and the words for its place; right-hand sides stand for generated rows."""
     generated: set[int] = set()
     for phase in phases_of(model):
         for state, rates in phase.record.rates.items():
             for time, rate in rates.items():
-                where = f"right-hand side of '{state}' of phase '{phase.name}'{at_point(phase, time)}"
+                where = f"right-hand side of '{state}' of phase '{phase.name}'{at_time(phase, time)}"
                 yield f"{phase.name}.{state}", where, rate
-        rows = (phase.component(name) for name in phase.record.generated_rows)
-        generated.update(id(component) for component in rows if component is not None)
-    for row in model.component_data_objects(Constraint, active=True, descend_into=Block):
-        if id(row.parent_component()) not in generated:
-            yield row.parent_component().name, _place(row), row.body
-    for data in model.component_data_objects((*PAIR_TYPES, Objective), active=True, descend_into=Block):
-        place = f"objective '{data.name}'" if data.ctype is Objective else f"a side of {place_in_words(data)}"
-        yield from ((data.parent_component().name, place, side) for side in sides_of(data))
+        generated.update(id(phase.component(name)) for name in phase.record.generated_rows)
+    for kinds in ((Constraint,), (*PAIR_TYPES, Objective)):
+        for data in model.component_data_objects(kinds, active=True, descend_into=Block):
+            component = data.parent_component()
+            if id(component) in generated:
+                continue
+            # Of a row that stands for sides of pairs while these are relaxed, the first of them.
+            pairs = [data] if data.ctype in PAIR_TYPES else generating_pairs(data)
+            place = f"a side of {place_in_words(pairs[0])}" if pairs else place_in_words(data)
+            for side in (data.body,) if data.ctype is Constraint else sides_of(data):
+                yield component.name, place, side
 
 
 def undefined_findings(block: Any) -> Iterator[Finding]:
@@ -171,12 +168,14 @@ def boundary_findings(phase: Any, remarks: list[str]) -> Iterator[Finding]:
             if found.amount > max(TOLERANCE, worst[found.statement].amount if found.statement in worst else 0.0):
                 worst[found.statement] = found
         for found in worst.values():
+            sides_hold = f" {SIDES_HOLD}" if found.kind == "complementarity" else ""
             known = ", ".join(f"{key} = {number:g}" for key, number in found.values.items())
             yield error_about(
                 f"phase '{phase.name}': the {where} values violate {_KINDS.get(found.kind, found.kind)} '{found.row}' "
                 f"by {found.amount:.3g} at t = {time:g}: {known}.",
                 (f"{phase.name}.{found.statement}",),
-                f"Give {where} values that satisfy it, or leave one of them free.{_UNLESS.get(found.kind, '')}",
+                f"Give {where} values that satisfy it, or leave one of them free.{sides_hold} Where nothing is meant "
+                "at that instant, let the rule return Skip there.",
             )
 
 
@@ -185,11 +184,6 @@ SIDES_HOLD = (
     "complements(gap >= 0, force >= 0)."
 )
 _KINDS = {"complementarity": "a side of the pair", "bounds": "the bounds of"}
-_UNLESS = {
-    "constraint": " Where nothing is meant at that instant, let the rule return pyo.Constraint.Skip there.",
-    "complementarity": f" {SIDES_HOLD} Where nothing is meant at that instant, let the rule return "
-    "rcp.Complementarity.Skip there.",
-}
 
 
 def _is_stated(rows: Any, time: float) -> bool:
@@ -226,14 +220,12 @@ def bound_findings(block: Any) -> Iterator[Finding]:
         for data in component.values():
             lower, upper = data.bounds
             if data.fixed and data.value is not None and bound_violation(data.value, lower, upper) > TOLERANCE:
-                message = f"'{data.name}' is fixed to {data.value:g}, outside its bounds ({lower}, {upper})"
-                outside.append((message, data.name, "Change the value or widen the bounds."))
+                outside.append(f"'{data.name}' is fixed to {data.value:g}, outside its bounds ({lower}, {upper})")
             elif not data.fixed and lower is not None and upper is not None and lower > upper:
-                message = f"'{data.name}' has the lower bound {lower:g} above the upper {upper:g}"
-                crossed.append((message, data.name, "Swap or widen them."))
-        for wrong in filter(None, (outside, crossed)):
-            message, name, remedy = wrong[0]
-            yield error_about(f"{message}{_and_more(len(wrong), 'index')}.", (name,), remedy)
+                crossed.append(f"'{data.name}' has the lower bound {lower:g} above the upper {upper:g}")
+        for wrong, remedy in (outside, "Change the value or widen the bounds."), (crossed, "Swap or widen them."):
+            if wrong:
+                yield error_about(f"{wrong[0]}{_and_more(len(wrong), 'index')}.", (component.name,), remedy)
 
 
 def decided_findings(block: Any) -> Iterator[Finding]:

@@ -301,7 +301,6 @@ def run_ipopt(
     scaling: ProblemScaling | None = None,
     on_iteration: OnIteration | None = None,
     output: Sequence[TextIO] = (),
-    head: str = "",
     kept: KeptProblem | None = None,
 ) -> IpoptOutcome:
     """Solve a nonlinear program with Ipopt, in this process.
@@ -324,8 +323,6 @@ def run_ipopt(
         Called with the `IterationRecord` of each iteration; stops Ipopt by returning False.
     output : sequence of text streams
         Where Ipopt's own log goes; it is silent when there is none.
-    head : str
-        What stands above the log.
     kept : KeptProblem, optional
         Of earlier runs of the same program, for this run and further ones.
 
@@ -346,14 +343,13 @@ def run_ipopt(
     """
     how: dict[str, Any] = {"scaling": scaling, "on_iteration": on_iteration, "output": output}
     resolved, own = with_linear_solver(options, nlp)
-    said = SAID_OF_OWN_SOLVER if own else ""
-    outcome = _run_once(nlp, resolved, start, kept, deadline=deadline, head=head + said, **how)
+    outcome = _run_once(nlp, resolved, start, kept, deadline=deadline, head=SAID_OF_OWN_SOLVER if own else "", **how)
     if not own:
         return outcome
     if outcome.status not in IN_DOUBT:
         return replace(outcome, linear_solver=OWN_SOLVER)
     logger.info("with the linear solver of this package: %s MUMPS has a try.", outcome.status.value)
-    again = _run_once(nlp, {**options, **FALL_BACK}, start, None, deadline=deadline, head=head, **how)
+    again = _run_once(nlp, {**options, **FALL_BACK}, start, None, deadline=deadline, head="", **how)
     return replace(
         again,
         seconds=outcome.seconds + again.seconds,

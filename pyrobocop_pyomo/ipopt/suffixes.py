@@ -131,6 +131,11 @@ class FoundPoint(SolutionLoader):
             if name in self._suffixes:
                 suffix.update(_selected(self._suffixes[name]))
 
+    def row_multipliers(self) -> RowMultipliers:
+        """Multipliers of rows and bounds, in the signs of Pyomo's suffixes."""
+        found = (_by_component(self._suffixes[name]) for name in ("dual", "ipopt_zL_out", "ipopt_zU_out"))
+        return RowMultipliers(*({id(part): number for part, number in entries} for entries in found))
+
     def _multipliers(self, name: str, wanted: Sequence[Any] | None) -> Mapping[Any, float]:
         if name not in self._suffixes:
             raise NoSolutionError(
@@ -177,8 +182,3 @@ class InProcessSolutionLoader(FoundPoint):
             self._compiled.load_point(self._x)
         else:
             super().load_vars(vars_to_load)
-
-    def row_multipliers(self) -> RowMultipliers:
-        """Multipliers of rows and bounds, in the signs of Pyomo's suffixes."""
-        found = (_by_component(self._suffixes[name]) for name in ("dual", "ipopt_zL_out", "ipopt_zU_out"))
-        return RowMultipliers(*({id(part): number for part, number in entries} for entries in found))

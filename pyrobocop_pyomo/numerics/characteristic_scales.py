@@ -165,13 +165,9 @@ def _group_entries(entries: GroupedEntries) -> tuple[Integers, Integers, Array]:
 
 def _medians(groups: Integers, values: Array, count: int) -> Array:
     """Median of the positive values of each group; 0 where it has none."""
-    medians = np.zeros(count)
-    positive = values > 0.0
-    groups, values = groups[positive], values[positive]
     order = np.lexsort((values, groups))
-    groups, values = groups[order], values[order]
+    order = order[values[order] > 0.0]
+    groups, values = groups[order], np.append(values[order], 0.0)
     first = np.searchsorted(groups, np.arange(count), side="left")
     after = np.searchsorted(groups, np.arange(count), side="right")
-    there = after > first
-    medians[there] = values[(first[there] + after[there] - 1) // 2]
-    return medians
+    return np.where(after > first, values[(first + after - 1) // 2], 0.0)

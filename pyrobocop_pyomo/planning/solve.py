@@ -10,7 +10,7 @@ from typing import Any, TextIO
 
 from pyrobocop_pyomo.diagnosis.diagnose import doubts_before_solve, is_renamed
 from pyrobocop_pyomo.diagnosis.findings import Finding, Severity
-from pyrobocop_pyomo.diagnosis.statements import refuse_inconsistent_units, refuse_misplaced
+from pyrobocop_pyomo.diagnosis.statements import refuse_no_model
 from pyrobocop_pyomo.discretisation.first_meshes import mesh_from_statement
 from pyrobocop_pyomo.discretisation.probe import stepped_over
 from pyrobocop_pyomo.errors import SolverNotFoundError
@@ -172,7 +172,7 @@ def solve(
     programs with equilibrium constraints, doi:10.48550/arXiv.2501.13835
     """
     started = time.perf_counter()
-    refuse_misplaced(model)
+    refuse_no_model(model)
     limits = checked_tolerances(tolerances)
     if time_limit is not None and (not isinstance(time_limit, Real) or time_limit != time_limit):
         raise ValueError(f"time_limit = {time_limit!r}; expected seconds, or None for no limit.")
@@ -193,7 +193,6 @@ def solve(
         raise ValueError(f"mesh_tolerance = {mesh_tolerance!r}; expected a number above 0, such as 1e-3, or None.")
     for phase in phases_of(model):
         phase.check()
-    refuse_inconsistent_units(model)
     doubts = doubts_before_solve(model)
     for block in blocks:
         check_block(block, limits.feasibility)

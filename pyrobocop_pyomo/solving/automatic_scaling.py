@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import EvaluationError
-from pyrobocop_pyomo.ipopt.suffixes import ProblemScaling, scaling_factors
+from pyrobocop_pyomo.ipopt.suffixes import ProblemScaling
 from pyrobocop_pyomo.modeling.component_groups import ComponentGroups
 from pyrobocop_pyomo.numerics import BoolArray
 from pyrobocop_pyomo.numerics.characteristic_scales import (
@@ -22,7 +23,7 @@ from pyrobocop_pyomo.numerics.characteristic_scales import (
 )
 from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, Scales
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, Scales
 from pyrobocop_pyomo.programs.stationarity import beside
 
 # Relative to an objective: below, its change by all variables is rounding.
@@ -76,12 +77,8 @@ class ScalingRecord(Presented):
 
 
 def _range(scales: dict[str, float]) -> str:
-    if not scales:
-        return "nothing"
-    least, largest = min(scales, key=scales.__getitem__), max(scales, key=scales.__getitem__)
-    if len(scales) == 1:
-        return f"{scales[least]:.1e} ('{least}')"
-    return f"{scales[least]:.1e} ('{least}') to {scales[largest]:.1e} ('{largest}')"
+    ends = sorted(scales, key=scales.__getitem__)
+    return " to ".join(f"{scales[name]:.1e} ('{name}')" for name in dict.fromkeys([*ends[:1], *ends[-1:]])) or "nothing"
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,38 +101,40 @@ class AutomaticScaling:
 
 
 def automatic_scaling(
-    compiled: CompiledModel, stated: ProblemScaling | None = None, *, like: AutomaticScaling | None = None
+    compiled: CompiledModel, stated: ProblemScaling, *, like: AutomaticScaling | None = None
 ) -> AutomaticScaling:
     """Scales at the values that are on the model.
 
     Parameters
     ----------
     compiled : CompiledModel
-    stated : ProblemScaling, optional
-        Factors that the user has stated, NaN where there are none; by default those of the model's suffixes.
+    stated : ProblemScaling
+        Factors that the user has stated, NaN where there are none.
     like : AutomaticScaling, optional
         Of the same program: returned where no scale is another one by more than a factor of 10.
     """
     sizing = _Sizing(compiled)
     nlp, x, variables, constraints = sizing.nlp, sizing.x, sizing.variables, sizing.constraints
-    known = _known_scales(variables, sizing.widths)
-    stated = scaling_factors(compiled, missing=np.nan) if stated is None else stated
-    x_stated, g_stated = _inverse(stated.x), _inverse(stated.g)
-    of_groups = np.full(known.shape, np.nan)
+    # A factor of zero says nothing.
+    x_stated, g_stated = (1.0 / np.where(factors == 0.0, np.nan, np.abs(factors)) for factors in (stated.x, stated.g))
+    of_groups = np.full(len(variables.members), np.nan)
     of_groups[variables.numbers[~np.isnan(x_stated)]] = x_stated[~np.isnan(x_stated)]
     free = np.isnan(of_groups)
-    scales = sizing.without_rounding(np.where(free, known, of_groups), free, _AT_A_GUESS)
+    known = np.where(free, _known_scales(variables, sizing.widths), of_groups)
+    scales = sizing.without_rounding(known, free, _AT_A_GUESS)
     scales = np.where(np.isnan(scales), 1.0, scales)
     x_scales = scales[variables.numbers]
     x_beside = beside(nlp, x, x_scales)
     bounds = np.abs(np.array([nlp.g_lower, nlp.g_upper]))
     rows = row_scales(scales, sizing.entries(x, x_beside), np.where(np.isfinite(bounds), bounds, 0.0).max(axis=0))
-    g_scales = rows[constraints.numbers]
     changed = objective_scale(sizing.gradients(x, x_beside), x_scales)
     objective = max(_SHARE * changed, _CONSTANT * sizing.size_of_objective())
-    objective *= min(1.0, _MANY_BOUNDS / max(_terms_of_barrier(nlp), 1))
+    # Variables and rows that have bounds to stay between.
+    bounded = np.isfinite(nlp.x_lower) | np.isfinite(nlp.x_upper)
+    terms = int(np.count_nonzero(bounded) + np.count_nonzero(nlp.g_lower != nlp.g_upper))
+    objective *= min(1.0, _MANY_BOUNDS / max(terms, 1))
     x_scales = np.where(np.isnan(x_stated), x_scales, x_stated)
-    g_scales = np.where(np.isnan(stated.g), g_scales, g_stated)
+    g_scales = np.where(np.isnan(g_stated), rows[constraints.numbers], g_stated)
     if np.isfinite(stated.objective):
         objective = 1.0 / abs(stated.objective)
     record = ScalingRecord(_by_name(variables, x_scales), _by_name(constraints, g_scales), objective)
@@ -237,22 +236,22 @@ class _Sizing:
 
     def gradients(self, *points: FloatArray) -> FloatArray:
         """Of the objective at some points; NaN where it has none."""
-        found = np.full((len(points), self.nlp.n), np.nan)
-        for number, x in enumerate(points):
-            with contextlib.suppress(EvaluationError):
-                found[number] = self.nlp.gradient(x)
-        return found
+        unknown = np.full(self.nlp.n, np.nan)
+        return np.array([_evaluated(self.nlp.gradient, x, unknown) for x in points])
 
     def size_of_objective(self) -> float:
         """Its value without sign; 0 where it has none."""
-        with contextlib.suppress(EvaluationError):
-            return float(np.nan_to_num(abs(self.nlp.objective(self.x)), posinf=0.0))
-        return 0.0
+        return float(np.nan_to_num(abs(_evaluated(self.nlp.objective, self.x, 0.0)), posinf=0.0))
 
     def _jacobian(self, x: FloatArray) -> FloatArray:
-        with contextlib.suppress(EvaluationError):
-            return self.nlp.jacobian(x)
-        return np.full(self.nlp.jacobian_structure[0].size, np.nan)
+        unknown = np.full(self.nlp.jacobian_structure[0].size, np.nan)
+        return np.asarray(_evaluated(self.nlp.jacobian, x, unknown))
+
+
+def _evaluated(function: Callable[[FloatArray], Any], x: FloatArray, unknown: Any) -> Any:
+    with contextlib.suppress(EvaluationError):
+        return function(x)
+    return unknown
 
 
 def _doubtful(known: FloatArray, small: _Smallness) -> BoolArray:
@@ -261,29 +260,14 @@ def _doubtful(known: FloatArray, small: _Smallness) -> BoolArray:
     return known < small.doubtful * there.max(initial=0.0) if there.size else np.zeros(known.shape, dtype=bool)
 
 
-def _terms_of_barrier(nlp: NonlinearProgram) -> int:
-    """Variables and rows that have bounds to stay between."""
-    of_variables = np.isfinite(nlp.x_lower) | np.isfinite(nlp.x_upper)
-    return int(np.count_nonzero(of_variables) + np.count_nonzero(nlp.g_lower != nlp.g_upper))
-
-
-def _inverse(factors: FloatArray) -> FloatArray:
-    """Scales of factors; a factor of zero says nothing."""
-    return 1.0 / np.where(factors == 0.0, np.nan, np.abs(factors))
-
-
 def _by_name(groups: ComponentGroups, scales: FloatArray) -> dict[str, float]:
     return {groups.names[group]: scale for group, scale in zip(groups.numbers, scales.tolist(), strict=True)}
 
 
 def _known_scales(groups: ComponentGroups, widths: FloatArray) -> FloatArray:
     """By the values of all parts, the fixed ones too, and by the distances of bounds."""
-    values = [_largest_value(members) for members in groups.members]
+    values = [max((abs(data.value) for data in of if data.value is not None), default=0.0) for of in groups.members]
     return np.array([size_of_group(value, width) for value, width in zip(values, widths.tolist(), strict=True)])
-
-
-def _largest_value(members: list[Any]) -> float:
-    return max((abs(data.value) for data in members if data.value is not None), default=0.0)
 
 
 def _group_of_state(rows: Any, variables: ComponentGroups) -> int:

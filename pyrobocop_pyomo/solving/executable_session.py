@@ -8,9 +8,8 @@ doi:10.1007/s10107-004-0559-y).
 
 from __future__ import annotations
 
-import functools
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -23,20 +22,18 @@ from pyomo.core.base.block import Block
 from pyomo.core.base.suffix import Suffix
 
 from pyrobocop_pyomo.complementarity import BarrierSchedule
-from pyrobocop_pyomo.discretisation import RowMultipliers
 from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import NO_IPOPT, find_ipopt_executable, ipopt_executable_version
 from pyrobocop_pyomo.ipopt.in_process import CONDITIONS
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.ipopt.linear_solvers import SAID_OF_OWN_SOLVER, refused_options, with_linear_solver
-from pyrobocop_pyomo.ipopt.suffixes import scaling_factors
+from pyrobocop_pyomo.ipopt.suffixes import FoundPoint
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.programs.asl_program import WRITER_OPTIONS, checked_writing
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.model_checks import refuse_function_calls
-from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
+from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint, Scales
 
-from .automatic_scaling import automatic_scaling
 from .ipopt_options import IPOPT_MU_INIT, IPOPT_TOLERANCE, SCALED, IpoptOptions, warm_start
 from .iterates import Iterate
 from .relaxed_model import RelaxedModel
@@ -80,7 +77,7 @@ _STATUS_OF_MESSAGE = {
 
 
 # What a run leaves, and the next one may start from.
-_ARRIVED = ("dual", "ipopt_zL_out", "ipopt_zU_out")
+_ARRIVED, _HANDED = ("dual", "ipopt_zL_out", "ipopt_zU_out"), ("dual", "ipopt_zL_in", "ipopt_zU_in")
 
 
 class _PatientIpopt(Ipopt):
@@ -93,6 +90,7 @@ class ExecutableSession(Session):
     """See `Session`; parameters as for `InProcessSession`, without a choice of derivatives."""
 
     derivatives = "ASL"
+    _scaled_options = _SCALED
 
     def __init__(self, relaxed: RelaxedModel, settings: Settings) -> None:
         path = find_ipopt_executable()
@@ -103,8 +101,6 @@ class ExecutableSession(Session):
         model = self._model = relaxed.model
         refuse_function_calls(model)
         super().__init__(relaxed, _compiled_or_none(model), settings)
-        scaled = self._compiled if self._is_scaled else None
-        self._stated = None if scaled is None else scaling_factors(scaled, missing=np.nan)
         names = {*_SUFFIXES} if self._stated is not None else {*_SUFFIXES} - {"scaling_factor"}
         # Where the user has suffixes of the same names, theirs would be filled instead of ours.
         self._deactivated = [
@@ -118,27 +114,15 @@ class ExecutableSession(Session):
             if name in names:
                 self._own.add_component(name, Suffix(direction=direction, datatype=Suffix.FLOAT))
 
-    def _take_sizes(self) -> None:
-        """See `Session.scaling`: of the point on the model."""
+    def _write_factors(self, scales: Scales) -> None:
+        """Let Ipopt divide by these sizes."""
         compiled, factors = self._compiled, self._own.component("scaling_factor")
-        if compiled is None or factors is None:
-            return
-        self.scaling = automatic_scaling(compiled, self._stated, like=self.scaling)
-        scales = self.scaling.scales
+        assert compiled is not None
         factors.clear()
         for components, sizes in ((compiled.variables, scales.x), (compiled.constraints, scales.g)):
             factors.update((components[k], 1.0 / float(sizes[k])) for k in np.flatnonzero(sizes > 1.0))
         if compiled.objective is not None:
             factors[compiled.objective] = 1.0 / scales.objective
-
-    def run(
-        self, delta: float | None, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None = None
-    ) -> Iterate:
-        """See `Session.run`."""
-        if delta is not None:
-            self._relaxed.delta.set_value(delta)
-        self._hand_over({} if start is None else start.multipliers)
-        return self._solve("fixed delta" if delta is not None else "solve", delta, options, deadline)
 
     def follow(self, schedule: BarrierSchedule, options: IpoptOptions, deadline: Deadline) -> Iterator[Iterate]:
         """See `Session.follow`."""
@@ -153,44 +137,42 @@ class ExecutableSession(Session):
             warm = {} if start is None else warm_start(mu)
             # The first parameter may be the user's; it is the path itself that goes on from there.
             resolved = {**options.resolve(warm, loose), "mu_init": mu, **({} if last else {"mu_target": mu})}
-            self._relaxed.delta.set_value(schedule.delta_for(mu))
-            self._hand_over({} if start is None else start.multipliers)
-            start = self._solve("delta = mu, from outside", schedule.delta_for(mu), resolved, deadline)
+            delta = schedule.delta_for(mu)
+            self._move_to(delta)
+            start = replace(self._solve(resolved, deadline, start), label="delta = mu, from outside", delta=delta)
             yield start
             if last or not start.converged:
                 return
             mu = max(tolerance / 10, min(0.2 * mu, mu**1.5))
 
-    def _hand_over(self, multipliers: Mapping[str, ComponentMap]) -> None:
-        """Let the next run start with multipliers of an earlier one, or with none."""
-        for arrived, handed in (("dual", "dual"), ("ipopt_zL_out", "ipopt_zL_in"), ("ipopt_zU_out", "ipopt_zU_in")):
+    def _solve(self, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None) -> Iterate:
+        for arrived, handed in zip(_ARRIVED, _HANDED, strict=True):
             suffix = self._own.component(handed)
-            entries = list(multipliers[arrived].items()) if multipliers else []
+            entries = [] if start is None else list(start.multipliers[arrived].items())
             suffix.clear()
             suffix.update(entries)
-
-    def _solve(self, label: str, delta: float | None, options: Mapping[str, Any], deadline: Deadline) -> Iterate:
-        options = {**self._of_objective, **options}
-        if "nlp_scaling_method" not in options:
-            self._take_sizes()
-            options = {**_SCALED, **options} if self.scaling is not None else options
+        options, scales = self._with_scaling(options)
+        if scales is not None:
+            self._write_factors(scales)
         started = time.perf_counter()
         resolved, own = with_linear_solver(options)
         for stream in self._output if own else ():
             stream.write(SAID_OF_OWN_SOLVER)
         status, iterations = self._run_process(resolved, deadline)
         multipliers = {name: ComponentMap(self._own.component(name).items()) for name in _ARRIVED}
+        loader = FoundPoint(
+            self._model, ((), ()), {name: (tuple(of), tuple(of.values())) for name, of in multipliers.items()}
+        )
         iterate = Iterate.of_run(
-            label,
+            "solve",
             status,
-            delta=delta,
             mu=options.get("mu_target"),
             options=options,
             iterations=iterations,
             seconds=time.perf_counter() - started,
             multipliers=multipliers,
-            load_suffixes=self._suffix_loader(),
-            row_multipliers=functools.partial(_row_multipliers, multipliers),
+            load_suffixes=loader.load_import_suffixes,
+            row_multipliers=loader.row_multipliers,
         )
         # With pairs that is a matter of the polish: the program of the file is another one for each delta.
         if self._compiled is None or self._relaxed.pairs:
@@ -221,20 +203,6 @@ class ExecutableSession(Session):
             results.solution_loader.load_solution()
         return status, int(results.extra_info.iteration_count or 0)
 
-    def _suffix_loader(self) -> Callable[[], None]:
-        found = [
-            (suffix, list(self._own.component(suffix.local_name).items()))
-            for suffix in self._deactivated
-            if suffix.import_enabled()
-        ]
-
-        def load() -> None:
-            for suffix, entries in found:
-                suffix.clear()
-                suffix.update(entries)
-
-        return load
-
     def compiled(self, *, anew: bool = False) -> CompiledModel | None:
         """See `Session.compiled`."""
         if self._compiled is not None and not anew and not self._relaxed.pairs:
@@ -257,12 +225,6 @@ class ExecutableSession(Session):
         self._model.del_component(self._own)
         for suffix in self._deactivated:
             suffix.activate()
-
-
-def _row_multipliers(multipliers: Mapping[str, ComponentMap]) -> RowMultipliers:
-    return RowMultipliers(
-        *({id(part): float(number) for part, number in multipliers[name].items()} for name in _ARRIVED)
-    )
 
 
 def _compiled_or_none(model: Any) -> CompiledModel | None:

@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
-import contextlib
 import copy
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from pyrobocop_pyomo.complementarity import BarrierSchedule
-from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
-from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus, IterationRecord
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus, IterationRecord
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
 from pyrobocop_pyomo.ipopt.linear_solvers import FELL_BACK
 from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader, scaling_factors, starting_point
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE, ROUNDING
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, PrimalDualPoint, Scales, missing_rank
+from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, PrimalDualPoint
 from pyrobocop_pyomo.programs.wrapped_programs import ElasticRows, ScaledProgram, ShiftedRows
 
-from .automatic_scaling import automatic_scaling
-from .ipopt_options import IPOPT_TOLERANCE, SCALED, IpoptOptions
+from .automatic_scaling import objective_slope
+from .ipopt_options import IPOPT_TOLERANCE, IpoptOptions
 from .iterates import Iterate
 from .progress import Progress
 from .relaxed_model import RelaxedModel
@@ -50,125 +50,82 @@ class InProcessSession(Session):
         compiled = (CompiledModel if known is None else known.of)(relaxed.model, derivatives)
         super().__init__(relaxed, compiled, settings)
         self._derivatives = derivatives
-        self._on_iteration = None if settings.output else _live_line(settings.progress, relaxed.model.name)
+        self._live = None if settings.output else _live_line(settings.progress, relaxed.model.name)
         self._price: float | None = None  # of violated rows, where these are elastic
-        self._nlp = self._shifted(self._compiled.nlp)
+        self._nlp: NonlinearProgram = self._compiled.nlp
+        if relaxed.shifted_rows:
+            rows = self._compiled.numbers_of(relaxed.shifted_rows)
+            self._nlp = ShiftedRows(self._nlp, rows, base=relaxed.delta.value)
         self.solver = str(load_ipopt_library())
         self.derivatives = self._compiled.nlp.derivatives
-        self._scales: Scales | None = None
-
-    def _shifted(self, nlp: NonlinearProgram) -> NonlinearProgram:
-        if not self._relaxed.shifted_rows:
-            return nlp
-        rows = self._compiled.numbers_of(self._relaxed.shifted_rows)
-        return ShiftedRows(nlp, rows, base=self._relaxed.delta.value)
 
     def with_elastic_rows(self, price: float) -> InProcessSession:
         """See `Session.with_elastic_rows`."""
-        self._take_sizes()
         elastic = copy.copy(self)
-        elastic._price = price if self._scales is not None else price * self._slope()
+        elastic._price = price
+        if self._stated is None:
+            elastic._price *= max(1.0, objective_slope(self._compiled, below=np.inf))
         return elastic
 
-    def _take_sizes(self) -> None:
-        """Let the sizes be those of the point on the model: what a run is divided by belongs to where it starts."""
-        if self._is_scaled and self._price is None:
-            self.scaling = automatic_scaling(self._compiled, like=self.scaling)
-            self._scales = self.scaling.scales
-
-    def _slope(self) -> float:
-        """The largest derivative of the objective, or 1 if that is larger."""
-        slope = 0.0
-        with contextlib.suppress(EvaluationError):
-            slope = float(abs(self._nlp.gradient(self._compiled.current_point())).max(initial=0.0))
-        return max(1.0, slope)
-
-    def run(
-        self, delta: float | None, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None = None
-    ) -> Iterate:
-        """See `Session.run`."""
-        if delta is not None:
-            if isinstance(self._nlp, ShiftedRows):
-                self._nlp.delta = delta
-            else:
-                self._relaxed.delta.set_value(delta)
-                self._compiled.update()
-                self._nlp = self._compiled.nlp
-        standstill = Standstill(self._on_iteration)
-        outcome = self._solve(options, deadline, start, standstill)
-        if standstill.reached and outcome.status is IpoptStatus.STOPPED:
-            outcome = replace(outcome, status=IpoptStatus.TINY_STEP)
-        return self._iterate("fixed delta" if delta is not None else "solve", delta, options, outcome)
+    def _move_to(self, delta: float) -> None:
+        if isinstance(self._nlp, ShiftedRows):
+            self._nlp.delta = delta
+        else:
+            super()._move_to(delta)
+            self._compiled.update()
+            self._nlp = self._compiled.nlp
 
     def follow(self, schedule: BarrierSchedule, options: IpoptOptions, deadline: Deadline) -> Iterator[Iterate]:
         """See `Session.follow`."""
-        nlp = self._nlp
-        assert isinstance(nlp, ShiftedRows)
+        assert isinstance(self._nlp, ShiftedRows)
         resolved = options.resolve()
-        follow_mu = DeltaFollowsBarrier(nlp, schedule, resolved, self._on_iteration)
-        outcome = self._solve(resolved, deadline, None, follow_mu)
-        yield replace(self._iterate("delta follows mu", follow_mu.delta, resolved, outcome), path=follow_mu.path)
+        follow_mu = DeltaFollowsBarrier(self._nlp, schedule, resolved, self._live)
+        iterate = self._solve(resolved, deadline, None, follow_mu)
+        yield replace(iterate, label="delta follows mu", delta=follow_mu.delta, path=follow_mu.path)
 
     def _solve(
-        self, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None, on_iteration: OnIteration
-    ) -> IpoptOutcome:
-        nlp, point, scales, head = self._nlp, starting_point(self._compiled), None, ""
+        self, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None, follow: OnIteration | None = None
+    ) -> Iterate:
+        on_iteration = follow or Standstill(self._live)
+        nlp, point = self._nlp, starting_point(self._compiled)
         if start is not None:
             point = replace(start.multipliers, x=point.x)
-        options = {**self._of_objective, **options}
-        if "nlp_scaling_method" not in options:
-            self._take_sizes()
-            scales = self._scales
+        options, scales = self._with_scaling(options)
         if scales is not None:
-            nlp, point, options = ScaledProgram(nlp, scales), scales.scaled(point), {**SCALED, **options}
-            head = (
-                f"The log below is about the scaled program: the objective divided by {scales.objective:.3g}, "
-                "variables and rows by their typical sizes.\n"
-            )
+            nlp, point = ScaledProgram(nlp, scales), scales.scaled(point)
         elastic = None if self._price is None else ElasticRows(nlp, self._price)
         if elastic is not None:
             point = PrimalDualPoint(elastic.restrict(point.x))
         by_user = options.get("nlp_scaling_method") == "user-scaling" and elastic is None
-        factors = scaling_factors(self._compiled) if by_user else None
         unit = 1.0 if scales is None or elastic is not None else scales.objective
-
-        def stated(record: IterationRecord) -> IterationRecord:
-            return record._replace(objective=record.objective * unit)
-
         outcome = run_ipopt(
             elastic or nlp,
             options,
             point,
             deadline=deadline,
-            scaling=factors,
-            on_iteration=lambda record: on_iteration(stated(record)),
+            scaling=scaling_factors(self._compiled) if by_user else None,
+            on_iteration=lambda record: on_iteration(record._replace(objective=record.objective * unit)),
             output=self._output,
-            head=head,
         )
-        end, undefined_at = outcome.point, outcome.undefined_at
-        if elastic is not None:
-            end = elastic.inner(end)
+        end = outcome.point if elastic is None else elastic.inner(outcome.point)
+        undefined_at = None if outcome.undefined_at is None else outcome.undefined_at[: nlp.n]
         if scales is not None:
             end = scales.unscaled(end, self._nlp)
-        if undefined_at is not None:
-            undefined_at = undefined_at[: nlp.n] * (1.0 if scales is None else scales.x)
+            undefined_at = None if undefined_at is None else undefined_at * scales.x
         self._compiled.load_point(end.x)
-        records = [stated(record) for record in outcome.records]
-        return replace(outcome, undefined_at=undefined_at, records=records, **vars(end))
-
-    def _iterate(self, label: str, delta: float | None, options: Mapping[str, Any], outcome: IpoptOutcome) -> Iterate:
-        loader = InProcessSolutionLoader(self._compiled, outcome)
+        loader = InProcessSolutionLoader(self._compiled, replace(outcome, **vars(end)))
+        solver = FELL_BACK if outcome.fell_back else outcome.linear_solver  # empty where Ipopt decided itself
         return Iterate.of_run(
-            label,
-            outcome.status,
-            delta=delta,
+            "solve",
+            # Nothing else stops a run here.
+            IpoptStatus.TINY_STEP if outcome.status is IpoptStatus.STOPPED else outcome.status,
             mu=outcome.mu,
             iterations=outcome.iterations,
             seconds=outcome.seconds,
-            options=_recorded(options, outcome),
-            stationarity=self._stationarity(self._nlp, outcome.point),
-            multipliers=outcome.point,
-            undefined_at=outcome.undefined_at,
+            options={**options, "linear_solver": solver} if solver else options,
+            stationarity=self._stationarity(self._nlp, end),
+            multipliers=end,
+            undefined_at=undefined_at,
             load_suffixes=loader.load_import_suffixes,
             row_multipliers=loader.row_multipliers,
         )
@@ -176,10 +133,6 @@ class InProcessSession(Session):
     def compiled(self, *, anew: bool = False) -> CompiledModel | None:
         """See `Session.compiled`."""
         return CompiledModel(self._relaxed.model, self._derivatives) if anew else self._compiled
-
-    def missing_rank(self) -> int:
-        """See `Session.missing_rank`."""
-        return missing_rank(self._compiled.nlp, self._compiled.current_point())
 
     def primal_dual(self, iterate: Iterate, compiled: CompiledModel) -> PrimalDualPoint:
         """See `Session.primal_dual`."""
@@ -189,12 +142,6 @@ class InProcessSession(Session):
 
     def close(self) -> None:
         """Nothing was put on the model."""
-
-
-def _recorded(options: Mapping[str, Any], outcome: IpoptOutcome) -> dict[str, Any]:
-    """Options of a run, with the linear solver where that was not Ipopt's own decision."""
-    solver = FELL_BACK if outcome.fell_back else outcome.linear_solver
-    return {**options, "linear_solver": solver} if solver else dict(options)
 
 
 def _live_line(progress: Progress, name: str) -> OnIteration:
@@ -218,28 +165,21 @@ class Standstill:
     Parameters
     ----------
     on_iteration : callable or None
-        The user's callback, asked first.
-
-    Attributes
-    ----------
-    reached : bool
-        Whether the run was told to stop.
+        Called as well.
     """
 
     def __init__(self, on_iteration: OnIteration | None) -> None:
         self._on_iteration, self._count = on_iteration, 0
         self._before: IterationRecord | None = None
-        self.reached = False
 
     def __call__(self, record: IterationRecord) -> bool:
         """Whether the run may go on."""
-        if self._on_iteration is not None and self._on_iteration(record) is False:
-            return False
+        if self._on_iteration is not None:
+            self._on_iteration(record)
         before, self._before = self._before, record
         stands = before is not None and record.primal_infeasibility <= IPOPT_TOLERANCE and _stands(before, record)
         self._count = self._count + 1 if stands else 0
-        self.reached = self._count >= STANDING_ITERATIONS
-        return not self.reached
+        return self._count < STANDING_ITERATIONS
 
 
 def _stands(before: IterationRecord, now: IterationRecord) -> bool:

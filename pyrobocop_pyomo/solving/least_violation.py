@@ -14,7 +14,7 @@ from pyomo.core.base.constraint import Constraint
 
 from pyrobocop_pyomo.complementarity import CanonicalPair, SidePart, pairs_of
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
-from pyrobocop_pyomo.diagnosis.linearised_rows import LinearisedRows, gradient
+from pyrobocop_pyomo.diagnosis.linearised_rows import LinearisedRows
 from pyrobocop_pyomo.diagnosis.places import is_equation_of_a_phase, place_in_words, separation_of, time_of
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
 from pyrobocop_pyomo.modeling.row_violations import largest_violation, number_or_nan
@@ -92,8 +92,7 @@ class Obstruction:
         return self.words
 
 
-@dataclass(frozen=True)
-class Relief:
+class Relief(NamedTuple):
     """How far the bounds or rows of one component have to give way for everything else to be met.
 
     Attributes
@@ -106,27 +105,6 @@ class Relief:
 
     name: str
     amount: float
-
-
-class LinearStep(NamedTuple):
-    """What a linear program finds.
-
-    Attributes
-    ----------
-    change : float array, shape (n,)
-        Of the variables.
-    length : float
-        The largest change, in sizes.
-    total : float
-        Violation of the linearised rows after it, weighted, in sum.
-    row_multipliers : float array, shape (m,)
-        By how much that grows per unit of a row's active bound.
-    """
-
-    change: FloatArray
-    length: float
-    total: float
-    row_multipliers: FloatArray
 
 
 class StatedRow(NamedTuple):
@@ -165,7 +143,7 @@ def stated_rows(model: Any, pairs: Iterable[CanonicalPair] = ()) -> list[StatedR
 
 
 class ViolatedRows(LinearisedRows):
-    """Rows at the values that are on the model.
+    """Rows at the values that are on the model, and below them the bounds and values that hold their variables.
 
     Parameters
     ----------
@@ -176,6 +154,8 @@ class ViolatedRows(LinearisedRows):
     Attributes
     ----------
     weights : float array, shape (m,)
+    sizes : float array, shape (n,)
+        Of the variables, the fixed ones among them.
     total : float
         Weighted violation of all rows, in sum.
     is_finite : bool
@@ -183,48 +163,52 @@ class ViolatedRows(LinearisedRows):
     """
 
     def __init__(self, rows: Sequence[StatedRow], weights: FloatArray | None = None) -> None:
-        super().__init__(rows)
+        super().__init__(rows, include_fixed=True)
         self._x = np.array([variable.value for variable in self.variables], dtype=float)
-        bounds = np.array([variable.bounds for variable in self.variables], dtype=float).reshape(-1, 2)
-        self._lower = np.where(np.isnan(bounds[:, 0]), -np.inf, bounds[:, 0])
-        self._upper = np.where(np.isnan(bounds[:, 1]), np.inf, bounds[:, 1])
-        width = self._upper - self._lower
-        self._sizes = np.maximum(np.maximum(1.0, np.abs(self._x)), np.where(np.isfinite(width), width, 0.0))
+        fixed = np.array([variable.fixed for variable in self.variables], dtype=bool)
+        bounds = [(v.value, v.value) if v.fixed else v.bounds for v in self.variables]
+        lower, upper = np.array([*((row.lower, row.upper) for row in rows), *bounds], dtype=float).reshape(-1, 2).T
         values = np.array([number_or_nan(row.body) for row in rows])
-        values[np.isinf(values)] = np.nan
-        # From each row's value down to its lower and up to its upper bound.
-        self._to_lower = np.array([-np.inf if row.lower is None else row.lower for row in rows]) - values
-        self._to_upper = np.array([np.inf if row.upper is None else row.upper for row in rows]) - values
-        self.is_finite = bool(np.isfinite(values).all() and np.isfinite(self.jacobian.data).all())
-        self.weights = self._own_weights() if weights is None else weights
-        self.total = float(self.weights @ (np.maximum(self._to_lower, 0.0) + np.maximum(-self._to_upper, 0.0)))
+        jacobian = self.jacobian
+        jacobian.data[np.isnan(jacobian.data) & fixed[jacobian.indices]] = 0.0
+        self.is_finite = bool(np.isfinite(values).all() and np.isfinite(jacobian.data).all())
+        # From the value of each down to its lower and up to its upper bound.
+        here = np.concatenate([values, self._x])
+        self._to_lower = np.where(np.isnan(lower), -np.inf, lower) - here
+        self._to_upper = np.where(np.isnan(upper), np.inf, upper) - here
+        m, n = jacobian.shape
+        self._matrix = scipy.sparse.vstack([jacobian, scipy.sparse.identity(n)], format="csr")
+        self._parts = [*(row.data for row in rows), *self.variables]
+        width = self._to_upper[m:] - self._to_lower[m:]
+        self.sizes = np.maximum(np.maximum(1.0, np.abs(self._x)), np.where(np.isfinite(width), width, 0.0))
+        if weights is None:
+            slopes = abs(jacobian @ scipy.sparse.diags(self.sizes * ~fixed)).max(axis=1).toarray().ravel()
+            weights = 1.0 / np.where(slopes > 0, slopes, 1.0)
+        self.weights = weights
+        self.total = float(weights @ (np.maximum(self._to_lower[:m], 0.0) + np.maximum(-self._to_upper[:m], 0.0)))
 
-    def _own_weights(self) -> FloatArray:
-        sized = abs(self.jacobian @ scipy.sparse.diags(self._sizes)).tocoo()
-        slopes = np.zeros(len(self.rows))
-        np.fmax.at(slopes, sized.row, sized.data)
-        return 1.0 / np.where(slopes > 0, slopes, 1.0)
+    def step(self, radius: float, deadline: Deadline) -> tuple[FloatArray, float, FloatArray] | None:
+        """The step within the bounds and a trust region, in sizes, after which the rows are violated least.
 
-    def step(self, radius: float, deadline: Deadline) -> LinearStep | None:
-        """The step within the bounds and a trust region, in sizes, after which the rows are violated least."""
-        m, n = self.jacobian.shape
-        reach = radius * self._sizes if np.isfinite(radius) else np.full(n, np.inf)
-        unit = scipy.sparse.identity(m, format="csr")
-        below, above = np.isfinite(self._to_lower), np.isfinite(self._to_upper)
+        Returns
+        -------
+        float array, shape (n,)
+            Change of the variables.
+        float
+            Violation of the linearised rows after it, weighted, in sum.
+        float array, shape (m + n,)
+            By how much that grows per unit of the active bound of each row, and of each variable.
+        """
+        m, n = len(self.rows), self._x.size
+        reach, slack = radius * self.sizes, scipy.sparse.identity(m + n, format="csr")[:, :m]
         program = LinearProgram(
             np.concatenate([np.zeros(n), self.weights, self.weights]),
-            np.concatenate([np.maximum(self._lower - self._x, -reach), np.zeros(2 * m)]),
-            np.concatenate(
-                [np.minimum(self._upper - self._x, reach), np.where(below, np.inf, 0.0), np.where(above, np.inf, 0.0)]
-            ),
-            [(scipy.sparse.hstack([self.jacobian, unit, -unit], format="csr"), self._to_lower, self._to_upper)],
+            np.concatenate([-reach, np.zeros(2 * m)]),
+            np.concatenate([reach, np.full(2 * m, np.inf)]),
+            [(scipy.sparse.hstack([self._matrix, slack, -slack], format="csr"), self._to_lower, self._to_upper)],
         )
         answer = program.solve_with_duals(deadline)
-        if answer is None:
-            return None
-        point, multipliers = answer
-        length = float(np.abs(point[:n] / self._sizes).max(initial=0.0))
-        return LinearStep(point[:n], length, float(program.cost @ point), multipliers)
+        return None if answer is None else (answer[0][:n], float(program.cost @ answer[0]), answer[1])
 
     def least_widening(self, parts: Iterable[Any], deadline: Deadline) -> float | None:
         """By how much bounds of some variables, or sides of some rows, have to give way for linear rows to be met.
@@ -239,19 +223,16 @@ class ViolatedRows(LinearisedRows):
         float or None
             Infinite where that is not enough; None where the linear program did not end.
         """
-        giving = set(map(id, parts))
-        moved = np.array([id(variable) in giving for variable in self.variables], dtype=bool)
-        n, to_lower, to_upper = len(moved), self._lower - self._x, self._upper - self._x
-        matrix = scipy.sparse.vstack([self.jacobian, scipy.sparse.identity(n, format="csr")[moved]])
-        gives = np.array([[id(row.data) in giving] for row in self.rows] + [[True]] * int(moved.sum()), dtype=float)
-        lower, upper = np.append(self._to_lower, to_lower[moved]), np.append(self._to_upper, to_upper[moved])
+        giving, n = set(map(id, parts)), self._x.size
+        held = [id(part) in giving and not getattr(part, "fixed", False) for part in self._parts]
+        gives = np.array(held, dtype=float)[:, None]
         program = LinearProgram(
             np.append(np.zeros(n), 1.0),
-            np.append(np.where(moved, -np.inf, to_lower), 0.0),
-            np.append(np.where(moved, np.inf, to_upper), np.inf),
+            np.append(np.full(n, -np.inf), 0.0),
+            np.full(n + 1, np.inf),
             [
-                (scipy.sparse.hstack([matrix, gives], format="csr"), lower, np.inf),
-                (scipy.sparse.hstack([matrix, -gives], format="csr"), -np.inf, upper),
+                (scipy.sparse.hstack([self._matrix, gives], format="csr"), self._to_lower, np.inf),
+                (scipy.sparse.hstack([self._matrix, -gives], format="csr"), -np.inf, self._to_upper),
             ],
         )
         answer = program.solve(deadline)
@@ -259,33 +240,25 @@ class ViolatedRows(LinearisedRows):
             return float("inf")
         return None if answer.x is None else float(answer.x[-1])
 
-    def put(self, step: LinearStep | None = None) -> None:
-        """Write the values to the model, after a step where there is one."""
-        x = self._x if step is None else np.clip(self._x + step.change, self._lower, self._upper)
-        put_values(self.variables, x.tolist())
+    def put(self, change: FloatArray | float = 0.0) -> None:
+        """Write the values to the model, changed within the bounds."""
+        n = self._x.size
+        put_values(self.variables, (self._x + np.clip(change, self._to_lower[-n:], self._to_upper[-n:])).tolist())
 
-    def obstructing(self, step: LinearStep) -> Iterator[ObstructingData]:
-        """What has a multiplier: bounds, rows, and values that are fixed."""
-        x, multipliers = self._x + step.change, step.row_multipliers
+    def obstructing(self, multipliers: FloatArray) -> Iterator[ObstructingData]:
+        """What has a multiplier: rows, bounds, and values that are fixed."""
         sides = {id(row.body) for row in self.rows if row.data.parent_component().ctype in PAIR_TYPES}
-        reduced = -(self.jacobian.T @ multipliers)
-        for j in np.flatnonzero(np.abs(reduced) * self._sizes > MET):
-            bound, sign = (self._lower[j], ">=") if reduced[j] > 0 else (self._upper[j], "<=")
-            of_pair = sign == ">=" and bound == 0.0 and id(self.variables[j]) in sides
-            if abs(x[j] - bound) <= MET * self._sizes[j] and not of_pair:
-                yield ObstructingData(self.variables[j], sign, float(bound), float(abs(reduced[j]) * self._sizes[j]))
-        fixed: dict[int, tuple[Any, float]] = {}
-        for i in np.flatnonzero(np.abs(multipliers) > MET * self.weights).tolist():
-            row = self.rows[i]
-            yield ObstructingData(row.data, "", 0.0, float(abs(multipliers[i]) / self.weights[i]))
-            for variable, slope in gradient(row.body, [v for v in variables_in(row.body) if v.fixed]):
-                if np.isfinite(slope):
-                    of_others = fixed.get(id(variable), (variable, 0.0))[1]
-                    fixed[id(variable)] = variable, of_others + slope * multipliers[i]
-        for variable, slope in fixed.values():
-            influence = abs(slope) * max(1.0, abs(variable.value))
-            if influence > MET:
-                yield ObstructingData(variable, "=", float(variable.value), float(influence))
+        influences = np.abs(multipliers) * np.concatenate([1.0 / self.weights, self.sizes])
+        for k in np.flatnonzero(influences > MET).tolist():
+            part, influence = self._parts[k], float(influences[k])
+            if k < len(self.rows):
+                yield ObstructingData(part, "", 0.0, influence)
+            elif part.fixed:
+                yield ObstructingData(part, "=", float(part.value), influence)
+            elif multipliers[k] < 0.0:
+                yield ObstructingData(part, "<=", float(part.ub), influence)
+            elif part.lb != 0.0 or id(part) not in sides:
+                yield ObstructingData(part, ">=", float(part.lb), influence)
 
 
 class Least(enum.Enum):
@@ -421,11 +394,13 @@ def least_violation(model: Any, deadline: Deadline = NO_DEADLINE) -> LeastViolat
         if impossible is not None:
             return impossible
         at = ViolatedRows(rows)
-        with values_restored(free):
-            contradiction = _contradiction(rows, deadline) if at.is_finite else None
-        if contradiction is not None:
-            return contradiction
-        found = _descended(rows, bool(pairs), deadline, at)
+        linear = [row for row in constraints if row.body.polynomial_degree() in (0, 1)] if at.is_finite else []
+        if 0 < len(linear) < len(rows):
+            with values_restored(free):
+                found = _descended(ViolatedRows(linear), False, deadline)
+            if found is not None and found.kind is Least.PROVEN:
+                return found  # whatever pairs and nonlinear rows say
+        found = _descended(at, bool(pairs), deadline)
     return None if found is None or (pairs and not found.obstructions) else found
 
 
@@ -437,7 +412,7 @@ def _impossible_pair(
     found: list[LeastViolation] = []
     for zero, other in ((pair.a, pair.b), (pair.b, pair.a)):
         sides = [StatedRow(pair.source, zero, 0.0, 0.0), StatedRow(pair.source, other, 0.0, None)]
-        least = _descended([*constraints, *sides], False, deadline)
+        least = _descended(ViolatedRows([*constraints, *sides]), False, deadline)
         if least is None or not least.obstructions or not pair.a_part is SidePart.WHOLE is pair.b_part:
             return None
         found.append(least)
@@ -448,20 +423,9 @@ def _impossible_pair(
     return LeastViolation(kind, False, min(least.total for least in found), tuple(against.values()), least_relief)
 
 
-def _contradiction(rows: Sequence[StatedRow], deadline: Deadline) -> LeastViolation | None:
-    """The proof that the linear constraints contradict each other, whatever pairs and nonlinear rows say."""
-    linear = [row for row in rows if row.data.ctype is Constraint and row.body.polynomial_degree() in (0, 1)]
-    if not 0 < len(linear) < len(rows):
-        return None
-    found = _descended(linear, False, deadline)
-    return found if found is not None and found.kind is Least.PROVEN else None
-
-
-def _descended(
-    rows: Sequence[StatedRow], has_pairs: bool, deadline: Deadline, at: ViolatedRows | None = None
-) -> LeastViolation | None:
-    """Go down from the values on the model; `at` are the rows there, where they are known already."""
-    at = ViolatedRows(rows) if at is None else at
+def _descended(at: ViolatedRows, has_pairs: bool, deadline: Deadline) -> LeastViolation | None:
+    """Go down from the values on the model."""
+    rows = at.rows
     # Pyomo finds a degree by evaluating what is fixed in a row, which may have no value.
     is_linear = at.is_finite and all(row.body.polynomial_degree() in (0, 1) for row in rows)
     radius = math.inf if is_linear else 1.0
@@ -473,20 +437,21 @@ def _descended(
         step = at.step(radius, deadline)
         if step is None:
             return None
-        if at.total - step.total <= STATIONARY * min(radius, 1.0) * at.total:
-            groups = grouped(at.obstructing(step))
+        change, total, multipliers = step
+        if at.total - total <= STATIONARY * min(radius, 1.0) * at.total:
+            groups = grouped(at.obstructing(multipliers))
             relief = _first_relief(at, groups, deadline)
             if not is_linear and relief is not None and math.isinf(relief.amount):
                 relief = None  # further away than slopes are good for, it may be enough
             kind = Least.PROVEN if is_linear else Least.LOCAL
-            return LeastViolation(kind, has_pairs, step.total, tuple(one for one, _ in groups), relief)
-        at.put(step)
+            return LeastViolation(kind, has_pairs, total, tuple(one for one, _ in groups), relief)
+        at.put(change)
         after = ViolatedRows(rows, at.weights)
-        if after.is_finite and at.total - after.total >= SUFFICIENT * (at.total - step.total):
+        if after.is_finite and at.total - after.total >= SUFFICIENT * (at.total - total):
             at, radius = after, 2.0 * radius
         else:
             at.put()
-            radius = 0.25 * min(radius, step.length)
+            radius = 0.25 * min(radius, float(np.abs(change / at.sizes).max(initial=0.0)))
     return LeastViolation(Least.UNKNOWN, has_pairs, at.total)
 
 
@@ -494,18 +459,19 @@ def _first_relief(
     at: ViolatedRows, groups: Sequence[tuple[Obstruction, list[ObstructingData]]], deadline: Deadline
 ) -> Relief | None:
     """The first obstruction that is enough alone, by the slopes here; fixed values and pairs are not tried."""
-    tried: list[Relief] = []
+    first: Relief | None = None
     for obstruction, data in groups[:SHOWN]:
         component = data[0].data.parent_component()
-        if not obstruction.is_fixed and component.ctype not in PAIR_TYPES:
-            is_whole = bool(obstruction.limit) and obstruction.name == component.name
-            amount = at.least_widening(component.values() if is_whole else [one.data for one in data], deadline)
-            if amount is None or amount <= MET:
-                return None
-            tried.append(Relief(obstruction.name, amount))
-            if math.isfinite(amount):
-                return tried[-1]
-    return next(iter(tried), None)
+        if obstruction.is_fixed or component.ctype in PAIR_TYPES:
+            continue
+        is_whole = bool(obstruction.limit) and obstruction.name == component.name
+        amount = at.least_widening(component.values() if is_whole else [one.data for one in data], deadline)
+        if amount is None or amount <= MET:
+            return None
+        if math.isfinite(amount):
+            return Relief(obstruction.name, amount)
+        first = first or Relief(obstruction.name, amount)
+    return first
 
 
 def grouped(data: Iterable[ObstructingData]) -> list[tuple[Obstruction, list[ObstructingData]]]:
@@ -518,21 +484,21 @@ def grouped(data: Iterable[ObstructingData]) -> list[tuple[Obstruction, list[Obs
     for one in data:
         groups.setdefault(_label(one), []).append(one)
     stated = [some for some in groups.values() if some[0].sign or not is_equation_of_a_phase(some[0].data)]
-    # A bound is a number that can be widened. Ends are fixed, and contact is stated, in almost every problem.
-    ranked = [(_rank(some[0]), _obstruction(some), some) for some in stated or groups.values()]
-    return [(one, some) for _, one, some in sorted(ranked, key=lambda each: (each[0], -each[1].influence))]
+    named = [(_obstruction(some), some) for some in stated or groups.values()]
+
+    def rank(each: tuple[Obstruction, list[ObstructingData]]) -> tuple[bool, bool, bool, float]:
+        # A bound is a number that can be widened. Ends are fixed, and contact is stated, in almost every problem.
+        obstruction, (first, *_) = each
+        of_pairs = first.data.parent_component().ctype in PAIR_TYPES
+        return obstruction.is_fixed, of_pairs, not first.sign, -obstruction.influence
+
+    return sorted(named, key=rank)
 
 
 def _label(one: ObstructingData) -> Hashable:
     if not one.sign and (separation := separation_of(one.data)) is not None:
         return separation[:3]
     return id(one.data.parent_component()), one.sign, one.value if one.sign == "=" else None
-
-
-def _rank(one: ObstructingData) -> int:
-    if one.sign:
-        return 3 if one.sign == "=" else 0
-    return 2 if one.data.parent_component().ctype in PAIR_TYPES else 1
 
 
 def _obstruction(some: list[ObstructingData]) -> Obstruction:

@@ -21,7 +21,7 @@ from pyrobocop_pyomo.programs.row_values import RowTerms, RowValues, SumValue, V
 
 from .ipopt_options import IPOPT_TOLERANCE
 from .iterates import Tolerances
-from .violations import Violation, violations_of_rows
+from .violations import Violation, violation_of
 
 
 class ModelCheck:
@@ -69,9 +69,9 @@ class ModelCheck:
         rows = np.flatnonzero(of_rows > tolerances.feasibility)  # none is larger by its size
         rows = rows[self._relative(of_rows, rows) > tolerances.feasibility]
         bounded = np.flatnonzero(of_variables / self._bounded.sizes() > tolerances.feasibility)
-        violated = [(row, content_of(row), *bounds) for row, bounds in map(self._rows.__getitem__, rows)]
-        violated += [(data, data.value, *data.bounds) for data in map(self._bounded.variables.__getitem__, bounded)]
-        return list(violations_of_rows(violated))
+        found = [violation_of(row, content_of(row), *bounds) for row, bounds in map(self._rows.__getitem__, rows)]
+        outside = map(self._bounded.variables.__getitem__, bounded)
+        return found + [violation_of(data, data.value, *data.bounds) for data in outside]
 
     def violations(self) -> tuple[float, float]:
         """Largest violation, and the largest where each is divided by the size of what it is a violation of.

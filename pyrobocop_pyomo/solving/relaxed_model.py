@@ -64,7 +64,7 @@ def presolve(pairs: Sequence[LiftedPair], tolerance: float = 1e-7) -> list[SideV
                     f"be >= 0. Check the bounds and what is fixed. {SIDES_HOLD}"
                 )
         if least_a > tolerance and least_b > tolerance:
-            if not (_is_fixed(pair.a) or _is_fixed(pair.b)):
+            if not (pair.a.variable.fixed or pair.b.variable.fixed):
                 continue  # bounds alone: a problem without a solution, which the solve says
             raise ComplementarityError(
                 f"'{pair.pair.name}': both sides are positive by bounds and fixed variables (at least {least_a:g} and "
@@ -80,28 +80,20 @@ def presolve(pairs: Sequence[LiftedPair], tolerance: float = 1e-7) -> list[SideV
 @contextmanager
 def fixed_at_zero(sides: Sequence[SideVariable]) -> Iterator[None]:
     """Hold the decided sides at zero by the bounds of their variables; afterwards these are as they were."""
-    # The stored bound and not `variable.upper`, which cannot tell a bound of its own from one of the domain.
-    before: list[tuple[Any, str, Any]] = []
+    # The stored bounds and not `variable.upper`, which cannot tell a bound of its own from one of the domain.
+    before = [(side.variable, side.variable._lb, side.variable._ub) for side in sides]
     try:
         for side in sides:
             variable, offset = side.variable, value(side.offset)
-            if variable.fixed:
-                continue
             # Intersected and not overwritten: a bound that excludes zero stays, and the solver sees it.
-            if side.sign > 0:
-                before.append((variable, "_ub", variable._ub))
+            if side.sign > 0 and not variable.fixed:
                 variable.setub(offset if variable.ub is None else min(offset, variable.ub))
-            else:
-                before.append((variable, "_lb", variable._lb))
+            elif not variable.fixed:
                 variable.setlb(offset if variable.lb is None else max(offset, variable.lb))
         yield
     finally:
-        for variable, name, bound in reversed(before):
-            setattr(variable, name, bound)
-
-
-def _is_fixed(side: SideVariable) -> bool:
-    return bool(side.variable.fixed)
+        for variable, lower, upper in reversed(before):
+            variable._lb, variable._ub = lower, upper
 
 
 def _range(side: SideVariable, expression: Any, part: SidePart, intervals: ExpressionBounds) -> tuple[float, float]:
@@ -179,10 +171,7 @@ class RelaxedModel:
     def start_lifted(self) -> None:
         """Give generated variables the values of what they stand for."""
         for lifted in self.lifted:
-            sides = (lifted.a, lifted.b)
-            if not any(side.variable.parent_block() is self.block for side in sides):
-                continue
-            for side, number in zip(sides, side_values(lifted.pair, unknown=0.0), strict=True):
+            for side, number in zip((lifted.a, lifted.b), side_values(lifted.pair, unknown=0.0), strict=True):
                 if side.variable.parent_block() is self.block:
                     side.variable.set_value(max(number, 0.0), skip_validation=True)
 

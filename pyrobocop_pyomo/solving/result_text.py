@@ -10,6 +10,7 @@ from typing import Any
 
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.phases import phases_of
+from pyrobocop_pyomo.presentation import aligned
 
 from .iterates import Quality, StopReason
 from .least_violation import SHOWN, STANDS_AGAINST, Least
@@ -173,28 +174,22 @@ def _failure(result: Any) -> Iterable[str]:
 
 def _suggestion(result: Any) -> Iterable[str]:
     """One thing to do: what was noticed on the way, or what helps against how it ended."""
-    noticed = [remark for remark in result.remarks if not remark.startswith(KEPT_MESH)]
-    remedy, least = result.stop_reason.remedy, result.least_violation
+    noticed = [remark for remark in result.remarks if not remark.startswith(KEPT_MESH)][:1]
+    reason, least = result.stop_reason, result.least_violation
     # No bound in the model stands for the time of a phase that lasts as long as a number says.
     phases = [] if result.model() is None else phases_of(result.model())
     has_given_time = any(not phase.has_free_duration for phase in phases)
     against = "" if least is None else least.first_try(has_given_time=has_given_time)
     if least is not None and least.is_proof:
-        yield from filter(None, [against])
-    elif result.stop_reason is StopReason.DIVERGED:
-        yield " ".join([*noticed[:1], remedy])
-    elif noticed:
-        yield noticed[0]
-    elif _is_in_the_way(result):
-        yield CLEAR_START
-    elif against:
-        yield f"{against}{FAR}"
-    elif result.stop_reason in (StopReason.ITERATION_LIMIT, StopReason.TIME_LIMIT):
-        yield remedy
-    elif least is not None and least.kind is Least.NONE:
-        yield str(least)
-    elif remedy:
-        yield remedy
+        helps = [against]
+    elif reason is StopReason.DIVERGED:
+        helps = [" ".join([*noticed, reason.remedy])]
+    else:
+        is_limit = reason in (StopReason.ITERATION_LIMIT, StopReason.TIME_LIMIT)
+        can_be_met = least is not None and least.kind is Least.NONE and not is_limit
+        helps = [*noticed, CLEAR_START if _is_in_the_way(result) else "", against and f"{against}{FAR}"]
+        helps += [str(least) if can_be_met else "", reason.remedy]
+    yield from list(filter(None, helps))[:1]
 
 
 def long_report(result: Any, worst: int) -> str:
@@ -244,24 +239,25 @@ def _on_pairs(result: Any, worst: int) -> Iterable[str]:
         f"Stationarity: {'not examined' if multipliers is None else multipliers.kind.value}\n"
         f"Certificate: {result.certificate.value}"
     )
-    if any(pair.natural for pair in pairs):
-        ordered = sorted(pairs, key=lambda pair: -abs(pair.natural))[:worst]
-        yield f"Worst pairs, by |min(first, second)|:\n{pair_table(ordered)}"
-    else:
+    inexact = sorted((pair for pair in pairs if pair.natural), key=lambda pair: -abs(pair.natural))
+    if not inexact:
         yield "All pairs are met exactly."
-    if result.biactive:
-        yield f"Biactive pairs, both sides zero:\n{pair_table(result.biactive, worst)}"
-    if cheapest := [pair for pair in pairs if _least_multiplier(pair) < 0.0]:
-        ordered = sorted(cheapest, key=_least_multiplier)[:worst]
-        yield f"Pairs whose zero side would gain most by leaving zero, by multiplier:\n{pair_table(ordered)}"
+    cheapest = sorted((pair for pair in pairs if _least_multiplier(pair) < 0.0), key=_least_multiplier)
+    for title, shown in (
+        ("Worst pairs, by |min(first, second)|", inexact),
+        ("Biactive pairs, both sides zero", result.biactive),
+        ("Pairs whose zero side would gain most by leaving zero, by multiplier", cheapest),
+    ):
+        if shown:
+            yield f"{title}:\n{pair_table(shown, worst)}"
 
 
 def pair_table(pairs: Sequence[PairReport], most: int | None = None) -> str:
     """A line per pair; beyond `most` lines, the number of those left out."""
-    header = ("pair", "first", "second", "product", "min", "zero", "mult. first", "mult. second")
-    rows = list(map(_cells, pairs[:most]))
-    left = len(pairs) - len(rows)
-    return "\n".join([*_aligned(header, rows), *([f"... and {left} more"] if left else [])])
+    rows: list[tuple[str, ...]] = [("pair", "first", "second", "product", "min", "zero", "mult. first", "mult. second")]
+    rows += map(_cells, pairs[:most])
+    left = len(pairs) + 1 - len(rows)
+    return aligned(rows, "<>>>>>>>") + (f"\n... and {left} more" if left else "")
 
 
 def _cells(pair: PairReport) -> tuple[str, ...]:
@@ -275,19 +271,12 @@ def component_table(pairs: Sequence[PairReport]) -> str:
     groups: dict[str, list[PairReport]] = {}
     for pair in pairs:
         groups.setdefault(pair.component, []).append(pair)
-    rows = []
+    rows = [("component", "pairs", *(side.value for side in ActiveSide), "max |min|")]
     for name, members in groups.items():
         counts = Counter(pair.active for pair in members)
         numbers = [str(counts[side]) for side in ActiveSide]
         rows.append((name, str(len(members)), *numbers, f"{max(abs(pair.natural) for pair in members):.1e}"))
-    header = ("component", "pairs", *(side.value for side in ActiveSide), "max |min|")
-    return "\n".join(_aligned(header, rows))
-
-
-def _aligned(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of columns, of which the first begins at the left."""
-    widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
-    return ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in (header, *rows)]
+    return aligned(rows, "<>>>>>>")
 
 
 def _least_multiplier(pair: PairReport) -> float:

@@ -5,19 +5,23 @@ from __future__ import annotations
 import functools
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from typing import Any
+
+import numpy as np
 
 from pyrobocop_pyomo.complementarity import BarrierSchedule
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IterationRecord
+from pyrobocop_pyomo.ipopt.suffixes import scaling_factors
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, PrimalDualPoint
+from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, PrimalDualPoint, Scales, missing_rank
 from pyrobocop_pyomo.programs.stationarity import stationarity
 from pyrobocop_pyomo.programs.wrapped_programs import ShiftedRows
 
-from .automatic_scaling import AutomaticScaling, objective_slope, variable_sizes
-from .ipopt_options import IPOPT_MU_INIT, IpoptOptions
+from .automatic_scaling import AutomaticScaling, automatic_scaling, objective_slope, variable_sizes
+from .ipopt_options import IPOPT_MU_INIT, SCALED, IpoptOptions
 from .iterates import Iterate
 from .relaxed_model import RelaxedModel
 from .settings import Settings
@@ -49,19 +53,32 @@ class Session(ABC):
 
     solver: str
     derivatives: str
+    _scaled_options: Mapping[str, Any] = SCALED
 
     def __init__(self, relaxed: RelaxedModel, compiled: CompiledModel | None, settings: Settings) -> None:
         self._relaxed, self._compiled, self._output = relaxed, compiled, settings.output
         is_wanted = settings.scaling and "nlp_scaling_method" not in settings.options.user
         # The products of pairs are bounded by delta in the units of the user.
-        self._is_scaled = is_wanted and not relaxed.pairs and compiled is not None
+        is_scaled = is_wanted and not relaxed.pairs
+        self._stated = scaling_factors(compiled, missing=np.nan) if compiled is not None and is_scaled else None
         self.scaling: AutomaticScaling | None = None
 
-    @abstractmethod
     def run(
         self, delta: float | None, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None = None
     ) -> Iterate:
         """Solve with a fixed delta from the point on the model, with the multipliers of `start` where it is given."""
+        if delta is None:
+            return self._solve(options, deadline, start)
+        self._move_to(delta)
+        return replace(self._solve(options, deadline, start), label="fixed delta", delta=delta)
+
+    def _move_to(self, delta: float) -> None:
+        """Let the next run be of the program with this delta."""
+        self._relaxed.delta.set_value(delta)
+
+    @abstractmethod
+    def _solve(self, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None) -> Iterate:
+        """One run of Ipopt."""
 
     @abstractmethod
     def follow(self, schedule: BarrierSchedule, options: IpoptOptions, deadline: Deadline) -> Iterator[Iterate]:
@@ -80,7 +97,7 @@ class Session(ABC):
 
     def missing_rank(self) -> int:
         """Equations that are dependent at the point on the model, to first order; 0 where that is not known."""
-        return 0
+        return 0 if self._compiled is None else missing_rank(self._compiled.nlp, self._compiled.current_point())
 
     def with_elastic_rows(self, price: float) -> Session | None:
         """A session of the same model whose rows may be violated; None where there is no such program.
@@ -95,6 +112,19 @@ class Session(ABC):
     @abstractmethod
     def close(self) -> None:
         """Take everything off the model that the session put there."""
+
+    def _with_scaling(self, options: Mapping[str, Any]) -> tuple[dict[str, Any], Scales | None]:
+        """Options of a run, and what its program is divided by: sizes at the point on the model, where it starts."""
+        options = {**self._of_objective, **options}
+        if self._compiled is None or self._stated is None or "nlp_scaling_method" in options:
+            return options, None
+        self.scaling = automatic_scaling(self._compiled, self._stated, like=self.scaling)
+        for stream in self._output:
+            divided = f"the objective divided by {self.scaling.scales.objective:.3g}"
+            stream.write(
+                f"The log below is about the scaled program: {divided}, variables and rows by typical sizes.\n"
+            )
+        return {**self._scaled_options, **options}, self.scaling.scales
 
     @functools.cached_property
     def _of_objective(self) -> dict[str, float]:

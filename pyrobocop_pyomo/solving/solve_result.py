@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import takewhile
 from typing import Any
 
 from pyrobocop_pyomo.complementarity import PairResidual
@@ -122,9 +123,6 @@ class SolveResult(Presented):
 
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "model": no_model}
-
-    def __copy__(self) -> SolveResult:
-        return replace(self)
 
     @property
     def objective(self) -> float:
@@ -264,12 +262,11 @@ class SolveResult(Presented):
 
     def to_pandas(self) -> Any:
         """The pairs as a data frame, indexed by name."""
-        facts = ("component", "index", "first", "second", "product", "natural", "active")
-        columns = [*facts, "first_multiplier", "second_multiplier"]
+        columns = ["component", "index", "first", "second", "product", "natural", "active"]
+        columns += ["first_multiplier", "second_multiplier"]
         index = pandas.Index([pair.name for pair in self.pairs], name="pair", dtype=object)
         rows = [[getattr(pair, name) for name in columns] for pair in self.pairs]
-        frame = pandas.DataFrame(rows, index=index, columns=columns)
-        return frame.assign(active=[pair.active.value for pair in self.pairs])
+        return pandas.DataFrame(rows, index, columns).assign(active=[pair.active.value for pair in self.pairs])
 
     def steps_table(self) -> str:
         """The runs as a table in text."""
@@ -331,10 +328,7 @@ class SolveResult(Presented):
 
 def with_steps_of_all(result: SolveResult, results: Sequence[SolveResult]) -> SolveResult:
     """A result with the steps of several, of which it is one, numbered anew."""
-    steps: list[Iterate] = []
-    best = result.best
-    for each in results:
-        if each is result:
-            best = replace(result.best, number=len(steps) + result.best.number)
-        steps += [replace(step, number=len(steps) + k) for k, step in enumerate(each.steps)]
-    return replace(result, steps=steps, best=best)
+    before = sum(len(each.steps) for each in takewhile(lambda each: each is not result, results))
+    every = (step for each in results for step in each.steps)
+    steps = [replace(step, number=number) for number, step in enumerate(every)]
+    return replace(result, steps=steps, best=replace(result.best, number=before + result.best.number))

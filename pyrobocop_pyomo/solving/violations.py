@@ -52,18 +52,11 @@ class Violation:
         return f"{self.where}: {self.what}{others}"
 
 
-def violations_of_rows(rows: Iterable[tuple[Any, Any, Any, Any]]) -> Iterator[Violation]:
-    """At the values that are on the model.
-
-    Parameters
-    ----------
-    rows : iterable of (component data, expression, lower, upper)
-        Violated constraints with their bodies, or violated variables; a bound may be None.
-    """
-    for data, body, lower, upper in rows:
-        number = number_or_nan(body)
-        what = "has no value" if number != number else f"{number:.6g} is {_wanted(number, lower, upper)}"
-        yield Violation(data.name, place_in_words(data), what, bound_violation(number, lower, upper))
+def violation_of(data: Any, body: Any, lower: float | None, upper: float | None) -> Violation:
+    """Of a violated constraint with its body, or of a variable, at the values that are on the model."""
+    number = number_or_nan(body)
+    what = "has no value" if number != number else f"{number:.6g} is {_wanted(number, lower, upper)}"
+    return Violation(data.name, place_in_words(data), what, bound_violation(number, lower, upper))
 
 
 def violations_of_pairs(

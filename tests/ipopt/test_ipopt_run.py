@@ -291,12 +291,3 @@ def test_a_run_that_stands_is_stopped(how: dict[str, float]) -> None:
 def test_a_run_that_moves_or_is_not_feasible_goes_on(how: dict[str, float]) -> None:
     standstill = Standstill(None)
     assert all(standstill(record) for record in _records(**how))  # type: ignore[arg-type]
-    assert not standstill.reached
-
-
-def test_the_user_is_asked_first_and_told_of_every_iteration() -> None:
-    seen: list[int] = []
-    standstill = Standstill(lambda record: bool(seen.append(record.iteration)) or record.iteration < 7)
-    assert [standstill(record) for record in _records()].index(False) == 7
-    assert seen[:8] == list(range(8))
-    assert not standstill.reached or len(seen) > STANDING_ITERATIONS

@@ -49,7 +49,7 @@ def an_absolute_value_as_objective(b: Any, followed: bool) -> dict[str, Any] | N
     return None
 
 
-@fails("sqrt(...) of p.v[", "= -1, in right-hand side of 'v' of phase 'p' at t = ", "element 0, point 1", "by bounds")
+@fails("sqrt(...) of p.v[", "= -1, in right-hand side of 'v' of phase 'p' at t = ", "element 0", "by bounds")
 def a_root_of_a_negative_number(b: Any, followed: bool) -> None:
     b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] - 0.1 * pyo.sqrt(b.v[t] + (1 if followed else -1))})
     b.model().effort = pyo.Objective(expr=b.integral(effort))

@@ -12,13 +12,18 @@ from harness.scenes import avoiding, turning_move
 from harness.small_problems import corner
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.ipopt.suffixes import scaling_factors
 from pyrobocop_pyomo.modeling.component_groups import ComponentGroups
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 from pyrobocop_pyomo.programs.wrapped_programs import ScaledProgram
-from pyrobocop_pyomo.solving.automatic_scaling import automatic_scaling, variable_sizes
+from pyrobocop_pyomo.solving.automatic_scaling import AutomaticScaling, automatic_scaling, variable_sizes
 
 SUFFIXES = ("dual", "ipopt_zL_out", "ipopt_zU_out")
+
+
+def scaled_at(compiled: CompiledModel) -> AutomaticScaling:
+    return automatic_scaling(compiled, scaling_factors(compiled, missing=math.nan))
 
 
 def braking(metre: float = 1.0, second: float = 1.0) -> pyo.ConcreteModel:
@@ -81,7 +86,7 @@ def test_what_comes_back_is_in_the_units_of_the_model(backend: str) -> None:
 @pytest.mark.casadi
 def test_the_scaled_program_has_the_same_derivatives_and_points() -> None:
     compiled = CompiledModel(braking(), "vectorised")
-    nlp, scales = compiled.nlp, automatic_scaling(compiled).scales
+    nlp, scales = compiled.nlp, scaled_at(compiled).scales
     scaled, x = ScaledProgram(nlp, scales), compiled.current_point()
     rng = np.random.default_rng(1)
     x = np.clip(x + 0.01 * scales.x * rng.standard_normal(nlp.n), nlp.x_lower, nlp.x_upper)
@@ -185,7 +190,7 @@ def test_the_objective_keeps_its_size_beside_the_barrier_on_a_fine_mesh(elements
     def size(elements: int) -> float:
         m, b = integrator(x={"initial": 1.0}, u={"bounds": (-2, 2)}, elements=elements, stages=2)
         m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] ** 2 + b.u[t] ** 2))
-        return automatic_scaling(CompiledModel(m, "vectorised")).scales.objective
+        return scaled_at(CompiledModel(m, "vectorised")).scales.objective
 
     assert size(elements) == pytest.approx(expected * size(100), rel=0.02)
 
@@ -226,7 +231,7 @@ def exchanger(left: float) -> pyo.ConcreteModel:
 @pytest.mark.parametrize("left", [1e-19, -3e-16, 1e-17])
 def test_what_rounding_leaves_of_zero_is_the_size_of_nothing(left: float) -> None:
     """A product's derivative by one factor is the other: where that is rounding, it tells no sizes."""
-    exact, rounded = (automatic_scaling(CompiledModel(exchanger(rest), "vectorised")).record for rest in (0.0, left))
+    exact, rounded = (scaled_at(CompiledModel(exchanger(rest), "vectorised")).record for rest in (0.0, left))
     assert rounded.variables == pytest.approx(exact.variables, abs=0)
     assert rounded.variables["solvent.slope"] == pytest.approx(2 * 55.4)
     assert rounded.variables["trace.slope"] == pytest.approx(2e-11, rel=1e-6, abs=0)
