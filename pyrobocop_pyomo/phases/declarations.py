@@ -188,7 +188,7 @@ class Declaration:
         ModelError
             When knots do not fit the mesh.
         """
-        raise ModelError(f"{label}: a {type(self).__name__} has no values over time.")
+        raise ModelError(f"{label}: a {type(self).__name__} cannot be declared on a phase.")
 
     def __getstate__(self) -> dict[str, Any]:
         # The variables are built: only a verification asks for bounds again, and nothing for an initial guess.

@@ -10,13 +10,11 @@ from typing import Any
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.PyomoModel import Model
-from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import native_numeric_types
 from pyomo.core.expr.relational_expr import EqualityExpression, InequalityExpression, RelationalExpression
 
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.modeling.bulk_parts import new_row
 from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions, plain_scalar
 from pyrobocop_pyomo.modeling.foreign_variables import ONE_MODEL, foreign_read, foreign_variable
 from pyrobocop_pyomo.modeling.rows_by_rule import add_rows_by_rule
@@ -25,13 +23,13 @@ from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.transcription import can_step, collocation_rows, step_rows
 
-from .declarations import State, check_bounds, within
+from .declarations import Algebraic, State, check_bounds
 from .families import equations_by_component
 from .horizon import element_widths
-from .record import AT_BOUNDARIES, PhaseRecord, PreviousStates, Statement, add_generated, labelled_rows, place
+from .record import AT_BOUNDARIES, PhaseRecord, PreviousStates, Statement, labelled_rows, place
 from .row_rules import CollocationRows, Ode, Rates, StatedRows
 from .signal_vars import NoSuchTime
-from .variables import rate_units
+from .variables import add_generated_rows, add_values, rate_units
 
 # What is said where a declaration or a rule comes a second time.
 RUN_AGAIN = "(A notebook's cell that is run again states it again: run those from the one that makes the model.)"
@@ -79,9 +77,7 @@ def add_step(block: Any, statement: Statement) -> None:
                 "is in use. What a step leads has none: remove derivative_bounds and phase.derivative(), or state an "
                 "ode."
             )
-        rows = _add_generated_rows(block, f"{state}_step")
-        for time, row in step_rows(states[state], following, grid):
-            rows.add(time, row)
+        add_generated_rows(block, f"{state}_step", block.points, step_rows(states[state], following, grid))
         record.equation_of[state] = statement.name
         record.discrete_states.add(state)
 
@@ -150,46 +146,36 @@ def _add_state_equation(block: Any, name: str, rates: Rates, is_read_later: bool
         return
     del block.record.rates[name]  # its derivative is a variable
     kept = block.derivative(name)
-    rows = _add_generated_rows(block, f"{name}_equation")
-    for time, rate in rates.items():
-        rows.add(time, (kept[time] - rate, 0))
+    rows = ((time, (kept[time] - rate, 0)) for time, rate in rates.items())
+    add_generated_rows(block, f"{name}_equation", block.points, rows)
 
 
-def add_derivative(block: Any, name: str) -> Var:
+def add_derivative(block: Any, name: str) -> Any:
     """The derivative of a state as a variable of its own, tied to the state by linear collocation rows."""
     record: PhaseRecord = block.record
     declaration = record.declarations[name]
     assert isinstance(declaration, State)
     what = f"phase '{block.name}': state '{name}' (declared at {declaration.declared_at})"
-    bounds = check_bounds(declaration.derivative_bounds or (None, None), what, "derivative bounds")
-    units = rate_units(declaration.units, record.time_units)
-    derivative = Var(block.points, bounds=bounds, initialize=within(0.0, bounds), units=units)
-    derivative = add_generated(block, f"{name}_derivative", derivative)
+    bounds = check_bounds(declaration.derivative_bounds, what, "derivative bounds")
+    rate = Algebraic(bounds=bounds, units=rate_units(declaration.units, record.time_units))
     record.kept_derivatives.add(name)
-    if record.restating is not None:
-        record.restating.keep(f"{name}_derivative")
+    derivative = add_values(block, f"{name}_derivative", rate, record.nodes(f"{name}_derivative"), what)
     _add_collocation(block, name, derivative)
     return derivative
 
 
 def _add_collocation(block: Any, name: str, rates: Mapping[float, Any]) -> None:
-    rows = _add_generated_rows(block, f"{name}_collocation")
-    for time, row in collocation_rows(block.component(name), rates, block.record.grid, element_widths(block)):
-        new_row(rows, time, row)
+    rows = collocation_rows(block.component(name), rates, block.record.grid, element_widths(block))
+    add_generated_rows(block, f"{name}_collocation", block.points, rows)
 
 
 def _let_collocation_follow_rule(block: Any, name: str, rates: Rates) -> None:
     grid = block.record.grid
     grid.scheme.check_rows()
-    rows = _add_generated_rows(block, f"{name}_collocation")
+    rows = add_generated_rows(block, f"{name}_collocation", block.points)
     times = [stages[stage] for stages in grid.stage_times for stage in grid.scheme.row_stages]
     boundary = block.boundary if block.record.free_widths else None
     add_rows_by_rule(rows, CollocationRows(block.component(name), rates, block.duration, boundary), times)
-
-
-def _add_generated_rows(block: Any, name: str) -> Any:
-    block.record.generated_rows.add(name)
-    return add_generated(block, name, Constraint(block.points))
 
 
 def add_residual(block: Any, statement: Statement) -> None:

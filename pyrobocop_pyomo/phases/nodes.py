@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pyomo.core.base.set import RangeSet
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.numerics import Array, Grid
@@ -68,6 +69,15 @@ class Nodes:
     def indices(self) -> Sequence[Any]:
         """Of the component: one for each of `times`."""
         return self.times
+
+    def index_set(self, block: Any) -> Any:
+        """Index set of the component."""
+        return block.points
+
+    @property
+    def bounded_times(self) -> Sequence[Sequence[float]]:
+        """Where each value has to respect bounds."""
+        return [(time,) for time in self.times]
 
     def variables(self, block: Any) -> list[Any]:
         """The variables, in the order of `times`."""
@@ -124,6 +134,10 @@ class StateNodes(Nodes):
     def times(self) -> tuple[float, ...]:
         """Time index of each value."""
         return self.grid.times
+
+    def index_set(self, block: Any) -> Any:
+        """Index set of the component."""
+        return block.time
 
     def from_guess(self, guess: InitialGuess, label: str) -> Array:
         """Values that an initial guess of the user's means."""
@@ -182,6 +196,10 @@ class _PiecewiseNodes(Nodes):
         """Of the component: the intervals or the knots are numbered."""
         return range(len(self.times))
 
+    def index_set(self, block: Any) -> Any:
+        """Index set of the component."""
+        return RangeSet(0, len(self.times) - 1)
+
     @cached_property
     def of_elements(self) -> NDArray[np.int64]:
         """The interval between knots of each element."""
@@ -205,6 +223,12 @@ class IntervalNodes(_PiecewiseNodes):
     def sample_times(self) -> tuple[float, ...]:
         """The middle of each element."""
         return _middles(self.grid.mesh.boundaries)
+
+    @property
+    def bounded_times(self) -> Sequence[Sequence[float]]:
+        """The collocation points of each interval."""
+        points = np.array(self.grid.points)
+        return [points[self.of_points == i].tolist() for i in range(len(self.times))]
 
     @property
     def steps_at_points(self) -> NDArray[np.int64]:
