@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Mapping
-from contextlib import contextmanager
 from itertools import count
 from typing import Any
 
@@ -89,13 +88,10 @@ _GIVEN = {"ode": ("derivative", "right-hand side"), "step map": ("next value", "
 def _given_for_states(block: Any, statement: Statement, time: float, *more: PreviousStates) -> dict[str, Any]:
     """What a rule gives for states at a collocation point as {name: expression}."""
     label, (meaning, expected) = statement.label(block), _GIVEN[statement.kind]
-    with mistakes_explained(block, statement, time, ("b", "t", "previous")[: 2 + len(more)]):
-        result = statement(block, block.record.index_for_rule(block, time, label), *more)
+    result = asked(block, statement, time, f"a dict {{state: {expected}}}", *more)
     if not isinstance(result, Mapping):
-        returned = "nothing" if result is None else f"a {type(result).__name__}"
         raise ModelError(
-            f"{label} returned {returned} at t = {time:g}; expected a dict "
-            f"{{state: {expected}}}. Is the return statement missing?"
+            f"{label} returned a {type(result).__name__} at t = {time:g}; expected a dict {{state: {expected}}}."
         )
     given: dict[str, Any] = {}
     for state, expression in equations_by_component(block.record, result, f"{label} at t = {time:g}").items():
@@ -109,8 +105,6 @@ def _given_for_states(block: Any, statement: Statement, time: float, *more: Prev
         if name in given:
             raise ModelError(f"{label} gives the {meaning} of '{name}' twice at t = {time:g}; give one.")
         given[name] = expression
-    if time == block.record.grid.points[0]:
-        refuse_foreign_reads(block, label, list(given.values()))
     return given
 
 
@@ -249,19 +243,18 @@ def add_complementarity(block: Any, statement: Statement) -> None:
     place(block, name, component)
 
 
-@contextmanager
-def mistakes_explained(block: Any, statement: Statement, time: float, arguments: tuple[str, ...]) -> Iterator[None]:
-    """Context for asking a rule at a time, in which what is raised is explained, as a reading where the grid has none.
+def asked(block: Any, statement: Statement, time: float, expected: str, *more: PreviousStates) -> Any:
+    """What a rule returns at a time.
 
     Raises
     ------
     ModelError
-        Naming the rule and the time.
+        Naming the rule and the time, when it returns nothing, or reads what has no value there or another model's.
     """
     label = statement.label(block)
     try:
-        with slips_explained(statement.rule, label, block, arguments, ModelError, time):
-            yield
+        with slips_explained(statement.rule, label, block, ("b", "t", "previous")[: 2 + len(more)], ModelError, time):
+            result = statement(block, block.record.index_for_rule(block, time, label), *more)
     except KeyError as error:
         if statement.kind == AT_BOUNDARIES:
             raise ModelError(
@@ -271,6 +264,16 @@ def mistakes_explained(block: Any, statement: Statement, time: float, arguments:
         if isinstance(error, NoSuchTime):
             raise ModelError(f"{label} at t = {time:g}: {error}") from error
         raise
+    if result is None:
+        raise ModelError(
+            f"{label} returned nothing at t = {time:g}; expected {expected}. Is the return statement missing?"
+        )
+    # One point tells, and a solve asks for all; what the phase stands on may be assigned to a model later.
+    if time == statement.times(block)[0] and isinstance(block.model(), Model):
+        foreign = foreign_variable(block, variables_in_any(expressions_returned(result)).values())
+        if foreign is not None:
+            raise ModelError(f"{label} {foreign_read(foreign, block)} {ONE_MODEL}")
+    return result
 
 
 def _collect(block: Any, statement: Statement) -> tuple[dict[float, dict[Hashable, Any]], bool]:
@@ -279,13 +282,8 @@ def _collect(block: Any, statement: Statement) -> tuple[dict[float, dict[Hashabl
     results: dict[float, dict[Hashable, Any]] = {}
     is_read_later = statement.kind != "complementarity" and record.time_units is None
     for time in times:
-        with mistakes_explained(block, statement, time, ("b", "t")):
-            result = statement(block, record.index_for_rule(block, time, label))
-        if result is None:
-            raise ModelError(f"{label} returned None at t = {time:g}. Is the return statement missing?")
+        result = asked(block, statement, time, "one or several relations")
         results[time] = labelled_rows(statement.kind, plain_expressions(result))
-        if time == times[0]:
-            refuse_foreign_reads(block, label, results[time])
         is_read_later = (
             is_read_later and not isinstance(result, tuple) and all(map(_is_expression, results[time].values()))
         )
@@ -300,21 +298,6 @@ def _collect(block: Any, statement: Statement) -> tuple[dict[float, dict[Hashabl
             "x.at(time), or give the phase a mesh= with a boundary there and use constraint_at_boundaries."
         )
     return results, False
-
-
-def refuse_foreign_reads(block: Any, label: str, result: Any) -> None:
-    """Refuse a rule that reads variables of another model; one point tells, and a solve asks for all.
-
-    Raises
-    ------
-    ModelError
-        Naming the rule, the variable and its model.
-    """
-    if not isinstance(block.model(), Model):
-        return  # what it stands on is assigned to a model later
-    foreign = foreign_variable(block, variables_in_any(expressions_returned(result)).values())
-    if foreign is not None:
-        raise ModelError(f"{label} {foreign_read(foreign, block)} {ONE_MODEL}")
 
 
 def _add_rows(block: Any, statement: Statement, results: dict[float, dict[Hashable, Any]], is_read_later: bool) -> int:
