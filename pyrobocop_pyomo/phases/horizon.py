@@ -9,9 +9,11 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Callable
+from functools import partial
 from numbers import Real
 from typing import Any
 
+import numpy as np
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.set import RangeSet
@@ -202,9 +204,8 @@ def horizon_fraction(phase: Any) -> Callable[[float], float]:
         raise InitialGuessError(
             f"'{getattr(phase, 'name', phase)}' is no PhaseBlock; an initial guess along a path needs one."
         )
-    refuse_no_duration(phase)
-    start, end = (float(value(phase.time_at(t))) for t in (phase.time.first(), phase.time.last()))
-    return lambda t: (float(value(phase.time_at(t))) - start) / (end - start)
+    real = np.array(real_grid(phase).mesh.boundaries)
+    return partial(np.interp, xp=phase.grid.mesh.boundaries, fp=(real - real[0]) / (real[-1] - real[0]))
 
 
 def check_horizon(label: str, start: Any, duration: Any) -> None:

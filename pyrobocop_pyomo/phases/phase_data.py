@@ -22,7 +22,6 @@ from pyrobocop_pyomo.errors import InitialGuessError, ModelError, TrajectoryErro
 from pyrobocop_pyomo.modeling.blocks import BuiltBlockData, Rule, blocks_of_kind
 from pyrobocop_pyomo.modeling.variable_families import VariableFamily
 from pyrobocop_pyomo.numerics import Array, Grid, Scheme, find_scheme
-from pyrobocop_pyomo.presentation import facts_table
 from pyrobocop_pyomo.templates.slots import Clock, Derivative, RateOf
 from pyrobocop_pyomo.templates.template import OverTime, Reading, Template, TimeTemplate, is_asked_for_all_times
 from pyrobocop_pyomo.trajectories import Trajectory
@@ -184,9 +183,6 @@ class PhaseBlockData(BuiltBlockData):
 
     def _summary(self) -> str:
         return super()._summary() + (_phase_in_words(self.record) if self.is_built else "")
-
-    def _html_parts(self) -> list[str]:
-        return [_phase_table(self.record)] if self.is_built else []
 
     # ---------------------------------------------------------------- statements
 
@@ -776,16 +772,3 @@ def _phase_in_words(record: PhaseRecord) -> str:
     kinds = Counter(type(declaration).__name__.lower() for declaration in record.declarations.values())
     counts = [f"{count} {kind}{'s' if count != 1 else ''}" for kind, count in kinds.items()]
     return f": {', '.join([*counts, f'{record.grid.mesh.elements} elements'])} of {record.grid.scheme.name}"
-
-
-def _phase_table(record: PhaseRecord) -> str:
-    """The declarations, the rules by kind, the duration and the grid."""
-    members = {member for family in record.families.values() for member in family.members}
-    facts: dict[str, object] = {name: repr(of) for name, of in record.declarations.items() if name not in members}
-    for name, family in record.families.items():
-        facts[f"{name}, shape {family.shape}"] = f"{type(record.declarations[family.members[0]]).__name__}(...)"
-    facts["duration"] = record.duration
-    facts["grid"] = f"{record.grid.mesh.elements} elements of {record.grid.scheme.name}"
-    for kind in dict.fromkeys(statement.kind for statement in record.statements):
-        facts[kind] = ", ".join(statement.name for statement in record.statements_of(kind))
-    return facts_table(facts)

@@ -91,6 +91,8 @@ class PhaseRecord:
         Where they come from.
     kept_derivatives : set of str
         States whose derivative is a variable of its own.
+    made : set of str
+        Names of the components that declarations, rules and the horizon have made, which another mesh makes anew.
     generated_rows : set of str
         Names of the constraints that tie states to their derivatives: no equations of the user's.
     control_rates : dict of control name to {collocation point: expression}
@@ -135,6 +137,7 @@ class PhaseRecord:
     rates: dict[str, Any] = field(default_factory=dict)
     odes: dict[str, Any] = field(default_factory=dict)
     kept_derivatives: set[str] = field(default_factory=set)
+    made: set[str] = field(default_factory=set)
     generated_rows: set[str] = field(default_factory=set)
     control_rates: dict[str, Mapping[float, Any]] = field(default_factory=dict)
     residuals_per_point: int = 0
@@ -197,6 +200,7 @@ def place(block: Any, name: str, component: Any) -> Any:
     component
         The one on the block.
     """
+    block.record.made.add(name)
     if block.record.restating is not None:
         return block.record.restating.place(name, component)
     block.add_component(name, component)

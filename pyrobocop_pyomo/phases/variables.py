@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from numbers import Real
 from typing import Any
 
@@ -60,19 +61,24 @@ def add_variables(block: Any, name: str, declaration: Declaration) -> None:
 def add_values(block: Any, name: str, declaration: Declaration, nodes: Nodes, label: str) -> Any:
     """Add the variables behind a name, with their bounds, and with their initial guess moved onto these."""
     guess = nodes.from_guess(declaration.initial_guess, label)
-    if callable(declaration.bounds):
-        bounds = [_common_bounds(declaration, times, label) for times in nodes.bounded_times]
-    else:
-        bounds = [declaration.bounds_at(0.0, label)] * len(nodes.times)
-    variable = add_generated(block, nodes.component, SignalVar(nodes.index_set(block), units=declaration.units))
+    bounds = _bounds(nodes, declaration, label)
+    kind = SignalVar if nodes.component == name else Var
+    variable = add_generated(block, nodes.component, kind(nodes.index_set(block), units=declaration.units))
     # Given one by one: a dict passed to Var(...) takes six times as long.
     for data, number, sides in zip(variable.values(), guess.tolist(), bounds, strict=True):
         data.setlb(sides[0])
         data.setub(sides[1])
         data.set_value(within(number, sides), skip_validation=True)
     if block.record.restating is not None:
-        block.record.restating.keep(name)
+        block.record.restating.keep(name, nodes, partial(_bounds, declaration=declaration, label=label))
     return variable
+
+
+def _bounds(nodes: Nodes, declaration: Declaration, label: str) -> list[Bounds]:
+    """The bounds of each value."""
+    if callable(declaration.bounds):
+        return [_common_bounds(declaration, times, label) for times in nodes.bounded_times]
+    return [declaration.bounds_at(0.0, label)] * len(nodes.times)
 
 
 def _common_bounds(declaration: Declaration, times: Sequence[float], label: str) -> Bounds:
