@@ -6,6 +6,7 @@ from collections.abc import Callable
 from numbers import Real
 from typing import Any, NoReturn
 
+import numpy as np
 from pyomo.core.expr.numvalue import NumericValue
 
 from pyrobocop_pyomo.errors import ModelError
@@ -75,7 +76,7 @@ def _no_derivatives(points: Any) -> NoReturn:
 
 
 def _joined_by_lines(name: str, reference: Any, label: str) -> Trajectory:
-    if not isinstance(reference, (tuple, list)) or len(reference) != 2:
+    if not isinstance(reference, (tuple, list, np.ndarray)) or len(reference) != 2:
         raise ModelError(f"{label} is no number, expression, function, trajectory or pair (times, values) of numbers.")
     times = increasing_numbers(reference[0], f"{label}: its times", ModelError)
     values = finite_numbers(reference[1], f"{label}: its values", ModelError)
