@@ -14,17 +14,17 @@ from pyomo.core.expr.relational_expr import EqualityExpression, InequalityExpres
 
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.modeling.bulk_parts import new_row
 from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions, plain_scalar
 from pyrobocop_pyomo.modeling.foreign_variables import ONE_MODEL, foreign_read, foreign_variable
 from pyrobocop_pyomo.modeling.rows_by_rule import add_rows_by_rule
 from pyrobocop_pyomo.modeling.rule_results import expressions_returned
 from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
-from pyrobocop_pyomo.transcription import can_step, collocation_rows, step_rows
+from pyrobocop_pyomo.transcription import can_step, step_rows
 
 from .declarations import Algebraic, State, check_bounds
 from .families import equations_by_component
-from .horizon import element_widths
 from .record import AT_BOUNDARIES, PhaseRecord, PreviousStates, Statement, labelled_rows, place
 from .row_rules import CollocationRows, Ode, Rates, StatedRows
 from .signal_vars import NoSuchTime
@@ -133,10 +133,7 @@ def _add_state_equation(block: Any, name: str, rates: Rates, is_read_later: bool
     declaration = block.record.declarations[name]
     assert isinstance(declaration, State)
     if declaration.derivative_bounds is None and name not in block.record.kept_derivatives:
-        if is_read_later:
-            _let_collocation_follow_rule(block, name, rates)
-        else:
-            _add_collocation(block, name, rates)
+        _add_collocation(block, name, rates, is_read_later)
         return
     del block.record.rates[name]  # its derivative is a variable
     kept = block.derivative(name)
@@ -158,18 +155,18 @@ def add_derivative(block: Any, name: str) -> Any:
     return derivative
 
 
-def _add_collocation(block: Any, name: str, rates: Mapping[float, Any]) -> None:
-    rows = collocation_rows(block.component(name), rates, block.record.grid, element_widths(block))
-    add_generated_rows(block, f"{name}_collocation", block.points, rows)
-
-
-def _let_collocation_follow_rule(block: Any, name: str, rates: Rates) -> None:
+def _add_collocation(block: Any, name: str, rates: Mapping[float, Any], is_read_later: bool = False) -> None:
     grid = block.record.grid
     grid.scheme.check_rows()
     rows = add_generated_rows(block, f"{name}_collocation", block.points)
-    times = [stages[stage] for stages in grid.stage_times for stage in grid.scheme.row_stages]
     boundary = block.boundary if block.record.free_widths else None
-    add_rows_by_rule(rows, CollocationRows(block.component(name), rates, block.duration, boundary), times)
+    rule = CollocationRows(block.component(name), rates, block.duration, boundary)
+    times = [stages[stage] for stages in grid.stage_times for stage in grid.scheme.row_stages]
+    if is_read_later:
+        add_rows_by_rule(rows, rule, times)
+        return
+    for time in times:
+        new_row(rows, time, rule(block, time))
 
 
 def add_residual(block: Any, statement: Statement) -> None:

@@ -122,13 +122,10 @@ class PhaseBlockData(BuiltBlockData):
         if isinstance(declaration, Duration):
             raise ModelError(f"{self._what}: a Duration is given to PhaseBlock(duration=...), not to '{name}'.")
         if hasattr(self, name):
-            held = self.component(name)
-            by = "an attribute that every phase has" if held is None else f"a {held.ctype.__name__}"
-            by = "a vector" if name in self.record.families else by
             again = f" {RUN_AGAIN}" if name in self.record.declarations or name in self.record.families else ""
             raise ModelError(
-                f"{self._what}: the name '{name}' (declared at {declaration.declared_at}) is taken. Choose another: "
-                f"there is {by} by this name.{again}"
+                f"{self._what}: the name '{name}' (declared at {declaration.declared_at}) is taken. Choose "
+                f"another.{again}"
             )
         with self._all_or_nothing(), PauseGC():
             if isinstance(declaration, Law):
