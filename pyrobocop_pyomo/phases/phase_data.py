@@ -40,7 +40,7 @@ from .equations import (
     name_of_rows,
 )
 from .families import OneOf, component_declarations, family_names
-from .horizon import add_horizon, as_duration, check_horizon, make_mesh, real_time
+from .horizon import add_horizon, checked_duration, make_mesh, real_time
 from .initial_guesses import set_guesses, set_straight_lines, set_trajectory
 from .integrals import named_integral
 from .mpc_interface import PhaseInterface
@@ -713,8 +713,7 @@ class PhaseBlockData(BuiltBlockData):
             start = start(self.parent_block(), *(index if isinstance(index, tuple) else (index,)))
         if isinstance(start, PhaseBlockData):
             start = start.time_at(start.final_time)
-        check_horizon(self._what, start, duration)
-        stated, duration = duration, as_duration(duration)
+        stated, duration = duration, checked_duration(self._what, start, duration)
         normalised = isinstance(duration, Duration) or not isinstance(start, Real) or free_element_widths is not None
         first, last = (0.0, 1.0) if normalised else (float(start), float(start + duration))
         try:
