@@ -117,16 +117,10 @@ def _states_given(block: Any, statement: Statement, given: Mapping[float, dict[s
             if name not in of_point:
                 raise ModelError(f"{label} gives no {meaning} of '{name}' at t = {time:g}; it must at every point.")
     for name in names:
-        _refuse_second_equation(block.record, name, label)
+        if (first := block.record.equation_of.get(name)) is not None:
+            again = f" {RUN_AGAIN}" if first == statement.name else ""
+            raise ModelError(f"{label} gives a second equation for state '{name}'; '{first}' has given one.{again}")
         yield name
-
-
-def _refuse_second_equation(record: PhaseRecord, name: str, label: str) -> None:
-    if name in record.equation_of:
-        again = f" {RUN_AGAIN}" if f"'{record.equation_of[name]}'" in label else ""
-        raise ModelError(
-            f"{label} gives a second equation for state '{name}'; '{record.equation_of[name]}' has given one.{again}"
-        )
 
 
 def _add_state_equation(block: Any, name: str, rates: Rates, is_read_later: bool) -> None:

@@ -217,6 +217,11 @@ def _wrong_length(
 # -------------------------------------------------------------------- what rules and users give
 
 
+def name_of(given: Any) -> str:
+    """A name given as such, or by what has it."""
+    return given if isinstance(given, str) else getattr(given, "local_name", None) or repr(given)
+
+
 def family_in(record: PhaseRecord, key: Any) -> FamilyNames | None:
     """The family that a key means, by its name or itself."""
     if isinstance(key, VariableFamily):

@@ -39,7 +39,7 @@ from .equations import (
     add_step,
     name_of_rows,
 )
-from .families import OneOf, component_declarations, family_names
+from .families import OneOf, component_declarations, family_names, name_of
 from .horizon import add_horizon, checked_duration, make_mesh, real_time
 from .initial_guesses import set_guesses, set_straight_lines, set_trajectory
 from .integrals import named_integral
@@ -179,7 +179,12 @@ class PhaseBlockData(BuiltBlockData):
         return sorted({*super().__dir__(), *(() if record is None else record.families)})
 
     def _summary(self) -> str:
-        return super()._summary() + (_phase_in_words(self.record) if self.is_built else "")
+        if not self.is_built:
+            return super()._summary()
+        kinds = Counter(type(declaration).__name__.lower() for declaration in self.record.declarations.values())
+        counts = [f"{count} {kind}{'s' if count != 1 else ''}" for kind, count in kinds.items()]
+        facts = ", ".join([*counts, f"{self.grid.mesh.elements} elements"])
+        return f"{super()._summary()}: {facts} of {self.grid.scheme.name}"
 
     # ---------------------------------------------------------------- statements
 
@@ -359,7 +364,7 @@ class PhaseBlockData(BuiltBlockData):
         """
         if (family := self._family(control)) is not None:
             return family.of_each(self.rate_of)  # type: ignore[return-value]
-        name = control if isinstance(control, str) else getattr(control, "local_name", None) or repr(control)
+        name = name_of(control)
         if name not in self.record.names(Control):
             known = ", ".join(self.record.names(Control)) or "none"
             raise ModelError(f"{self._what}: '{name}' is no control; its controls are {known}.")
@@ -407,7 +412,7 @@ class PhaseBlockData(BuiltBlockData):
         ModelError
             When it is no state of this phase.
         """
-        name = state if isinstance(state, str) else getattr(state, "local_name", None) or repr(state)
+        name = name_of(state)
         declared = self.record.names_of_states
         known = name in declared and (isinstance(state, str) or self.component(name) is state)
         if not known:
@@ -758,13 +763,3 @@ def phases_of(model: Any) -> list[PhaseBlockData]:
         A model, a block of it, or a phase itself.
     """
     return blocks_of_kind(model, PhaseBlockData)
-
-
-# ------------------------------------------------------------------------------------------------- a phase at a glance
-
-
-def _phase_in_words(record: PhaseRecord) -> str:
-    """Counts of the declarations by kind, and the grid."""
-    kinds = Counter(type(declaration).__name__.lower() for declaration in record.declarations.values())
-    counts = [f"{count} {kind}{'s' if count != 1 else ''}" for kind, count in kinds.items()]
-    return f": {', '.join([*counts, f'{record.grid.mesh.elements} elements'])} of {record.grid.scheme.name}"

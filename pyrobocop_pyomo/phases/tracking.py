@@ -17,7 +17,7 @@ from pyrobocop_pyomo.numerics import Grid, Mesh, lobatto
 from pyrobocop_pyomo.numerics.arrays import finite_numbers, increasing_numbers
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .families import family_in, references_by_component
+from .families import family_in, name_of, references_by_component
 
 
 def tracking_cost(block: Any, variable: Any, reference: Any, weight: Any) -> Any:
@@ -25,7 +25,7 @@ def tracking_cost(block: Any, variable: Any, reference: Any, weight: Any) -> Any
     if (names := family_in(block.record, variable)) is not None:
         every = zip(names.members, references_by_component(names, reference, f"phase '{block.name}'"), strict=True)
         return sum(tracking_cost(block, member, of, weight) for member, of in every)
-    name = variable if isinstance(variable, str) else getattr(variable, "local_name", None) or repr(variable)
+    name = name_of(variable)
     what = f"phase '{block.name}': tracking '{name}'"
     component = block.component(name) if name in block.record.declarations else None
     if component is None or not component.is_indexed() or not (isinstance(variable, str) or component is variable):
