@@ -229,7 +229,7 @@ def family_in(record: PhaseRecord, key: Any) -> FamilyNames | None:
     return record.families.get(key) if isinstance(key, str) else None
 
 
-def by_component(
+def _by_component(
     record: PhaseRecord, given: Mapping[Any, Any], split: Callable[[FamilyNames, Any], list[Any]]
 ) -> dict[Any, Any]:
     """What is given by name, with an entry for each component in the place of a family."""
@@ -256,7 +256,7 @@ def equations_by_component(record: PhaseRecord, result: Mapping[Any, Any], what:
             raise _wrong_length(ModelError, f"{what} gives for '{names.name}' what", listed, names)
         return entries
 
-    return by_component(record, result, entries_of)
+    return _by_component(record, result, entries_of)
 
 
 def guesses_by_component(record: PhaseRecord, guesses: Mapping[Any, Any], what: str) -> dict[Any, Any]:
@@ -271,7 +271,7 @@ def guesses_by_component(record: PhaseRecord, guesses: Mapping[Any, Any], what: 
     def guesses_of(names: FamilyNames, given: Any) -> list[Any]:
         return _split_guess(names, given, f"{what}: what is given for '{names.name}'")
 
-    return by_component(record, guesses, guesses_of)
+    return _by_component(record, guesses, guesses_of)
 
 
 def references_by_component(names: FamilyNames, reference: Any, label: str) -> list[Any]:
