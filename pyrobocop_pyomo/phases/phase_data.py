@@ -121,41 +121,35 @@ class PhaseBlockData(BuiltBlockData):
         """
         if isinstance(declaration, Duration):
             raise ModelError(f"{self._what}: a Duration is given to PhaseBlock(duration=...), not to '{name}'.")
+        if isinstance(declaration, Control) and declaration.one_of and declaration.index is None:
+            raise ModelError(
+                f"{self._what}: '{name}' (declared at {declaration.declared_at}) is one_of, but no vector: say how "
+                "many components it has by index=3."
+            )
+        with self._all_or_nothing(), PauseGC():
+            self._declare(name, declaration)
+
+    def _declare(self, name: str, declaration: Declaration | Law) -> None:
+        record, what = self.record, f"{self._what}: {type(declaration).__name__.lower()} '{name}'"
         if hasattr(self, name):
-            again = f" {RUN_AGAIN}" if name in self.record.declarations or name in self.record.families else ""
+            again = f" {RUN_AGAIN}" if name in record.declarations or name in record.families else ""
             raise ModelError(
                 f"{self._what}: the name '{name}' (declared at {declaration.declared_at}) is taken. Choose "
                 f"another.{again}"
             )
-        with self._all_or_nothing(), PauseGC():
-            if isinstance(declaration, Law):
-                declaration.state(self, name)
-                return
-            if declaration.index is not None:
-                self._declare_family(name, declaration)
-                return
-            if isinstance(declaration, Control) and declaration.one_of and not self.record.is_declaring_components:
-                raise ModelError(
-                    f"{self._what}: '{name}' (declared at {declaration.declared_at}) is one_of, but no vector: say how "
-                    "many components it has by index=3."
-                )
-            what = f"{self._what}: {type(declaration).__name__.lower()} '{name}'"
+        if isinstance(declaration, Law):
+            declaration.state(self, name)
+        elif declaration.index is None:
             declaration = with_functions_of_time(self, in_numbers(declaration, what), what)
             add_variables(self, name, declaration)
-            self.record.declarations[name] = declaration
-
-    def _declare_family(self, name: str, declaration: Declaration) -> None:
-        what = f"{self._what}: {type(declaration).__name__.lower()} '{name}'"
-        names = family_names(name, declaration, what)
-        self.record.is_declaring_components = True
-        try:
+            record.declarations[name] = declaration
+        else:
+            names = family_names(name, declaration, what)
             for member, of_component in component_declarations(names, declaration, what):
-                self.declare(member, of_component)
-        finally:
-            self.record.is_declaring_components = False
-        self.record.families[name] = names
-        if isinstance(declaration, Control) and declaration.one_of:
-            self.constraint(OneOf(name), name=f"{name}_one_of")
+                self._declare(member, of_component)
+            record.families[name] = names
+            if isinstance(declaration, Control) and declaration.one_of:
+                self.constraint(OneOf(name), name=f"{name}_one_of")
 
     def __getattr__(self, name: str) -> Any:
         record = self.__dict__.get("_record")

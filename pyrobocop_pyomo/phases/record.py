@@ -115,8 +115,6 @@ class PhaseRecord:
         Time indices at which statements read a value, wherever the points of the mesh are.
     delayed_names : set of str
         What rules read at earlier times than their own.
-    is_declaring_components : bool
-        True while the components of a vector or a matrix are declared, one after the other.
     asking : bool
         True while a statement asks its rule, which is kept: what the rule makes is made anew with it.
     restating : Restatement or None
@@ -149,7 +147,6 @@ class PhaseRecord:
     values_at_times: list[tuple[str, float]] = field(default_factory=list)
     named_times: set[float] = field(default_factory=set)
     delayed_names: set[str] = field(default_factory=set)
-    is_declaring_components: bool = False
     asking: bool = False
     restating: Any = None
     outcome: tuple[str, int] | None = None
