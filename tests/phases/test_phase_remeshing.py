@@ -185,6 +185,12 @@ def test_the_model_is_the_one_that_is_built_on_the_mesh(build: Callable[[Any], A
     assert_same(m, build(after))
 
 
+def test_elements_that_move_may_become_one() -> None:
+    m = free_horizon(COARSE)
+    m.first.remesh(1)
+    assert_same(m, free_horizon((0.0, 1.0)))
+
+
 @each_case
 def test_copies_and_the_original_go_their_own_ways(build: Callable[[Any], Any]) -> None:
     m = build(COARSE)
