@@ -12,7 +12,7 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_arrays import array, plain_expressions
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.phases import Algebraic, Control
-from pyrobocop_pyomo.phases.families import equations_by_component, names_by_component
+from pyrobocop_pyomo.phases.families import equations_by_component, name_of, names_by_component
 from pyrobocop_pyomo.phases.record import labelled_rows
 
 
@@ -138,11 +138,6 @@ def omitted_states(label: str, first: Any, second: Any, omit: Any) -> set[str]:
     for name in names - known:
         raise ModelError(f"{label}: omit= names '{name}', which is a state of neither phase.")
     return names
-
-
-def name_of(variable: Any) -> str:
-    """A name given as such, or by a variable of either phase."""
-    return variable if isinstance(variable, str) else getattr(variable, "local_name", None) or repr(variable)
 
 
 def listed(names: Any) -> list[Any]:

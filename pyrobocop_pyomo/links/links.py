@@ -16,9 +16,10 @@ from pyrobocop_pyomo.modeling.blocks import BuiltBlock, BuiltBlockData, Rule
 from pyrobocop_pyomo.modeling.row_violations import largest_violation
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.phases import Parameter, PhaseBlock, PhaseBlockData
+from pyrobocop_pyomo.phases.families import name_of
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .link_states import PhaseEnd, jump_of, listed, name_of, omitted_states, states_given, states_of_both
+from .link_states import PhaseEnd, jump_of, listed, omitted_states, states_given, states_of_both
 from .tied_starts import solved_start
 
 

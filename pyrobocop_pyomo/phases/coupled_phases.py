@@ -7,7 +7,7 @@ trajectory that is verified. Here the other phase has a trajectory as well.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from typing import Any
@@ -107,8 +107,8 @@ def coupled_phases_of(block: Any, grid: Grid, beside: Iterable[Trajectory] = ())
     ]
 
 
-def _same(first: Sequence[float], second: Sequence[float]) -> bool:
-    return len(first) == len(second) and bool(np.allclose(first, second, rtol=1e-9, atol=1e-12))
+def _same(first: Any, second: Any) -> bool:
+    return np.shape(first) == np.shape(second) and bool(np.allclose(first, second, rtol=1e-9, atol=1e-12))
 
 
 def indices_of(record: PhaseRecord, grid: Grid) -> Grid:
@@ -121,11 +121,8 @@ def indices_of(record: PhaseRecord, grid: Grid) -> Grid:
     return Grid(grid.scheme, Mesh(tuple((time - first) / (last - first) for time in grid.mesh.boundaries)))
 
 
-def is_on_model(phase: Any, trajectory: Trajectory, *, exactly: bool = False) -> bool:
-    """Whether the values of a trajectory are those that the phase has now, to rounding or exactly."""
-    if exactly and (phase.record.kept_derivatives or trajectory.piecewise_linear):
-        return False  # these are more than what is compared
-    alike: Any = np.array_equal if exactly else partial(np.allclose, rtol=1e-9, atol=1e-12)
+def is_on_model(phase: Any, trajectory: Trajectory) -> bool:
+    """Whether the values of a trajectory are those that the phase has now, to rounding."""
     values = PhaseValues(phase)
     try:
         now = values.trajectory(values.read(), evaluate=False)
@@ -133,15 +130,13 @@ def is_on_model(phase: Any, trajectory: Trajectory, *, exactly: bool = False) ->
         return False
     kinds = (now.states, trajectory.states), (now.signals, trajectory.signals), (now.parameters, trajectory.parameters)
     each = [(of[name], numbers) for of, given in kinds for name, numbers in given.items()]
-    same_points = len(now.grid.times) == len(trajectory.grid.times)
-    return same_points and all(alike(*both) for both in [(now.grid.times, trajectory.grid.times), *each])
+    return all(_same(*both) for both in [(now.grid.times, trajectory.grid.times), *each])
 
 
 @contextmanager
 def put_on_model(trajectories: Iterable[tuple[Any, Trajectory]]) -> Iterator[None]:
     """Context in which phases have the values of trajectories, for rules that read the model at other instants."""
-    # What stands there already need not be put there.
-    pairs = [each for each in trajectories if not is_on_model(*each, exactly=True)]
+    pairs = list(trajectories)
     starts = [phase.start for phase, _ in pairs if getattr(phase.start, "ctype", None) is Expression]
     stated = [start.expr for start in starts]
     with values_restored([variable for phase, _ in pairs for variable in phase.component_data_objects(Var)]):
@@ -160,12 +155,9 @@ def _put_values(phase: Any, trajectory: Trajectory) -> None:
     values = PhaseValues(phase)
     sampled = values.sampled(trajectory, partial(np.interp, xp=indices, fp=trajectory.grid.mesh.boundaries))
     if is_of_grid(phase.record, trajectory.grid):  # then the samples themselves, jumps between elements included
-        sampled |= {name: numbers for name, numbers in trajectory.states.items() if name in sampled}
-        at_points = {name: numbers for name, numbers in trajectory.signals.items() if name in sampled}
-        at_points |= {f"{name}_derivative": numbers for name, numbers in trajectory.rates.items()}
-        sampled |= {
-            name: numbers for name, numbers in at_points.items() if isinstance(values.nodes.get(name), StageNodes)
-        }
+        at_points = {**trajectory.signals, **{f"{name}_derivative": of for name, of in trajectory.rates.items()}}
+        at_points = {name: of for name, of in at_points.items() if isinstance(values.nodes.get(name), StageNodes)}
+        sampled |= {name: of for name, of in {**trajectory.states, **at_points}.items() if name in sampled}
     for name, numbers in sampled.items():
         put_values(values.variables[name], numbers.tolist())
     for name, number in trajectory.parameters.items():

@@ -188,7 +188,7 @@ class Declaration:
         ModelError
             When knots do not fit the mesh.
         """
-        raise ModelError(f"{label}: a {type(self).__name__} has no values over time.")
+        raise ModelError(f"{label}: a {type(self).__name__} cannot be declared on a phase.")
 
     def __getstate__(self) -> dict[str, Any]:
         # The variables are built: only a verification asks for bounds again, and nothing for an initial guess.
@@ -357,8 +357,8 @@ class Start(Declaration):
 _MOST_LEVELS = 1000
 
 
-def integer_levels(integer: Any, bounds: Any, label: str) -> tuple[float, ...] | None:
-    """The values of an integer control in order; None where its components have bounds of their own.
+def integer_levels(integer: Any, bounds: Any, label: str) -> tuple[float, ...]:
+    """The values of an integer control in order.
 
     Raises
     ------
@@ -373,10 +373,6 @@ def integer_levels(integer: Any, bounds: Any, label: str) -> tuple[float, ...] |
         if not levels or not all(map(math.isfinite, levels)):
             raise ModelError(f"{label}: integer = {integer!r}; expected the values it takes, such as (0, 1).")
         return levels
-    if isinstance(bounds, (list, dict)) or (
-        isinstance(bounds, tuple) and any(isinstance(side, (list, tuple)) or hasattr(side, "shape") for side in bounds)
-    ):
-        raise ModelError(f"{label}: components with bounds of their own; say integer=(...) with the values.")
     lower, upper = (None, None) if callable(bounds) else check_bounds(bounds, label, "bounds")
     if lower is None or upper is None:
         raise ModelError(

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Mapping
-from contextlib import contextmanager
 from itertools import count
 from typing import Any
 
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.PyomoModel import Model
-from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import native_numeric_types
 from pyomo.core.expr.relational_expr import EqualityExpression, InequalityExpression, RelationalExpression
 
@@ -23,15 +21,14 @@ from pyrobocop_pyomo.modeling.rows_by_rule import add_rows_by_rule
 from pyrobocop_pyomo.modeling.rule_results import expressions_returned
 from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
-from pyrobocop_pyomo.transcription import can_step, collocation_rows, step_rows
+from pyrobocop_pyomo.transcription import can_step, step_rows
 
-from .declarations import State, check_bounds, within
+from .declarations import Algebraic, State, check_bounds
 from .families import equations_by_component
-from .horizon import element_widths
-from .record import AT_BOUNDARIES, PhaseRecord, PreviousStates, Statement, add_generated, labelled_rows, place
+from .record import AT_BOUNDARIES, PhaseRecord, PreviousStates, Statement, labelled_rows, place
 from .row_rules import CollocationRows, Ode, Rates, StatedRows
 from .signal_vars import NoSuchTime
-from .variables import rate_units
+from .variables import add_generated_rows, add_values, rate_units
 
 # What is said where a declaration or a rule comes a second time.
 RUN_AGAIN = "(A notebook's cell that is run again states it again: run those from the one that makes the model.)"
@@ -79,9 +76,7 @@ def add_step(block: Any, statement: Statement) -> None:
                 "is in use. What a step leads has none: remove derivative_bounds and phase.derivative(), or state an "
                 "ode."
             )
-        rows = _add_generated_rows(block, f"{state}_step")
-        for time, row in step_rows(states[state], following, grid):
-            rows.add(time, row)
+        add_generated_rows(block, f"{state}_step", block.points, step_rows(states[state], following, grid))
         record.equation_of[state] = statement.name
         record.discrete_states.add(state)
 
@@ -93,13 +88,10 @@ _GIVEN = {"ode": ("derivative", "right-hand side"), "step map": ("next value", "
 def _given_for_states(block: Any, statement: Statement, time: float, *more: PreviousStates) -> dict[str, Any]:
     """What a rule gives for states at a collocation point as {name: expression}."""
     label, (meaning, expected) = statement.label(block), _GIVEN[statement.kind]
-    with mistakes_explained(block, statement, time, ("b", "t", "previous")[: 2 + len(more)]):
-        result = statement(block, block.record.index_for_rule(block, time, label), *more)
+    result = asked(block, statement, time, f"a dict {{state: {expected}}}", *more)
     if not isinstance(result, Mapping):
-        returned = "nothing" if result is None else f"a {type(result).__name__}"
         raise ModelError(
-            f"{label} returned {returned} at t = {time:g}; expected a dict "
-            f"{{state: {expected}}}. Is the return statement missing?"
+            f"{label} returned a {type(result).__name__} at t = {time:g}; expected a dict {{state: {expected}}}."
         )
     given: dict[str, Any] = {}
     for state, expression in equations_by_component(block.record, result, f"{label} at t = {time:g}").items():
@@ -113,8 +105,6 @@ def _given_for_states(block: Any, statement: Statement, time: float, *more: Prev
         if name in given:
             raise ModelError(f"{label} gives the {meaning} of '{name}' twice at t = {time:g}; give one.")
         given[name] = expression
-    if time == block.record.grid.points[0]:
-        refuse_foreign_reads(block, label, list(given.values()))
     return given
 
 
@@ -127,69 +117,50 @@ def _states_given(block: Any, statement: Statement, given: Mapping[float, dict[s
             if name not in of_point:
                 raise ModelError(f"{label} gives no {meaning} of '{name}' at t = {time:g}; it must at every point.")
     for name in names:
-        _refuse_second_equation(block.record, name, label)
+        if (first := block.record.equation_of.get(name)) is not None:
+            again = f" {RUN_AGAIN}" if first == statement.name else ""
+            raise ModelError(f"{label} gives a second equation for state '{name}'; '{first}' has given one.{again}")
         yield name
-
-
-def _refuse_second_equation(record: PhaseRecord, name: str, label: str) -> None:
-    if name in record.equation_of:
-        again = f" {RUN_AGAIN}" if f"'{record.equation_of[name]}'" in label else ""
-        raise ModelError(
-            f"{label} gives a second equation for state '{name}'; '{record.equation_of[name]}' has given one.{again}"
-        )
 
 
 def _add_state_equation(block: Any, name: str, rates: Rates, is_read_later: bool) -> None:
     declaration = block.record.declarations[name]
     assert isinstance(declaration, State)
     if declaration.derivative_bounds is None and name not in block.record.kept_derivatives:
-        if is_read_later:
-            _let_collocation_follow_rule(block, name, rates)
-        else:
-            _add_collocation(block, name, rates)
+        _add_collocation(block, name, rates, is_read_later)
         return
     del block.record.rates[name]  # its derivative is a variable
     kept = block.derivative(name)
-    rows = _add_generated_rows(block, f"{name}_equation")
-    for time, rate in rates.items():
-        rows.add(time, (kept[time] - rate, 0))
+    rows = ((time, (kept[time] - rate, 0)) for time, rate in rates.items())
+    add_generated_rows(block, f"{name}_equation", block.points, rows)
 
 
-def add_derivative(block: Any, name: str) -> Var:
+def add_derivative(block: Any, name: str) -> Any:
     """The derivative of a state as a variable of its own, tied to the state by linear collocation rows."""
     record: PhaseRecord = block.record
     declaration = record.declarations[name]
     assert isinstance(declaration, State)
     what = f"phase '{block.name}': state '{name}' (declared at {declaration.declared_at})"
-    bounds = check_bounds(declaration.derivative_bounds or (None, None), what, "derivative bounds")
-    units = rate_units(declaration.units, record.time_units)
-    derivative = Var(block.points, bounds=bounds, initialize=within(0.0, bounds), units=units)
-    derivative = add_generated(block, f"{name}_derivative", derivative)
+    bounds = check_bounds(declaration.derivative_bounds, what, "derivative bounds")
+    rate = Algebraic(bounds=bounds, units=rate_units(declaration.units, record.time_units))
     record.kept_derivatives.add(name)
-    if record.restating is not None:
-        record.restating.keep(f"{name}_derivative")
+    derivative = add_values(block, f"{name}_derivative", rate, record.nodes(f"{name}_derivative"), what)
     _add_collocation(block, name, derivative)
     return derivative
 
 
-def _add_collocation(block: Any, name: str, rates: Mapping[float, Any]) -> None:
-    rows = _add_generated_rows(block, f"{name}_collocation")
-    for time, row in collocation_rows(block.component(name), rates, block.record.grid, element_widths(block)):
-        new_row(rows, time, row)
-
-
-def _let_collocation_follow_rule(block: Any, name: str, rates: Rates) -> None:
+def _add_collocation(block: Any, name: str, rates: Mapping[float, Any], is_read_later: bool = False) -> None:
     grid = block.record.grid
     grid.scheme.check_rows()
-    rows = _add_generated_rows(block, f"{name}_collocation")
-    times = [stages[stage] for stages in grid.stage_times for stage in grid.scheme.row_stages]
+    rows = add_generated_rows(block, f"{name}_collocation", block.points)
     boundary = block.boundary if block.record.free_widths else None
-    add_rows_by_rule(rows, CollocationRows(block.component(name), rates, block.duration, boundary), times)
-
-
-def _add_generated_rows(block: Any, name: str) -> Any:
-    block.record.generated_rows.add(name)
-    return add_generated(block, name, Constraint(block.points))
+    rule = CollocationRows(block.component(name), rates, block.duration, boundary)
+    times = [stages[stage] for stages in grid.stage_times for stage in grid.scheme.row_stages]
+    if is_read_later:
+        add_rows_by_rule(rows, rule, times)
+        return
+    for time in times:
+        new_row(rows, time, rule(block, time))
 
 
 def add_residual(block: Any, statement: Statement) -> None:
@@ -263,19 +234,18 @@ def add_complementarity(block: Any, statement: Statement) -> None:
     place(block, name, component)
 
 
-@contextmanager
-def mistakes_explained(block: Any, statement: Statement, time: float, arguments: tuple[str, ...]) -> Iterator[None]:
-    """Context for asking a rule at a time, in which what is raised is explained, as a reading where the grid has none.
+def asked(block: Any, statement: Statement, time: float, expected: str, *more: PreviousStates) -> Any:
+    """What a rule returns at a time.
 
     Raises
     ------
     ModelError
-        Naming the rule and the time.
+        Naming the rule and the time, when it returns nothing, or reads what has no value there or another model's.
     """
     label = statement.label(block)
     try:
-        with slips_explained(statement.rule, label, block, arguments, ModelError, time):
-            yield
+        with slips_explained(statement.rule, label, block, ("b", "t", "previous")[: 2 + len(more)], ModelError, time):
+            result = statement(block, block.record.index_for_rule(block, time, label), *more)
     except KeyError as error:
         if statement.kind == AT_BOUNDARIES:
             raise ModelError(
@@ -285,6 +255,16 @@ def mistakes_explained(block: Any, statement: Statement, time: float, arguments:
         if isinstance(error, NoSuchTime):
             raise ModelError(f"{label} at t = {time:g}: {error}") from error
         raise
+    if result is None:
+        raise ModelError(
+            f"{label} returned nothing at t = {time:g}; expected {expected}. Is the return statement missing?"
+        )
+    # One point tells, and a solve asks for all; what the phase stands on may be assigned to a model later.
+    if time == statement.times(block)[0] and isinstance(block.model(), Model):
+        foreign = foreign_variable(block, variables_in_any(expressions_returned(result)).values())
+        if foreign is not None:
+            raise ModelError(f"{label} {foreign_read(foreign, block)} {ONE_MODEL}")
+    return result
 
 
 def _collect(block: Any, statement: Statement) -> tuple[dict[float, dict[Hashable, Any]], bool]:
@@ -293,13 +273,8 @@ def _collect(block: Any, statement: Statement) -> tuple[dict[float, dict[Hashabl
     results: dict[float, dict[Hashable, Any]] = {}
     is_read_later = statement.kind != "complementarity" and record.time_units is None
     for time in times:
-        with mistakes_explained(block, statement, time, ("b", "t")):
-            result = statement(block, record.index_for_rule(block, time, label))
-        if result is None:
-            raise ModelError(f"{label} returned None at t = {time:g}. Is the return statement missing?")
+        result = asked(block, statement, time, "one or several relations")
         results[time] = labelled_rows(statement.kind, plain_expressions(result))
-        if time == times[0]:
-            refuse_foreign_reads(block, label, results[time])
         is_read_later = (
             is_read_later and not isinstance(result, tuple) and all(map(_is_expression, results[time].values()))
         )
@@ -314,21 +289,6 @@ def _collect(block: Any, statement: Statement) -> tuple[dict[float, dict[Hashabl
             "x.at(time), or give the phase a mesh= with a boundary there and use constraint_at_boundaries."
         )
     return results, False
-
-
-def refuse_foreign_reads(block: Any, label: str, result: Any) -> None:
-    """Refuse a rule that reads variables of another model; one point tells, and a solve asks for all.
-
-    Raises
-    ------
-    ModelError
-        Naming the rule, the variable and its model.
-    """
-    if not isinstance(block.model(), Model):
-        return  # what it stands on is assigned to a model later
-    foreign = foreign_variable(block, variables_in_any(expressions_returned(result)).values())
-    if foreign is not None:
-        raise ModelError(f"{label} {foreign_read(foreign, block)} {ONE_MODEL}")
 
 
 def _add_rows(block: Any, statement: Statement, results: dict[float, dict[Hashable, Any]], is_read_later: bool) -> int:

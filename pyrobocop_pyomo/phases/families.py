@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -24,26 +25,27 @@ from .record import PhaseRecord
 
 
 class _Component:
-    """One component of a function of time that returns an array. A class, because it must survive pickling."""
+    """One component of a function of time that returns all. A class, because it must survive pickling.
 
-    def __init__(self, function: Callable[[float], Any], names: FamilyNames, position: int, label: str):
-        self._function, self._names, self._position, self._what = function, names, position, label
+    Parameters
+    ----------
+    function : callable
+    split : callable
+        From what it returns to one for each component.
+    position : int
+    """
 
-    def __call__(self, time: float) -> Any:
-        found = self._function(time)
-        if np.ndim(found) == 0:
-            return found
-        entries = self._names.split(found)
-        if entries is None:
-            raise _wrong_length(ModelError, self._what, found, self._names)
-        return entries[self._position]
-
-
-class _BoundsComponent(_Component):
-    """One component of bounds over time."""
+    def __init__(self, function: Callable[[float], Any], split: Callable[[Any], list[Any]], position: int) -> None:
+        self._function, self._split, self._position = function, split, position
 
     def __call__(self, time: float) -> Any:
-        return _split_bounds(self._names, self._function(time), self._what)[self._position]
+        return self._split(self._function(time))[self._position]
+
+
+def _components(names: FamilyNames, function: Any, split: Callable[..., list[Any]], label: str) -> list[Any]:
+    """The components of a function of time."""
+    each = partial(split, names, label=label)
+    return [_Component(function, each, position) for position in range(len(names.labels))]
 
 
 def family_names(name: str, declaration: Declaration, label: str) -> FamilyNames:
@@ -79,8 +81,6 @@ def _axes(index: Any) -> tuple[tuple[Any, ...], ...]:
         return (tuple(range(int(index))),)
     if isinstance(index, str):
         raise TypeError
-    if isinstance(index, SetData):
-        return _axes_of_labels([tuple(label) if isinstance(label, tuple) else label for label in index])
     entries = list(index)
     if entries and all(isinstance(entry, (range, list, SetData, np.ndarray)) for entry in entries):
         return tuple(tuple(_plain(label) for label in entry) for entry in entries)
@@ -141,7 +141,7 @@ def _split(names: FamilyNames, given: Any, label: str, error: type[PyRobocopErro
             raise _wrong_length(error, label, given, names)
         return list(map(_plain, entries))
     if callable(given) and not hasattr(given, "is_expression_type"):  # units can be called as well
-        return [_Component(given, names, position, label) for position in range(len(names.labels))]
+        return _components(names, given, _split, label)
     return [given] * len(names.labels)
 
 
@@ -165,29 +165,15 @@ def _split_bounds(names: FamilyNames, given: Any, label: str) -> list[Any]:
     if given is None:
         return [None] * len(names.labels)
     if callable(given):
-        return [_BoundsComponent(given, names, position, label) for position in range(len(names.labels))]
-    if (
-        isinstance(given, tuple)
-        and len(given) == 2
-        and not all(_is_pair(entry) and isinstance(entry, tuple) for entry in given)
-    ):
+        return _components(names, given, _split_bounds, label)
+    is_of_sides = isinstance(given, tuple) and len(given) == 2
+    if is_of_sides and not all(_is_pair(entry) and isinstance(entry, tuple) for entry in given):
         return list(zip(*(_split(names, side, label) for side in given), strict=True))
-    found = names.split(_pairs(given, names)) if _is_listed(given) else None
+    listed = given.tolist() if isinstance(given, np.ndarray) else given
+    found = names.split(listed) if _is_listed(listed) else None
     if found is None or not all(entry is None or _is_pair(entry) for entry in found):
         raise _wrong_length(ModelError, label, given, names, "pairs (lower, upper)")
     return [None if entry is None else tuple(entry) for entry in found]
-
-
-def _pairs(given: Any, names: FamilyNames) -> Any:
-    """An array or a list of pairs as a flat list of them."""
-    if isinstance(given, Mapping):
-        return given
-    if isinstance(given, np.ndarray):
-        return dict(zip(names.labels, given.reshape(-1, 2).tolist(), strict=False)) if given.ndim else {}
-    entries = list(given)
-    while entries and all(isinstance(entry, list) and entry and not _is_pair(entry) for entry in entries):
-        entries = [inner for entry in entries for inner in entry]
-    return dict(zip(names.labels, entries, strict=False)) if len(entries) == len(names.labels) else {}
 
 
 def _is_pair(entry: Any) -> bool:
@@ -221,10 +207,7 @@ def _wrong_length(
     if isinstance(given, Mapping):
         has = f"the labels {', '.join(map(str, given))}"
     else:
-        try:
-            has = f"shape {np.shape(given)}"
-        except ValueError:
-            has = f"{len(given)} entries of different lengths"
+        has = f"shape {np.array(given, dtype=object).shape}"
     return error(
         f"{label}: has {has}, but '{names.name}' has the labels {', '.join(map(str, names.labels))} (shape "
         f"{names.shape}). Give {len(names.labels)} {expected}, or one for all."
@@ -234,11 +217,27 @@ def _wrong_length(
 # -------------------------------------------------------------------- what rules and users give
 
 
+def name_of(given: Any) -> str:
+    """A name given as such, or by what has it."""
+    return given if isinstance(given, str) else getattr(given, "local_name", None) or repr(given)
+
+
 def family_in(record: PhaseRecord, key: Any) -> FamilyNames | None:
     """The family that a key means, by its name or itself."""
     if isinstance(key, VariableFamily):
         return key.names
     return record.families.get(key) if isinstance(key, str) else None
+
+
+def _by_component(
+    record: PhaseRecord, given: Mapping[Any, Any], split: Callable[[FamilyNames, Any], list[Any]]
+) -> dict[Any, Any]:
+    """What is given by name, with an entry for each component in the place of a family."""
+    found: dict[Any, Any] = {}
+    for key, of in given.items():
+        names = family_in(record, key)
+        found.update({key: of} if names is None else zip(names.members, split(names, of), strict=True))
+    return found
 
 
 def equations_by_component(record: PhaseRecord, result: Mapping[Any, Any], what: str) -> dict[Any, Any]:
@@ -249,18 +248,15 @@ def equations_by_component(record: PhaseRecord, result: Mapping[Any, Any], what:
     ModelError
         When the array has another length.
     """
-    found: dict[Any, Any] = {}
-    for key, given in result.items():
-        names = family_in(record, key)
-        if names is None:
-            found[key] = given
-            continue
+
+    def entries_of(names: FamilyNames, given: Any) -> list[Any]:
         entries = names.split(given) if _is_listed(given) else None
         if entries is None:
             listed = given if _is_listed(given) else 0.0
             raise _wrong_length(ModelError, f"{what} gives for '{names.name}' what", listed, names)
-        found.update(zip(names.members, entries, strict=True))
-    return found
+        return entries
+
+    return _by_component(record, result, entries_of)
 
 
 def guesses_by_component(record: PhaseRecord, guesses: Mapping[Any, Any], what: str) -> dict[Any, Any]:
@@ -271,15 +267,11 @@ def guesses_by_component(record: PhaseRecord, guesses: Mapping[Any, Any], what: 
     InitialGuessError
         When it has another length.
     """
-    found: dict[Any, Any] = {}
-    for key, given in guesses.items():
-        names = family_in(record, key)
-        if names is None:
-            found[key] = given
-        else:
-            entries = _split_guess(names, given, f"{what}: what is given for '{names.name}'")
-            found.update(zip(names.members, entries, strict=True))
-    return found
+
+    def guesses_of(names: FamilyNames, given: Any) -> list[Any]:
+        return _split_guess(names, given, f"{what}: what is given for '{names.name}'")
+
+    return _by_component(record, guesses, guesses_of)
 
 
 def references_by_component(names: FamilyNames, reference: Any, label: str) -> list[Any]:

@@ -9,14 +9,16 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Callable
+from functools import partial
 from numbers import Real
 from typing import Any
 
+import numpy as np
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.set import RangeSet
 from pyomo.core.base.var import Var
-from pyomo.core.expr.numvalue import NumericValue, native_numeric_types, value
+from pyomo.core.expr.numvalue import native_numeric_types, value
 
 from pyrobocop_pyomo.errors import InitialGuessError, ModelError
 from pyrobocop_pyomo.modeling.time_index import TimeIndex, point_of
@@ -92,10 +94,9 @@ def add_boundaries(block: Any, factors: Bounds, label: str) -> None:
         block.record.restating.keep_boundaries()
     block.boundary[0].fix(0.0)
     block.boundary[mesh.elements].fix(1.0)
-    if mesh.elements == 1 and block.record.restating is None:
-        return
-    rows = place(block, "boundary_width", Constraint(RangeSet(0, mesh.elements - 1) if mesh.elements > 1 else []))
-    for i, width in enumerate((mesh.widths / length).tolist()):
+    widths = dict(enumerate((mesh.widths / length).tolist())) if mesh.elements > 1 else {}
+    rows = place(block, "boundary_width", Constraint(list(widths)))
+    for i, width in widths.items():
         rows.add(i, (lower * width, block.boundary[i + 1] - block.boundary[i], upper * width))
 
 
@@ -202,13 +203,16 @@ def horizon_fraction(phase: Any) -> Callable[[float], float]:
         raise InitialGuessError(
             f"'{getattr(phase, 'name', phase)}' is no PhaseBlock; an initial guess along a path needs one."
         )
-    refuse_no_duration(phase)
-    start, end = (float(value(phase.time_at(t))) for t in (phase.time.first(), phase.time.last()))
-    return lambda t: (float(value(phase.time_at(t))) - start) / (end - start)
+    real = np.array(real_grid(phase).mesh.boundaries)
+    return partial(np.interp, xp=phase.grid.mesh.boundaries, fp=(real - real[0]) / (real[-1] - real[0]))
 
 
-def check_horizon(label: str, start: Any, duration: Any) -> None:
-    """Refuse a start or a duration that makes no sense.
+# Of a duration that follows a Param or an expression: these may have any positive value later.
+_LEAST_DURATION = 1e-6
+
+
+def checked_duration(label: str, start: Any, duration: Any) -> float | Duration:
+    """The duration as a number or a declaration; of a variable, a Param or an expression that of what equals it.
 
     Raises
     ------
@@ -237,26 +241,11 @@ def check_horizon(label: str, start: Any, duration: Any) -> None:
                 f"{label}: the duration '{duration}' has the value {number} and the lower bound {lower}; it must be "
                 "one positive number. Give it bounds=(0.1, 10) and initialize=1."
             )
+        upper = duration.ub if duration.is_variable_type() else None
+        return Duration(bounds=(max(lower or 0.0, _LEAST_DURATION), upper), initial_guess=number)
     elif isinstance(duration, bool) or not isinstance(duration, Real) or not 0 < float(duration) < math.inf:
         raise ModelError(f"{label}: duration = {duration!r}; expected a positive number or Duration(bounds=...).")
-
-
-# Of a duration that follows a Param or an expression: these may have any positive value later.
-_LEAST_DURATION = 1e-6
-
-
-def as_duration(stated: float | Duration | NumericValue) -> float | Duration:
-    """The same number or declaration; for a variable, a Param or an expression, the declaration of what equals it.
-
-    Parameters
-    ----------
-    stated : float, Duration, Var, Param or expression
-        Has passed `check_horizon`.
-    """
-    if not isinstance(stated, NumericValue):
-        return stated
-    lower, upper = stated.bounds if stated.is_variable_type() else (None, None)
-    return Duration(bounds=(max(lower or 0.0, _LEAST_DURATION), upper), initial_guess=value(stated, exception=False))
+    return duration
 
 
 def make_mesh(first: float, last: float, elements: int | None, mesh: Any) -> Mesh:

@@ -17,7 +17,7 @@ from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import InitialGuess, initial_number
 
 from .declarations import Parameter, State, within
-from .families import guesses_by_component
+from .families import guesses_by_component, name_of
 from .horizon import horizon_fraction, real_grid
 from .phase_values import PhaseValues, read_values
 from .record import PhaseRecord
@@ -126,13 +126,9 @@ def guess_values(block: Any, name: str, guess: InitialGuess) -> Values:
 
 def _name_of(block: Any, key: Any) -> str:
     known = [*block.record.declarations, *(f"{name}_derivative" for name in block.record.names_of_states), "duration"]
-    name = key if isinstance(key, str) else getattr(key, "local_name", None) or repr(key)
+    name = name_of(key)
     component = block.component(name)
     if name not in known or component is None or not (isinstance(key, str) or component is key):
-        if name == "duration":
-            raise InitialGuessError(
-                f"phase '{block.name}': its duration is the number {block.duration:g} and needs no initial guess."
-            )
         raise InitialGuessError(
             f"phase '{block.name}': an initial guess is given for '{name}', which it does not have; it has "
             f"{', '.join(known_name for known_name in known if block.component(known_name) is not None) or 'nothing'}."

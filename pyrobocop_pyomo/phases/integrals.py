@@ -13,11 +13,10 @@ from pyomo.core.expr.relational_expr import RelationalExpression
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_scalar
 from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, SumRule, follow_rule, follows_rule, let_follow_rule
-from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.templates.template import Template
 from pyrobocop_pyomo.transcription import quadrature
 
-from .equations import Rule, refuse_foreign_reads, rule_name
+from .equations import Rule, asked, rule_name
 from .horizon import quadrature_weights
 from .record import Statement, add_generated
 
@@ -26,7 +25,7 @@ INTEGRALS = "stated_integrals"
 
 def named_integral(block: Any, integrand: Rule) -> Any:
     """See `PhaseBlock.integral`: a member of the named expression that holds the integrals of the phase."""
-    statement = Statement("integral", rule_name(integrand), Template(integrand))
+    statement = Statement("integrand", rule_name(integrand), Template(integrand))
     is_part = block.record.asking or block.record.restating is not None  # a rule that is evaluated anew makes its own
     is_read_later = not is_part and _is_read_later(block, statement)
     total = None if is_read_later else _stated(block, statement)
@@ -49,7 +48,6 @@ def _is_read_later(block: Any, statement: Statement) -> bool:
     if block.record.time_units is not None or block.record.free_widths or not statement.reads_variables_alone(block):
         return False
     first = [_summand(block, statement, time) for time in block.record.grid.points[:2]]
-    refuse_foreign_reads(block, _label(block, statement), first[:1])
     # The second answer is compared with the rule's own, which may show that it is no template.
     is_sum = all(term.__class__ not in native_numeric_types for term in first)
     return is_sum and statement.reads_variables_alone(block)
@@ -100,10 +98,6 @@ def restate_integrals(block: Any) -> None:
             member.set_value(_stated(block, statement))
 
 
-def _label(block: Any, statement: Statement) -> str:
-    return f"phase '{block.name}': the integrand '{statement.name}'"
-
-
 def _summand(block: Any, statement: Statement, time: float) -> Any:
     """What an integrand returns at a time, where that is one number or formula.
 
@@ -112,14 +106,12 @@ def _summand(block: Any, statement: Statement, time: float) -> Any:
     ModelError
         When it is a list, a relation or nothing.
     """
-    label = _label(block, statement)
-    with slips_explained(statement.rule, label, block, ("b", "t"), ModelError, time):
-        found = statement(block, block.record.index_for_rule(block, time, label))
-    if found is None or isinstance(found, (str, Sequence, Mapping, RelationalExpression)):
-        kind = "nothing" if found is None else f"a {type(found).__name__}"
+    label, expected = statement.label(block), "one number or formula, such as b.u[t] ** 2"
+    found = asked(block, statement, time, expected)
+    if isinstance(found, (str, Sequence, Mapping, RelationalExpression)):
         raise ModelError(
-            f"{label} returned {kind} at t = {time:g}; expected one number or formula, such as b.u[t] ** 2. "
-            + ("Is the return statement missing?" if found is None else "Return the sum of what it holds.")
+            f"{label} returned a {type(found).__name__} at t = {time:g}; expected {expected}. Return the sum of what "
+            "it holds."
         )
     return plain_scalar(found, label)
 
@@ -131,8 +123,6 @@ def _stated(block: Any, statement: Statement) -> Any:
 
 def _integral(block: Any, statement: Statement, duration: Any, boundary: Any) -> Any:
     scale, weights = quadrature_weights(block.record, duration, boundary)
-    terms = {time: _summand(block, statement, time) for time in weights}
-    refuse_foreign_reads(block, _label(block, statement), list(terms.values())[:1])
-    total = quadrature(terms.__getitem__, weights)
+    total = quadrature(lambda time: _summand(block, statement, time), weights)
     plain = isinstance(scale, float) and scale == 1.0
     return total if plain else scale * total

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from pyomo.contrib.mpc import DynamicModelInterface, TimeSeriesData
 from pyomo.core.base.componentuid import ComponentUID
 from pyomo.core.base.expression import Expression
@@ -12,10 +11,10 @@ from pyomo.core.base.reference import Reference
 from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import InitialGuessError
+from pyrobocop_pyomo.trajectories import Trajectory
 
 from .declarations import Control, Parameter, State
-from .initial_guesses import guess_values
-from .phase_values import expressions_over_time
+from .phase_values import PhaseValues, expressions_over_time
 from .record import PhaseRecord
 
 
@@ -65,26 +64,23 @@ class PhaseInterface(DynamicModelInterface):
         if not isinstance(data, TimeSeriesData) or time_points is not None or options:
             super().load_data(data, time_points=time_points, **options)
             return
-        block, grid = self._block, self._record.grid
-        times = np.array(data.get_time_points(), dtype=float)
-        slack = 1e-9 * (grid.times[-1] - grid.times[0])
-        loaded = []
-        for key, samples in data.get_data().items():
-            name = self._names.get(str(key))
-            if name is None:
+        record, times = self._record, data.get_time_points()
+        for key in map(str, data.get_data()):
+            if key not in self._names:
                 raise InitialGuessError(
-                    f"phase '{block.name}': the series has the key '{key}'; the phase has {', '.join(self._names)}."
+                    f"phase '{self._block.name}': the series has the key '{key}'; the phase has "
+                    f"{', '.join(self._names)}."
                 )
-            if name not in self._record.declarations:
-                continue  # an Expression, which follows
-            is_state = isinstance(self._record.declarations[name], State)
-            asked = np.array(grid.times if is_state else grid.points)
-            if times[0] > asked[0] + slack or times[-1] < asked[-1] - slack:
+        values = PhaseValues(self._block)
+        found = values.sampled(Trajectory.from_time_series(data), float)
+        slack = 1e-9 * (record.grid.times[-1] - record.grid.times[0])
+        for name in found:
+            needed = record.grid.times if isinstance(record.declarations[name], State) else record.grid.points
+            if times[0] > needed[0] + slack or times[-1] < needed[-1] - slack:
                 raise InitialGuessError(
-                    f"phase '{block.name}': the series runs from {times[0]:g} to {times[-1]:g}; '{name}' needs "
-                    f"{asked[0]:g} to {asked[-1]:g}. Shift the series, or load it through a Trajectory."
+                    f"phase '{self._block.name}': the series runs from {times[0]:g} to {times[-1]:g}; '{name}' needs "
+                    f"{needed[0]:g} to {needed[-1]:g}. Shift the series, or load it through a Trajectory."
                 )
-            asked = np.array(self._record.nodes(name).sample_times)
-            loaded += guess_values(block, name, np.interp(asked, times, np.array(samples, dtype=float)))
+        loaded = [each for name in found for each in zip(values.variables[name], found[name].tolist(), strict=True)]
         for variable, number in loaded:
             variable.set_value(number)

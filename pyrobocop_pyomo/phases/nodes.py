@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pyomo.core.base.set import RangeSet
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.numerics import Array, Grid
@@ -59,15 +60,29 @@ class Nodes:
         """Whether a stage at an element boundary belongs to the element that begins there, as of explicit Euler."""
         return self.grid.scheme.starts_on_a_stage and not self.grid.elements_share_points
 
+    @cached_property
+    def of_points(self) -> NDArray[np.int64]:
+        """Which value is seen at each collocation point."""
+        return np.arange(len(self.grid.points))
+
     @property
     def steps_at_points(self) -> NDArray[np.int64]:
-        """Which difference of neighbouring values is the rate of change seen at each collocation point."""
-        raise NotImplementedError
+        """Which difference of neighbouring values is the rate of change seen at each collocation point: the last."""
+        return self.of_points - 1
 
     @property
     def indices(self) -> Sequence[Any]:
         """Of the component: one for each of `times`."""
         return self.times
+
+    def index_set(self, block: Any) -> Any:
+        """Index set of the component."""
+        return block.points
+
+    @property
+    def bounded_times(self) -> Sequence[Sequence[float]]:
+        """Where each value has to respect bounds."""
+        return [(time,) for time in self.times]
 
     def variables(self, block: Any) -> list[Any]:
         """The variables, in the order of `times`."""
@@ -106,7 +121,7 @@ class Nodes:
 
     def at_points(self, values: Array) -> Array:
         """Values at the collocation points."""
-        return values
+        return values[self.of_points]
 
     def _element(self, time: float, after: bool) -> tuple[int, float]:
         """The element that answers for a time, and where in it the time lies, from 0 to 1."""
@@ -125,6 +140,10 @@ class StateNodes(Nodes):
         """Time index of each value."""
         return self.grid.times
 
+    def index_set(self, block: Any) -> Any:
+        """Index set of the component."""
+        return block.time
+
     def from_guess(self, guess: InitialGuess, label: str) -> Array:
         """Values that an initial guess of the user's means."""
         return initial_state_values(guess, self.grid, label)
@@ -134,9 +153,10 @@ class StateNodes(Nodes):
         element, local = self._element(time, after)
         return _nonzero(self.grid.node_positions[element], self.grid.scheme.state_at([local])[0])
 
-    def at_points(self, values: Array) -> Array:
-        """Values at the collocation points."""
-        return values[np.searchsorted(self.times, self.grid.points)]
+    @cached_property
+    def of_points(self) -> NDArray[np.int64]:
+        """The value at each collocation point."""
+        return np.searchsorted(self.times, self.grid.points)
 
 
 @dataclass(frozen=True)
@@ -149,11 +169,6 @@ class StageNodes(Nodes):
         if not self.starts_elements:
             return None
         return np.isin(self.grid.points, [times[0] for times in self.grid.stage_times])
-
-    @property
-    def steps_at_points(self) -> NDArray[np.int64]:
-        """The step that led to the point."""
-        return np.arange(len(self.times)) - 1
 
     def from_guess(self, guess: InitialGuess, label: str) -> Array:
         """Values that an initial guess of the user's means."""
@@ -182,6 +197,10 @@ class _PiecewiseNodes(Nodes):
         """Of the component: the intervals or the knots are numbered."""
         return range(len(self.times))
 
+    def index_set(self, block: Any) -> Any:
+        """Index set of the component."""
+        return RangeSet(0, len(self.times) - 1)
+
     @cached_property
     def of_elements(self) -> NDArray[np.int64]:
         """The interval between knots of each element."""
@@ -207,9 +226,10 @@ class IntervalNodes(_PiecewiseNodes):
         return _middles(self.grid.mesh.boundaries)
 
     @property
-    def steps_at_points(self) -> NDArray[np.int64]:
-        """The step that led to the interval."""
-        return self.of_points - 1
+    def bounded_times(self) -> Sequence[Sequence[float]]:
+        """The collocation points of each interval."""
+        points = np.array(self.grid.points)
+        return [points[self.of_points == i].tolist() for i in range(len(self.times))]
 
     def from_samples(self, samples: Array) -> Array:
         """The mean over the elements of each interval, weighted by their widths."""
@@ -228,10 +248,6 @@ class IntervalNodes(_PiecewiseNodes):
         """The value of the interval."""
         element, _ = self._element(time, after)
         return [(int(self.of_elements[element]), 1.0)]
-
-    def at_points(self, values: Array) -> Array:
-        """Values at the collocation points."""
-        return values[self.of_points]
 
 
 class KnotNodes(_PiecewiseNodes):

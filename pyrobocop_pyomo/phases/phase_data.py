@@ -22,7 +22,6 @@ from pyrobocop_pyomo.errors import InitialGuessError, ModelError, TrajectoryErro
 from pyrobocop_pyomo.modeling.blocks import BuiltBlockData, Rule, blocks_of_kind
 from pyrobocop_pyomo.modeling.variable_families import VariableFamily
 from pyrobocop_pyomo.numerics import Array, Grid, Scheme, find_scheme
-from pyrobocop_pyomo.presentation import facts_table
 from pyrobocop_pyomo.templates.slots import Clock, Derivative, RateOf
 from pyrobocop_pyomo.templates.template import OverTime, Reading, Template, TimeTemplate, is_asked_for_all_times
 from pyrobocop_pyomo.trajectories import Trajectory
@@ -40,8 +39,8 @@ from .equations import (
     add_step,
     name_of_rows,
 )
-from .families import OneOf, component_declarations, family_names
-from .horizon import add_horizon, as_duration, check_horizon, make_mesh, real_time
+from .families import OneOf, component_declarations, family_names, name_of
+from .horizon import add_horizon, checked_duration, make_mesh, real_time
 from .initial_guesses import set_guesses, set_straight_lines, set_trajectory
 from .integrals import named_integral
 from .mpc_interface import PhaseInterface
@@ -122,44 +121,35 @@ class PhaseBlockData(BuiltBlockData):
         """
         if isinstance(declaration, Duration):
             raise ModelError(f"{self._what}: a Duration is given to PhaseBlock(duration=...), not to '{name}'.")
-        if hasattr(self, name):
-            held = self.component(name)
-            by = "an attribute that every phase has" if held is None else f"a {held.ctype.__name__}"
-            by = "a vector" if name in self.record.families else by
-            again = f" {RUN_AGAIN}" if name in self.record.declarations or name in self.record.families else ""
+        if isinstance(declaration, Control) and declaration.one_of and declaration.index is None:
             raise ModelError(
-                f"{self._what}: the name '{name}' (declared at {declaration.declared_at}) is taken. Choose another: "
-                f"there is {by} by this name.{again}"
+                f"{self._what}: '{name}' (declared at {declaration.declared_at}) is one_of, but no vector: say how "
+                "many components it has by index=3."
             )
         with self._all_or_nothing(), PauseGC():
-            if isinstance(declaration, Law):
-                declaration.state(self, name)
-                return
-            if declaration.index is not None:
-                self._declare_family(name, declaration)
-                return
-            if isinstance(declaration, Control) and declaration.one_of and not self.record.is_declaring_components:
-                raise ModelError(
-                    f"{self._what}: '{name}' (declared at {declaration.declared_at}) is one_of, but no vector: say how "
-                    "many components it has by index=3."
-                )
-            what = f"{self._what}: {type(declaration).__name__.lower()} '{name}'"
+            self._declare(name, declaration)
+
+    def _declare(self, name: str, declaration: Declaration | Law) -> None:
+        record, what = self.record, f"{self._what}: {type(declaration).__name__.lower()} '{name}'"
+        if hasattr(self, name):
+            again = f" {RUN_AGAIN}" if name in record.declarations or name in record.families else ""
+            raise ModelError(
+                f"{self._what}: the name '{name}' (declared at {declaration.declared_at}) is taken. Choose "
+                f"another.{again}"
+            )
+        if isinstance(declaration, Law):
+            declaration.state(self, name)
+        elif declaration.index is None:
             declaration = with_functions_of_time(self, in_numbers(declaration, what), what)
             add_variables(self, name, declaration)
-            self.record.declarations[name] = declaration
-
-    def _declare_family(self, name: str, declaration: Declaration) -> None:
-        what = f"{self._what}: {type(declaration).__name__.lower()} '{name}'"
-        names = family_names(name, declaration, what)
-        self.record.is_declaring_components = True
-        try:
+            record.declarations[name] = declaration
+        else:
+            names = family_names(name, declaration, what)
             for member, of_component in component_declarations(names, declaration, what):
-                self.declare(member, of_component)
-        finally:
-            self.record.is_declaring_components = False
-        self.record.families[name] = names
-        if isinstance(declaration, Control) and declaration.one_of:
-            self.constraint(OneOf(name), name=f"{name}_one_of")
+                self._declare(member, of_component)
+            record.families[name] = names
+            if isinstance(declaration, Control) and declaration.one_of:
+                self.constraint(OneOf(name), name=f"{name}_one_of")
 
     def __getattr__(self, name: str) -> Any:
         record = self.__dict__.get("_record")
@@ -183,10 +173,12 @@ class PhaseBlockData(BuiltBlockData):
         return sorted({*super().__dir__(), *(() if record is None else record.families)})
 
     def _summary(self) -> str:
-        return super()._summary() + (_phase_in_words(self.record) if self.is_built else "")
-
-    def _html_parts(self) -> list[str]:
-        return [_phase_table(self.record)] if self.is_built else []
+        if not self.is_built:
+            return super()._summary()
+        kinds = Counter(type(declaration).__name__.lower() for declaration in self.record.declarations.values())
+        counts = [f"{count} {kind}{'s' if count != 1 else ''}" for kind, count in kinds.items()]
+        facts = ", ".join([*counts, f"{self.grid.mesh.elements} elements"])
+        return f"{super()._summary()}: {facts} of {self.grid.scheme.name}"
 
     # ---------------------------------------------------------------- statements
 
@@ -366,7 +358,7 @@ class PhaseBlockData(BuiltBlockData):
         """
         if (family := self._family(control)) is not None:
             return family.of_each(self.rate_of)  # type: ignore[return-value]
-        name = control if isinstance(control, str) else getattr(control, "local_name", None) or repr(control)
+        name = name_of(control)
         if name not in self.record.names(Control):
             known = ", ".join(self.record.names(Control)) or "none"
             raise ModelError(f"{self._what}: '{name}' is no control; its controls are {known}.")
@@ -414,7 +406,7 @@ class PhaseBlockData(BuiltBlockData):
         ModelError
             When it is no state of this phase.
         """
-        name = state if isinstance(state, str) else getattr(state, "local_name", None) or repr(state)
+        name = name_of(state)
         declared = self.record.names_of_states
         known = name in declared and (isinstance(state, str) or self.component(name) is state)
         if not known:
@@ -720,8 +712,7 @@ class PhaseBlockData(BuiltBlockData):
             start = start(self.parent_block(), *(index if isinstance(index, tuple) else (index,)))
         if isinstance(start, PhaseBlockData):
             start = start.time_at(start.final_time)
-        check_horizon(self._what, start, duration)
-        stated, duration = duration, as_duration(duration)
+        stated, duration = duration, checked_duration(self._what, start, duration)
         normalised = isinstance(duration, Duration) or not isinstance(start, Real) or free_element_widths is not None
         first, last = (0.0, 1.0) if normalised else (float(start), float(start + duration))
         try:
@@ -766,26 +757,3 @@ def phases_of(model: Any) -> list[PhaseBlockData]:
         A model, a block of it, or a phase itself.
     """
     return blocks_of_kind(model, PhaseBlockData)
-
-
-# ------------------------------------------------------------------------------------------------- a phase at a glance
-
-
-def _phase_in_words(record: PhaseRecord) -> str:
-    """Counts of the declarations by kind, and the grid."""
-    kinds = Counter(type(declaration).__name__.lower() for declaration in record.declarations.values())
-    counts = [f"{count} {kind}{'s' if count != 1 else ''}" for kind, count in kinds.items()]
-    return f": {', '.join([*counts, f'{record.grid.mesh.elements} elements'])} of {record.grid.scheme.name}"
-
-
-def _phase_table(record: PhaseRecord) -> str:
-    """The declarations, the rules by kind, the duration and the grid."""
-    members = {member for family in record.families.values() for member in family.members}
-    facts: dict[str, object] = {name: repr(of) for name, of in record.declarations.items() if name not in members}
-    for name, family in record.families.items():
-        facts[f"{name}, shape {family.shape}"] = f"{type(record.declarations[family.members[0]]).__name__}(...)"
-    facts["duration"] = record.duration
-    facts["grid"] = f"{record.grid.mesh.elements} elements of {record.grid.scheme.name}"
-    for kind in dict.fromkeys(statement.kind for statement in record.statements):
-        facts[kind] = ", ".join(statement.name for statement in record.statements_of(kind))
-    return facts_table(facts)

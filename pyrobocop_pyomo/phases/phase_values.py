@@ -131,7 +131,9 @@ class PhaseValues:
             signals={name: self.nodes[name].at_points(values[name]) for name in record.names_of_signals},
             parameters={name: float(value(phase.component(name))) for name in record.names(Parameter)},
             pairs=pairs_of_phase(phase, self._grid) if evaluate else {},
-            rates=self._rates() if evaluate else {},
+            rates=self._rates()
+            if evaluate
+            else {name: values[f"{name}_derivative"] for name in record.kept_derivatives},
             expressions=expression_values(phase) if evaluate else {},
             knot_values=values,
             outcome=outcome,
@@ -140,12 +142,8 @@ class PhaseValues:
     def _rates(self) -> dict[str, Array]:
         """Derivatives of the states at the points, where they have any."""
         phase, record = self._phase, self._record
-        known = (
-            name
-            for name in record.names_of_states
-            if name in record.rates or phase.component(f"{name}_derivative") is not None
-        )
-        rates = {name: phase.derivative(name) for name in known}
+        known = record.rates.keys() | record.kept_derivatives
+        rates = {name: phase.derivative(name) for name in record.names_of_states if name in known}
         return {name: np.array([number_or_nan(of[t]) for t in self._grid.points]) for name, of in rates.items()}
 
     def _outcome_of(self, values: Mapping[str, Array]) -> str:

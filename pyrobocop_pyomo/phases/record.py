@@ -91,6 +91,8 @@ class PhaseRecord:
         Where they come from.
     kept_derivatives : set of str
         States whose derivative is a variable of its own.
+    made : set of str
+        Names of the components that declarations, rules and the horizon have made, which another mesh makes anew.
     generated_rows : set of str
         Names of the constraints that tie states to their derivatives: no equations of the user's.
     control_rates : dict of control name to {collocation point: expression}
@@ -113,8 +115,6 @@ class PhaseRecord:
         Time indices at which statements read a value, wherever the points of the mesh are.
     delayed_names : set of str
         What rules read at earlier times than their own.
-    is_declaring_components : bool
-        True while the components of a vector or a matrix are declared, one after the other.
     asking : bool
         True while a statement asks its rule, which is kept: what the rule makes is made anew with it.
     restating : Restatement or None
@@ -135,6 +135,7 @@ class PhaseRecord:
     rates: dict[str, Any] = field(default_factory=dict)
     odes: dict[str, Any] = field(default_factory=dict)
     kept_derivatives: set[str] = field(default_factory=set)
+    made: set[str] = field(default_factory=set)
     generated_rows: set[str] = field(default_factory=set)
     control_rates: dict[str, Mapping[float, Any]] = field(default_factory=dict)
     residuals_per_point: int = 0
@@ -146,7 +147,6 @@ class PhaseRecord:
     values_at_times: list[tuple[str, float]] = field(default_factory=list)
     named_times: set[float] = field(default_factory=set)
     delayed_names: set[str] = field(default_factory=set)
-    is_declaring_components: bool = False
     asking: bool = False
     restating: Any = None
     outcome: tuple[str, int] | None = None
@@ -197,6 +197,7 @@ def place(block: Any, name: str, component: Any) -> Any:
     component
         The one on the block.
     """
+    block.record.made.add(name)
     if block.record.restating is not None:
         return block.record.restating.place(name, component)
     block.add_component(name, component)

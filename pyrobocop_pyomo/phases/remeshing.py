@@ -9,13 +9,15 @@ by the polynomial of the element, controls by theirs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 from pyomo.common.gc_manager import PauseGC
+from pyomo.core.base.expression import Expression
 from pyomo.core.base.set import Set
 from pyomo.core.base.suffix import Suffix
 from pyomo.core.expr.numvalue import native_numeric_types
@@ -32,8 +34,8 @@ from pyrobocop_pyomo.templates.template import same_results
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .asked_by_point import asked_by_point
-from .declarations import Bounds, Control, Parameter, within
-from .delays import VALUES_AT_TIMES, restate_values_at_times
+from .declarations import Bounds, Control, within
+from .delays import restate_values_at_times
 from .equations import (
     add_complementarity,
     add_constraint,
@@ -44,7 +46,7 @@ from .equations import (
     add_step,
 )
 from .horizon import add_boundaries, make_mesh
-from .integrals import INTEGRALS, restate_integrals
+from .integrals import restate_integrals
 from .nodes import IntervalNodes, KnotNodes, Nodes, StateNodes
 from .phase_values import PhaseValues
 from .record import AT_BOUNDARIES, PhaseRecord
@@ -59,7 +61,6 @@ _ADD: dict[str, Callable[..., None]] = {
     "complementarity": add_complementarity,
     "expression": add_expression,
 }
-_OF_EVERY_PHASE = ("time", "points", "start", "duration", "boundary", "boundary_width", INTEGRALS, VALUES_AT_TIMES)
 _REMEDY = (
     "State it on the phase (phase.constraint, phase.integral), give data over time as an rcp.Table, and read what "
     "follows the mesh: x.at(time), x.at_start, x.at_end."
@@ -235,8 +236,8 @@ def _user_reading(model: Any, grids: Mapping[Any, Grid]) -> str | None:
                         "times, which another mesh may not have. Write x.at(time), which follows the mesh."
                     )
     times = _times_of(grids)
-    for block in model.block_data_objects(active=None, descend_into=BLOCK_TYPES):
-        if _stands_on(block, times) and not block.can_follow_times:
+    for block in _built_blocks(model):
+        if block.stands_on(times) and not block.can_follow_times:
             return (
                 f"'{block.name}' stands on the times of a phase, and the rule of a pose or clearance of it has to "
                 "know the time as a number. Write pyo.Expr_if for a branch, rcp.Table for data over time."
@@ -262,7 +263,9 @@ def _reading_of(model: Any, grids: Mapping[Any, Grid], wanted: Mapping[int, str]
     wanted : mapping of identity to str
         Names of what has left the model, empty of what has its own.
     """
-    leaves = wanted.keys() | {id(part) for phase in grids for part in _following_expressions(phase)}
+    made = [phase.component(name) for phase in grids for name in phase.record.made]
+    expressions = [component for component in made if component is not None and component.ctype is Expression]
+    leaves = wanted.keys() | {id(part) for component in expressions for part in component.values()}
     for component in _components_beside(model, grids) if wanted else ():
         parts = [] if component.is_reference() else [(part, expressions_of(part)) for part in component.values()]
         read = variables_in_any([each for _, held in parts for each in held], leaves)
@@ -283,62 +286,42 @@ def _only_on_this_mesh(phase: Any, grid: Grid) -> Iterator[Any]:
     record = phase.record
     boundaries = set(grid.mesh.boundaries).intersection(record.grid.mesh.boundaries)
     ends = {record.grid.mesh.boundaries[0], record.grid.mesh.boundaries[-1]}
-    kept = [f"{name}_derivative" for name in record.kept_derivatives]
-    for name in (*record.names_of_states, *record.names_of_signals, *kept):
-        nodes = record.nodes(name)
+    values = PhaseValues(phase)
+    for name, nodes in values.nodes.items():
         if getattr(record.declarations.get(name), "knots", None) is not None:
             continue
         last = {nodes.times[-1]} if isinstance(nodes, IntervalNodes) else set()
         stay = boundaries if isinstance(nodes, StateNodes) else ends | last
-        yield from (of for time, of in zip(nodes.times, nodes.variables(phase), strict=True) if time not in stay)
+        yield from (of for time, of in zip(nodes.times, values.variables[name], strict=True) if time not in stay)
         if isinstance(nodes, KnotNodes):
             yield from (seen for time, seen in phase.component(name).items() if time not in stay)
     if record.free_widths:
         yield from (of for number, of in phase.boundary.items() if 0 < number < record.grid.mesh.elements)
 
 
-def _following_expressions(phase: Any) -> Iterator[Any]:
-    """Named expressions of a phase that are made anew on another mesh: whoever reads them follows."""
-    names = [INTEGRALS, VALUES_AT_TIMES, *(statement.name for statement in phase.record.expressions)]
-    for name in names:
-        yield from (phase.component(name) or {}).values()
-
-
 def _components_beside(model: Any, grids: Mapping[Any, Grid]) -> Iterator[Any]:
     """Components that neither these phases make anew nor a block that follows."""
+    following = {id(block) for block in _built_blocks(model) if block.can_follow_times}
     for block in model.block_data_objects(active=None, descend_into=BLOCK_TYPES):
         home = block
-        while home is not None and not _can_follow(home):
+        while home is not None and id(home) not in following:
             home = home.parent_block()
         if home is not None:
             continue
-        owned = _names_of(block) if block in grids else ()
+        made = block.record.made if block in grids else ()
         for component in block.component_map().values():
             is_content = component.ctype not in (*BLOCK_TYPES, Set, Suffix) and component.is_constructed()
-            if is_content and component.local_name not in owned:
+            if is_content and component.local_name not in made:
                 yield component
-
-
-def _names_of(phase: Any) -> set[str]:
-    """Names of the components that declarations and statements of a phase make, and the integrals."""
-    record: PhaseRecord = phase.record
-    declared = [name for name, of in record.declarations.items() if not isinstance(of, Parameter)]
-    kept = [f"{name}_derivative" for name in record.kept_derivatives]
-    nodes = {record.nodes(name).component for name in (*declared, *kept)}
-    statements = {statement.name for statement in (*record.expressions, *record.statements)}
-    return {*_OF_EVERY_PHASE, *record.declarations, *record.generated_rows, *nodes, *statements}
 
 
 def _times_of(grids: Mapping[Any, Grid]) -> set[int]:
     return {id(each) for phase in grids for each in (phase.time, phase.points)}
 
 
-def _stands_on(block: Any, times: set[int]) -> bool:
-    return isinstance(block, BuiltBlockData) and block.is_built and block.stands_on(times)
-
-
-def _can_follow(block: Any) -> bool:
-    return isinstance(block, BuiltBlockData) and block.is_built and block.can_follow_times
+def _built_blocks(model: Any) -> list[Any]:
+    blocks = model.block_data_objects(active=None, descend_into=BLOCK_TYPES)
+    return [block for block in blocks if isinstance(block, BuiltBlockData) and block.is_built]
 
 
 def _changed_row(model: Any, grids: Mapping[Any, Grid]) -> str | None:
@@ -369,8 +352,7 @@ def _changed_row(model: Any, grids: Mapping[Any, Grid]) -> str | None:
 def _restate(grids: Mapping[Any, Grid]) -> None:
     """Make everything that was stated over the times of phases anew, on the grids that they get."""
     model, times = next(iter(grids)).model(), _times_of(grids)
-    blocks = model.block_data_objects(active=None, descend_into=BLOCK_TYPES)
-    followers = [block for block in blocks if _stands_on(block, times) and block.can_follow_times]
+    followers = [block for block in _built_blocks(model) if block.stands_on(times) and block.can_follow_times]
     inside = [each for of in followers for each in of.block_data_objects(active=None, descend_into=BLOCK_TYPES)]
     with PauseGC(), InPlaceChanges([*grids, *inside]) as changes:
         _state_anew(grids, changes)
@@ -408,11 +390,11 @@ class PhaseOnGrid:
         record: PhaseRecord = block.record
         self._block, self._record, self._grid, self._changes = block, record, grid, changes
         self._before = PhaseValues(block)
-        self._plan = self._current_plan() if grid.mesh != record.grid.mesh else None
+        self._plan: Trajectory | None = None  # none where values are missing
+        if grid.mesh != record.grid.mesh:
+            with suppress(TrajectoryError):
+                self._plan = self._before.trajectory(evaluate=False)
         self._indices = record.grid.mesh.boundaries
-        standing = block.component("boundary")  # none yet where they begin to move
-        variables = [] if standing is None else standing.values()
-        self._boundaries = dict(zip(self._indices, variables, strict=standing is not None))
         self._placed: list[Any] = []
 
     # ---------------------------------------------------------------- the steps
@@ -478,12 +460,20 @@ class PhaseOnGrid:
         self._placed.append(standing)
         return state_anew(standing, component)
 
-    def keep(self, name: str) -> None:
-        """Let variables at times that stay be what they were; give the others bounds and domains."""
-        variables, nodes = self._before.variables[name], self._record.nodes(name)
-        component = self._block.component(nodes.component)
-        position = _retained(self._before.nodes[name], nodes)
-        pattern = self._set_for_all(name, component, position)
+    def keep(self, name: str, nodes: Nodes, declared: Callable[[Nodes], Sequence[Bounds]]) -> None:
+        """Let variables at times that stay be what they were; give the others bounds and domains.
+
+        Parameters
+        ----------
+        name : str
+        nodes : Nodes
+            Those that it has now.
+        declared : callable
+            The bounds that were declared for the values at some nodes.
+        """
+        before, variables = self._before.nodes[name], self._before.variables[name]
+        component, position = self._block.component(nodes.component), _retained(before, nodes)
+        pattern = self._set_for_all(name, declared(before), position, nodes)
         for number, index in enumerate(component.keys()):
             if number in position:
                 put_part(component, index, variables[position[number]])
@@ -506,25 +496,19 @@ class PhaseOnGrid:
 
     def keep_boundaries(self) -> None:
         """Let element boundaries that stay be the variables that they were; others lie on a line between these."""
-        if not self._boundaries:
-            return
-        component, old = self._block.boundary, [variable.value for variable in self._boundaries.values()]
-        values = np.interp(self._grid.mesh.boundaries, list(self._boundaries), old)
-        for i, time in enumerate(self._grid.mesh.boundaries):
-            if time in self._boundaries:
-                put_part(component, i, self._boundaries[time])
+        component = self._block.boundary
+        before = self._changes.parts_before(component)
+        if not before:
+            return  # they begin to move
+        boundaries = self._grid.mesh.boundaries
+        values = np.interp(boundaries, self._indices, [variable.value for variable in before.values()])
+        for i, time in enumerate(boundaries):
+            if time in self._indices:
+                put_part(component, i, before[self._indices.index(time)])
             else:
                 component[i].set_value(float(values[i]), skip_validation=True)
 
     # ---------------------------------------------------------------- what is carried over
-
-    def _current_plan(self) -> Trajectory | None:
-        """The values as a trajectory; None where some are missing."""
-        try:
-            plan, values = self._before.trajectory(evaluate=False), self._before.read()
-        except TrajectoryError:
-            return None
-        return replace(plan, rates={name: values[f"{name}_derivative"] for name in self._record.kept_derivatives})
 
     def _interpolate(self) -> None:
         """Give new variables the values of the plan."""
@@ -537,7 +521,9 @@ class PhaseOnGrid:
                 if id(variable) not in kept:
                     variable.set_value(within(number, variable.bounds), skip_validation=True)
 
-    def _set_for_all(self, name: str, component: Any, position: Mapping[int, int]) -> Any | None:
+    def _set_for_all(
+        self, name: str, declared: Sequence[Bounds], position: Mapping[int, int], nodes: Nodes
+    ) -> Any | None:
         """One of the variables, if the user has set bounds of all alike or fixed all; None if they are as declared.
 
         The ends of a state are another matter: they have initial and final values.
@@ -548,7 +534,6 @@ class PhaseOnGrid:
             When what was set for some times only would be lost.
         """
         before, variables = self._before.nodes[name], self._before.variables[name]
-        declared = self._declared_bounds(name, component)
         marks = [(_bounds_of(variable), bool(variable.fixed)) for variable in variables]
         is_state = isinstance(before, StateNodes)
         between = range(1, len(marks) - 1) if is_state else range(len(marks))
@@ -557,7 +542,7 @@ class PhaseOnGrid:
         if len(set_by_user) == len(between) >= fewest and len({marks[i] for i in between}) == 1:
             return variables[between[0]]
         stay = set(position.values())
-        changes = isinstance(before, IntervalNodes) and before.times != self._record.nodes(name).times
+        changes = isinstance(before, IntervalNodes) and before.times != nodes.times
         for i in set_by_user:
             if changes or i not in stay:
                 what = "fixed value" if variables[i].fixed else "bounds"
@@ -566,15 +551,6 @@ class PhaseOnGrid:
                     "times only, which the new mesh has not. Set it for all times, or state a constraint."
                 )
         return None
-
-    def _declared_bounds(self, name: str, component: Any) -> list[Any]:
-        before, variables = self._before.nodes[name], self._before.variables[name]
-        declaration = self._record.declarations.get(name)
-        if declaration is None or not callable(declaration.bounds):
-            return [_bounds_of(next(iter(component.values())))] * len(variables)
-        if isinstance(before, IntervalNodes):  # they have what the bounds at several points leave in common
-            return [_bounds_of(variable) for variable in variables]
-        return [declaration.bounds_at(time, f"'{name}'") for time in before.times]
 
 
 def _retained(before: Nodes, nodes: Nodes) -> dict[int, int]:

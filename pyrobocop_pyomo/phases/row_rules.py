@@ -100,12 +100,13 @@ class CollocationRows(RowRule):
     Parameters
     ----------
     state : Var
-    rates : Rates
+    rates : mapping of collocation point to expression
+        `Rates`, where the rows are read later.
     duration, boundary : Var, float or None
         The components of the horizon, which a transformation may rename.
     """
 
-    def __init__(self, state: Any, rates: Rates, duration: Any, boundary: Any) -> None:
+    def __init__(self, state: Any, rates: Any, duration: Any, boundary: Any) -> None:
         self._state, self._rates, self._duration, self._boundary = state, rates, duration, boundary
 
     def __call__(self, block: Any, index: float) -> Any:

@@ -12,7 +12,7 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.modeling.time_index import point_of
 from pyrobocop_pyomo.numerics.rounding import ROUNDING
-from pyrobocop_pyomo.presentation import as_html, one_line
+from pyrobocop_pyomo.presentation import one_line
 from pyrobocop_pyomo.templates.slots import Item
 from pyrobocop_pyomo.templates.template import Reading, TimeTemplate
 
@@ -56,20 +56,9 @@ class _OverTime:
         return super().__getattribute__(name)
 
     def __repr__(self: Any) -> str:
-        return one_line(type(self).__name__, self._summary())
-
-    def _repr_html_(self: Any) -> str:
-        return as_html(type(self).__name__, self._summary(), [])
-
-    def _known(self: Any) -> dict[Any, float]:
-        """Values by their index, where there are any."""
-        values = {index: value(self[index], exception=False) for index in self}
-        return {index: float(number) for index, number in values.items() if number is not None}
-
-    def _summary(self: Any) -> str:
-        values = self._known().values()
+        values = [number for part in self.values() if (number := value(part, exception=False)) is not None]
         found = f"{min(values):.6g} .. {max(values):.6g}" if values else "no values yet"
-        return f"'{self.name}' at {len(self)} times, {found}"
+        return one_line(type(self).__name__, f"'{self.name}' at {len(self)} times, {found}")
 
     def __setattr__(self: Any, name: str, value: Any) -> None:
         if name in _REFUSED:
@@ -177,18 +166,15 @@ for _name in ("neg", "abs", "lt", "le", "gt", "ge", "float"):
 
 def _no_such_time(signal: Any, index: Any) -> str:
     """What to do where a variable is read at a time at which it has none of its own."""
-    what, times = f"'{signal.name}' has no value of its own at {index!r}", [time for time in signal if time != index]
-    if not isinstance(index, (int, float)) or not all(isinstance(time, float) for time in times) or not times:
-        return (
-            f"{what}; an index of it is, for example, {next(iter(signal), None)!r}. At the ends: b.{signal.local_name}"
-            f".at_start and b.{signal.local_name}.at_end."
-        )
-    near = ", ".join(f"{time:g}" for time in sorted(sorted(times, key=lambda time: abs(time - index))[:2]))
-    name = f"b.{signal.local_name}"
+    times, name, asked = list(signal), f"b.{signal.local_name}", index
+    if isinstance(index, (int, float)):
+        asked = f"{index:g}"
+        times.sort(key=lambda time: abs(time - index))
+    near = ", ".join(f"{time:g}" for time in sorted(times[:2]))
     return (
-        f"{what}: it lives at {len(times)} times, the nearest are {near}. Write {name}.at({index:g}) for its value "
-        f"there, {name}.delayed(t, delay) for that of a while ago, {name}.at_start and {name}.at_end at the ends, and "
-        "b.integral(lambda b, t: ...) for a sum over time."
+        f"'{signal.name}' has no value of its own at {index!r}: it lives at {len(times)} times, the nearest are {near}."
+        f" Write {name}.at({asked}) for its value there, {name}.delayed(t, delay) for that of a while ago, "
+        f"{name}.at_start and {name}.at_end at the ends, and b.integral(lambda b, t: ...) for a sum over time."
     )
 
 

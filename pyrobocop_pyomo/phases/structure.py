@@ -37,10 +37,12 @@ def check_phase(block: Any) -> None:
     if getattr(block.duration, "fixed", False):
         refuse_no_duration(block)
     _check_each_state_has_an_equation(block)
-    _check_counts(block)
+    structure = PointStructure(block, middle_point(block.record))
+    _check_counts(block, structure)
     refuse_weightless_controls(block)
     _check_each_variable_appears(block)
-    check_structure(block)
+    if structure.has_higher_index and not block.record.allow_higher_index:
+        raise ModelError(f"phase '{block.name}': {describe_higher_index(structure)} {HIGHER_INDEX_REMEDY}")
 
 
 def _check_each_state_has_an_equation(block: Any) -> None:
@@ -58,35 +60,30 @@ def _check_each_state_has_an_equation(block: Any) -> None:
         )
 
 
-def _check_counts(block: Any) -> None:
+def _check_counts(block: Any, structure: PointStructure) -> None:
     record: PhaseRecord = block.record
+    surplus = len(structure.rows) - len(structure.unknowns)
+    # A pair may determine an algebraic, or just restrict the controls; the user's own equality constraints likewise.
+    # They count only when something is missing.
+    helpers = len(structure.helpers) if surplus < 0 else 0
+    if surplus <= 0 <= surplus + helpers:
+        return
     states, algebraics = len(record.names_of_states), len(record.names(Algebraic))
-    needed, odes, residuals = states + algebraics, len(record.equation_of), record.residuals_per_point
-    # A pair may determine an algebraic, or just restrict the controls; the user's own equality constraints over the
-    # points likewise. They count only when something is missing.
-    points = len(record.grid.points)
-    pairs = sum(_per_point(component, points) for component in block.component_objects(PAIR_TYPES, descend_into=False))
-    stated = {statement.name for statement in record.statements if statement.kind == "residual"}
-    own = sum(
-        _per_point(component, points)
-        for component in _active_constraints(block)
-        if component.local_name not in stated | record.generated_rows and any(map(is_equality, component.values()))
-    )
     counts = (
-        f"{counted(states, 'state')} and {counted(algebraics, 'algebraic')} need {counted(needed, 'equation')} per "
-        f"collocation point; stated are {odes} in {'odes and steps' if record.discrete_states else 'odes'}, "
-        f"{residuals} in residuals and {counted(pairs, 'complementarity pair')}"
+        f"{counted(states, 'state')} and {counted(algebraics, 'algebraic')} need "
+        f"{counted(states + algebraics, 'equation')} per collocation point; stated are {len(record.equation_of)} in "
+        f"{'odes and steps' if record.discrete_states else 'odes'}, {record.residuals_per_point} in residuals and "
+        f"{counted(helpers, 'pair or equality')} beside"
     )
-    if odes + residuals > needed:
+    if surplus > 0:
         raise ModelError(
             f"phase '{block.name}': too many equations. {counts}. Remove an equation, declare what it determines as "
             "Algebraic, or state it as a 'constraint' that restricts the controls."
         )
-    if odes + residuals + pairs + own < needed:
-        raise ModelError(
-            f"phase '{block.name}': too few equations. {counts}. Add an equation, or declare what is free to choose "
-            "as Control."
-        )
+    raise ModelError(
+        f"phase '{block.name}': too few equations. {counts}. Add an equation, or declare what is free to choose as "
+        "Control."
+    )
 
 
 def counted(number: int, noun: str) -> str:
@@ -218,21 +215,6 @@ class PointStructure:
         name_of = {id(variable): name for name, variable in unknowns.items()}
         held = [[name_of[id(of)] for of in _variables_in(row) if id(of) in name_of] for row in rows]
         return Matching(held, unknowns)
-
-
-def check_structure(block: Any) -> None:
-    """Refuse equations that cannot determine derivatives and algebraics, unless the phase allows it.
-
-    Raises
-    ------
-    ModelError
-        Naming the equations that are left over and the unknowns that nothing determines.
-    """
-    if block.record.allow_higher_index:
-        return
-    structure = PointStructure(block, middle_point(block.record))
-    if structure.has_higher_index:
-        raise ModelError(f"phase '{block.name}': {describe_higher_index(structure)} {HIGHER_INDEX_REMEDY}")
 
 
 HIGHER_INDEX_REMEDY = (

@@ -14,9 +14,10 @@ from pyrobocop_pyomo.modeling.expressions import is_indexed_component
 from pyrobocop_pyomo.modeling.functions import Function
 from pyrobocop_pyomo.modeling.rule_slips import takes_arguments
 from pyrobocop_pyomo.numerics import Grid, Mesh, lobatto
+from pyrobocop_pyomo.numerics.arrays import finite_numbers, increasing_numbers
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .families import family_in, references_by_component
+from .families import family_in, name_of, references_by_component
 
 
 def tracking_cost(block: Any, variable: Any, reference: Any, weight: Any) -> Any:
@@ -24,7 +25,7 @@ def tracking_cost(block: Any, variable: Any, reference: Any, weight: Any) -> Any
     if (names := family_in(block.record, variable)) is not None:
         every = zip(names.members, references_by_component(names, reference, f"phase '{block.name}'"), strict=True)
         return sum(tracking_cost(block, member, of, weight) for member, of in every)
-    name = variable if isinstance(variable, str) else getattr(variable, "local_name", None) or repr(variable)
+    name = name_of(variable)
     what = f"phase '{block.name}': tracking '{name}'"
     component = block.component(name) if name in block.record.declarations else None
     if component is None or not component.is_indexed() or not (isinstance(variable, str) or component is variable):
@@ -75,17 +76,10 @@ def _no_derivatives(points: Any) -> NoReturn:
 
 
 def _joined_by_lines(name: str, reference: Any, label: str) -> Trajectory:
-    try:
-        times, values = (np.asarray(numbers, dtype=float) for numbers in reference)
-    except (TypeError, ValueError) as error:
-        raise ModelError(
-            f"{label} is no number, expression, function, trajectory or pair (times, values) of numbers ({error})."
-        ) from None
-    if times.ndim != 1 or times.shape != values.shape or len(times) < 2:
-        raise ModelError(
-            f"{label}: times of shape {times.shape} and values of shape {values.shape}; expected two lists as long as "
-            "each other."
-        )
-    if not (np.isfinite(times).all() and np.isfinite(values).all() and (np.diff(times) > 0).all()):
-        raise ModelError(f"{label}: times and values must be finite, and times increase.")
+    if not isinstance(reference, (tuple, list, np.ndarray)) or len(reference) != 2:
+        raise ModelError(f"{label} is no number, expression, function, trajectory or pair (times, values) of numbers.")
+    times = increasing_numbers(reference[0], f"{label}: its times", ModelError)
+    values = finite_numbers(reference[1], f"{label}: its values", ModelError)
+    if times.shape != values.shape:
+        raise ModelError(f"{label}: times of shape {times.shape} and values of shape {values.shape} do not fit.")
     return Trajectory(name, Grid(lobatto(2), Mesh(tuple(times.tolist()))), {name: values}, {}, {}, {})

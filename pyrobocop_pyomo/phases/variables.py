@@ -7,21 +7,23 @@ as the very variable, or as an expression in the two of the knots around.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from numbers import Real
 from typing import Any
 
 import numpy as np
 from pyomo.core.base.constraint import Constraint
-from pyomo.core.base.set import RangeSet
 from pyomo.core.base.var import Var
-from pyomo.core.expr import LinearExpression
 from pyomo.core.expr.numvalue import NumericValue, native_numeric_types
 
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.transcription import continuity_rows, initial_number, initial_stage_values, initial_state_values
+from pyrobocop_pyomo.modeling.bulk_parts import new_row
+from pyrobocop_pyomo.numerics import Grid
+from pyrobocop_pyomo.transcription import continuity_rows, initial_number
 
-from .declarations import Algebraic, Bounds, Control, Declaration, Parameter, State, check_bounds, within
+from .declarations import Bounds, Control, Declaration, Parameter, State, check_bounds, within
+from .delays import value_at
 from .horizon import real_time
 from .nodes import IntervalNodes, KnotNodes, Nodes
 from .record import PhaseRecord, add_generated, place
@@ -35,50 +37,102 @@ def add_variables(block: Any, name: str, declaration: Declaration) -> None:
     Raises
     ------
     ModelError, InitialGuessError
-        When bounds, boundary values or the initial guess do not fit.
+        When bounds, boundary values, knots or the initial guess do not fit.
     """
-    what = f"phase '{block.name}': {type(declaration).__name__.lower()} '{name}'"
+    record: PhaseRecord = block.record
+    label = f"phase '{block.name}': {type(declaration).__name__.lower()} '{name}'"
+    if isinstance(declaration, Parameter):
+        if record.restating is None:  # it has nothing to do with the mesh
+            bounds = declaration.bounds_at(record.grid.times[0], label)
+            guess = initial_number(declaration.initial_guess, label)
+            block.add_component(name, Var(bounds=bounds, initialize=within(guess, bounds), units=declaration.units))
+        return
+    label = f"{label} (declared at {declaration.declared_at})"
+    nodes = declaration.nodes(name, record.grid, label)
+    values = add_values(block, name, declaration, nodes, label)
+    if isinstance(nodes, (IntervalNodes, KnotNodes)):
+        _show_at_points(block, name, nodes, values, label)
     if isinstance(declaration, State):
-        _add_state(block, name, declaration, what)
-    elif isinstance(declaration, Control):
-        add_control(block, name, declaration, what)
-    elif isinstance(declaration, Algebraic):
-        add_indexed(
-            block,
-            name,
-            declaration,
-            block.points,
-            initial_stage_values(declaration.initial_guess, block.record.grid, what),
-            what,
+        _add_ends(block, name, declaration, values, label)
+    if isinstance(declaration, Control) and declaration.rate_bounds is not None:
+        _bound_rate(block, name, declaration, nodes, check_bounds(declaration.rate_bounds, label, "rate bounds"))
+
+
+def add_values(block: Any, name: str, declaration: Declaration, nodes: Nodes, label: str) -> Any:
+    """Add the variables behind a name, with their bounds, and with their initial guess moved onto these."""
+    guess = nodes.from_guess(declaration.initial_guess, label)
+    bounds = _bounds(nodes, declaration, label)
+    kind = SignalVar if nodes.component == name else Var
+    variable = add_generated(block, nodes.component, kind(nodes.index_set(block), units=declaration.units))
+    # Given one by one: a dict passed to Var(...) takes six times as long.
+    for data, number, sides in zip(variable.values(), guess.tolist(), bounds, strict=True):
+        data.setlb(sides[0])
+        data.setub(sides[1])
+        data.set_value(within(number, sides), skip_validation=True)
+    if block.record.restating is not None:
+        block.record.restating.keep(name, nodes, partial(_bounds, declaration=declaration, label=label))
+    return variable
+
+
+def _bounds(nodes: Nodes, declaration: Declaration, label: str) -> list[Bounds]:
+    """The bounds of each value."""
+    if callable(declaration.bounds):
+        return [_common_bounds(declaration, times, label) for times in nodes.bounded_times]
+    return [declaration.bounds_at(0.0, label)] * len(nodes.times)
+
+
+def _common_bounds(declaration: Declaration, times: Sequence[float], label: str) -> Bounds:
+    """What the bounds at several times leave in common: one value has to respect them all."""
+    lowers, uppers = zip(*(declaration.bounds_at(time, label) for time in times), strict=True)
+    lower = max((bound for bound in lowers if bound is not None), default=None)
+    upper = min((bound for bound in uppers if bound is not None), default=None)
+    return check_bounds((lower, upper), label, f"bounds between {times[0]:g} and {times[-1]:g}")
+
+
+def _show_at_points(block: Any, name: str, nodes: IntervalNodes | KnotNodes, values: Any, label: str) -> None:
+    """Let a piecewise control be seen at each collocation point: as the very variable, or between two knots."""
+    grid: Grid = block.record.grid
+    if isinstance(nodes, IntervalNodes) and grid.elements_share_points:
+        raise ModelError(
+            f"{label}: with the scheme {grid.scheme.name} neighbouring elements share a collocation point, where a "
+            "piecewise constant control would have two values. Choose 'piecewise_linear' or 'collocated', or a radau "
+            "or gauss scheme."
         )
-    elif isinstance(declaration, Parameter):
-        if block.record.restating is not None:
-            return  # it has nothing to do with the mesh
-        bounds = declaration.bounds_at(block.record.grid.times[0], what)
-        guess = initial_number(declaration.initial_guess, what)
-        block.add_component(name, Var(bounds=bounds, initialize=within(guess, bounds), units=declaration.units))
-    else:
-        raise ModelError(f"{what}: a {type(declaration).__name__} cannot be declared on a phase.")
+    if block.record.free_widths and nodes.knots != grid.mesh.boundaries:
+        raise ModelError(f"{label}: knots of its own do not go with free element widths. Leave 'knots' out.")
+    if isinstance(nodes, IntervalNodes):
+        seen = [values[i] for i in nodes.of_points.tolist()]
+        place(block, name, signal_reference(dict(zip(grid.points, seen, strict=True))))
+        return
+    component = place(block, name, SignalExpression(block.points))
+    for time in grid.points:
+        component.add(time, value_at(block, nodes, time, after=False))
+    if block.record.restating is not None:
+        block.record.restating.keep_expressions(name)
 
 
-def _add_state(block: Any, name: str, state: State, label: str) -> None:
+def _add_ends(block: Any, name: str, state: State, variable: Any, label: str) -> None:
+    """Let a state have its values at the ends, and go on from element to element."""
     grid = block.record.grid
-    add_indexed(block, name, state, block.time, initial_state_values(state.initial_guess, grid, label), label)
-    variable = block.component(name)
-    ends = ((state.initial, grid.times[0], "initial"), (state.final, grid.times[-1], "final"))
-    for given, time, where in () if block.record.restating is not None else ends:  # both ends stand as they are
-        if isinstance(given, NumericValue):
-            add_row_of_end(block, name, variable[time], given, where)
-        else:
-            _impose_boundary_value(variable[time], given, f"{label} (declared at {state.declared_at})", where)
-    if state.initial_guess is None and block.record.restating is None:
-        _stay_at_stated_end(variable, state, grid.times)
-    rows = dict(continuity_rows(variable, grid))
-    if rows:
-        continuity = add_generated(block, f"{name}_continuity", Constraint(list(rows)))
-        block.record.generated_rows.add(f"{name}_continuity")
-        for time, row in rows.items():
-            continuity.add(time, row)
+    if block.record.restating is None:  # otherwise both ends stand as they are
+        for given, time, where in ((state.initial, grid.times[0], "initial"), (state.final, grid.times[-1], "final")):
+            if isinstance(given, NumericValue):
+                add_row_of_end(block, name, variable[time], given, where)
+            else:
+                _impose_boundary_value(variable[time], given, label, where)
+        if state.initial_guess is None:
+            _stay_at_stated_end(variable, state, grid.times)
+    if rows := dict(continuity_rows(variable, grid)):
+        add_generated_rows(block, f"{name}_continuity", list(rows), rows.items())
+
+
+def add_generated_rows(block: Any, name: str, indices: Any, rows: Iterable[tuple[Any, Any]] = ()) -> Any:
+    """Add rows that follow from what is declared or given for a state or a control: no equations of the user's."""
+    block.record.generated_rows.add(name)
+    component = add_generated(block, name, Constraint(indices))
+    for index, row in rows:
+        new_row(component, index, row)
+    return component
 
 
 def _stay_at_stated_end(variable: Any, state: State, times: Sequence[float]) -> None:
@@ -120,48 +174,11 @@ def _impose_boundary_value(variable: Any, given: float | Bounds | None, label: s
     variable.fix(value)
 
 
-def add_indexed(block: Any, name: str, declaration: Declaration, index: Any, guess: Any, label: str) -> None:
-    """Add a variable over times, with its bounds and its initial guess moved onto them."""
-    if callable(declaration.bounds):
-        each_bounds = [declaration.bounds_at(time, label) for time in index]
-        variable = SignalVar(index, bounds=dict(zip(index, each_bounds, strict=True)), units=declaration.units)
-    else:
-        each_bounds = [declaration.bounds_at(0.0, label)] * len(index)
-        variable = SignalVar(index, bounds=each_bounds[0], units=declaration.units)
-    variable = place(block, name, variable)
-    # Values given one by one: a dict passed to Var(initialize=...) takes six times as long.
-    for data, value, bounds in zip(variable.values(), guess.tolist(), each_bounds, strict=True):
-        data.set_value(within(value, bounds), skip_validation=True)
-    if block.record.restating is not None:
-        block.record.restating.keep(name)
-
-
 def rate_units(units: Any, time_units: Any) -> Any:
     """Units of a derivative, None where there are none at all."""
     if units is None:
         return None if time_units is None else 1 / time_units
     return units if time_units is None else units / time_units
-
-
-def add_control(block: Any, name: str, control: Control, label: str) -> None:
-    """Add the variables of a control, and rows for the bounds on its rate if it has any.
-
-    Raises
-    ------
-    ModelError, InitialGuessError
-        When knots, bounds or the initial guess do not fit.
-    """
-    label = f"{label} (declared at {control.declared_at})"
-    nodes = control.nodes(name, block.record.grid, label)
-    if isinstance(nodes, IntervalNodes):
-        _add_piecewise_constant(block, name, control, nodes, label)
-    elif isinstance(nodes, KnotNodes):
-        _add_piecewise_linear(block, name, control, nodes, label)
-    else:
-        guess = initial_stage_values(control.initial_guess, block.record.grid, label)
-        add_indexed(block, name, control, block.points, guess, label)
-    if control.rate_bounds is not None:
-        _bound_rate(block, name, control, nodes, check_bounds(control.rate_bounds, label, "rate bounds"))
 
 
 def refuse_weightless_controls(block: Any) -> None:
@@ -189,60 +206,6 @@ def refuse_weightless_controls(block: Any) -> None:
             )
 
 
-def _add_piecewise_constant(block: Any, name: str, control: Control, nodes: IntervalNodes, label: str) -> None:
-    grid = block.record.grid
-    if grid.elements_share_points:
-        raise ModelError(
-            f"{label}: with the scheme {grid.scheme.name} neighbouring elements share a collocation point, where a "
-            "piecewise constant control would have two values. Choose 'piecewise_linear' or 'collocated', or a radau "
-            "or gauss scheme."
-        )
-    _refuse_knots_of_its_own(block.record, nodes, label)
-    points = np.array(grid.points)
-    bounds = [_common_bounds(control, points[nodes.of_points == i].tolist(), label) for i in range(len(nodes.times))]
-    values = _add_values(block, name, control, nodes, bounds, label)
-    seen = {time: values[i] for time, i in zip(grid.points, nodes.of_points.tolist(), strict=True)}
-    place(block, name, signal_reference(seen))
-
-
-def _add_piecewise_linear(block: Any, name: str, control: Control, nodes: KnotNodes, label: str) -> None:
-    _refuse_knots_of_its_own(block.record, nodes, label)
-    bounds = [control.bounds_at(knot, label) for knot in nodes.knots]
-    values = _add_values(block, name, control, nodes, bounds, label)
-    seen = place(block, name, SignalExpression(block.points))
-    for time in block.record.grid.points:
-        positions, weights = zip(*nodes.weights_at(time), strict=True)
-        ends = [values[i] for i in positions]
-        seen.add(time, ends[0] if len(ends) == 1 else LinearExpression(linear_vars=ends, linear_coefs=list(weights)))
-    if block.record.restating is not None:
-        block.record.restating.keep_expressions(name)
-
-
-def _refuse_knots_of_its_own(record: PhaseRecord, nodes: IntervalNodes | KnotNodes, label: str) -> None:
-    if record.free_widths and nodes.knots != record.grid.mesh.boundaries:
-        raise ModelError(f"{label}: knots of its own do not go with free element widths. Leave 'knots' out.")
-
-
-def _add_values(block: Any, name: str, control: Control, nodes: Nodes, bounds: list[Bounds], label: str) -> Any:
-    guess = nodes.from_guess(control.initial_guess, label)
-    values = {i: within(value, bounds[i]) for i, value in enumerate(guess.tolist())}
-    variable = Var(RangeSet(0, len(bounds) - 1), bounds=dict(enumerate(bounds)), initialize=values, units=control.units)
-    variable = add_generated(block, nodes.component, variable)
-    if block.record.restating is not None:
-        block.record.restating.keep(name)
-    return variable
-
-
-def _common_bounds(control: Control, times: list[float], label: str) -> Bounds:
-    """What the bounds at several times leave in common: one value has to respect them all."""
-    if not callable(control.bounds):
-        return control.bounds_at(times[0], label)
-    lowers, uppers = zip(*(control.bounds_at(time, label) for time in times), strict=True)
-    lower = max((bound for bound in lowers if bound is not None), default=None)
-    upper = min((bound for bound in uppers if bound is not None), default=None)
-    return check_bounds((lower, upper), label, f"bounds between {times[0]:g} and {times[-1]:g}")
-
-
 def _steps(block: Any, nodes: Nodes) -> Iterator[tuple[Any, Any, Any]]:
     """(value before, value after, real time between them) of neighbouring variables."""
     variables, times = nodes.variables(block), [real_time(block, time) for time in nodes.times]
@@ -265,10 +228,7 @@ def _bound_rate(block: Any, name: str, control: Control, nodes: Nodes, bounds: B
             rows[i, "lower"] = (0, change - bounds[0] * time, None)
         if bounds[1] is not None:
             rows[i, "upper"] = (None, change - bounds[1] * time, 0)
-    component = add_generated(block, f"{name}_rate", Constraint(list(rows)))
-    block.record.generated_rows.add(f"{name}_rate")
-    for index, row in rows.items():
-        component.add(index, row)
+    add_generated_rows(block, f"{name}_rate", list(rows), rows.items())
 
 
 def control_rate(block: Any, name: str) -> Mapping[float, Any]:

@@ -315,7 +315,7 @@ class _Formulas:
     def __init__(self, result: Any, time: TimeTemplate) -> None:
         outputs: list[Any] = []
         self._form = _form_of(result, outputs)
-        named: list[NamedItem] = []
+        named: dict[Item, NamedItem] = {}
         self._steps = ExpressionSteps(outputs, lambda node: _slot_of(node, time, named))
 
     def on_model(self, place: Place) -> Any:
@@ -388,7 +388,7 @@ class _Formulas:
         return [slot.component for slot in self._steps.leaves if isinstance(slot, Always)]
 
 
-def _slot_of(node: Any, time: TimeTemplate, named: list[NamedItem]) -> Slot | None:
+def _slot_of(node: Any, time: TimeTemplate, named: dict[Item, NamedItem]) -> Slot | None:
     """What a node of a template reads; None for an operation. Expressions with a rule of their own are collected."""
     if node is time:
         return Time(None)
@@ -405,14 +405,12 @@ def _slot_of(node: Any, time: TimeTemplate, named: list[NamedItem]) -> Slot | No
     rule = component._rule if component.ctype is Expression else None
     if not isinstance(rule, IndexedCallInitializer):
         return item
-    for known in named:
-        if known.component is component and known.rest == item.rest:
-            return known
-    # The rule of the expression is called while the rule that reads it is.
-    said = Template(lambda block, t: rule(block, item.key_at(t)))
-    said.formulas(component.parent_block())
-    named.append(NamedItem(component, item.rest, said))
-    return named[-1]
+    if item not in named:
+        # The rule of the expression is called while the rule that reads it is.
+        said = Template(lambda block, t: rule(block, item.key_at(t)))
+        said.formulas(component.parent_block())
+        named[item] = NamedItem(component, item.rest, said)
+    return named[item]
 
 
 class _Output:

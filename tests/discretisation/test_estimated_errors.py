@@ -343,7 +343,7 @@ def test_what_cannot_be_estimated_is_said_with_its_reason() -> None:
     m.cost.expr += b.integral(lambda b, t: b.x[t] ** 2 * b.points.ord(t))  # a place that no other time has
     found = rcp.solve(m).discretisation
     assert found.objective_error is None
-    assert any("its integral '<lambda>'" in remark for remark in found.remarks)
+    assert any("its integrand '<lambda>'" in remark for remark in found.remarks)
     assert "objective not known" in found.sentence()
 
 

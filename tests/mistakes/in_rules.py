@@ -154,7 +154,7 @@ def a_rule_that_reads_what_was_not_declared(b: Any, followed: bool) -> None:
     b.ode(newton if followed else lambda b, t: {b.x: b.v[t], b.v: b.throttle[t]}, name="o")
 
 
-@refused("the integrand", "Is an index missing?", on=driven)
+@refused("integrand", "Is an index missing?", on=driven)
 def an_integrand_without_t(b: Any, followed: bool) -> None:
     b.integral((lambda b, t: b.u[t] ** 2) if followed else (lambda b, t: b.u**2))
 
@@ -164,12 +164,12 @@ def a_power_of_another_language(b: Any, followed: bool) -> None:
     b.ode(lambda b, t: {b.x: b.v[t] ** 2 if followed else b.v[t] ^ 2, b.v: b.u[t]}, name="o")
 
 
-@refused("the integrand", "returned a list", "one number or formula")
+@refused("integrand", "returned a list", "one number or formula")
 def a_list_as_integrand(b: Any, followed: bool) -> None:
     b.integral((lambda b, t: b.u[t] + b.v[t]) if followed else (lambda b, t: [b.u[t], b.v[t]]))
 
 
-@refused("the integrand", "returned nothing", "return statement missing")
+@refused("integrand", "returned nothing", "return statement missing")
 def an_integrand_that_returns_nothing(b: Any, followed: bool) -> None:
 
     def force(b: Any, t: Any) -> Any:

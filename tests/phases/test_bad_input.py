@@ -75,7 +75,7 @@ STATEMENTS = {
     "a state twice": ("ode", lambda b, t: {b.x: 1.0, "x": 2.0}, "gives the derivative of 'x' twice at t = "),
     "ode gives None": ("ode", lambda b, t: {b.x: None}, "gives 'None' as the derivative of 'x'"),
     "ode gives a relation": ("ode", lambda b, t: {b.x: b.u[t] == 1}, "expected a number or an expression"),
-    "residual returns None": ("residual", returns_none, "residual 'returns_none' returned None at t = "),
+    "residual returns None": ("residual", returns_none, "residual 'returns_none' returned nothing at t = "),
     "residual is an inequality": ("residual", lambda b, t: [b.x[t] == 1, b.u[t] <= 1], "inequality .* Write ==, or us"),
     "residual is a number": ("residual", lambda b, t: 3.0, "returned 3.0 at t = .* expected an equality in variables"),
     "residual at some points": (

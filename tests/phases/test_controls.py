@@ -220,10 +220,10 @@ def test_a_vector_follows_another_and_a_free_duration_rules_and_functions_of_pyo
     [
         (([0, 1], [0, 1]), r"tracking 'x': the reference runs from 0 to 1, the phase from 0 to 2\. Give"),
         (([0, 1, 2], [0, 1]), r"times of shape \(3,\) and values of shape \(2,\)"),
-        (([0, 2, 1], [0, 1, 2]), "must be finite, and times increase"),
-        (([0, 2], [0, math.nan]), "must be finite"),
+        (([0, 2, 1], [0, 1, 2]), "its times: must increase"),
+        (([0, 2], [0, math.nan]), "its values: nan at .* is not finite"),
         ("fast", "is no number, expression, function, trajectory or pair"),
-        ((["a", "b"], [1, 2]), "is no number, expression, function, trajectory or pair"),
+        ((["a", "b"], [1, 2]), "its times: expected numbers"),
     ],
 )
 def test_what_is_no_reference_is_refused(reference: Any, message: str) -> None:

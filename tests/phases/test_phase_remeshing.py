@@ -186,6 +186,12 @@ def test_the_model_is_the_one_that_is_built_on_the_mesh(build: Callable[[Any], A
     assert_same(m, build(after))
 
 
+def test_elements_that_move_may_become_one() -> None:
+    m = free_horizon(COARSE)
+    m.first.remesh(1)
+    assert_same(m, free_horizon((0.0, 1.0)))
+
+
 @each_case
 def test_what_was_read_on_the_mesh_before_is_not_said_on_the_next_one(build: Callable[[Any], Any]) -> None:
     m = build(COARSE)

@@ -93,11 +93,8 @@ def test_shapes_show_their_name_and_extent(shape: rcp.Polytope) -> None:
     in_order(rcp.Body([shape, shape])._repr_html_())
 
 
-def test_a_phase_shows_its_declarations_and_rules() -> None:
+def test_a_phase_shows_its_declarations_in_a_line() -> None:
     phase = cart().cart
-    texts = " ".join(in_order(phase._repr_html_()))
-    for name in ("position", "velocity", "arm, shape (2,)", "force", "newton", "arm_motion", "bounds=(-10, 10)"):
-        assert name in texts
     assert repr(phase) == "<PhaseBlock: 'cart': 4 states, 1 control, 4 elements of radau(2)>"
     assert "not constructed" in repr(rcp.PhaseBlock())
     in_order(rcp.PhaseBlock()._repr_html_())
@@ -185,7 +182,6 @@ def test_all_that_a_phase_holds_shows_itself() -> None:
     for variable in b.component_objects(pyo.Var):
         assert len(repr(variable)) < 200
     assert "'cart.force'" in repr(b.force)
-    assert "<strong>" in b.force._repr_html_()
 
 
 @given(st.dictionaries(st.sampled_from(["initial", "final", "initial_guess"]), st.floats(-9, 9), min_size=1))
