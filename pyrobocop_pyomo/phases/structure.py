@@ -66,6 +66,8 @@ def _check_counts(block: Any, structure: PointStructure) -> None:
     # A pair may determine an algebraic, or just restrict the controls; the user's own equality constraints likewise.
     # They count only when something is missing.
     helpers = len(structure.helpers) if surplus < 0 else 0
+    if surplus + helpers < 0:  # a rule may skip the middle
+        helpers = max(len(PointStructure(block, time).helpers) for time in record.grid.points)
     if surplus <= 0 <= surplus + helpers:
         return
     states, algebraics = len(record.names_of_states), len(record.names(Algebraic))
