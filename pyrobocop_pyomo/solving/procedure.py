@@ -27,7 +27,7 @@ from pyrobocop_pyomo.mpcc.stationarity import Stationarity
 from pyrobocop_pyomo.phases import phases_of
 
 from .curvature import is_convex
-from .ipopt_options import ITERATIONS_OF_ONE, NEARLY_THERE
+from .ipopt_options import ITERATIONS_OF_ONE
 from .iterates import Iterate, Quality, StopReason
 from .model_check import SMALLEST_SIZE
 from .polish import plain_work
@@ -36,16 +36,19 @@ from .relaxed_model import forget_removed
 from .runner import Runner
 from .settings import Settings
 from .solve_result import SolveResult
+from .starts import EXPLORED_ELEMENTS, elements_of_copy
 from .strategies import (
     ABSOLUTE_VALUES,
     ELASTIC,
+    ONWARD,
     OTHER_OPTIMUM,
     OTHER_START,
     OWN_UNITS,
+    PLAIN,
+    SIMULATED,
     SOLVE,
     STRATEGIES,
     TIGHT,
-    TIGHTER,
     StartingPoint,
     Strategy,
     other_starts,
@@ -83,16 +86,15 @@ def solve_model(model: Any, settings: Settings) -> SolveResult:
     model : Block
     settings : Settings
     """
-    return _Procedure(model, settings, solve_model).solve()
+    return _Procedure(model, settings).solve()
 
 
 class _Procedure(Runner):
     """One solve: which strategies follow each other, and what comes out."""
 
-    def _leave_best_point(self) -> None:
-        """Whatever ends it, the model is left with the best point that there is."""
-        best = self.record.best
-        self.values.write(self.guess.values if best is None else best.values)
+    def __init__(self, model: Any, settings: Settings) -> None:
+        super().__init__(model, settings, solve_model)
+        self.tried: set[str] = set()
 
     def solve(self) -> SolveResult:
         """Go through the strategies until one gives a point that is certified; the best of all points wins."""
@@ -108,9 +110,7 @@ class _Procedure(Runner):
                 f"{self.settings.relaxation!r}, which bounds no row by it. Use Strategy(schedule=Geometric(...)) or "
                 "Fixed(...), or other strategies."
             )
-        if best.stop_reason is StopReason.ITERATION_LIMIT and any(
-            step.stop_reason is StopReason.DIVERGED for step in self.record.steps
-        ):
+        if best.stop_reason is StopReason.ITERATION_LIMIT and any(step.diverged for step in self.record.steps):
             best = replace(best, stop_reason=StopReason.DIVERGED)  # it was on the same way
         # Where there is no time left, that is the reason, and not a value somewhere on the way.
         if best.quality(self.settings.tolerances) is not Quality.OPTIMAL and self.record.cut is None:
@@ -127,82 +127,68 @@ class _Procedure(Runner):
         forget_removed(self.model)
         return self._result(best)
 
+    def _leave_best_point(self) -> None:
+        """Whatever ends it, the model is left with the best point that there is."""
+        best = self.record.best
+        self.values.write(self.guess.values if best is None else best.values)
+
     def _go_through(self) -> None:
         with self.places:
             for strategy in self._strategies():
                 self._try(strategy)
-                if self.record.cut is not None or (self.has_pairs and self.places.place and not self.places.pairs):
-                    break
-            if self.has_pairs:
-                self.go_back_to_start()
+            self.go_back_to_start()
             self.explore()
-            self._go_other_ways()
-            if self.record.best is not None and self.record.cut is not StopReason.INTERRUPTED:
-                self._classify(self.record.best)
-        # A copy is made when the relaxation is taken back.
-        open_end = self.has_pairs and self.settings.strategies is None and not self.record.is_cut()
-        if open_end and not self.record.is_certified(self.record.best):
-            self.guess.write_start()
-            split = self.with_absolute_values_split()
-            if split is not None:
-                self.record.keep(split)
+            self._look_further()
+            self._classify()
 
     def _strategies(self) -> Iterator[Strategy]:
         """Those of the caller's strategies that are for such a model, or else those of the table that follow."""
-        record, settings = self.record, self.settings
-        rows = [row for row in settings.strategies or () if row.for_pairs in (None, self.has_pairs)]
-        if rows or (settings.strategies is not None and not self.has_pairs):
+        record, chosen = self.record, self.settings.strategies
+        rows = [row for row in chosen or () if row.for_pairs in (None, self.has_pairs)]
+        if rows or (chosen is not None and not self.has_pairs):
             yield from (row for row in rows if record.is_followed_by(row, is_chosen=True))
             if record.best is None and not self.has_pairs:
                 yield SOLVE  # what was chosen has no start of its own here
             return
-        rows = [row for row in STRATEGIES if row.for_pairs in (None, self.has_pairs)]
-        is_alone = not (self.has_pairs or settings.second_tries)
-        if is_alone:  # other starts are the caller's
-            rows = [row for row in rows if row in (SOLVE, TIGHTER, ABSOLUTE_VALUES)]
-        most = math.inf
-        for row in rows:
-            place = self.places.place
-            if row is OWN_UNITS and (place is None or place.session.scaling is None):
+        first, most = next(row for row in STRATEGIES if row.for_pairs is self.has_pairs), math.inf
+        is_alone = not (self.has_pairs or self.settings.second_tries)  # other starts are the caller's
+        if first is SOLVE and not is_alone and self.places.move_to(SOLVE).session.missing_rank():
+            # Where equations depend on each other at the initial guess, the motion under its controls is a better one.
+            yield replace(SIMULATED, options={"max_iter": ITERATIONS_OF_ONE})
+        for row in chain.from_iterable(starts_at_the_side() if row is OTHER_START else [row] for row in STRATEGIES):
+            is_meant = row.for_pairs in (None, self.has_pairs) and (not is_alone or row in PLAIN)
+            limit = int(min(ITERATIONS_OF_ONE, most - record.iterations))
+            if not is_meant or row.name in self.tried or limit <= 0:
+                continue
+            if row is OWN_UNITS and (self.places.place is None or self.places.place.session.scaling is None):
                 continue  # how the first run went
             # Runs that take long rarely get anywhere where the next strategy does; a continuation is several of them.
-            is_cut_short = not ((is_alone and row is SOLVE) or (self.has_pairs and isinstance(row.schedule, Geometric)))
-            for strategy in starts_at_the_side() if row is OTHER_START else (row,):
-                if record.is_followed_by(row) and row.name not in self.tried and record.iterations < most:
-                    limit = int(min(ITERATIONS_OF_ONE, most - record.iterations))
-                    options = {"max_iter": limit, **row.options} if is_cut_short else row.options
-                    yield replace(strategy, options=options)
-            if row is rows[0]:
+            is_cut_short = not (is_alone and row is SOLVE) and not isinstance(row.schedule, Geometric)
+            if record.is_followed_by(row, is_chosen=row is first):
+                yield replace(row, options={"max_iter": limit, **row.options}) if is_cut_short else row
+            if row is first:
                 record.first = record.best
                 most = most if self.has_pairs else record.iterations + LATER_ITERATIONS
         ends = TIGHT.follows | {StopReason.ITERATION_LIMIT}
-        rest = replace(rows[0], name=f"{rows[0].name} to the end", most_iterations=None, follows=ends)
+        rest = replace(first, name=f"{first.name} to the end", most_iterations=None, follows=ends)
         was_cut_short = record.first is not None and record.first.stop_reason is StopReason.ITERATION_LIMIT
         if was_cut_short and not is_alone and record.is_followed_by(rest):
             yield rest  # with its remaining iterations
 
-    def _go_other_ways(self) -> None:
+    def _look_further(self) -> None:
         """Beyond a certified point: other ways down, then other starts, as long as there is a budget and it pays."""
-        pairs, record, without_gain = self.places.pairs, self.record, 0
+        record, without_gain = self.record, 0
         missing: set[StartingPoint] = set()  # kinds of starts that this model has not
         requested, before, ends = self.settings.exploration is not None, record.best, []
-        by_default = record.iterations <= EXPLORED_WORK if pairs else bool(phases_of(self.model))
-        if self.settings.strategies is not None or not (requested or by_default):
-            return
-        patience = PATIENCE if pairs and not requested else REQUESTED_PATIENCE
-        for strategy in chain([ELASTIC], other_starts(has_pairs=True)) if pairs else self._other_starts(requested):
+        patience = PATIENCE if self.has_pairs and not requested else REQUESTED_PATIENCE
+        for strategy in self._other_ways(requested) if self.settings.strategies is None else ():
             best = record.best
-            if best is None or not record.is_certified(best) or record.is_cut():
-                break
-            if pairs and best.certificate is not Certificate.PROVEN:
-                break
-            if without_gain == patience or not record.may_explore():
+            if without_gain == patience or not record.left_to_explore()[1]:
                 break
             if strategy.name in self.tried or strategy.start in missing:
                 continue
-            self._classify(best)  # another relaxation takes away the rows whose multipliers this asks for
             with record.counted_as_exploring():
-                iterate = self._try(strategy, certified=not pairs)
+                iterate = self._try(strategy)
             ends.append(f"'{strategy.name}' " + (f"{iterate.objective:.6g}" if iterate is not None else "no point"))
             if iterate is None:
                 missing.add(strategy.start)
@@ -210,82 +196,83 @@ class _Procedure(Runner):
             if not without_gain:
                 self.explore()
         if ends and before is not None and (requested or record.best is not before):
-            relaxed = ", relaxed where they led to nothing better" if pairs else ""
+            relaxed = ", relaxed where they led to nothing better" if self.has_pairs else ""
             self.guess.remarks.append(
                 f"Objectives of other ways and starts, beside {before.objective:.6g} of '{before.strategy}'{relaxed}: "
                 f"{', '.join(ends)}. Strategy(exploration=...) asks for more of them."
             )
 
-    def _other_starts(self, requested: bool) -> Iterator[Strategy]:
-        """For a solved model without pairs, on fewer elements where there are many; none where it is convex."""
-        place, exploration = self.places.place, self.record.exploration
-        if place is None or not self.settings.second_tries or exploration.factor == 0.0:
+    def _other_ways(self, requested: bool) -> Iterator[Strategy]:
+        """For a model without pairs on fewer elements where there are many; none where it is convex."""
+        place, spent, iterations = self.places.place, self.record.exploration, self.record.iterations
+        by_default = iterations <= EXPLORED_WORK if self.has_pairs else bool(phases_of(self.model))
+        if place is None or not (requested or by_default):
             return
-        compiled = place.session.compiled()
+        if self.has_pairs:
+            yield from chain([ELASTIC], other_starts(has_pairs=True))
+            return
+        compiled = place.session.compiled() if self.settings.second_tries and spent.factor != 0.0 else None
         if compiled is None or is_convex(compiled.nlp, compiled.current_point()):
             return
-        if exploration.most_work is None:
-            exploration.most_work = plain_work(compiled.nlp.n, self.record.iterations)
-        coarse = self.has_fewer_elements()
-        most = ITERATIONS_OF_ONE if requested else int(max(FEW_ITERATIONS, (exploration.most_work or 0.0) / 3.0))
-        if coarse:
+        if spent.most_work is None:
+            spent.most_work = plain_work(compiled.nlp.n, iterations)
+        is_fine = bool(elements_of_copy(self.model, EXPLORED_ELEMENTS))
+        most = ITERATIONS_OF_ONE if requested else int(max(FEW_ITERATIONS, spent.most_work / 3.0))
+        if is_fine:
             yield replace(OTHER_OPTIMUM, most_iterations=most)
-        for strategy in other_starts(has_pairs=False) if requested or not coarse else ():
-            left = exploration.work_within(0, self.record.iterations)
+        for strategy in other_starts(has_pairs=False) if requested or not is_fine else ():
+            left = self.record.left_to_explore()[1]
             if left < FEW_ITERATIONS / 2 and not requested:
                 return
             yield replace(strategy, most_iterations=int(min(most, left)))
 
-    def _try(self, strategy: Strategy, *, certified: bool = False) -> Iterate | None:
-        """Run a strategy, and return where it ended; what an earlier one found stays whatever happens.
-
-        Parameters
-        ----------
-        strategy : Strategy
-        certified : bool
-            Whether to go on from a better point that is not certified, and to keep none that is not.
-        """
-        found = self.record
+    def _try(self, strategy: Strategy) -> Iterate | None:
+        """Run a strategy, and return where it ended; what an earlier one found stays whatever happens."""
+        record = self.record
         self.tried.add(strategy.name)
         try:
             iterate = self.run(strategy)
-            if certified and iterate is not None and not found.is_certified(iterate):
-                if found.best is None or not found.is_better(iterate, found.best) or found.is_cut():
-                    return iterate
-                options = {**NEARLY_THERE, **strategy.options}
-                start, most = StartingPoint.REACHED, ITERATIONS_OF_ONE
-                going_on = replace(strategy, start=start, options=options, most_iterations=most)
-                iterate = self.run(going_on) or iterate
-                if not found.is_certified(iterate):
-                    return iterate
+            if iterate is not None and self._is_on_the_way(strategy, iterate):
+                self.keep(iterate)
+                onward = self.run(ONWARD)
+                iterate = iterate if onward is None else replace(onward, strategy=strategy.name)
+            if iterate is not None:
+                self.keep(iterate)
+            return iterate
         except KeyboardInterrupt:
-            if found.best is None:
+            if record.best is None:
                 raise
-            found.cut = StopReason.INTERRUPTED
-            return None
+            record.cut = StopReason.INTERRUPTED
         except PyRobocopError as error:
-            if found.best is None:
+            if record.best is None:
                 raise
             # What only looks for something better may fail: nothing is lost.
-            level = logging.INFO if found.is_certified(found.best) else logging.WARNING
+            level = logging.INFO if record.is_certified(record.best) else logging.WARNING
             logger.log(level, "'%s': strategy '%s' failed: %s", self.model.name, strategy.name, error)
-            return None
-        if iterate is not None:
-            if iterate.stop_reason.is_final and found.cut is None:
-                found.cut = iterate.stop_reason
-            self.keep(iterate)
-        return iterate
+        return None
 
-    def _classify(self, best: Iterate) -> None:
+    def _is_on_the_way(self, strategy: Strategy, iterate: Iterate) -> bool:
+        """Whether a run without pairs ended at no solution, but where elastic rows or a better start led to."""
+        record = self.record
+        if self.has_pairs or record.is_certified(iterate) or iterate.stop_reason.is_final or record.is_cut():
+            return False
+        best = record.best
+        is_better = best is not None and record.is_certified(best) and record.is_better(iterate, best)
+        return strategy.elastic_rows or is_better
+
+    def _classify(self) -> None:
         """Look for the multipliers of the pairs; what has no derivatives has none."""
+        best = self.record.best
+        if best is None or self.record.cut is StopReason.INTERRUPTED:
+            return
         try:
             best.classify()
+            return
         except EvaluationError as error:
             logger.info("'%s': no multipliers of the pairs: %s", self.model.name, error)
-            self.record.best = replace(best, classify=lambda: None)
         except KeyboardInterrupt:
             self.record.cut = StopReason.INTERRUPTED
-            self.record.best = replace(best, classify=lambda: None)
+        self.record.best = replace(best, classify=lambda: None)
 
     def _result(self, best: Iterate) -> SolveResult:
         cut, place = self.record.cut, self.places.last

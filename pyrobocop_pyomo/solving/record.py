@@ -63,7 +63,7 @@ class Exploration:
         Elapsed in exploring.
     work : float
         Iterations of Ipopt and linear programs of exploring.
-    explored_iterations : int
+    iterations : int
         Of Ipopt, in exploring.
     branches : ExploredBranches
         What need not be tried again.
@@ -73,35 +73,27 @@ class Exploration:
         self.factor, self.most_work = factor, most_work
         self.started = time.perf_counter()
         self.seconds = self.work = 0.0
-        self.explored_iterations = 0
+        self.iterations = 0
         self.branches = ExploredBranches()
 
-    def budget(self, pairs: int) -> float:
-        """Seconds that may be spent from now on in a problem with so many pairs; by default any number without them."""
-        if not pairs and self.factor is None:
-            return np.inf
-        elsewhere = time.perf_counter() - self.started - self.seconds
-        factor = self._share(pairs)
-        least = EXPLORED_SECONDS if self.factor is None else 0.0
-        return max(least, factor * elsewhere) - self.seconds if factor > 0.0 else 0.0
-
-    def work_within(self, pairs: int, iterations: int) -> float:
-        """Iterations and linear programs that may be spent from now on; as many as one likes where a factor is given.
+    def left(self, pairs: int, iterations: int) -> tuple[float, float]:
+        """Seconds, and iterations and linear programs, that may be spent from now on.
 
         Parameters
         ----------
         pairs : int
+            Without any, and by default, time does not count.
         iterations : int
             Of Ipopt, in all runs so far.
         """
+        elsewhere = time.perf_counter() - self.started - self.seconds
         if self.factor is not None:
-            return np.inf
+            return self.factor * elsewhere - self.seconds, np.inf
         if not pairs:
-            return (np.inf if self.most_work is None else self.most_work) - self.work
-        return self._share(pairs) * max(EXPLORED_WORK, iterations - self.explored_iterations) - self.work
-
-    def _share(self, pairs: int) -> float:
-        return min(1.0, max(0.0, 2.0 - pairs / CROSS_CHECKED_PAIRS)) if self.factor is None else self.factor
+            return np.inf, (np.inf if self.most_work is None else self.most_work) - self.work
+        share = min(1.0, max(0.0, 2.0 - pairs / CROSS_CHECKED_PAIRS))
+        seconds, work = max(EXPLORED_SECONDS, elsewhere), max(EXPLORED_WORK, iterations - self.iterations)
+        return share * seconds - self.seconds, share * work - self.work
 
 
 class Record:
@@ -228,26 +220,26 @@ class Record:
     @contextlib.contextmanager
     def counted_as_exploring(self) -> Iterator[None]:
         """Count the runs that are done meanwhile as exploring."""
-        spent = self.exploration
-        started, before, explored, seconds = (
-            time.perf_counter(),
-            self.iterations,
-            spent.explored_iterations,
-            spent.seconds,
-        )
+        spent, started, before = self.exploration, time.perf_counter(), self.iterations
         try:
             yield
         finally:
-            # What explores branches in between has counted itself.
-            taken = self.iterations - before - (spent.explored_iterations - explored)
-            spent.seconds = seconds + time.perf_counter() - started
-            spent.work += taken
-            spent.explored_iterations += taken
+            spent.seconds += time.perf_counter() - started
+            spent.work += self.iterations - before
+            spent.iterations += self.iterations - before
 
-    def may_explore(self) -> bool:
-        """Whether anything is left of the budget of exploration, in seconds and in work."""
-        pairs = len(self.pairs)
-        return self.exploration.budget(pairs) > 0.0 and self.exploration.work_within(pairs, self.iterations) >= 1.0
+    def left_to_explore(self) -> tuple[float, float]:
+        """Seconds, and iterations of Ipopt, that exploring beyond the best point may take from now on.
+
+        Zeros where one of them is used up, or there is no certified point, with pairs a proven one.
+        """
+        best = self.best
+        if best is None or self.is_cut() or not self.is_certified(best):
+            return 0.0, 0.0
+        if self.pairs and best.certificate is not Certificate.PROVEN:
+            return 0.0, 0.0
+        seconds, work = self.exploration.left(len(self.pairs), self.iterations)
+        return (seconds, work) if seconds > 0.0 and work >= 1.0 else (0.0, 0.0)
 
     # ---------------------------------------------------------------- the best of the points
 
@@ -257,7 +249,8 @@ class Record:
         self.note_diverged(iterate)
         # By so little the products that are left flatter an objective.
         flattered = iterate.delta is not None and self.leads_no_further(iterate)
-        if self.best is None or (self.is_better(iterate, self.best) and not flattered):
+        is_lost = flattered or (self.is_certified(self.best) and not self.is_certified(iterate))
+        if self.best is None or (self.is_better(iterate, self.best) and not is_lost):
             logger.info("strategy '%s' has the best point so far", iterate.strategy)
             self.best = iterate
 

@@ -148,7 +148,7 @@ def put_start(model: Any, strategy: Strategy) -> bool:
     if start is StartingPoint.RANDOM_START:
         RandomStarts(model, 0, {None: 1.0}).put(strategy.draw)  # the same starts where a solve is repeated
         return True
-    if start is StartingPoint.INITIAL_GUESS:
+    if start in (StartingPoint.INITIAL_GUESS, StartingPoint.BEST):
         return True
     if is_renamed(model):
         return False

@@ -113,6 +113,8 @@ class Strategy:
     figure: str = field(default="", repr=False, compare=False)
 
 
+# These start from the best point so far, or what becomes of it.
+FROM_THE_BEST = (StartingPoint.BEST, StartingPoint.MIRRORED, StartingPoint.OTHER_OPTIMUM)
 # So many starts of a kind are drawn at most.
 RANDOM_STARTS = 32
 # Up to here further solves from the user's initial guess cost little.
@@ -138,8 +140,8 @@ STRATEGIES = (
         figure="a few iterations where only scaled tolerances are met, and the next row takes hundreds",
     ),
     Strategy(
-        "absolute values as pairs", for_pairs=False, start=StartingPoint.ABSOLUTE_VALUES,
-        follows=_ANY_END | {IpoptStatus.INTERNAL_ERROR},
+        "absolute values as pairs", for_pairs=None, start=StartingPoint.ABSOLUTE_VALUES,
+        follows=_ANY_END | _NOT_CERTIFIED | {IpoptStatus.INTERNAL_ERROR},
         figure="least fuel and distances as costs: no other row gives them a derivative at zero",
     ),
     Strategy(
@@ -181,6 +183,14 @@ STRATEGIES = (
 
 # From beside a point that is stationary and no minimum; it follows by itself, and is none to choose.
 BEYOND_SADDLE = Strategy("beyond a saddle", for_pairs=False, options={**NEARLY_THERE, "max_iter": ITERATIONS_OF_ONE})
+
+# From where elastic rows led to, or another start that found something better; it follows by itself as well.
+ONWARD = Strategy(
+    "solve from there", for_pairs=False, start=StartingPoint.REACHED, options=NEARLY_THERE,
+    most_iterations=ITERATIONS_OF_ONE,
+)  # fmt: skip
+# All that may follow where other starts are the caller's.
+PLAIN = (SOLVE, TIGHTER, ABSOLUTE_VALUES)
 
 # Without pairs each kind leads to optima that the others miss: where the motion under any controls is tame, simulated
 # ones find most; where it is not, states on lines do.

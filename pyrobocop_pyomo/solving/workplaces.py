@@ -79,12 +79,12 @@ class Workplaces:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        self._stack.close()
+        self.close()
 
-    @property
-    def pairs(self) -> int:
-        """How many pairs the open workplace has."""
-        return 0 if self.place is None else len(self.place.relaxed.pairs)
+    def close(self) -> None:
+        """Take back what was stated for the pairs."""
+        self.place = None
+        self._stack.close()
 
     def restart(self) -> None:
         """Take the values that are on the model for the start."""
@@ -98,8 +98,7 @@ class Workplaces:
         place = self.place
         if place is not None and place.relaxation == relaxation:
             return place
-        self.place = None
-        self._stack.close()
+        self.close()
         self._guess.write_start()
         self.place = self.last = self._stack.enter_context(self._opened(relaxation, strategy))
         return self.place
