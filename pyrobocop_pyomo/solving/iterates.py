@@ -348,10 +348,6 @@ class Iterate(Presented):
             f"{self.constraint_violation:>9.1e} {product}{self.seconds:>8.2f}  {status}"
         )
 
-    def _summary(self) -> str:
-        violation = f"constraints {self.constraint_violation:.1e}"
-        return f"'{self.label}': objective {self.objective:.6g}, {violation}, {self.iterations} iterations"
-
     def __str__(self) -> str:
         return self.line(pairs=self.delta is not None)
 

@@ -39,25 +39,8 @@ logger = logging.getLogger(__name__)
 POLISHED_VIOLATION = 1e-2
 # A pair this near to a change of its branch is looked at, as if it were there.
 NEARLY_BIACTIVE = 1e-3
-# Without pairs: so many iterations and a share of those so far, on the user's mesh. From so many variables on, where
-# iterations take most of the time, fewer, but not less than a part.
-PLAIN_WORK, PLAIN_WORK_SHARE = 80, 0.4
-SMALL_PROGRAM, LEAST_PART = 500, 0.25
 # Objectives that differ by less, relative to their size, are those of one solution, relaxed and exact.
 SAME_COST = 1e-6
-
-
-def plain_work(variables: int, iterations: int) -> float:
-    """Iterations that other starts of a model without pairs may take by default.
-
-    Parameters
-    ----------
-    variables : int
-    iterations : int
-        Of Ipopt, so far.
-    """
-    part = max(LEAST_PART, min(1.0, SMALL_PROGRAM / max(1, variables)))
-    return part * (PLAIN_WORK + PLAIN_WORK_SHARE * iterations)
 
 
 class Polish:
@@ -99,17 +82,6 @@ class Polish:
         self._solved: dict[int, tuple[Iterate, IpoptOutcome]] = {}
         self._search = ActiveSetSearch(self._program, self._solve, self._limits, self._add, settings.deadline)
 
-    @property
-    def has_linear_rows(self) -> bool:
-        """Whether all rows but those of a relaxation are linear: their second derivatives are zero at two points."""
-        nlp = self._program.nlp
-        x, weights = self._compiled.current_point(), np.cos(np.arange(nlp.m))  # so that no two rows cancel out
-        beside = np.clip(x + np.sin(np.arange(nlp.n)), nlp.x_lower, nlp.x_upper)
-        try:
-            return not any(nlp.hessian(point, 0.0, weights).any() for point in (x, beside))
-        except EvaluationError:
-            return False
-
     def improve(self, iterate: Iterate, session: Session) -> Iterate:
         """Solve the nearest branch, follow descending ones, and certify where that ends.
 
@@ -143,7 +115,7 @@ class Polish:
 
     def explore(self, iterate: Iterate) -> Iterate:
         """Look for a better optimum beyond a certified one, in the time that this may take; or return the same."""
-        record, spent, before = self._record, self._record.exploration, self._record.iterations
+        record, before = self._record, self._record.iterations
         seconds, work = record.left_to_explore()
         if not work:
             return iterate
@@ -154,11 +126,11 @@ class Polish:
         start = BranchPoint.at(self._program, PrimalDualPoint(x), nearest_branch(self._program, x))
         try:
             with record.counted_as_exploring():
-                found = self._search.explore(start, spent.branches, deadline, work)
+                found = self._search.explore(start, record.explored_branches, deadline, work)
                 self._add_linear_programs("explore", found)
         finally:
             if np.isfinite(work):  # linear programs
-                spent.work += work - self._search.work_left - (record.iterations - before)
+                record.explored_work += work - self._search.work_left - (record.iterations - before)
             self._search.work_left = np.inf
             self._note_interruption()
         return iterate if found is start else self._examined(iterate, found, start)

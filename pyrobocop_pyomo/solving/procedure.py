@@ -6,20 +6,20 @@ import logging
 import math
 import time
 import weakref
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 from typing import Any
 
 from pyomo.common.errors import InfeasibleConstraintException
+from pyomo.core.base.constraint import Constraint
 
-from pyrobocop_pyomo.complementarity import CanonicalPair, Geometric
+from pyrobocop_pyomo.complementarity import CanonicalPair
 from pyrobocop_pyomo.diagnosis import Finding, Severity
 from pyrobocop_pyomo.diagnosis.statements import form_findings
 from pyrobocop_pyomo.diagnosis.values import boundary_findings, decided_findings
 from pyrobocop_pyomo.discretisation import DiscretisationProbe
 from pyrobocop_pyomo.errors import ComplementarityError, ContradictionError, EvaluationError, PyRobocopError
-from pyrobocop_pyomo.ipopt.linear_solvers import FELL_BACK
 from pyrobocop_pyomo.modeling.failures import undone_on_failure
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.mpcc.active_set import Certificate
@@ -30,7 +30,6 @@ from .curvature import is_convex
 from .ipopt_options import ITERATIONS_OF_ONE
 from .iterates import Iterate, Quality, StopReason
 from .model_check import SMALLEST_SIZE
-from .polish import plain_work
 from .record import EXPLORED_WORK
 from .relaxed_model import forget_removed
 from .runner import Runner
@@ -56,7 +55,6 @@ from .strategies import (
 )
 from .violations import (
     GROWING,
-    Violation,
     growing_variables,
     remarks_on_phases_with_pairs,
     worst_of_each_component,
@@ -70,6 +68,11 @@ MIXED_INTEGER_PROGRAM = (
     "A local optimum: no choice of zero sides nearby is better. All rows are linear but for the pairs, so that a "
     "mixed-integer solver finds the best of all choices: "
     "TransformationFactory('pyrobocop.complementarity_to_disjunctions') states the model for it."
+)
+TWO_PARTS = (
+    "Absolute values have no derivative at zero: a copy with their two parts was solved, as "
+    "pyrobocop.absolute_values_to_complementarity makes it. Stationarity is that of the copy, all else that of the "
+    "model."
 )
 # Without pairs and by default one start may take a third of what all may, but so many in any case; with less, few come
 # to an end.
@@ -152,20 +155,18 @@ class _Procedure(Runner):
             return
         first, most = next(row for row in STRATEGIES if row.for_pairs is self.has_pairs), math.inf
         is_alone = not (self.has_pairs or self.settings.second_tries)  # other starts are the caller's
-        if first is SOLVE and not is_alone and self.places.move_to(SOLVE).session.missing_rank():
-            # Where equations depend on each other at the initial guess, the motion under its controls is a better one.
-            yield replace(SIMULATED, options={"max_iter": ITERATIONS_OF_ONE})
+        if first is SOLVE and not is_alone:
+            yield replace(SIMULATED, options={"max_iter": ITERATIONS_OF_ONE})  # where equations are dependent
         for row in chain.from_iterable(starts_at_the_side() if row is OTHER_START else [row] for row in STRATEGIES):
             is_meant = row.for_pairs in (None, self.has_pairs) and (not is_alone or row in PLAIN)
+            # Runs that take long rarely get anywhere where the next strategy does.
             limit = int(min(ITERATIONS_OF_ONE, most - record.iterations))
             if not is_meant or row.name in self.tried or limit <= 0:
                 continue
             if row is OWN_UNITS and (self.places.place is None or self.places.place.session.scaling is None):
                 continue  # how the first run went
-            # Runs that take long rarely get anywhere where the next strategy does; a continuation is several of them.
-            is_cut_short = not (is_alone and row is SOLVE) and not isinstance(row.schedule, Geometric)
             if record.is_followed_by(row, is_chosen=row is first):
-                yield replace(row, options={"max_iter": limit, **row.options}) if is_cut_short else row
+                yield row if is_alone else replace(row, options={"max_iter": limit, **row.options})
             if row is first:
                 record.first = record.best
                 most = most if self.has_pairs else record.iterations + LATER_ITERATIONS
@@ -204,40 +205,39 @@ class _Procedure(Runner):
 
     def _other_ways(self, requested: bool) -> Iterator[Strategy]:
         """For a model without pairs on fewer elements where there are many; none where it is convex."""
-        place, spent, iterations = self.places.place, self.record.exploration, self.record.iterations
-        by_default = iterations <= EXPLORED_WORK if self.has_pairs else bool(phases_of(self.model))
+        place, left = self.places.place, self.record.left_to_explore()[1]
+        by_default = self.record.iterations <= EXPLORED_WORK if self.has_pairs else bool(phases_of(self.model))
         if place is None or not (requested or by_default):
             return
         if self.has_pairs:
             yield from chain([ELASTIC], other_starts(has_pairs=True))
             return
-        compiled = place.session.compiled() if self.settings.second_tries and spent.factor != 0.0 else None
+        compiled = place.session.compiled() if self.settings.second_tries and left else None
         if compiled is None or is_convex(compiled.nlp, compiled.current_point()):
             return
-        if spent.most_work is None:
-            spent.most_work = plain_work(compiled.nlp.n, iterations)
         is_fine = bool(elements_of_copy(self.model, EXPLORED_ELEMENTS))
-        most = ITERATIONS_OF_ONE if requested else int(max(FEW_ITERATIONS, spent.most_work / 3.0))
+        most = int(min(ITERATIONS_OF_ONE, max(FEW_ITERATIONS, left / 3.0)))
         if is_fine:
             yield replace(OTHER_OPTIMUM, most_iterations=most)
         for strategy in other_starts(has_pairs=False) if requested or not is_fine else ():
             left = self.record.left_to_explore()[1]
-            if left < FEW_ITERATIONS / 2 and not requested:
+            if left < FEW_ITERATIONS / 2:
                 return
             yield replace(strategy, most_iterations=int(min(most, left)))
 
     def _try(self, strategy: Strategy) -> Iterate | None:
         """Run a strategy, and return where it ended; what an earlier one found stays whatever happens."""
         record = self.record
-        self.tried.add(strategy.name)
         try:
             iterate = self.run(strategy)
-            if iterate is not None and self._is_on_the_way(strategy, iterate):
+            if iterate is None:
+                return None
+            self.tried.add(strategy.name)
+            if self._is_on_the_way(strategy, iterate):
                 self.keep(iterate)
                 onward = self.run(ONWARD)
                 iterate = iterate if onward is None else replace(onward, strategy=strategy.name)
-            if iterate is not None:
-                self.keep(iterate)
+            self.keep(iterate)
             return iterate
         except KeyboardInterrupt:
             if record.best is None:
@@ -288,8 +288,8 @@ class _Procedure(Runner):
             best=best.record(),
             multipliers=multipliers,
             residuals=residuals,
-            violations=self._violations() if quality is Quality.INFEASIBLE else (),
-            remarks=(*self.guess.remarks, *remarks_on_runs(self.record.steps, best.certificate)),
+            violations=worst_of_each_component(self.record.unmet()) if quality is Quality.INFEASIBLE else (),
+            remarks=tuple(self.guess.remarks),
             doubts=doubts_on_pairs(self.record.too_small()) if residuals else doubts_on_point(best),
             steps=self.record.steps,
             standing=best.standing(self.settings.tolerances, self.record.check.sign),
@@ -300,7 +300,7 @@ class _Procedure(Runner):
             checking_seconds=self.record.seconds,
             model=weakref.ref(self.model),
             probe=DiscretisationProbe(self.model, best.row_multipliers, best.objective),
-            seconds=time.perf_counter() - self.record.exploration.started,
+            seconds=time.perf_counter() - self.record.started,
         )
 
     def _why_it_ended(self, best: Iterate, quality: Quality) -> StopReason:
@@ -316,46 +316,21 @@ class _Procedure(Runner):
         if best.diverged and self.record.unbounded is None and (growing := growing_variables(self.values, GROWING)):
             said.append(f"What grows: {growing}.")
         said += remarks_on_phases_with_pairs(self.model) if quality is Quality.INFEASIBLE else []
-        if self.has_linear_rows and quality is Quality.OPTIMAL:
+        if self.record.pairs and quality is Quality.OPTIMAL and self._is_linear():
             said.append(MIXED_INTEGER_PROGRAM)
+        if any(step.label == ABSOLUTE_VALUES.name and step.converged for step in self.record.steps):
+            said.append(TWO_PARTS)
         # A run that reached its limit of iterations is a sign of them, even where another one found a solution.
         stalled = any(step.stop_reason is StopReason.ITERATION_LIMIT for step in self.record.steps)
         if (stalled or quality is not Quality.OPTIMAL) and not best.stop_reason.is_final:
             said += [f"{finding.message} {finding.remedy}" for finding in form_findings(self.model)]
         return said
 
-    def _violations(self) -> tuple[Violation, ...]:
-        return worst_of_each_component(self.record.unmet())
-
-
-def remarks_on_runs(steps: Iterable[Iterate], certificate: Certificate) -> Iterator[str]:
-    """Sentences for the report of a result.
-
-    Parameters
-    ----------
-    steps : iterable of Iterate
-    certificate : Certificate
-        Of the result.
-    """
-    steps = list(steps)
-    if any(step.label == ABSOLUTE_VALUES.name and step.converged for step in steps):
-        yield (
-            "Absolute values have no derivative at zero: a copy with their two parts was solved, as "
-            "pyrobocop.absolute_values_to_complementarity makes it. Stationarity is that of the copy, all else that of "
-            "the model."
-        )
-    undecided = [step.label for step in steps if "undecided" in step.label]
-    if undecided and certificate is Certificate.UNKNOWN:
-        yield (
-            f"Whether another branch descends is not known: step '{undecided[-1]}' ended at its limit of linear "
-            "programs or of time. Pairs with both sides near zero are what makes this search long."
-        )
-    failed = [step.label for step in steps if step.options.get("linear_solver") == FELL_BACK]
-    if failed:
-        yield (
-            f"The linear solver of this package failed in {len(failed)} of the runs ('{failed[0]}'), and MUMPS solved "
-            "them again; options={'linear_solver': 'mumps'} takes it at once."
-        )
+    def _is_linear(self) -> bool:
+        """Whether all rows and sides of pairs are."""
+        rows = (row.body for row in self.model.component_data_objects(Constraint, active=True))
+        sides = (side for pair in self.record.pairs for side in (pair.a, pair.b))
+        return all(expression.polynomial_degree() in (0, 1) for expression in chain(sides, rows))
 
 
 def doubts_on_point(best: Iterate) -> tuple[Finding, ...]:

@@ -37,6 +37,10 @@ EXPLORED_SECONDS = 1.0
 # By default it may take as many iterations of Ipopt as the rest of the solve took, linear programs counted as parts of
 # one, but so many in any case: unlike seconds, these are the same on every machine.
 EXPLORED_WORK = 300
+# Without pairs: so many iterations and a share of those so far, on the user's mesh. From so many variables on, where
+# iterations take most of the time, fewer, but not less than a part.
+PLAIN_WORK, PLAIN_WORK_SHARE = 80, 0.4
+SMALL_PROGRAM, LEAST_PART = 500, 0.25
 # What another way to go cannot change; only strategies that name such an end follow it.
 _ENDS_BY_STATUS = (
     IpoptStatus.INVALID_PROBLEM,
@@ -47,53 +51,17 @@ _ENDS_BY_STATUS = (
 )
 
 
-class Exploration:
-    """What one solve has explored, over all strategies.
+def plain_work(variables: int, iterations: int) -> float:
+    """Iterations that other starts of a model without pairs may take by default.
 
     Parameters
     ----------
-    factor : float or None
-        How long it may take, as a multiple of the time that the rest of the solve took so far.
-    most_work : float or None
-        Iterations that other starts of a model without pairs may take; see `plain_work`.
-
-    Attributes
-    ----------
-    seconds : float
-        Elapsed in exploring.
-    work : float
-        Iterations of Ipopt and linear programs of exploring.
+    variables : int
     iterations : int
-        Of Ipopt, in exploring.
-    branches : ExploredBranches
-        What need not be tried again.
+        Of Ipopt, so far.
     """
-
-    def __init__(self, factor: float | None, most_work: float | None) -> None:
-        self.factor, self.most_work = factor, most_work
-        self.started = time.perf_counter()
-        self.seconds = self.work = 0.0
-        self.iterations = 0
-        self.branches = ExploredBranches()
-
-    def left(self, pairs: int, iterations: int) -> tuple[float, float]:
-        """Seconds, and iterations and linear programs, that may be spent from now on.
-
-        Parameters
-        ----------
-        pairs : int
-            Without any, and by default, time does not count.
-        iterations : int
-            Of Ipopt, in all runs so far.
-        """
-        elsewhere = time.perf_counter() - self.started - self.seconds
-        if self.factor is not None:
-            return self.factor * elsewhere - self.seconds, np.inf
-        if not pairs:
-            return np.inf, (np.inf if self.most_work is None else self.most_work) - self.work
-        share = min(1.0, max(0.0, 2.0 - pairs / CROSS_CHECKED_PAIRS))
-        seconds, work = max(EXPLORED_SECONDS, elsewhere), max(EXPLORED_WORK, iterations - self.iterations)
-        return share * seconds - self.seconds, share * work - self.work
+    part = max(LEAST_PART, min(1.0, SMALL_PROGRAM / max(1, variables)))
+    return part * (PLAIN_WORK + PLAIN_WORK_SHARE * iterations)
 
 
 class Record:
@@ -104,6 +72,8 @@ class Record:
     model : Block
         As the user stated it.
     settings : Settings
+    variables : int
+        That are free.
 
     Attributes
     ----------
@@ -114,7 +84,14 @@ class Record:
         Every run, without values and multipliers.
     seconds : float
         Elapsed in checking.
-    exploration : Exploration
+    started : float
+        By the clock.
+    explored_seconds : float
+        Elapsed in exploring.
+    explored_work : float
+        Iterations of Ipopt and linear programs of exploring.
+    explored_branches : ExploredBranches
+        What need not be tried again.
     first : Iterate or None
         Where the first strategy ended, from the user's initial guess, unless that has no value.
     best : Iterate or None
@@ -122,9 +99,11 @@ class Record:
         What ended the solve from outside: the clock, or Ctrl-C.
     """
 
-    def __init__(self, model: Any, settings: Settings) -> None:
-        self._settings = settings
-        self.exploration = Exploration(settings.exploration, settings.explored_work)
+    def __init__(self, model: Any, settings: Settings, variables: int) -> None:
+        self._settings, self._variables = settings, variables
+        self.started = time.perf_counter()
+        self.explored_seconds = self.explored_work = 0.0
+        self._explored_iterations, self.explored_branches = 0, ExploredBranches()
         self.check = ModelCheck(model)
         self.pairs: Sequence[CanonicalPair] = ()
         self._sizes = SideSizes((), np.empty((0, 2)))
@@ -220,26 +199,35 @@ class Record:
     @contextlib.contextmanager
     def counted_as_exploring(self) -> Iterator[None]:
         """Count the runs that are done meanwhile as exploring."""
-        spent, started, before = self.exploration, time.perf_counter(), self.iterations
+        started, before = time.perf_counter(), self.iterations
         try:
             yield
         finally:
-            spent.seconds += time.perf_counter() - started
-            spent.work += self.iterations - before
-            spent.iterations += self.iterations - before
+            self.explored_seconds += time.perf_counter() - started
+            self.explored_work += self.iterations - before
+            self._explored_iterations += self.iterations - before
 
     def left_to_explore(self) -> tuple[float, float]:
         """Seconds, and iterations of Ipopt, that exploring beyond the best point may take from now on.
 
         Zeros where one of them is used up, or there is no certified point, with pairs a proven one.
         """
-        best = self.best
+        best, factor, iterations = self.best, self._settings.exploration, self.iterations - self._explored_iterations
         if best is None or self.is_cut() or not self.is_certified(best):
             return 0.0, 0.0
         if self.pairs and best.certificate is not Certificate.PROVEN:
             return 0.0, 0.0
-        seconds, work = self.exploration.left(len(self.pairs), self.iterations)
-        return (seconds, work) if seconds > 0.0 and work >= 1.0 else (0.0, 0.0)
+        seconds, work = time.perf_counter() - self.started - self.explored_seconds, np.inf
+        if factor is not None:
+            seconds *= factor
+        elif self.pairs:
+            share = min(1.0, max(0.0, 2.0 - len(self.pairs) / CROSS_CHECKED_PAIRS))
+            seconds, work = share * max(EXPLORED_SECONDS, seconds), share * max(EXPLORED_WORK, iterations)
+        else:
+            stated = self._settings.explored_work
+            seconds, work = np.inf, plain_work(self._variables, iterations) if stated is None else stated
+        left = seconds - self.explored_seconds, work - self.explored_work
+        return left if left[0] > 0.0 and left[1] >= 1.0 else (0.0, 0.0)
 
     # ---------------------------------------------------------------- the best of the points
 

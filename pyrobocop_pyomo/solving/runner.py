@@ -182,18 +182,15 @@ class Runner:
         The user's free variables.
     guess : InitialGuess
     places : Workplaces
-    has_linear_rows : bool or None
-        Whether all rows are linear but for the pairs; None before the first polish, which looks.
     """
 
     def __init__(self, model: Any, settings: Settings, solve_copy: Callable[[Any, Settings], SolveResult]) -> None:
         self.model, self.settings = model, settings
-        self.record = Record(model, settings)
         self.has_pairs = bool(active_sources(model) or pairs_of(model))
         self.values = VariableValues.of_free(model)
+        self.record = Record(model, settings, len(self.values.variables))
         self.guess = InitialGuess(model, self.values)
         self.places = Workplaces(model, settings, self.guess)
-        self.has_linear_rows: bool | None = None
         self._solve_copy = solve_copy
 
     def run(self, strategy: Strategy) -> Iterate | None:
@@ -293,6 +290,10 @@ class Runner:
             if best is None or best.values is None:
                 return False
             self.values.write(best.values)
+        # Before anything was tried, the motion is a better start only where equations depend on each other at the guess.
+        is_early = start is StartingPoint.SIMULATED and best is None and self.settings.strategies is None
+        if is_early and not place.session.missing_rank():
+            return False
         is_put = self.put_other_optimum() if start is StartingPoint.OTHER_OPTIMUM else put_start(self.model, strategy)
         if start is not StartingPoint.INITIAL_GUESS:
             place.relaxed.start_lifted()
@@ -333,10 +334,7 @@ class Runner:
         if compiled is None:
             return None
         settings = replace(self.settings, options=place.options(self.settings))
-        polish = Polish(settings, place.relaxed, compiled, self.record, self.values)
-        if self.has_linear_rows is None:
-            self.has_linear_rows = polish.has_linear_rows
-        return polish
+        return Polish(settings, place.relaxed, compiled, self.record, self.values)
 
     def _beyond_saddles(self, place: Workplace, iterate: Iterate) -> Iterate:
         """The point on the model, or a better one that runs lead to from it where it is stationary and no minimum."""
@@ -389,7 +387,7 @@ class Runner:
         """
         left = self.settings.deadline.left
         # Making a copy is not cut off. There is an answer already: its solve tells what another one would take.
-        if left is not None and left < time.perf_counter() - self.record.exploration.started:
+        if left is not None and left < time.perf_counter() - self.record.started:
             return False
         copy = coarser_copy(self.model, EXPLORED_ELEMENTS)
         if copy is None:
