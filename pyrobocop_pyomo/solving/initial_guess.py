@@ -51,14 +51,6 @@ class InitialGuess:
         self.remarks: list[str] = []
         self._undefined_on_the_way = ""
 
-    def write(self) -> None:
-        """Put the user's values on the model."""
-        self.variables.write(self.values)
-
-    def write_start(self) -> None:
-        """Put the values on the model that strategies start from."""
-        self.variables.write(self.start)
-
     def move(self) -> bool:
         """Start elsewhere, where an expression has no value at the initial guess and such a point is found.
 
@@ -69,7 +61,7 @@ class InitialGuess:
         """
         if self.start is not self.values:
             return False
-        self.write()
+        self.variables.write(self.values)
         remark = defined_start(self._model)
         if not remark:
             return False
@@ -100,7 +92,7 @@ class InitialGuess:
         began : bool
             Whether a run came away from the initial guess: then all has values there, which takes long to go through.
         """
-        self.write()
+        self.variables.write(self.values)
         at_start = "" if began or self.remarks else named_undefined_rows(self._model)
         if at_start:
             remedy = _REMEDY_OF_FIXED if next(undefined_rows(self._model)).is_fixed else _REMEDY

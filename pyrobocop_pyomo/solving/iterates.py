@@ -20,16 +20,11 @@ _OF_PAIRS = ", and every pair is complementary"
 
 
 class Quality(enum.Enum):
-    """How good the returned point is, by residuals that were recomputed; the value is a sentence."""
+    """How good the returned point is, by residuals that were recomputed, the best first; the value is a sentence."""
 
     OPTIMAL = f"Feasible and stationary{_OF_PAIRS}, within the tolerances."
     FEASIBLE = f"Feasible{_OF_PAIRS}, but the point is not shown to be optimal."
     INFEASIBLE = "Constraints or complementarity are violated beyond the tolerances."
-
-    @property
-    def rank(self) -> int:
-        """The larger, the better."""
-        return (Quality.INFEASIBLE, Quality.FEASIBLE, Quality.OPTIMAL).index(self)
 
 
 class StopReason(enum.Enum):
@@ -303,10 +298,6 @@ class Iterate(Presented):
         if self.stationarity is not None:
             shown = shown and self.stationarity <= tolerances.stationarity
         return Quality.OPTIMAL if shown else Quality.FEASIBLE
-
-    def is_certified(self, tolerances: Tolerances, polished: bool) -> bool:
-        """Whether no further strategy is needed: optimal and, where points are polished, exactly complementary."""
-        return self.quality(tolerances) is Quality.OPTIMAL and (not polished or self.is_exact(tolerances))
 
     def standing(self, tolerances: Tolerances, sign: float) -> Standing:
         """What decides between this iterate and another one.

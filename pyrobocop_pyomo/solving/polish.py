@@ -146,10 +146,10 @@ class Polish:
         it is no solution itself. And where another branch descends from the polished point, it does from the point
         before, too.
         """
-        ranks = [iterate.quality(self._settings.tolerances).rank for iterate in (before, after)]
+        ranks = [list(Quality).index(iterate.quality(self._settings.tolerances)) for iterate in (before, after)]
         flattered = abs(after.objective - before.objective) > SAME_COST * max(1.0, abs(before.objective))
         refuted = after.certificate is Certificate.DESCENT or (after.converged and flattered)
-        return before if ranks[0] > ranks[1] and not refuted else after
+        return before if ranks[0] < ranks[1] and not refuted else after
 
     def _examined(self, iterate: Iterate, found: BranchPoint, start: BranchPoint) -> Iterate:
         """The iterate at the best point that is found from here, with its certificate and multipliers."""

@@ -6,7 +6,7 @@ import logging
 import math
 import time
 import weakref
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import chain
 from typing import Any
@@ -14,7 +14,6 @@ from typing import Any
 from pyomo.common.errors import InfeasibleConstraintException
 from pyomo.core.base.constraint import Constraint
 
-from pyrobocop_pyomo.complementarity import CanonicalPair
 from pyrobocop_pyomo.diagnosis import Finding, Severity
 from pyrobocop_pyomo.diagnosis.statements import form_findings
 from pyrobocop_pyomo.diagnosis.values import boundary_findings, decided_findings
@@ -23,7 +22,7 @@ from pyrobocop_pyomo.errors import ComplementarityError, ContradictionError, Eva
 from pyrobocop_pyomo.modeling.failures import undone_on_failure
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.mpcc.active_set import Certificate
-from pyrobocop_pyomo.mpcc.stationarity import Stationarity
+from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
 from pyrobocop_pyomo.phases import phases_of
 
 from .curvature import is_convex
@@ -97,7 +96,8 @@ class _Procedure(Runner):
 
     def __init__(self, model: Any, settings: Settings) -> None:
         super().__init__(model, settings, solve_model)
-        self.tried: set[str] = set()
+        self.tried: list[str] = []  # names of strategies
+        self.multipliers: Multipliers | None = None
 
     def solve(self) -> SolveResult:
         """Go through the strategies until one gives a point that is certified; the best of all points wins."""
@@ -142,7 +142,7 @@ class _Procedure(Runner):
             self.go_back_to_start()
             self.explore()
             self._look_further()
-            self._classify()
+            self.multipliers = self._classify()
 
     def _strategies(self) -> Iterator[Strategy]:
         """Those of the caller's strategies that are for such a model, or else those of the table that follow."""
@@ -178,36 +178,35 @@ class _Procedure(Runner):
 
     def _look_further(self) -> None:
         """Beyond a certified point: other ways down, then other starts, as long as there is a budget and it pays."""
-        record, without_gain = self.record, 0
+        record, is_requested, before = self.record, self.settings.exploration is not None, self.record.best
+        patience = PATIENCE if self.has_pairs and not is_requested else REQUESTED_PATIENCE
+        without_gain, known = 0, len(self.tried)
         missing: set[StartingPoint] = set()  # kinds of starts that this model has not
-        requested, before, ends = self.settings.exploration is not None, record.best, []
-        patience = PATIENCE if self.has_pairs and not requested else REQUESTED_PATIENCE
-        for strategy in self._other_ways(requested) if self.settings.strategies is None else ():
+        for strategy in self._other_ways() if self.settings.strategies is None else ():
             best = record.best
             if without_gain == patience or not record.left_to_explore()[1]:
                 break
             if strategy.name in self.tried or strategy.start in missing:
                 continue
             with record.counted_as_exploring():
-                iterate = self._try(strategy)
-            ends.append(f"'{strategy.name}' " + (f"{iterate.objective:.6g}" if iterate is not None else "no point"))
-            if iterate is None:
-                missing.add(strategy.start)
+                if not self._try(strategy):
+                    missing.add(strategy.start)
             without_gain = without_gain + 1 if record.best is best else 0
             if not without_gain:
                 self.explore()
-        if ends and before is not None and (requested or record.best is not before):
-            relaxed = ", relaxed where they led to nothing better" if self.has_pairs else ""
+        tried = self.tried[known:]
+        if tried and before is not None and (is_requested or record.best is not before):
             self.guess.remarks.append(
-                f"Objectives of other ways and starts, beside {before.objective:.6g} of '{before.strategy}'{relaxed}: "
-                f"{', '.join(ends)}. Strategy(exploration=...) asks for more of them."
+                f"Beside '{before.strategy}' with {before.objective:.6g}, other ways and starts were tried: "
+                f"{', '.join(tried)}. Strategy(exploration=...) asks for more of them."
             )
 
-    def _other_ways(self, requested: bool) -> Iterator[Strategy]:
+    def _other_ways(self) -> Iterator[Strategy]:
         """For a model without pairs on fewer elements where there are many; none where it is convex."""
         place, left = self.places.place, self.record.left_to_explore()[1]
+        is_requested = self.settings.exploration is not None
         by_default = self.record.iterations <= EXPLORED_WORK if self.has_pairs else bool(phases_of(self.model))
-        if place is None or not (requested or by_default):
+        if place is None or not (is_requested or by_default):
             return
         if self.has_pairs:
             yield from chain([ELASTIC], other_starts(has_pairs=True))
@@ -219,26 +218,25 @@ class _Procedure(Runner):
         most = int(min(ITERATIONS_OF_ONE, max(FEW_ITERATIONS, left / 3.0)))
         if is_fine:
             yield replace(OTHER_OPTIMUM, most_iterations=most)
-        for strategy in other_starts(has_pairs=False) if requested or not is_fine else ():
+        for strategy in other_starts(has_pairs=False) if is_requested or not is_fine else ():
             left = self.record.left_to_explore()[1]
             if left < FEW_ITERATIONS / 2:
                 return
             yield replace(strategy, most_iterations=int(min(most, left)))
 
-    def _try(self, strategy: Strategy) -> Iterate | None:
-        """Run a strategy, and return where it ended; what an earlier one found stays whatever happens."""
+    def _try(self, strategy: Strategy) -> bool:
+        """Run a strategy, if it has something to work on; what an earlier one found stays whatever happens."""
         record = self.record
         try:
             iterate = self.run(strategy)
             if iterate is None:
-                return None
-            self.tried.add(strategy.name)
+                return False
+            self.tried.append(strategy.name)
             if self._is_on_the_way(strategy, iterate):
                 self.keep(iterate)
                 onward = self.run(ONWARD)
                 iterate = iterate if onward is None else replace(onward, strategy=strategy.name)
             self.keep(iterate)
-            return iterate
         except KeyboardInterrupt:
             if record.best is None:
                 raise
@@ -249,48 +247,44 @@ class _Procedure(Runner):
             # What only looks for something better may fail: nothing is lost.
             level = logging.INFO if record.is_certified(record.best) else logging.WARNING
             logger.log(level, "'%s': strategy '%s' failed: %s", self.model.name, strategy.name, error)
-        return None
+        return True
 
     def _is_on_the_way(self, strategy: Strategy, iterate: Iterate) -> bool:
         """Whether a run without pairs ended at no solution, but where elastic rows or a better start led to."""
-        record = self.record
+        record, best = self.record, self.record.best
         if self.has_pairs or record.is_certified(iterate) or iterate.stop_reason.is_final or record.is_cut():
             return False
-        best = record.best
-        is_better = best is not None and record.is_certified(best) and record.is_better(iterate, best)
-        return strategy.elastic_rows or is_better
+        return strategy.elastic_rows or (record.is_certified(best) and record.is_better(iterate, best))
 
-    def _classify(self) -> None:
-        """Look for the multipliers of the pairs; what has no derivatives has none."""
+    def _classify(self) -> Multipliers | None:
+        """The multipliers of the pairs at the best point; what has no derivatives has none."""
         best = self.record.best
-        if best is None or self.record.cut is StopReason.INTERRUPTED:
-            return
         try:
-            best.classify()
-            return
+            return None if best is None or self.record.cut is StopReason.INTERRUPTED else best.classify()
         except EvaluationError as error:
             logger.info("'%s': no multipliers of the pairs: %s", self.model.name, error)
         except KeyboardInterrupt:
             self.record.cut = StopReason.INTERRUPTED
-        self.record.best = replace(best, classify=lambda: None)
+        return None
 
     def _result(self, best: Iterate) -> SolveResult:
         cut, place = self.record.cut, self.places.last
         scaling = None if place is None else place.session.scaling
-        multipliers = None if cut is StopReason.INTERRUPTED else best.classify()
-        if multipliers is not None and multipliers.kind is Stationarity.S:
+        if self.multipliers is not None and self.multipliers.kind is Stationarity.S:
             best = replace(best, certificate=Certificate.PROVEN)
-        residuals, quality = self.record.residuals(), best.quality(self.settings.tolerances)
+        quality, ends = best.quality(self.settings.tolerances), {step.stop_reason for step in self.record.steps}
+        # Where it is a solution of relaxed pairs alone, what became of those that go on.
+        is_relaxed = quality is Quality.INFEASIBLE and best.converged and StopReason.INFEASIBLE in ends
         return SolveResult(
             name=self.model.name,
-            stop_reason=cut or self._why_it_ended(best, quality),
+            stop_reason=cut or (StopReason.INFEASIBLE if is_relaxed else best.stop_reason),
             quality=quality,
             best=best.record(),
-            multipliers=multipliers,
-            residuals=residuals,
+            multipliers=self.multipliers,
+            residuals=self.record.residuals(),
             violations=worst_of_each_component(self.record.unmet()) if quality is Quality.INFEASIBLE else (),
             remarks=tuple(self.guess.remarks),
-            doubts=doubts_on_pairs(self.record.too_small()) if residuals else doubts_on_point(best),
+            doubts=self._doubts(best),
             steps=self.record.steps,
             standing=best.standing(self.settings.tolerances, self.record.check.sign),
             decided_pairs=0 if place is None else len(place.relaxed.decided),
@@ -302,13 +296,6 @@ class _Procedure(Runner):
             probe=DiscretisationProbe(self.model, best.row_multipliers, best.objective),
             seconds=time.perf_counter() - self.record.started,
         )
-
-    def _why_it_ended(self, best: Iterate, quality: Quality) -> StopReason:
-        """That of the best point; where it is a solution of relaxed pairs alone, what became of those that go on."""
-        ends = [step.stop_reason for step in self.record.steps]
-        if quality is Quality.INFEASIBLE and best.converged and StopReason.INFEASIBLE in ends:
-            return StopReason.INFEASIBLE
-        return best.stop_reason
 
     def _explanations(self, best: Iterate) -> list[str]:
         """What may be the cause of a failure, beside what is not met."""
@@ -326,46 +313,30 @@ class _Procedure(Runner):
             said += [f"{finding.message} {finding.remedy}" for finding in form_findings(self.model)]
         return said
 
+    def _doubts(self, best: Iterate) -> tuple[Finding, ...]:
+        """Why the best point may not be what was meant, or pairs not be met although both sides are small."""
+        too_small = self.record.too_small()
+        if too_small:
+            message = (
+                f"Both sides of pair '{too_small[0].name}' differ from zero, and one of them is smaller than "
+                f"{SMALLEST_SIZE:g} all the time: whether such pairs are met, {len(too_small)} in all, is not known."
+            )
+            remedy = "State what is so small in a smaller unit, so that it has values near 1."
+        elif best.certificate is Certificate.DESCENT and not self.record.pairs:
+            message = (
+                "The point is stationary, but no minimum: along a direction that the constraints leave free the "
+                "objective falls, and no better point was reached along it."
+            )
+            remedy = "Give an initial guess that is not symmetric, or compare starts: rcp.studies.multistart(model)."
+        else:
+            return ()
+        return (Finding(Severity.WARNING, message, (), remedy),)
+
     def _is_linear(self) -> bool:
         """Whether all rows and sides of pairs are."""
         rows = (row.body for row in self.model.component_data_objects(Constraint, active=True))
         sides = (side for pair in self.record.pairs for side in (pair.a, pair.b))
         return all(expression.polynomial_degree() in (0, 1) for expression in chain(sides, rows))
-
-
-def doubts_on_point(best: Iterate) -> tuple[Finding, ...]:
-    """Why the best point of a model without pairs may not be what was meant.
-
-    Parameters
-    ----------
-    best : Iterate
-    """
-    if best.certificate is not Certificate.DESCENT:
-        return ()
-    message = (
-        "The point is stationary, but no minimum: along a direction that the constraints leave free the objective "
-        "falls, and no better point was reached along it."
-    )
-    remedy = "Give an initial guess that is not symmetric, or compare several starts: rcp.studies.multistart(model)."
-    return (Finding(Severity.WARNING, message, (), remedy),)
-
-
-def doubts_on_pairs(too_small: Sequence[CanonicalPair]) -> tuple[Finding, ...]:
-    """Why pairs may not be met although both sides are within the tolerances.
-
-    Parameters
-    ----------
-    too_small : sequence of CanonicalPair
-        Met only if what their sides have left is zero and not small.
-    """
-    if not too_small:
-        return ()
-    message = (
-        f"Both sides of pair '{too_small[0].name}' differ from zero, and one of them is smaller than {SMALLEST_SIZE:g} "
-        f"all the time: whether such pairs are met, {len(too_small)} in all, is not known."
-    )
-    remedy = "State what is so small in a smaller unit, so that it has values near 1."
-    return (Finding(Severity.WARNING, message, (), remedy),)
 
 
 def _what_grows(values: VariableValues, unbounded: Iterate, best: Iterate) -> str:

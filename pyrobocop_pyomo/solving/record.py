@@ -238,7 +238,7 @@ class Record:
         # By so little the products that are left flatter an objective.
         flattered = iterate.delta is not None and self.leads_no_further(iterate)
         is_lost = flattered or (self.is_certified(self.best) and not self.is_certified(iterate))
-        if self.best is None or (self.is_better(iterate, self.best) and not is_lost):
+        if self.is_better(iterate, self.best) and not is_lost:
             logger.info("strategy '%s' has the best point so far", iterate.strategy)
             self.best = iterate
 
@@ -270,14 +270,19 @@ class Record:
         violation = max(diverged.constraint_violation, diverged.largest_natural_residual)
         return violation <= max(self._settings.tolerances.feasibility, NEGLIGIBLE * size)
 
-    def is_better(self, first: Iterate, second: Iterate) -> bool:
-        """Whether the first of two points is the better one."""
+    def is_better(self, first: Iterate, second: Iterate | None) -> bool:
+        """Whether the first of two points is the better one, or the only one."""
+        if second is None:
+            return True
         one, other = (iterate.standing(self._settings.tolerances, self.check.sign) for iterate in (first, second))
         return one.is_better_than(other)
 
     def is_certified(self, iterate: Iterate | None) -> bool:
-        """Whether there is such a point, and no further strategy is needed after it."""
-        return iterate is not None and iterate.is_certified(self._settings.tolerances, self._settings.polish)
+        """Whether there is such a point and it needs no further strategy: optimal and, unless unpolished, exact."""
+        tolerances = self._settings.tolerances
+        if iterate is None or iterate.quality(tolerances) is not Quality.OPTIMAL:
+            return False
+        return not self._settings.polish or iterate.is_exact(tolerances)
 
     def leads_no_further(self, relaxed: Iterate) -> bool:
         """Whether smaller products and a polish of a relaxed point hardly lead to a better point than a certified one.

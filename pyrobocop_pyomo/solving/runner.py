@@ -207,13 +207,13 @@ class Runner:
             logger.info("'%s': strategy '%s': %s", self.model.name, strategy.name, error)
             if self.record.best is not None:
                 return None
-            self.guess.write()  # the user's point itself, as there is no other one
+            self.values.write(self.guess.values)  # the user's point itself, as there is no other one
             run = self.record.add(Iterate.of_run("no derivatives", IpoptStatus.INVALID_NUMBER))
             return replace(run, strategy=strategy.name, values=self.guess.values)
         # The executable does not say why it could not begin.
         could_begin = iterate is None or iterate.converged or iterate.iterations > 0 or iterate.stop_reason.is_final
         if not could_begin and self.guess.move():
-            self.places.restart()
+            self.places.close()
             return self.run(strategy)
         return iterate
 
@@ -290,7 +290,7 @@ class Runner:
             if best is None or best.values is None:
                 return False
             self.values.write(best.values)
-        # Before anything was tried, the motion is a better start only where equations depend on each other at the guess.
+        # Before anything was tried, it is a better start only where equations depend on each other at the guess.
         is_early = start is StartingPoint.SIMULATED and best is None and self.settings.strategies is None
         if is_early and not place.session.missing_rank():
             return False
@@ -340,32 +340,29 @@ class Runner:
         """The point on the model, or a better one that runs lead to from it where it is stationary and no minimum."""
         while starts := self._starts_beyond(place, iterate):
             saddle = iterate = replace(iterate, certificate=Certificate.DESCENT)
-            if self.record.best is not None and not self.record.is_better(saddle, self.record.best):
+            if not self.record.is_better(saddle, self.record.best):
                 break
             self.keep(saddle)
             for start in starts:
                 place.values.write(start)
-                lower = self._run_polished(place, BEYOND_SADDLE)
-                assert lower is not None
-                if lower.stop_reason.is_final or self.record.is_better(
-                    replace(lower, certificate=Certificate.DESCENT), saddle
-                ):
+                lower = self._run_polished(place, BEYOND_SADDLE) or saddle
+                is_lower = self.record.is_better(replace(lower, certificate=Certificate.DESCENT), saddle)
+                if is_lower or lower.stop_reason.is_final:
                     iterate = lower
                     break
         return iterate
 
     def _starts_beyond(self, place: Workplace, iterate: Iterate) -> list[Values]:
         """Starts on both sides of the point on the model, if it is the best, stationary and no minimum."""
-        known, compiled = self.record.best, place.session.compiled()
-        is_wanted = self.record.is_certified(iterate) and (known is None or self.record.is_better(iterate, known))
-        if compiled is None or not is_wanted:
+        compiled, is_best = place.session.compiled(), self.record.is_better(iterate, self.record.best)
+        if compiled is None or not (is_best and self.record.is_certified(iterate)):
             return []
         nlp, point, scaling = compiled.nlp, place.session.primal_dual(iterate, compiled), place.session.scaling
         scales = Scales(np.ones(nlp.n), np.ones(nlp.m), 1.0) if scaling is None else scaling.scales
         try:
             direction = direction_of_descent(ScaledProgram(nlp, scales), scales.scaled(point))
         except EvaluationError:
-            return []
+            direction = None
         if direction is None:
             return []
         step = STEP_FROM_SADDLE * direction * scales.x
@@ -403,7 +400,7 @@ class Runner:
     def _with_absolute_values_split(self, strategy: Strategy) -> Iterate | None:
         """Solve a copy with its absolute values in two parts; its answer is one of the model, and is checked there."""
         self.places.close()  # what is copied is the model as it was stated
-        self.guess.write_start()
+        self.values.write(self.guess.start)
         split = TransformationFactory("pyrobocop.absolute_values_to_complementarity")
         copy = split.create_using(self.model)
         result = self._solution_of(copy, strategy)

@@ -86,12 +86,6 @@ class Workplaces:
         self.place = None
         self._stack.close()
 
-    def restart(self) -> None:
-        """Take the values that are on the model for the start."""
-        if self.place is not None:
-            self.place.relaxed.start_lifted()
-            self.place.start = self.place.values.read()
-
     def move_to(self, strategy: Strategy) -> Workplace:
         """Keep the workplace, or change it for one with the relaxation that the strategy asks for."""
         relaxation = self._settings.relaxation if strategy.relaxation is None else strategy.relaxation
@@ -99,7 +93,7 @@ class Workplaces:
         if place is not None and place.relaxation == relaxation:
             return place
         self.close()
-        self._guess.write_start()
+        self._guess.variables.write(self._guess.start)
         self.place = self.last = self._stack.enter_context(self._opened(relaxation, strategy))
         return self.place
 
