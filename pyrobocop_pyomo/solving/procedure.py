@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import math
 import time
@@ -136,7 +137,7 @@ class _Procedure(Runner):
         self.values.write(self.guess.values if best is None else best.values)
 
     def _go_through(self) -> None:
-        with self.places:
+        with contextlib.closing(self.places):
             for strategy in self._strategies():
                 self._try(strategy)
             self.go_back_to_start()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain, cycle, repeat
 from typing import Any
 
@@ -263,7 +263,7 @@ def settings_of(choices: Choices) -> dict[str, Any]:
         name: next((getattr(strategy, name) for strategy in chosen if getattr(strategy, name) is not None), default)
         for name, default in (("relaxation", "scholtes"), ("grouping", "pair"), ("exploration", None))
     }
-    strategies = None if are_open(chosen[0]) else tuple(map(_completed, chosen))
+    strategies = None if are_open(chosen[0]) else tuple(chosen)
     return {"strategies": strategies, "polish": all(strategy.polish for strategy in chosen), **stated}
 
 
@@ -275,18 +275,15 @@ def _known() -> str:
 
 
 def _strategy(choice: str | Strategy) -> Strategy:
+    """A strategy; one that only has the name of one of `STRATEGIES`, with what it leaves to that."""
     strategy = choice if isinstance(choice, Strategy) else Strategy(choice)
-    is_own = strategy.schedule is not None or not strategy.for_pairs
-    if not is_own and strategy.name != "default" and strategy.name not in _BY_NAME:
-        raise ValueError(f"unknown strategy {strategy.name!r}. Known: {_known()}.")
-    return strategy
-
-
-def _completed(strategy: Strategy) -> Strategy:
-    """A strategy that only has the name of one of `STRATEGIES`, with what it leaves to that."""
     known = _BY_NAME.get(strategy.name)
-    if known is None or strategy.schedule is not None:
-        return strategy if strategy.name != "default" else replace(strategy, name="schedule")
-    names = {each.name for each in fields(Strategy)} - {"name", "grouping", "polish", "exploration"}
-    given = {name: getattr(strategy, name) for name in names if getattr(strategy, name) != getattr(Strategy(), name)}
-    return replace(known, **given) if given else known
+    if strategy.schedule is not None and strategy.name == "default":
+        return replace(strategy, name="schedule")
+    if strategy.schedule is not None or are_open(strategy) or (known is None and not strategy.for_pairs):
+        return strategy
+    if known is None:
+        raise ValueError(f"unknown strategy {strategy.name!r}. Known: {_known()}.")
+    default = Strategy(strategy.name)
+    given = {name: stated for name, stated in vars(strategy).items() if stated != getattr(default, name)}
+    return replace(known, **given)
