@@ -21,7 +21,6 @@ from pyrobocop_pyomo.diagnosis.values import boundary_findings, decided_findings
 from pyrobocop_pyomo.discretisation import DiscretisationProbe
 from pyrobocop_pyomo.errors import ComplementarityError, ContradictionError, EvaluationError, PyRobocopError
 from pyrobocop_pyomo.modeling.failures import undone_on_failure
-from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
 from pyrobocop_pyomo.phases import phases_of
@@ -121,9 +120,15 @@ class _Procedure(Runner):
             first = self.record.first
             self.guess.explain(began=first is not None and first.iterations > 0)
         unbounded = self.record.unbounded
-        if unbounded is not None:
-            self.values.write(unbounded.values)
-            self.guess.remarks += [_what_grows(self.values, unbounded, best)]
+        self.values.write(best.values if unbounded is None else unbounded.values)
+        if (unbounded is not None or best.diverged) and (growing := growing_variables(self.values, GROWING)):
+            self.guess.remarks += [f"What grows: {growing}."]
+        if unbounded is not None and not best.diverged:
+            self.guess.remarks += [
+                "With other sides of pairs at zero the objective has no end; Ipopt stopped at "
+                f"{unbounded.objective:.3g}. The point on the model is the best of those that do not diverge, with "
+                f"{best.objective:.6g}."
+            ]
             best = replace(best, stop_reason=StopReason.DIVERGED)
         self.values.write(best.values)
         self.guess.remarks += self._explanations(best)
@@ -300,10 +305,8 @@ class _Procedure(Runner):
 
     def _explanations(self, best: Iterate) -> list[str]:
         """What may be the cause of a failure, beside what is not met."""
-        said, quality = [], best.quality(self.settings.tolerances)
-        if best.diverged and self.record.unbounded is None and (growing := growing_variables(self.values, GROWING)):
-            said.append(f"What grows: {growing}.")
-        said += remarks_on_phases_with_pairs(self.model) if quality is Quality.INFEASIBLE else []
+        quality = best.quality(self.settings.tolerances)
+        said = [*remarks_on_phases_with_pairs(self.model)] if quality is Quality.INFEASIBLE else []
         if self.record.pairs and quality is Quality.OPTIMAL and self._is_linear():
             said.append(MIXED_INTEGER_PROGRAM)
         if any(step.label == ABSOLUTE_VALUES.name and step.converged for step in self.record.steps):
@@ -338,18 +341,6 @@ class _Procedure(Runner):
         rows = (row.body for row in self.model.component_data_objects(Constraint, active=True))
         sides = (side for pair in self.record.pairs for side in (pair.a, pair.b))
         return all(expression.polynomial_degree() in (0, 1) for expression in chain(sides, rows))
-
-
-def _what_grows(values: VariableValues, unbounded: Iterate, best: Iterate) -> str:
-    """Which variables do, at a point that is on the model, and what is left on it."""
-    grows = f"What grows: {growing_variables(values, GROWING)}."
-    if best.diverged:
-        return grows
-    return (
-        f"{grows} With other sides of pairs at zero the objective has no end; Ipopt stopped at "
-        f"{unbounded.objective:.3g}. "
-        f"The point on the model is the best of those that do not diverge, with {best.objective:.6g}."
-    )
 
 
 def _contradiction(model: Any, error: Exception) -> ContradictionError:

@@ -41,14 +41,6 @@ EXPLORED_WORK = 300
 # iterations take most of the time, fewer, but not less than a part.
 PLAIN_WORK, PLAIN_WORK_SHARE = 80, 0.4
 SMALL_PROGRAM, LEAST_PART = 500, 0.25
-# What another way to go cannot change; only strategies that name such an end follow it.
-_ENDS_BY_STATUS = (
-    IpoptStatus.INVALID_PROBLEM,
-    IpoptStatus.INVALID_OPTION,
-    IpoptStatus.OUT_OF_MEMORY,
-    IpoptStatus.INTERNAL_ERROR,
-    IpoptStatus.TOO_FEW_FREEDOMS,
-)
 
 
 def plain_work(variables: int, iterations: int) -> float:
@@ -257,8 +249,8 @@ class Record:
         lowest = min(filter(self._holds, self._diverged), key=self._cost, default=None)
         if lowest is None or self.best is None:
             return lowest
-        best = self._cost(self.best)
-        below = self._cost(lowest) < best - max(1.0, abs(best))
+        best = self.best.objective
+        below = self._cost(lowest) < self._cost(self.best) - max(1.0, abs(best))
         return lowest if below or self.best.diverged or not self.best.excess(self._settings.tolerances) <= 1.0 else None
 
     def _cost(self, iterate: Iterate) -> float:
@@ -336,8 +328,6 @@ class Record:
             return set()  # the same starts lead to the same saddle, and what follows one was tried
         if first.status is IpoptStatus.ITERATION_LIMIT and "max_iter" in self._settings.options.user:
             return set()
-        if first.status in _ENDS_BY_STATUS:
-            return {first.status}
         stuck = not first.diverged and first.excess(tolerances) <= 1.0
         return {first.stop_reason, *([Quality.FEASIBLE] if stuck else [])}
 

@@ -222,8 +222,9 @@ class Runner:
         if iterate.stop_reason.is_final and self.record.cut is None:
             self.record.cut = iterate.stop_reason
         self.record.keep(iterate)
-        if self.places.place is not None:
-            self.guess.note(iterate, self.places.place.session)
+        compiled = None if self.places.place is None else self.places.place.session.compiled()
+        if compiled is not None and iterate.undefined_at is not None and not iterate.converged:
+            self.guess.undefined = compiled, iterate.undefined_at
 
     def go_back_to_start(self) -> None:
         """Polish the point that all strategies started from, where rows and pairs hold there and none led to a better.

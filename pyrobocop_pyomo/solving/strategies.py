@@ -10,7 +10,6 @@ from itertools import chain, cycle, repeat
 from typing import Any
 
 from pyrobocop_pyomo.complementarity import Fixed, FollowBarrier, Geometric, Schedule
-from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 
 from .ipopt_options import ITERATIONS_OF_ONE, NEARLY_THERE, SIDE_ITERATIONS, TIGHTER_TOLERANCES
 from .iterates import Quality, StopReason
@@ -34,7 +33,7 @@ class StartingPoint(enum.Enum):
 
 # What a solve has come to so far. Models with pairs go by the best point: `Quality.OPTIMAL` says that it needs no
 # further strategy. Models without pairs go by how their first run ended.
-End = Quality | StopReason | IpoptStatus
+End = Quality | StopReason
 _CERTIFIED, _NOT_CERTIFIED = frozenset({Quality.OPTIMAL}), frozenset({Quality.INFEASIBLE, Quality.FEASIBLE})
 _ANY_END = frozenset(
     {
@@ -88,7 +87,7 @@ class Strategy:
         Of a random start: which one.
     most_iterations : int, optional
         Of one run, whatever the caller's options say.
-    follows : set of Quality, StopReason or IpoptStatus
+    follows : set of Quality or StopReason
         After what it follows in the table; empty for the one that is first.
     most_pairs : int, optional
         Of a model in which it follows a certified point.
@@ -141,7 +140,7 @@ STRATEGIES = (
     ),
     Strategy(
         "absolute values as pairs", for_pairs=None, start=StartingPoint.ABSOLUTE_VALUES,
-        follows=_ANY_END | _NOT_CERTIFIED | {IpoptStatus.INTERNAL_ERROR},
+        follows=_ANY_END | _NOT_CERTIFIED,
         figure="least fuel and distances as costs: no other row gives them a derivative at zero",
     ),
     Strategy(
@@ -159,8 +158,7 @@ STRATEGIES = (
     ),
     Strategy(
         "elastic rows", for_pairs=False, elastic_rows=True,
-        follows=_ANY_END - {StopReason.DIVERGED} | {IpoptStatus.TOO_FEW_FREEDOMS},
-        figure="6 of the 11",
+        follows=_ANY_END - {StopReason.DIVERGED}, figure="6 of the 11",
     ),
     Strategy(
         "straight lines", _CONTINUED, "elastic", for_pairs=None, start=StartingPoint.STRAIGHT_LINES,
