@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import logging
 import math
 import time
 import weakref
@@ -19,7 +18,7 @@ from pyrobocop_pyomo.diagnosis import Finding, Severity
 from pyrobocop_pyomo.diagnosis.statements import form_findings
 from pyrobocop_pyomo.diagnosis.values import boundary_findings, decided_findings
 from pyrobocop_pyomo.discretisation import DiscretisationProbe
-from pyrobocop_pyomo.errors import ComplementarityError, ContradictionError, EvaluationError, PyRobocopError
+from pyrobocop_pyomo.errors import ComplementarityError, ContradictionError
 from pyrobocop_pyomo.modeling.failures import undone_on_failure
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
@@ -58,8 +57,6 @@ from .violations import (
     remarks_on_phases_with_pairs,
     worst_of_each_component,
 )
-
-logger = logging.getLogger(__name__)
 
 # Exploring ends after so many other ways and starts in a row that led to nothing better: by default, and on request.
 PATIENCE, REQUESTED_PATIENCE = 3, 8
@@ -148,7 +145,9 @@ class _Procedure(Runner):
             self.go_back_to_start()
             self.explore()
             self._look_further()
-            self.multipliers = self._classify()
+            if self.record.best is not None and self.record.cut is not StopReason.INTERRUPTED:
+                with self.nothing_lost("the search for multipliers"):
+                    self.multipliers = self.record.best.classify()
 
     def _strategies(self) -> Iterator[Strategy]:
         """Those of the caller's strategies that are for such a model, or else those of the table that follow."""
@@ -232,8 +231,7 @@ class _Procedure(Runner):
 
     def _try(self, strategy: Strategy) -> bool:
         """Run a strategy, if it has something to work on; what an earlier one found stays whatever happens."""
-        record = self.record
-        try:
+        with self.nothing_lost(f"strategy '{strategy.name}'"):
             iterate = self.run(strategy)
             if iterate is None:
                 return False
@@ -243,16 +241,6 @@ class _Procedure(Runner):
                 onward = self.run(ONWARD)
                 iterate = iterate if onward is None else replace(onward, strategy=strategy.name)
             self.keep(iterate)
-        except KeyboardInterrupt:
-            if record.best is None:
-                raise
-            record.cut = StopReason.INTERRUPTED
-        except PyRobocopError as error:
-            if record.best is None:
-                raise
-            # What only looks for something better may fail: nothing is lost.
-            level = logging.INFO if record.is_certified(record.best) else logging.WARNING
-            logger.log(level, "'%s': strategy '%s' failed: %s", self.model.name, strategy.name, error)
         return True
 
     def _is_on_the_way(self, strategy: Strategy, iterate: Iterate) -> bool:
@@ -261,17 +249,6 @@ class _Procedure(Runner):
         if self.has_pairs or record.is_certified(iterate) or iterate.stop_reason.is_final or record.is_cut():
             return False
         return strategy.elastic_rows or (record.is_certified(best) and record.is_better(iterate, best))
-
-    def _classify(self) -> Multipliers | None:
-        """The multipliers of the pairs at the best point; what has no derivatives has none."""
-        best = self.record.best
-        try:
-            return None if best is None or self.record.cut is StopReason.INTERRUPTED else best.classify()
-        except EvaluationError as error:
-            logger.info("'%s': no multipliers of the pairs: %s", self.model.name, error)
-        except KeyboardInterrupt:
-            self.record.cut = StopReason.INTERRUPTED
-        return None
 
     def _result(self, best: Iterate) -> SolveResult:
         cut, place = self.record.cut, self.places.last

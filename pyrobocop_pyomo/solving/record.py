@@ -236,7 +236,7 @@ class Record:
 
     def note_diverged(self, iterate: Iterate) -> None:
         """Remember a point of a run whose variables grow without end; another one is forgotten."""
-        if iterate.diverged and iterate.values is not None:
+        if iterate.diverged and iterate.values is not None and self._holds(iterate):
             self._diverged.append(iterate)
 
     @property
@@ -246,15 +246,13 @@ class Record:
         Of the points whose rows and pairs hold while variables grow without end, the lowest one, if it is far below the
         best point.
         """
-        lowest = min(filter(self._holds, self._diverged), key=self._cost, default=None)
+        lowest = min(self._diverged, key=lambda diverged: self.check.sign * diverged.objective, default=None)
         if lowest is None or self.best is None:
             return lowest
         best = self.best.objective
-        below = self._cost(lowest) < self._cost(self.best) - max(1.0, abs(best))
-        return lowest if below or self.best.diverged or not self.best.excess(self._settings.tolerances) <= 1.0 else None
-
-    def _cost(self, iterate: Iterate) -> float:
-        return self.check.sign * iterate.objective
+        is_below = self.check.sign * (lowest.objective - best) < -max(1.0, abs(best))
+        is_met = self.best.excess(self._settings.tolerances) <= 1.0
+        return lowest if is_below or self.best.diverged or not is_met else None
 
     def _holds(self, diverged: Iterate) -> bool:
         """Whether rows and pairs hold as well as rounding lets them, beside values of this size."""

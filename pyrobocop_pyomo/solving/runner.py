@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -249,19 +250,29 @@ class Runner:
         best, place = self.record.best, self.places.place
         if place is None or best is None or not (self.has_pairs and self.record.left_to_explore()[1]):
             return
-        try:
+        with self.nothing_lost("exploration"):
             polish = self._polish(place)
-            if polish is None:
-                return
-            self.values.write(best.values)
-            place.relaxed.start_lifted()
-            explored = polish.explore(best)
-            if explored is not best:
-                self.keep(explored)
+            if polish is not None:
+                self.values.write(best.values)
+                place.relaxed.start_lifted()
+                explored = polish.explore(best)
+                if explored is not best:
+                    self.keep(explored)
+
+    @contextlib.contextmanager
+    def nothing_lost(self, doing: str) -> Iterator[None]:
+        """Once there is a point, what looks for a better one or for more of it may be interrupted, or fail."""
+        try:
+            yield
         except KeyboardInterrupt:
+            if self.record.best is None:
+                raise
             self.record.cut = StopReason.INTERRUPTED
-        except EvaluationError as error:
-            logger.info("exploration ends: %s", error)
+        except PyRobocopError as error:
+            if self.record.best is None:
+                raise
+            level = logging.INFO if self.record.is_certified(self.record.best) else logging.WARNING
+            logger.log(level, "'%s': %s failed: %s", self.model.name, doing, error)
 
     def _run_here(self, strategy: Strategy) -> Iterate | None:
         is_copied = strategy.start is StartingPoint.ABSOLUTE_VALUES

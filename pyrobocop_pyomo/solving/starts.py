@@ -145,23 +145,23 @@ def put_start(model: Any, strategy: Strategy) -> bool:
         False where there is no such start, or it is the initial guess.
     """
     start = strategy.start
+    if start in (StartingPoint.INITIAL_GUESS, StartingPoint.BEST):
+        return True
     if start is StartingPoint.RANDOM_START:
         RandomStarts(model, 0, {None: 1.0}).put(strategy.draw)  # the same starts where a solve is repeated
         return True
-    if start in (StartingPoint.INITIAL_GUESS, StartingPoint.BEST):
-        return True
     if is_renamed(model):
         return False
-    if start is StartingPoint.RANDOM_CONTROLS:
-        _put_on_straight_lines(model, keep_guesses=False)
-        return _put_random_controls(model, strategy.draw)
-    if start is StartingPoint.RANDOM_MOTION:
-        return _put_random_controls(model, strategy.draw) and any(_moved_roughly(model))
+    if start is StartingPoint.SIMULATED:
+        return put_motion(model)
     if start is StartingPoint.MIRRORED:
         return _mirror_controls(model)
+    is_moved = start is not StartingPoint.RANDOM_MOTION and _put_on_straight_lines(model, keep_guesses=False)
     if start is StartingPoint.STRAIGHT_LINES:
-        return _put_on_straight_lines(model, keep_guesses=False)
-    return start is StartingPoint.SIMULATED and put_motion(model)
+        return is_moved
+    return _put_random_controls(model, strategy.draw) and (
+        start is StartingPoint.RANDOM_CONTROLS or any(_moved_roughly(model))
+    )
 
 
 def put_motion(model: Any) -> bool:
@@ -278,17 +278,15 @@ def _put_random_controls(model: Any, draw: int) -> bool:
 
 def _mirror_controls(model: Any) -> bool:
     """Turn controls to the other side, and let phases move under them where they can; whether there are any."""
-    mirrored = False
-    for control in _controls(model):
-        for variable in control.values():
-            if variable.is_variable_type() and not variable.fixed and variable.value is not None:
-                lower, upper = variable.bounds
-                middle = 0.0 if lower is None or upper is None else 0.5 * (lower + upper)
-                variable.set_value(within_bounds(2.0 * middle - variable.value, variable), skip_validation=True)
-                mirrored = True
-    if mirrored:
+    members = (member for control in _controls(model) for member in control.values())
+    moved = [each for each in members if each.is_variable_type() and not each.fixed and each.value is not None]
+    for variable in moved:
+        lower, upper = variable.bounds
+        middle = 0.0 if lower is None or upper is None else 0.5 * (lower + upper)
+        variable.set_value(within_bounds(2.0 * middle - variable.value, variable), skip_validation=True)
+    if moved:
         _moved_roughly(model)
-    return mirrored
+    return bool(moved)
 
 
 def _controls(model: Any) -> list[Any]:

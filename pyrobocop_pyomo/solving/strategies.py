@@ -179,14 +179,11 @@ STRATEGIES = (
     ELASTIC_ROWS, STRAIGHT_LINES, RANDOM_CONTROLS, OTHER_OPTIMUM,
 ) = STRATEGIES  # fmt: skip
 
-# From beside a point that is stationary and no minimum; it follows by itself, and is none to choose.
-BEYOND_SADDLE = Strategy("beyond a saddle", for_pairs=False, options={**NEARLY_THERE, "max_iter": ITERATIONS_OF_ONE})
-
-# From where elastic rows led to, or another start that found something better; it follows by itself as well.
-ONWARD = Strategy(
-    "solve from there", for_pairs=False, start=StartingPoint.REACHED, options=NEARLY_THERE,
-    most_iterations=ITERATIONS_OF_ONE,
-)  # fmt: skip
+# From where elastic rows led to, or another start that found something better, and from beside a point that is
+# stationary and no minimum; these follow by themselves, and are none to choose.
+_NEAR = {**NEARLY_THERE, "max_iter": ITERATIONS_OF_ONE}
+ONWARD = Strategy("solve from there", for_pairs=False, start=StartingPoint.REACHED, options=_NEAR)
+BEYOND_SADDLE = replace(ONWARD, name="beyond a saddle")
 # All that may follow where other starts are the caller's.
 PLAIN = (SOLVE, TIGHTER, ABSOLUTE_VALUES)
 
