@@ -17,6 +17,8 @@ from pyrobocop_pyomo.mpcc.stationarity import Multipliers
 from pyrobocop_pyomo.presentation import Presented
 
 _OF_PAIRS = ", and every pair is complementary"
+# What a log keeps no iterate with, and a pickle cannot hold.
+_HEAVY = ("values", "multipliers", "undefined_at", "load_suffixes", "row_multipliers", "classify")
 
 
 class Quality(enum.Enum):
@@ -319,15 +321,7 @@ class Iterate(Presented):
 
     def record(self) -> Iterate:
         """The same without values and multipliers: what a log keeps of it, and a pickle can hold."""
-        return replace(
-            self,
-            values=None,
-            multipliers=None,
-            undefined_at=None,
-            load_suffixes=_nothing,
-            row_multipliers=_nothing,
-            classify=_nothing,
-        )
+        return replace(self, **{name: getattr(Iterate, name) for name in _HEAVY})
 
     def line(self, *, pairs: bool) -> str:
         """A line of a table of runs, with what concerns pairs or without; see `step_header`."""

@@ -117,8 +117,6 @@ class Polish:
         """Look for a better optimum beyond a certified one, in the time that this may take; or return the same."""
         record, before = self._record, self._record.iterations
         seconds, work = record.left_to_explore()
-        if not work:
-            return iterate
         _ = scipy.optimize.milp  # loaded before the time counts: else a new process would explore less than an old one
         deadline = self._settings.deadline.within(seconds)
         self._settings.progress.live(f"exploring other branches, at most {deadline.left:.1f} s")
