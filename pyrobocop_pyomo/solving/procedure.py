@@ -35,7 +35,6 @@ from .settings import Settings
 from .solve_result import SolveResult
 from .starts import EXPLORED_ELEMENTS, elements_of_copy
 from .strategies import (
-    ABSOLUTE_VALUES,
     ELASTIC,
     ONWARD,
     OTHER_OPTIMUM,
@@ -64,11 +63,6 @@ MIXED_INTEGER_PROGRAM = (
     "A local optimum: no choice of zero sides nearby is better. All rows are linear but for the pairs, so that a "
     "mixed-integer solver finds the best of all choices: "
     "TransformationFactory('pyrobocop.complementarity_to_disjunctions') states the model for it."
-)
-TWO_PARTS = (
-    "Absolute values have no derivative at zero: a copy with their two parts was solved, as "
-    "pyrobocop.absolute_values_to_complementarity makes it. Stationarity is that of the copy, all else that of the "
-    "model."
 )
 # Without pairs and by default one start may take a third of what all may, but so many in any case; with less, few come
 # to an end.
@@ -286,8 +280,6 @@ class _Procedure(Runner):
         said = [*remarks_on_phases_with_pairs(self.model)] if quality is Quality.INFEASIBLE else []
         if self.record.pairs and quality is Quality.OPTIMAL and self._is_linear():
             said.append(MIXED_INTEGER_PROGRAM)
-        if any(step.label == ABSOLUTE_VALUES.name and step.converged for step in self.record.steps):
-            said.append(TWO_PARTS)
         # A run that reached its limit of iterations is a sign of them, even where another one found a solution.
         stalled = any(step.stop_reason is StopReason.ITERATION_LIMIT for step in self.record.steps)
         if (stalled or quality is not Quality.OPTIMAL) and not best.stop_reason.is_final:
