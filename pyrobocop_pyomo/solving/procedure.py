@@ -162,7 +162,7 @@ class _Procedure(Runner):
             limit = int(min(ITERATIONS_OF_ONE, most - record.iterations))
             if not is_meant or row.name in self.tried or limit <= 0:
                 continue
-            if row is OWN_UNITS and (self.places.place is None or self.places.place.session.scaling is None):
+            if row is OWN_UNITS and (self.places.last is None or self.places.last.session.scaling is None):
                 continue  # how the first run went
             if record.is_followed_by(row, is_chosen=row is first):
                 yield row if is_alone else replace(row, options={"max_iter": limit, **row.options})
