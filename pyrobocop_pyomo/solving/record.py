@@ -216,8 +216,7 @@ class Record:
             share = min(1.0, max(0.0, 2.0 - len(self.pairs) / CROSS_CHECKED_PAIRS))
             seconds, work = share * max(EXPLORED_SECONDS, seconds), share * max(EXPLORED_WORK, iterations)
         else:
-            stated = self._settings.explored_work
-            seconds, work = np.inf, plain_work(self._variables, iterations) if stated is None else stated
+            seconds, work = np.inf, plain_work(self._variables, iterations)
         left = seconds - self.explored_seconds, work - self.explored_work
         return left if left[0] > 0.0 and left[1] >= 1.0 else (0.0, 0.0)
 

@@ -34,7 +34,7 @@ from .record import Record
 from .session import Session
 from .settings import Settings
 from .solve_result import SolveResult
-from .starts import EXPLORED_ELEMENTS, coarser_copy, elements_of, put_start, take_values_of_copy
+from .starts import EXPLORED_ELEMENTS, coarser_copy, put_start, take_values_of_copy
 from .strategies import BEYOND_SADDLE, FROM_THE_BEST, OTHER_OPTIMUM, SOLVE, StartingPoint, Strategy
 from .violations import growing_variables
 from .workplaces import Workplace, Workplaces
@@ -401,8 +401,7 @@ class Runner:
         copy = coarser_copy(self.model, EXPLORED_ELEMENTS)
         if copy is None:
             return False
-        work = self.record.left_to_explore()[1] * elements_of(self.model) / elements_of(copy)
-        result = self._solution_of(copy, OTHER_OPTIMUM, exploration=None, explored_work=work)
+        result = self._solution_of(copy, OTHER_OPTIMUM)
         # Of two solutions the copy has kept the better one.
         if result is None or self.record.cut is not None or not result.solved or result.best.number == 0:
             return False
@@ -429,10 +428,10 @@ class Runner:
             load_suffixes=partial(_take_suffixes, self.model, copy),
         )
 
-    def _solution_of(self, copy: Any, strategy: Strategy, **changes: Any) -> SolveResult | None:
+    def _solution_of(self, copy: Any, strategy: Strategy) -> SolveResult | None:
         """Solve a copy, and log its runs as those of a strategy; None where it cannot be solved at all."""
         options = self.settings.options.with_default({"max_iter": ITERATIONS_OF_ONE})
-        settings = replace(self.settings, options=options, strategies=None, progress=Progress(False), **changes)
+        settings = replace(self.settings, options=options, strategies=None, progress=Progress(False))
         try:
             result = self._solve_copy(copy, settings)
         except PyRobocopError as error:
