@@ -146,9 +146,10 @@ class _Procedure(Runner):
     def _strategies(self) -> Iterator[Strategy]:
         """Those of the caller's strategies that are for such a model, or else those of the table that follow."""
         record, chosen = self.record, self.settings.strategies
-        rows = [row for row in chosen or () if row.for_pairs in (None, self.has_pairs)]
-        if rows or (chosen is not None and not self.has_pairs):
-            yield from (row for row in rows if record.is_followed_by(row, is_chosen=True))
+        if chosen is not None and (not self.has_pairs or any(row.for_pairs is not False for row in chosen)):
+            for row in chosen:
+                if row.for_pairs in (None, self.has_pairs) and record.is_followed_by(row, is_chosen=True):
+                    yield row
             if record.best is None and not self.has_pairs:
                 yield SOLVE  # what was chosen has no start of its own here
             return
