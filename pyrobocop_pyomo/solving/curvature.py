@@ -49,7 +49,7 @@ def direction_of_descent(nlp: NonlinearProgram, point: PrimalDualPoint) -> Float
     Raises
     ------
     EvaluationError
-        When a derivative does not exist at the point.
+        When a derivative does not exist at the point, or the matrix cannot be factored.
     """
     if not suits(nlp):
         return None
@@ -63,10 +63,7 @@ def direction_of_descent(nlp: NonlinearProgram, point: PrimalDualPoint) -> Float
         return None
     system = _System(nlp, x, rows, free, active)
     least = LEAST_DECREASE * max(1.0, abs(nlp.objective(x)))
-    try:
-        direction = system.most_negative(2.0 * least / free.sum())
-    except EvaluationError:
-        return None
+    direction = system.most_negative(2.0 * least / free.sum())
     if direction is None or -0.5 * system.curvature(direction) < least:
         return None
     full = np.zeros(nlp.n)

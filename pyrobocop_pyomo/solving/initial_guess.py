@@ -8,9 +8,9 @@ from typing import Any
 
 from pyrobocop_pyomo.diagnosis.values import named_undefined_rows, undefined_rows
 from pyrobocop_pyomo.modeling.variable_values import Values, VariableValues
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 
-from .iterates import Iterate
-from .session import Session
 from .starts import defined_start
 
 logger = logging.getLogger(__name__)
@@ -40,6 +40,8 @@ class InitialGuess:
         Where strategies start: the same, or a point nearby at which all expressions have values.
     remarks : list of str
         For the result.
+    undefined : (CompiledModel, float array) or None
+        Where on the way to a point that is no solution a function had no value.
     """
 
     def __init__(self, model: Any, values: VariableValues) -> None:
@@ -49,15 +51,7 @@ class InitialGuess:
         if any(number is not None and math.isinf(number) for number in self.values):  # as good as none
             self.start = [None if number is None or math.isinf(number) else number for number in self.values]
         self.remarks: list[str] = []
-        self._undefined_on_the_way = ""
-
-    def write(self) -> None:
-        """Put the user's values on the model."""
-        self.variables.write(self.values)
-
-    def write_start(self) -> None:
-        """Put the values on the model that strategies start from."""
-        self.variables.write(self.start)
+        self.undefined: tuple[CompiledModel, FloatArray] | None = None
 
     def move(self) -> bool:
         """Start elsewhere, where an expression has no value at the initial guess and such a point is found.
@@ -69,7 +63,7 @@ class InitialGuess:
         """
         if self.start is not self.values:
             return False
-        self.write()
+        self.variables.write(self.values)
         remark = defined_start(self._model)
         if not remark:
             return False
@@ -77,20 +71,6 @@ class InitialGuess:
         self.remarks.append(remark)
         self.start = self.variables.read()
         return True
-
-    def note(self, iterate: Iterate, session: Session) -> None:
-        """Remember where a function had no value on the way to a point that is no solution."""
-        if iterate.converged or iterate.undefined_at is None:
-            return
-        compiled = session.compiled()
-        if compiled is None or compiled.nlp.n != iterate.undefined_at.size:
-            return
-        before = VariableValues(compiled.variables)
-        try:
-            compiled.load_point(iterate.undefined_at)
-            self._undefined_on_the_way = named_undefined_rows(self._model)
-        finally:
-            before.restore()
 
     def explain(self, *, began: bool) -> None:
         """Add a remark on what has no value, where the initial guess has none, or a function had none on the way.
@@ -100,13 +80,14 @@ class InitialGuess:
         began : bool
             Whether a run came away from the initial guess: then all has values there, which takes long to go through.
         """
-        self.write()
+        self.variables.write(self.values)
         at_start = "" if began or self.remarks else named_undefined_rows(self._model)
         if at_start:
             remedy = _REMEDY_OF_FIXED if next(undefined_rows(self._model)).is_fixed else _REMEDY
             self.remarks.append(f"The initial guess could not be evaluated: {at_start}. {remedy}")
-        elif self._undefined_on_the_way:
+        elif self.undefined is not None:
+            self.undefined[0].load_point(self.undefined[1])
+            where = named_undefined_rows(self._model)
             self.remarks.append(
-                f"On the way an expression had no value: {self._undefined_on_the_way}. Bounds that keep it away from "
-                "there may help."
+                f"On the way an expression had no value: {where}. Bounds that keep it away from there may help."
             )

@@ -17,19 +17,16 @@ from pyrobocop_pyomo.mpcc.stationarity import Multipliers
 from pyrobocop_pyomo.presentation import Presented
 
 _OF_PAIRS = ", and every pair is complementary"
+# What a log keeps no iterate with, and a pickle cannot hold.
+_HEAVY = ("values", "multipliers", "undefined_at", "load_suffixes", "row_multipliers", "classify")
 
 
 class Quality(enum.Enum):
-    """How good the returned point is, by residuals that were recomputed; the value is a sentence."""
+    """How good the returned point is, by residuals that were recomputed, the best first; the value is a sentence."""
 
     OPTIMAL = f"Feasible and stationary{_OF_PAIRS}, within the tolerances."
     FEASIBLE = f"Feasible{_OF_PAIRS}, but the point is not shown to be optimal."
     INFEASIBLE = "Constraints or complementarity are violated beyond the tolerances."
-
-    @property
-    def rank(self) -> int:
-        """The larger, the better."""
-        return (Quality.INFEASIBLE, Quality.FEASIBLE, Quality.OPTIMAL).index(self)
 
 
 class StopReason(enum.Enum):
@@ -304,10 +301,6 @@ class Iterate(Presented):
             shown = shown and self.stationarity <= tolerances.stationarity
         return Quality.OPTIMAL if shown else Quality.FEASIBLE
 
-    def is_certified(self, tolerances: Tolerances, polished: bool) -> bool:
-        """Whether no further strategy is needed: optimal and, where points are polished, exactly complementary."""
-        return self.quality(tolerances) is Quality.OPTIMAL and (not polished or self.is_exact(tolerances))
-
     def standing(self, tolerances: Tolerances, sign: float) -> Standing:
         """What decides between this iterate and another one.
 
@@ -328,15 +321,7 @@ class Iterate(Presented):
 
     def record(self) -> Iterate:
         """The same without values and multipliers: what a log keeps of it, and a pickle can hold."""
-        return replace(
-            self,
-            values=None,
-            multipliers=None,
-            undefined_at=None,
-            load_suffixes=_nothing,
-            row_multipliers=_nothing,
-            classify=_nothing,
-        )
+        return replace(self, **{name: getattr(Iterate, name) for name in _HEAVY})
 
     def line(self, *, pairs: bool) -> str:
         """A line of a table of runs, with what concerns pairs or without; see `step_header`."""
@@ -347,10 +332,6 @@ class Iterate(Presented):
             f"{self.label:<22} {f'{delta:>8} ' if pairs else ''}{self.iterations:>6} {self.objective:>14.7g} "
             f"{self.constraint_violation:>9.1e} {product}{self.seconds:>8.2f}  {status}"
         )
-
-    def _summary(self) -> str:
-        violation = f"constraints {self.constraint_violation:.1e}"
-        return f"'{self.label}': objective {self.objective:.6g}, {violation}, {self.iterations} iterations"
 
     def __str__(self) -> str:
         return self.line(pairs=self.delta is not None)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import logging
-import time
 from dataclasses import replace
 from typing import Any
 
@@ -31,6 +30,7 @@ from .iterates import Iterate, Quality, StopReason
 from .numeric_pairs import numeric_pairs, without_crossed
 from .record import Record
 from .relaxed_model import RelaxedModel
+from .session import Session
 from .settings import Settings
 
 logger = logging.getLogger(__name__)
@@ -39,25 +39,8 @@ logger = logging.getLogger(__name__)
 POLISHED_VIOLATION = 1e-2
 # A pair this near to a change of its branch is looked at, as if it were there.
 NEARLY_BIACTIVE = 1e-3
-# Without pairs: so many iterations and a share of those so far, on the user's mesh. From so many variables on, where
-# iterations take most of the time, fewer, but not less than a part.
-PLAIN_WORK, PLAIN_WORK_SHARE = 80, 0.4
-SMALL_PROGRAM, LEAST_PART = 500, 0.25
 # Objectives that differ by less, relative to their size, are those of one solution, relaxed and exact.
 SAME_COST = 1e-6
-
-
-def plain_work(variables: int, iterations: int) -> float:
-    """Iterations that other starts of a model without pairs may take by default.
-
-    Parameters
-    ----------
-    variables : int
-    iterations : int
-        Of Ipopt, so far.
-    """
-    part = max(LEAST_PART, min(1.0, SMALL_PROGRAM / max(1, variables)))
-    return part * (PLAIN_WORK + PLAIN_WORK_SHARE * iterations)
 
 
 class Polish:
@@ -75,10 +58,8 @@ class Polish:
 
     Attributes
     ----------
-    diverged : list of Iterate
-        Points of branches on which variables grow without end.
-    interrupted : bool
-        Whether Ctrl-C ended the search.
+    has_diverged : bool
+        Whether variables grew without end on one of the branches.
     """
 
     def __init__(
@@ -97,35 +78,19 @@ class Polish:
             compiled, relaxed.lifted, relaxed.relaxing_rows, relaxed.crossed, objective=self._slope
         )
         self._limits = Limits(feasibility=settings.tolerances.feasibility)
-        self.diverged: list[Iterate] = []
+        self.has_diverged = False
         self._solved: dict[int, tuple[Iterate, IpoptOutcome]] = {}
         self._search = ActiveSetSearch(self._program, self._solve, self._limits, self._add, settings.deadline)
 
-    @property
-    def interrupted(self) -> bool:
-        """Whether Ctrl-C ended the search."""
-        return self._search.interrupted
-
-    @property
-    def has_linear_rows(self) -> bool:
-        """Whether all rows but those of a relaxation are linear: their second derivatives are zero at two points."""
-        nlp = self._program.nlp
-        x, weights = self._compiled.current_point(), np.cos(np.arange(nlp.m))  # so that no two rows cancel out
-        beside = np.clip(x + np.sin(np.arange(nlp.n)), nlp.x_lower, nlp.x_upper)
-        try:
-            return not any(nlp.hessian(point, 0.0, weights).any() for point in (x, beside))
-        except EvaluationError:
-            return False
-
-    def improve(self, iterate: Iterate, point: PrimalDualPoint) -> Iterate:
+    def improve(self, iterate: Iterate, session: Session) -> Iterate:
         """Solve the nearest branch, follow descending ones, and certify where that ends.
 
         Parameters
         ----------
         iterate : Iterate
             Its point is on the model.
-        point : PrimalDualPoint
-            The same in the order of the compiled model.
+        session : Session
+            Of the run that ended there, if it has multipliers.
 
         Returns
         -------
@@ -134,6 +99,9 @@ class Polish:
             derivative at an exactly complementary point.
         """
         try:
+            point = PrimalDualPoint(self._compiled.current_point())
+            if iterate.multipliers is not None:
+                point = session.primal_dual(iterate, self._compiled)
             rows = point.complete(self._compiled.nlp)[0][self._kept_rows]
             point = replace(point, g_multipliers=rows).with_objective_divided(self._slope)
             start = BranchPoint.at(self._program, point)
@@ -142,29 +110,32 @@ class Polish:
         except EvaluationError as error:
             logger.info("strategy '%s': its point cannot be polished or certified: %s", iterate.strategy, error)
             return iterate
+        finally:
+            self._note_interruption()
 
     def explore(self, iterate: Iterate) -> Iterate:
         """Look for a better optimum beyond a certified one, in the time that this may take; or return the same."""
-        record, spent = self._record, self._record.exploration
-        pairs, iterations = len(record.pairs), record.iterations
-        if not record.may_explore() or self._settings.deadline.has_passed:
-            return iterate
-        work = spent.work_within(pairs, iterations)
+        record, before = self._record, self._record.iterations
+        seconds, work = record.left_to_explore()
         _ = scipy.optimize.milp  # loaded before the time counts: else a new process would explore less than an old one
-        deadline = self._settings.deadline.within(spent.budget(pairs))
+        deadline = self._settings.deadline.within(seconds)
         self._settings.progress.live(f"exploring other branches, at most {deadline.left:.1f} s")
-        started = time.perf_counter()
         x = self._compiled.current_point()
         start = BranchPoint.at(self._program, PrimalDualPoint(x), nearest_branch(self._program, x))
         try:
-            found = self._search.explore(start, spent.branches, deadline, work)
-            self._add_linear_programs("explore", found)
+            with record.counted_as_exploring():
+                found = self._search.explore(start, record.explored_branches, deadline, work)
+                self._add_linear_programs("explore", found)
         finally:
-            spent.seconds += time.perf_counter() - started
-            spent.work += work - self._search.work_left if np.isfinite(work) else 0.0
-            spent.explored_iterations += record.iterations - iterations
+            if np.isfinite(work):  # linear programs
+                record.explored_work += work - self._search.work_left - (record.iterations - before)
             self._search.work_left = np.inf
+            self._note_interruption()
         return iterate if found is start else self._examined(iterate, found, start)
+
+    def _note_interruption(self) -> None:
+        if self._search.interrupted:
+            self._record.cut = StopReason.INTERRUPTED
 
     def _better(self, before: Iterate, after: Iterate) -> Iterate:
         """A polish that failed must not cost the point that it started from.
@@ -173,10 +144,10 @@ class Polish:
         it is no solution itself. And where another branch descends from the polished point, it does from the point
         before, too.
         """
-        ranks = [iterate.quality(self._settings.tolerances).rank for iterate in (before, after)]
+        ranks = [list(Quality).index(iterate.quality(self._settings.tolerances)) for iterate in (before, after)]
         flattered = abs(after.objective - before.objective) > SAME_COST * max(1.0, abs(before.objective))
         refuted = after.certificate is Certificate.DESCENT or (after.converged and flattered)
-        return before if ranks[0] > ranks[1] and not refuted else after
+        return before if ranks[0] < ranks[1] and not refuted else after
 
     def _examined(self, iterate: Iterate, found: BranchPoint, start: BranchPoint) -> Iterate:
         """The iterate at the best point that is found from here, with its certificate and multipliers."""
@@ -193,7 +164,7 @@ class Polish:
         try:
             multipliers = iterate.classify()
         except KeyboardInterrupt:
-            self._search.interrupted = True
+            self._record.cut = StopReason.INTERRUPTED
             return iterate
         if multipliers is None or multipliers.kind is Stationarity.NONE:
             return iterate
@@ -287,7 +258,8 @@ class Polish:
             exact=True,
         )
         if iterate.diverged:
-            self.diverged.append(replace(iterate, values=self._values.read()))
+            self.has_diverged = True
+            self._record.note_diverged(replace(iterate, values=self._values.read()))
         self._solved[id(found)] = (replace(iterate, multipliers=found), outcome)
 
     def _add_linear_programs(self, purpose: str, at: BranchPoint) -> None:

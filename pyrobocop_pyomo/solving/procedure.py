@@ -2,50 +2,49 @@
 
 from __future__ import annotations
 
-import logging
+import contextlib
 import math
 import time
 import weakref
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import chain
 from typing import Any
 
 from pyomo.common.errors import InfeasibleConstraintException
+from pyomo.core.base.constraint import Constraint
 
-from pyrobocop_pyomo.complementarity import CanonicalPair, Geometric
 from pyrobocop_pyomo.diagnosis import Finding, Severity
 from pyrobocop_pyomo.diagnosis.statements import form_findings
 from pyrobocop_pyomo.diagnosis.values import boundary_findings, decided_findings
 from pyrobocop_pyomo.discretisation import DiscretisationProbe
-from pyrobocop_pyomo.errors import ComplementarityError, ContradictionError, EvaluationError, PyRobocopError
-from pyrobocop_pyomo.ipopt.linear_solvers import FELL_BACK
+from pyrobocop_pyomo.errors import ComplementarityError, ContradictionError
 from pyrobocop_pyomo.modeling.failures import undone_on_failure
-from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.mpcc.active_set import Certificate
-from pyrobocop_pyomo.mpcc.stationarity import Stationarity
+from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
 from pyrobocop_pyomo.phases import phases_of
 
 from .curvature import is_convex
-from .ipopt_options import ITERATIONS_OF_ONE, NEARLY_THERE
+from .ipopt_options import ITERATIONS_OF_ONE
 from .iterates import Iterate, Quality, StopReason
 from .model_check import SMALLEST_SIZE
-from .polish import plain_work
 from .record import EXPLORED_WORK
 from .relaxed_model import forget_removed
 from .runner import Runner
 from .settings import Settings
 from .solve_result import SolveResult
+from .starts import EXPLORED_ELEMENTS, elements_of_copy
 from .strategies import (
-    ABSOLUTE_VALUES,
     ELASTIC,
+    ONWARD,
     OTHER_OPTIMUM,
     OTHER_START,
     OWN_UNITS,
+    PLAIN,
+    SIMULATED,
     SOLVE,
     STRATEGIES,
     TIGHT,
-    TIGHTER,
     StartingPoint,
     Strategy,
     other_starts,
@@ -53,13 +52,10 @@ from .strategies import (
 )
 from .violations import (
     GROWING,
-    Violation,
     growing_variables,
     remarks_on_phases_with_pairs,
     worst_of_each_component,
 )
-
-logger = logging.getLogger(__name__)
 
 # Exploring ends after so many other ways and starts in a row that led to nothing better: by default, and on request.
 PATIENCE, REQUESTED_PATIENCE = 3, 8
@@ -83,16 +79,16 @@ def solve_model(model: Any, settings: Settings) -> SolveResult:
     model : Block
     settings : Settings
     """
-    return _Procedure(model, settings, solve_model).solve()
+    return _Procedure(model, settings).solve()
 
 
 class _Procedure(Runner):
     """One solve: which strategies follow each other, and what comes out."""
 
-    def _leave_best_point(self) -> None:
-        """Whatever ends it, the model is left with the best point that there is."""
-        best = self.record.best
-        self.values.write(self.guess.values if best is None else best.values)
+    def __init__(self, model: Any, settings: Settings) -> None:
+        super().__init__(model, settings, solve_model)
+        self.tried: list[str] = []  # names of strategies
+        self.multipliers: Multipliers | None = None
 
     def solve(self) -> SolveResult:
         """Go through the strategies until one gives a point that is certified; the best of all points wins."""
@@ -108,18 +104,22 @@ class _Procedure(Runner):
                 f"{self.settings.relaxation!r}, which bounds no row by it. Use Strategy(schedule=Geometric(...)) or "
                 "Fixed(...), or other strategies."
             )
-        if best.stop_reason is StopReason.ITERATION_LIMIT and any(
-            step.stop_reason is StopReason.DIVERGED for step in self.record.steps
-        ):
+        if best.stop_reason is StopReason.ITERATION_LIMIT and any(step.diverged for step in self.record.steps):
             best = replace(best, stop_reason=StopReason.DIVERGED)  # it was on the same way
         # Where there is no time left, that is the reason, and not a value somewhere on the way.
         if best.quality(self.settings.tolerances) is not Quality.OPTIMAL and self.record.cut is None:
             first = self.record.first
             self.guess.explain(began=first is not None and first.iterations > 0)
         unbounded = self.record.unbounded
-        if unbounded is not None:
-            self.values.write(unbounded.values)
-            self.guess.remarks += [_what_grows(self.values, unbounded, best)]
+        self.values.write(best.values if unbounded is None else unbounded.values)
+        if (unbounded is not None or best.diverged) and (growing := growing_variables(self.values, GROWING)):
+            self.guess.remarks += [f"What grows: {growing}."]
+        if unbounded is not None and not best.diverged:
+            self.guess.remarks += [
+                "With other sides of pairs at zero the objective has no end; Ipopt stopped at "
+                f"{unbounded.objective:.3g}. The point on the model is the best of those that do not diverge, with "
+                f"{best.objective:.6g}."
+            ]
             best = replace(best, stop_reason=StopReason.DIVERGED)
         self.values.write(best.values)
         self.guess.remarks += self._explanations(best)
@@ -127,183 +127,142 @@ class _Procedure(Runner):
         forget_removed(self.model)
         return self._result(best)
 
+    def _leave_best_point(self) -> None:
+        """Whatever ends it, the model is left with the best point that there is."""
+        best = self.record.best
+        self.values.write(self.guess.values if best is None else best.values)
+
     def _go_through(self) -> None:
-        with self.places:
+        with contextlib.closing(self.places):
             for strategy in self._strategies():
                 self._try(strategy)
-                if self.record.cut is not None or (self.has_pairs and self.places.place and not self.places.pairs):
-                    break
-            if self.has_pairs:
-                self.go_back_to_start()
+            self.go_back_to_start()
             self.explore()
-            self._go_other_ways()
+            self._look_further()
             if self.record.best is not None and self.record.cut is not StopReason.INTERRUPTED:
-                self._classify(self.record.best)
-        # A copy is made when the relaxation is taken back.
-        open_end = self.has_pairs and self.settings.strategies is None and not self.record.is_cut()
-        if open_end and not self.record.is_certified(self.record.best):
-            self.guess.write_start()
-            split = self.with_absolute_values_split()
-            if split is not None:
-                self.record.keep(split)
+                with self.nothing_lost("the search for multipliers"):
+                    self.multipliers = self.record.best.classify()
 
     def _strategies(self) -> Iterator[Strategy]:
         """Those of the caller's strategies that are for such a model, or else those of the table that follow."""
-        record, settings = self.record, self.settings
-        rows = [row for row in settings.strategies or () if row.for_pairs in (None, self.has_pairs)]
-        if rows or (settings.strategies is not None and not self.has_pairs):
-            yield from (row for row in rows if record.is_followed_by(row, is_chosen=True))
+        record, chosen = self.record, self.settings.strategies
+        if chosen is not None and (not self.has_pairs or any(row.for_pairs is not False for row in chosen)):
+            for row in chosen:
+                if row.for_pairs in (None, self.has_pairs) and record.is_followed_by(row, is_chosen=True):
+                    yield row
             if record.best is None and not self.has_pairs:
                 yield SOLVE  # what was chosen has no start of its own here
             return
-        rows = [row for row in STRATEGIES if row.for_pairs in (None, self.has_pairs)]
-        is_alone = not (self.has_pairs or settings.second_tries)
-        if is_alone:  # other starts are the caller's
-            rows = [row for row in rows if row in (SOLVE, TIGHTER, ABSOLUTE_VALUES)]
-        most = math.inf
-        for row in rows:
-            place = self.places.place
-            if row is OWN_UNITS and (place is None or place.session.scaling is None):
+        first, most = next(row for row in STRATEGIES if row.for_pairs is self.has_pairs), math.inf
+        is_alone = not (self.has_pairs or self.settings.second_tries)  # other starts are the caller's
+        if first is SOLVE and not is_alone:
+            yield replace(SIMULATED, options={"max_iter": ITERATIONS_OF_ONE})  # where equations are dependent
+        for row in chain.from_iterable(starts_at_the_side() if row is OTHER_START else [row] for row in STRATEGIES):
+            is_meant = row.for_pairs in (None, self.has_pairs) and (not is_alone or row in PLAIN)
+            # Runs that take long rarely get anywhere where the next strategy does.
+            limit = int(min(ITERATIONS_OF_ONE, most - record.iterations))
+            if not is_meant or row.name in self.tried or limit <= 0:
+                continue
+            if row is OWN_UNITS and (self.places.last is None or self.places.last.session.scaling is None):
                 continue  # how the first run went
-            # Runs that take long rarely get anywhere where the next strategy does; a continuation is several of them.
-            is_cut_short = not ((is_alone and row is SOLVE) or (self.has_pairs and isinstance(row.schedule, Geometric)))
-            for strategy in starts_at_the_side() if row is OTHER_START else (row,):
-                if record.is_followed_by(row) and row.name not in self.tried and record.iterations < most:
-                    limit = int(min(ITERATIONS_OF_ONE, most - record.iterations))
-                    options = {"max_iter": limit, **row.options} if is_cut_short else row.options
-                    yield replace(strategy, options=options)
-            if row is rows[0]:
+            if record.is_followed_by(row, is_chosen=row is first):
+                yield row if is_alone else replace(row, options={"max_iter": limit, **row.options})
+            if row is first:
                 record.first = record.best
                 most = most if self.has_pairs else record.iterations + LATER_ITERATIONS
         ends = TIGHT.follows | {StopReason.ITERATION_LIMIT}
-        rest = replace(rows[0], name=f"{rows[0].name} to the end", most_iterations=None, follows=ends)
+        rest = replace(first, name=f"{first.name} to the end", most_iterations=None, follows=ends)
         was_cut_short = record.first is not None and record.first.stop_reason is StopReason.ITERATION_LIMIT
         if was_cut_short and not is_alone and record.is_followed_by(rest):
             yield rest  # with its remaining iterations
 
-    def _go_other_ways(self) -> None:
+    def _look_further(self) -> None:
         """Beyond a certified point: other ways down, then other starts, as long as there is a budget and it pays."""
-        pairs, record, without_gain = self.places.pairs, self.record, 0
+        record, is_requested, before = self.record, self.settings.exploration is not None, self.record.best
+        patience = PATIENCE if self.has_pairs and not is_requested else REQUESTED_PATIENCE
+        without_gain, known = 0, len(self.tried)
         missing: set[StartingPoint] = set()  # kinds of starts that this model has not
-        requested, before, ends = self.settings.exploration is not None, record.best, []
-        by_default = record.iterations <= EXPLORED_WORK if pairs else bool(phases_of(self.model))
-        if self.settings.strategies is not None or not (requested or by_default):
-            return
-        patience = PATIENCE if pairs and not requested else REQUESTED_PATIENCE
-        for strategy in chain([ELASTIC], other_starts(has_pairs=True)) if pairs else self._other_starts(requested):
+        for strategy in self._other_ways() if self.settings.strategies is None else ():
             best = record.best
-            if best is None or not record.is_certified(best) or record.is_cut():
-                break
-            if pairs and best.certificate is not Certificate.PROVEN:
-                break
-            if without_gain == patience or not record.may_explore():
+            if without_gain == patience or not record.left_to_explore()[1]:
                 break
             if strategy.name in self.tried or strategy.start in missing:
                 continue
-            self._classify(best)  # another relaxation takes away the rows whose multipliers this asks for
             with record.counted_as_exploring():
-                iterate = self._try(strategy, certified=not pairs)
-            ends.append(f"'{strategy.name}' " + (f"{iterate.objective:.6g}" if iterate is not None else "no point"))
-            if iterate is None:
-                missing.add(strategy.start)
+                if not self._try(strategy):
+                    missing.add(strategy.start)
             without_gain = without_gain + 1 if record.best is best else 0
             if not without_gain:
                 self.explore()
-        if ends and before is not None and (requested or record.best is not before):
-            relaxed = ", relaxed where they led to nothing better" if pairs else ""
+        tried = self.tried[known:]
+        if tried and before is not None and (is_requested or record.best is not before):
             self.guess.remarks.append(
-                f"Objectives of other ways and starts, beside {before.objective:.6g} of '{before.strategy}'{relaxed}: "
-                f"{', '.join(ends)}. Strategy(exploration=...) asks for more of them."
+                f"Beside '{before.strategy}' with {before.objective:.6g}, other ways and starts were tried: "
+                f"{', '.join(tried)}. Strategy(exploration=...) asks for more of them."
             )
 
-    def _other_starts(self, requested: bool) -> Iterator[Strategy]:
-        """For a solved model without pairs, on fewer elements where there are many; none where it is convex."""
-        place, exploration = self.places.place, self.record.exploration
-        if place is None or not self.settings.second_tries or exploration.factor == 0.0:
+    def _other_ways(self) -> Iterator[Strategy]:
+        """For a model without pairs on fewer elements where there are many; none where it is convex."""
+        place, left = self.places.place, self.record.left_to_explore()[1]
+        is_requested = self.settings.exploration is not None
+        by_default = self.record.iterations <= EXPLORED_WORK if self.has_pairs else bool(phases_of(self.model))
+        if place is None or not (is_requested or by_default):
             return
-        compiled = place.session.compiled()
+        if self.has_pairs:
+            yield from chain([ELASTIC], other_starts(has_pairs=True))
+            return
+        compiled = place.session.compiled() if self.settings.second_tries and left else None
         if compiled is None or is_convex(compiled.nlp, compiled.current_point()):
             return
-        if exploration.most_work is None:
-            exploration.most_work = plain_work(compiled.nlp.n, self.record.iterations)
-        coarse = self.has_fewer_elements()
-        most = ITERATIONS_OF_ONE if requested else int(max(FEW_ITERATIONS, (exploration.most_work or 0.0) / 3.0))
-        if coarse:
+        is_fine = bool(elements_of_copy(self.model, EXPLORED_ELEMENTS))
+        most = int(min(ITERATIONS_OF_ONE, max(FEW_ITERATIONS, left / 3.0)))
+        if is_fine:
             yield replace(OTHER_OPTIMUM, most_iterations=most)
-        for strategy in other_starts(has_pairs=False) if requested or not coarse else ():
-            left = exploration.work_within(0, self.record.iterations)
-            if left < FEW_ITERATIONS / 2 and not requested:
+        for strategy in other_starts(has_pairs=False) if is_requested or not is_fine else ():
+            left = self.record.left_to_explore()[1]
+            if left < FEW_ITERATIONS / 2:
                 return
             yield replace(strategy, most_iterations=int(min(most, left)))
 
-    def _try(self, strategy: Strategy, *, certified: bool = False) -> Iterate | None:
-        """Run a strategy, and return where it ended; what an earlier one found stays whatever happens.
-
-        Parameters
-        ----------
-        strategy : Strategy
-        certified : bool
-            Whether to go on from a better point that is not certified, and to keep none that is not.
-        """
-        found = self.record
-        self.tried.add(strategy.name)
-        try:
+    def _try(self, strategy: Strategy) -> bool:
+        """Run a strategy, if it has something to work on; what an earlier one found stays whatever happens."""
+        with self.nothing_lost(f"strategy '{strategy.name}'"):
             iterate = self.run(strategy)
-            if certified and iterate is not None and not found.is_certified(iterate):
-                if found.best is None or not found.is_better(iterate, found.best) or found.is_cut():
-                    return iterate
-                options = {**NEARLY_THERE, **strategy.options}
-                start, most = StartingPoint.REACHED, ITERATIONS_OF_ONE
-                going_on = replace(strategy, start=start, options=options, most_iterations=most)
-                iterate = self.run(going_on) or iterate
-                if not found.is_certified(iterate):
-                    return iterate
-        except KeyboardInterrupt:
-            if found.best is None:
-                raise
-            found.cut = StopReason.INTERRUPTED
-            return None
-        except PyRobocopError as error:
-            if found.best is None:
-                raise
-            # What only looks for something better may fail: nothing is lost.
-            level = logging.INFO if found.is_certified(found.best) else logging.WARNING
-            logger.log(level, "'%s': strategy '%s' failed: %s", self.model.name, strategy.name, error)
-            return None
-        if iterate is not None:
-            if iterate.stop_reason.is_final and found.cut is None:
-                found.cut = iterate.stop_reason
+            if iterate is None:
+                return False
+            self.tried.append(strategy.name)
+            if self._is_on_the_way(strategy, iterate):
+                self.keep(iterate)
+                onward = self.run(ONWARD)
+                iterate = iterate if onward is None else replace(onward, strategy=strategy.name)
             self.keep(iterate)
-        return iterate
+        return True
 
-    def _classify(self, best: Iterate) -> None:
-        """Look for the multipliers of the pairs; what has no derivatives has none."""
-        try:
-            best.classify()
-        except EvaluationError as error:
-            logger.info("'%s': no multipliers of the pairs: %s", self.model.name, error)
-            self.record.best = replace(best, classify=lambda: None)
-        except KeyboardInterrupt:
-            self.record.cut = StopReason.INTERRUPTED
-            self.record.best = replace(best, classify=lambda: None)
+    def _is_on_the_way(self, strategy: Strategy, iterate: Iterate) -> bool:
+        """Whether a run without pairs ended at no solution, but where elastic rows or a better start led to."""
+        record, best = self.record, self.record.best
+        if self.has_pairs or record.is_certified(iterate) or iterate.stop_reason.is_final or record.is_cut():
+            return False
+        return strategy.elastic_rows or (record.is_certified(best) and record.is_better(iterate, best))
 
     def _result(self, best: Iterate) -> SolveResult:
         cut, place = self.record.cut, self.places.last
         scaling = None if place is None else place.session.scaling
-        multipliers = None if cut is StopReason.INTERRUPTED else best.classify()
-        if multipliers is not None and multipliers.kind is Stationarity.S:
+        if self.multipliers is not None and self.multipliers.kind is Stationarity.S:
             best = replace(best, certificate=Certificate.PROVEN)
-        residuals, quality = self.record.residuals(), best.quality(self.settings.tolerances)
+        quality, ends = best.quality(self.settings.tolerances), {step.stop_reason for step in self.record.steps}
+        # Where it is a solution of relaxed pairs alone, what became of those that go on.
+        is_relaxed = quality is Quality.INFEASIBLE and best.converged and StopReason.INFEASIBLE in ends
         return SolveResult(
             name=self.model.name,
-            stop_reason=cut or self._why_it_ended(best, quality),
+            stop_reason=cut or (StopReason.INFEASIBLE if is_relaxed else best.stop_reason),
             quality=quality,
             best=best.record(),
-            multipliers=multipliers,
-            residuals=residuals,
-            violations=self._violations() if quality is Quality.INFEASIBLE else (),
-            remarks=(*self.guess.remarks, *remarks_on_runs(self.record.steps, best.certificate)),
-            doubts=doubts_on_pairs(self.record.too_small()) if residuals else doubts_on_point(best),
+            multipliers=self.multipliers,
+            residuals=self.record.residuals(),
+            violations=worst_of_each_component(self.record.unmet()) if quality is Quality.INFEASIBLE else (),
+            remarks=tuple(self.guess.remarks),
+            doubts=self._doubts(best),
             steps=self.record.steps,
             standing=best.standing(self.settings.tolerances, self.record.check.sign),
             decided_pairs=0 if place is None else len(place.relaxed.decided),
@@ -313,23 +272,14 @@ class _Procedure(Runner):
             checking_seconds=self.record.seconds,
             model=weakref.ref(self.model),
             probe=DiscretisationProbe(self.model, best.row_multipliers, best.objective),
-            seconds=time.perf_counter() - self.record.exploration.started,
+            seconds=time.perf_counter() - self.record.started,
         )
-
-    def _why_it_ended(self, best: Iterate, quality: Quality) -> StopReason:
-        """That of the best point; where it is a solution of relaxed pairs alone, what became of those that go on."""
-        ends = [step.stop_reason for step in self.record.steps]
-        if quality is Quality.INFEASIBLE and best.converged and StopReason.INFEASIBLE in ends:
-            return StopReason.INFEASIBLE
-        return best.stop_reason
 
     def _explanations(self, best: Iterate) -> list[str]:
         """What may be the cause of a failure, beside what is not met."""
-        said, quality = [], best.quality(self.settings.tolerances)
-        if best.diverged and self.record.unbounded is None and (growing := growing_variables(self.values, GROWING)):
-            said.append(f"What grows: {growing}.")
-        said += remarks_on_phases_with_pairs(self.model) if quality is Quality.INFEASIBLE else []
-        if self.has_linear_rows and quality is Quality.OPTIMAL:
+        quality = best.quality(self.settings.tolerances)
+        said = [*remarks_on_phases_with_pairs(self.model)] if quality is Quality.INFEASIBLE else []
+        if self.record.pairs and quality is Quality.OPTIMAL and self._is_linear():
             said.append(MIXED_INTEGER_PROGRAM)
         # A run that reached its limit of iterations is a sign of them, even where another one found a solution.
         stalled = any(step.stop_reason is StopReason.ITERATION_LIMIT for step in self.record.steps)
@@ -337,85 +287,30 @@ class _Procedure(Runner):
             said += [f"{finding.message} {finding.remedy}" for finding in form_findings(self.model)]
         return said
 
-    def _violations(self) -> tuple[Violation, ...]:
-        return worst_of_each_component(self.record.unmet())
+    def _doubts(self, best: Iterate) -> tuple[Finding, ...]:
+        """Why the best point may not be what was meant, or pairs not be met although both sides are small."""
+        too_small = self.record.too_small()
+        if too_small:
+            message = (
+                f"Both sides of pair '{too_small[0].name}' differ from zero, and one of them is smaller than "
+                f"{SMALLEST_SIZE:g} all the time: whether such pairs are met, {len(too_small)} in all, is not known."
+            )
+            remedy = "State what is so small in a smaller unit, so that it has values near 1."
+        elif best.certificate is Certificate.DESCENT and not self.record.pairs:
+            message = (
+                "The point is stationary, but no minimum: along a direction that the constraints leave free the "
+                "objective falls, and no better point was reached along it."
+            )
+            remedy = "Give an initial guess that is not symmetric, or compare starts: rcp.studies.multistart(model)."
+        else:
+            return ()
+        return (Finding(Severity.WARNING, message, (), remedy),)
 
-
-def remarks_on_runs(steps: Iterable[Iterate], certificate: Certificate) -> Iterator[str]:
-    """Sentences for the report of a result.
-
-    Parameters
-    ----------
-    steps : iterable of Iterate
-    certificate : Certificate
-        Of the result.
-    """
-    steps = list(steps)
-    if any(step.label == ABSOLUTE_VALUES.name and step.converged for step in steps):
-        yield (
-            "Absolute values have no derivative at zero: a copy with their two parts was solved, as "
-            "pyrobocop.absolute_values_to_complementarity makes it. Stationarity is that of the copy, all else that of "
-            "the model."
-        )
-    undecided = [step.label for step in steps if "undecided" in step.label]
-    if undecided and certificate is Certificate.UNKNOWN:
-        yield (
-            f"Whether another branch descends is not known: step '{undecided[-1]}' ended at its limit of linear "
-            "programs or of time. Pairs with both sides near zero are what makes this search long."
-        )
-    failed = [step.label for step in steps if step.options.get("linear_solver") == FELL_BACK]
-    if failed:
-        yield (
-            f"The linear solver of this package failed in {len(failed)} of the runs ('{failed[0]}'), and MUMPS solved "
-            "them again; options={'linear_solver': 'mumps'} takes it at once."
-        )
-
-
-def doubts_on_point(best: Iterate) -> tuple[Finding, ...]:
-    """Why the best point of a model without pairs may not be what was meant.
-
-    Parameters
-    ----------
-    best : Iterate
-    """
-    if best.certificate is not Certificate.DESCENT:
-        return ()
-    message = (
-        "The point is stationary, but no minimum: along a direction that the constraints leave free the objective "
-        "falls, and no better point was reached along it."
-    )
-    remedy = "Give an initial guess that is not symmetric, or compare several starts: rcp.studies.multistart(model)."
-    return (Finding(Severity.WARNING, message, (), remedy),)
-
-
-def doubts_on_pairs(too_small: Sequence[CanonicalPair]) -> tuple[Finding, ...]:
-    """Why pairs may not be met although both sides are within the tolerances.
-
-    Parameters
-    ----------
-    too_small : sequence of CanonicalPair
-        Met only if what their sides have left is zero and not small.
-    """
-    if not too_small:
-        return ()
-    message = (
-        f"Both sides of pair '{too_small[0].name}' differ from zero, and one of them is smaller than {SMALLEST_SIZE:g} "
-        f"all the time: whether such pairs are met, {len(too_small)} in all, is not known."
-    )
-    remedy = "State what is so small in a smaller unit, so that it has values near 1."
-    return (Finding(Severity.WARNING, message, (), remedy),)
-
-
-def _what_grows(values: VariableValues, unbounded: Iterate, best: Iterate) -> str:
-    """Which variables do, at a point that is on the model, and what is left on it."""
-    grows = f"What grows: {growing_variables(values, GROWING)}."
-    if best.diverged:
-        return grows
-    return (
-        f"{grows} With other sides of pairs at zero the objective has no end; Ipopt stopped at "
-        f"{unbounded.objective:.3g}. "
-        f"The point on the model is the best of those that do not diverge, with {best.objective:.6g}."
-    )
+    def _is_linear(self) -> bool:
+        """Whether all rows and sides of pairs are."""
+        rows = (row.body for row in self.model.component_data_objects(Constraint, active=True))
+        sides = (side for pair in self.record.pairs for side in (pair.a, pair.b))
+        return all(expression.polynomial_degree() in (0, 1) for expression in chain(sides, rows))
 
 
 def _contradiction(model: Any, error: Exception) -> ContradictionError:

@@ -37,71 +37,23 @@ EXPLORED_SECONDS = 1.0
 # By default it may take as many iterations of Ipopt as the rest of the solve took, linear programs counted as parts of
 # one, but so many in any case: unlike seconds, these are the same on every machine.
 EXPLORED_WORK = 300
-# What another way to go cannot change; only strategies that name such an end follow it.
-_ENDS_BY_STATUS = (
-    IpoptStatus.INVALID_PROBLEM,
-    IpoptStatus.INVALID_OPTION,
-    IpoptStatus.OUT_OF_MEMORY,
-    IpoptStatus.INTERNAL_ERROR,
-    IpoptStatus.TOO_FEW_FREEDOMS,
-)
+# Without pairs: so many iterations and a share of those so far, on the user's mesh. From so many variables on, where
+# iterations take most of the time, fewer, but not less than a part.
+PLAIN_WORK, PLAIN_WORK_SHARE = 80, 0.4
+SMALL_PROGRAM, LEAST_PART = 500, 0.25
 
 
-class Exploration:
-    """What one solve has explored, over all strategies.
+def plain_work(variables: int, iterations: int) -> float:
+    """Iterations that other starts of a model without pairs may take by default.
 
     Parameters
     ----------
-    factor : float or None
-        How long it may take, as a multiple of the time that the rest of the solve took so far.
-    most_work : float or None
-        Iterations that other starts of a model without pairs may take; see `plain_work`.
-
-    Attributes
-    ----------
-    seconds : float
-        Elapsed in exploring.
-    work : float
-        Iterations of Ipopt and linear programs of exploring.
-    explored_iterations : int
-        Of Ipopt, in exploring.
-    branches : ExploredBranches
-        What need not be tried again.
+    variables : int
+    iterations : int
+        Of Ipopt, so far.
     """
-
-    def __init__(self, factor: float | None, most_work: float | None) -> None:
-        self.factor, self.most_work = factor, most_work
-        self.started = time.perf_counter()
-        self.seconds = self.work = 0.0
-        self.explored_iterations = 0
-        self.branches = ExploredBranches()
-
-    def budget(self, pairs: int) -> float:
-        """Seconds that may be spent from now on in a problem with so many pairs; by default any number without them."""
-        if not pairs and self.factor is None:
-            return np.inf
-        elsewhere = time.perf_counter() - self.started - self.seconds
-        factor = self._share(pairs)
-        least = EXPLORED_SECONDS if self.factor is None else 0.0
-        return max(least, factor * elsewhere) - self.seconds if factor > 0.0 else 0.0
-
-    def work_within(self, pairs: int, iterations: int) -> float:
-        """Iterations and linear programs that may be spent from now on; as many as one likes where a factor is given.
-
-        Parameters
-        ----------
-        pairs : int
-        iterations : int
-            Of Ipopt, in all runs so far.
-        """
-        if self.factor is not None:
-            return np.inf
-        if not pairs:
-            return (np.inf if self.most_work is None else self.most_work) - self.work
-        return self._share(pairs) * max(EXPLORED_WORK, iterations - self.explored_iterations) - self.work
-
-    def _share(self, pairs: int) -> float:
-        return min(1.0, max(0.0, 2.0 - pairs / CROSS_CHECKED_PAIRS)) if self.factor is None else self.factor
+    part = max(LEAST_PART, min(1.0, SMALL_PROGRAM / max(1, variables)))
+    return part * (PLAIN_WORK + PLAIN_WORK_SHARE * iterations)
 
 
 class Record:
@@ -112,6 +64,8 @@ class Record:
     model : Block
         As the user stated it.
     settings : Settings
+    variables : int
+        That are free.
 
     Attributes
     ----------
@@ -122,7 +76,14 @@ class Record:
         Every run, without values and multipliers.
     seconds : float
         Elapsed in checking.
-    exploration : Exploration
+    started : float
+        By the clock.
+    explored_seconds : float
+        Elapsed in exploring.
+    explored_work : float
+        Iterations of Ipopt and linear programs of exploring.
+    explored_branches : ExploredBranches
+        What need not be tried again.
     first : Iterate or None
         Where the first strategy ended, from the user's initial guess, unless that has no value.
     best : Iterate or None
@@ -130,9 +91,11 @@ class Record:
         What ended the solve from outside: the clock, or Ctrl-C.
     """
 
-    def __init__(self, model: Any, settings: Settings) -> None:
-        self._settings = settings
-        self.exploration = Exploration(settings.exploration, settings.explored_work)
+    def __init__(self, model: Any, settings: Settings, variables: int) -> None:
+        self._settings, self._variables = settings, variables
+        self.started = time.perf_counter()
+        self.explored_seconds = self.explored_work = 0.0
+        self._explored_iterations, self.explored_branches = 0, ExploredBranches()
         self.check = ModelCheck(model)
         self.pairs: Sequence[CanonicalPair] = ()
         self._sizes = SideSizes((), np.empty((0, 2)))
@@ -228,26 +191,34 @@ class Record:
     @contextlib.contextmanager
     def counted_as_exploring(self) -> Iterator[None]:
         """Count the runs that are done meanwhile as exploring."""
-        spent = self.exploration
-        started, before, explored, seconds = (
-            time.perf_counter(),
-            self.iterations,
-            spent.explored_iterations,
-            spent.seconds,
-        )
+        started, before = time.perf_counter(), self.iterations
         try:
             yield
         finally:
-            # What explores branches in between has counted itself.
-            taken = self.iterations - before - (spent.explored_iterations - explored)
-            spent.seconds = seconds + time.perf_counter() - started
-            spent.work += taken
-            spent.explored_iterations += taken
+            self.explored_seconds += time.perf_counter() - started
+            self.explored_work += self.iterations - before
+            self._explored_iterations += self.iterations - before
 
-    def may_explore(self) -> bool:
-        """Whether anything is left of the budget of exploration, in seconds and in work."""
-        pairs = len(self.pairs)
-        return self.exploration.budget(pairs) > 0.0 and self.exploration.work_within(pairs, self.iterations) >= 1.0
+    def left_to_explore(self) -> tuple[float, float]:
+        """Seconds, and iterations of Ipopt, that exploring beyond the best point may take from now on.
+
+        Zeros where one of them is used up, or there is no certified point, with pairs a proven one.
+        """
+        best, factor, iterations = self.best, self._settings.exploration, self.iterations - self._explored_iterations
+        if best is None or self.is_cut() or not self.is_certified(best):
+            return 0.0, 0.0
+        if self.pairs and best.certificate is not Certificate.PROVEN:
+            return 0.0, 0.0
+        seconds, work = time.perf_counter() - self.started - self.explored_seconds, np.inf
+        if factor is not None:
+            seconds *= factor
+        elif self.pairs:
+            share = min(1.0, max(0.0, 2.0 - len(self.pairs) / CROSS_CHECKED_PAIRS))
+            seconds, work = share * max(EXPLORED_SECONDS, seconds), share * max(EXPLORED_WORK, iterations)
+        else:
+            seconds, work = np.inf, plain_work(self._variables, iterations)
+        left = seconds - self.explored_seconds, work - self.explored_work
+        return left if left[0] > 0.0 and left[1] >= 1.0 else (0.0, 0.0)
 
     # ---------------------------------------------------------------- the best of the points
 
@@ -257,13 +228,14 @@ class Record:
         self.note_diverged(iterate)
         # By so little the products that are left flatter an objective.
         flattered = iterate.delta is not None and self.leads_no_further(iterate)
-        if self.best is None or (self.is_better(iterate, self.best) and not flattered):
+        is_lost = flattered or (self.is_certified(self.best) and not self.is_certified(iterate))
+        if self.is_better(iterate, self.best) and not is_lost:
             logger.info("strategy '%s' has the best point so far", iterate.strategy)
             self.best = iterate
 
     def note_diverged(self, iterate: Iterate) -> None:
         """Remember a point of a run whose variables grow without end; another one is forgotten."""
-        if iterate.diverged and iterate.values is not None:
+        if iterate.diverged and iterate.values is not None and self._holds(iterate):
             self._diverged.append(iterate)
 
     @property
@@ -273,15 +245,13 @@ class Record:
         Of the points whose rows and pairs hold while variables grow without end, the lowest one, if it is far below the
         best point.
         """
-        lowest = min(filter(self._holds, self._diverged), key=self._cost, default=None)
+        lowest = min(self._diverged, key=lambda diverged: self.check.sign * diverged.objective, default=None)
         if lowest is None or self.best is None:
             return lowest
-        best = self._cost(self.best)
-        below = self._cost(lowest) < best - max(1.0, abs(best))
-        return lowest if below or self.best.diverged or not self.best.excess(self._settings.tolerances) <= 1.0 else None
-
-    def _cost(self, iterate: Iterate) -> float:
-        return self.check.sign * iterate.objective
+        best = self.best.objective
+        is_below = self.check.sign * (lowest.objective - best) < -max(1.0, abs(best))
+        is_met = self.best.excess(self._settings.tolerances) <= 1.0
+        return lowest if is_below or self.best.diverged or not is_met else None
 
     def _holds(self, diverged: Iterate) -> bool:
         """Whether rows and pairs hold as well as rounding lets them, beside values of this size."""
@@ -289,14 +259,19 @@ class Record:
         violation = max(diverged.constraint_violation, diverged.largest_natural_residual)
         return violation <= max(self._settings.tolerances.feasibility, NEGLIGIBLE * size)
 
-    def is_better(self, first: Iterate, second: Iterate) -> bool:
-        """Whether the first of two points is the better one."""
+    def is_better(self, first: Iterate, second: Iterate | None) -> bool:
+        """Whether the first of two points is the better one, or the only one."""
+        if second is None:
+            return True
         one, other = (iterate.standing(self._settings.tolerances, self.check.sign) for iterate in (first, second))
         return one.is_better_than(other)
 
     def is_certified(self, iterate: Iterate | None) -> bool:
-        """Whether there is such a point, and no further strategy is needed after it."""
-        return iterate is not None and iterate.is_certified(self._settings.tolerances, self._settings.polish)
+        """Whether there is such a point and it needs no further strategy: optimal and, unless unpolished, exact."""
+        tolerances = self._settings.tolerances
+        if iterate is None or iterate.quality(tolerances) is not Quality.OPTIMAL:
+            return False
+        return not self._settings.polish or iterate.is_exact(tolerances)
 
     def leads_no_further(self, relaxed: Iterate) -> bool:
         """Whether smaller products and a polish of a relaxed point hardly lead to a better point than a certified one.
@@ -350,8 +325,6 @@ class Record:
             return set()  # the same starts lead to the same saddle, and what follows one was tried
         if first.status is IpoptStatus.ITERATION_LIMIT and "max_iter" in self._settings.options.user:
             return set()
-        if first.status in _ENDS_BY_STATUS:
-            return {first.status}
         stuck = not first.diverged and first.excess(tolerances) <= 1.0
         return {first.stop_reason, *([Quality.FEASIBLE] if stuck else [])}
 

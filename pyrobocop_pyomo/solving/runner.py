@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -20,37 +21,28 @@ from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.modeling.variable_values import Values, VariableValues
 from pyrobocop_pyomo.mpcc.active_set import Certificate
-from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint, Scales
+from pyrobocop_pyomo.programs.nonlinear_program import Scales
 from pyrobocop_pyomo.programs.wrapped_programs import ScaledProgram
 
 from .curvature import direction_of_descent
 from .initial_guess import InitialGuess
-from .ipopt_options import ITERATIONS_OF_ONE, NEARLY_THERE, IpoptOptions, inexact, warm_continuation
-from .iterates import Iterate, Quality, StopReason
+from .ipopt_options import ITERATIONS_OF_ONE, inexact, warm_continuation
+from .iterates import Iterate, StopReason
 from .polish import Polish
 from .progress import Progress
-from .record import SAME_OBJECTIVE, Record
+from .record import Record
 from .session import Session
 from .settings import Settings
 from .solve_result import SolveResult
-from .starts import EXPLORED_ELEMENTS, coarser_copy, elements_of, elements_of_copy, put_start, take_values_of_copy
-from .strategies import (
-    ABSOLUTE_VALUES,
-    BEYOND_SADDLE,
-    OTHER_OPTIMUM,
-    SIMULATED,
-    SOLVE,
-    StartingPoint,
-    Strategy,
-)
+from .starts import EXPLORED_ELEMENTS, coarser_copy, put_start, take_values_of_copy
+from .strategies import BEYOND_SADDLE, FROM_THE_BEST, OTHER_OPTIMUM, SOLVE, StartingPoint, Strategy
 from .violations import growing_variables
 from .workplaces import Workplace, Workplaces
 
 logger = logging.getLogger(__name__)
 
-# The strategy that found an answer which is the user's own point, or the solution nearest to it.
-START = "initial guess"
+# What finds the user's own point, or the solution nearest to it.
+START = Strategy("initial guess")
 # What a unit of violation costs with elastic rows, in slopes of the objective: above what multipliers may be expected
 # to be.
 PENALTY = 1e3
@@ -69,7 +61,7 @@ class Continuation:
     place : Workplace
     session : Session
         That of the workplace, or another one of the same model.
-    options : IpoptOptions
+    strategy : Strategy
 
     Attributes
     ----------
@@ -81,9 +73,10 @@ class Continuation:
     best: Iterate
     last: Iterate
 
-    def __init__(self, runner: Runner, place: Workplace, session: Session, options: IpoptOptions) -> None:
+    def __init__(self, runner: Runner, place: Workplace, session: Session, strategy: Strategy) -> None:
         self._record, self._deadline = runner.record, runner.settings.deadline
-        self._session, self._values, self._options = session, place.values, options
+        self._session, self._values = session, place.values
+        self._options = place.options(runner.settings).with_strategy(strategy.options, strategy.most_iterations)
         # Where multipliers decide how the relaxation goes on, all runs have to be solved to the end.
         self._exact = not place.relaxed.shifted_rows
 
@@ -184,27 +177,21 @@ class Runner:
     Attributes
     ----------
     has_pairs : bool
-        Whether the user has stated any.
+        Whether the user has stated any, and not all of them are settled by bounds and fixed variables.
     record : Record
     values : VariableValues
         The user's free variables.
     guess : InitialGuess
     places : Workplaces
-    has_linear_rows : bool or None
-        Whether all rows are linear but for the pairs; None before the first polish, which looks.
-    tried : set of str
-        Names of the strategies that have run.
     """
 
     def __init__(self, model: Any, settings: Settings, solve_copy: Callable[[Any, Settings], SolveResult]) -> None:
         self.model, self.settings = model, settings
-        self.record = Record(model, settings)
         self.has_pairs = bool(active_sources(model) or pairs_of(model))
         self.values = VariableValues.of_free(model)
+        self.record = Record(model, settings, len(self.values.variables))
         self.guess = InitialGuess(model, self.values)
         self.places = Workplaces(model, settings, self.guess)
-        self.has_linear_rows: bool | None = None
-        self.tried: set[str] = set()
         self._solve_copy = solve_copy
 
     def run(self, strategy: Strategy) -> Iterate | None:
@@ -218,20 +205,27 @@ class Runner:
         try:
             iterate = self._run_here(strategy)
         except EvaluationError as error:
-            return self._without_derivatives(strategy, str(error))
-        if iterate is None or iterate.converged:
-            return iterate
+            logger.info("'%s': strategy '%s': %s", self.model.name, strategy.name, error)
+            if self.record.best is not None:
+                return None
+            self.values.write(self.guess.values)  # the user's point itself, as there is no other one
+            run = self.record.add(Iterate.of_run("no derivatives", IpoptStatus.INVALID_NUMBER))
+            return replace(run, strategy=strategy.name, values=self.guess.values)
         # The executable does not say why it could not begin.
-        if iterate.iterations == 0 and not iterate.stop_reason.is_final and self.guess.move():
-            self.places.restart()
+        could_begin = iterate is None or iterate.converged or iterate.iterations > 0 or iterate.stop_reason.is_final
+        if not could_begin and self.guess.move():
+            self.places.close()
             return self.run(strategy)
         return iterate
 
     def keep(self, iterate: Iterate) -> None:
         """Remember what was found, and where a function had no value on the way."""
+        if iterate.stop_reason.is_final and self.record.cut is None:
+            self.record.cut = iterate.stop_reason
         self.record.keep(iterate)
-        if self.places.place is not None:
-            self.guess.note(iterate, self.places.place.session)
+        compiled = None if self.places.place is None else self.places.place.session.compiled()
+        if compiled is not None and iterate.undefined_at is not None and not iterate.converged:
+            self.guess.undefined = compiled, iterate.undefined_at
 
     def go_back_to_start(self) -> None:
         """Polish the point that all strategies started from, where rows and pairs hold there and none led to a better.
@@ -243,104 +237,144 @@ class Runner:
             return
         if place.relaxed.crossed:
             return  # products of sides of different pairs are more than the pairs say
-        place.values.write(place.start)
-        place.relaxed.start_lifted()
-        start = self.record.checked(Iterate(START, strategy=START, stop_reason=StopReason.ITERATION_LIMIT))
-        tolerances = self.settings.tolerances
-        is_met = start.excess(tolerances) <= 1.0 and start.is_exact(tolerances)
-        if not is_met or not self.record.is_better(start, best):
-            return
-        start = replace(self.record.add(start), values=self.values.read())
-        polished, _ = self._polished(place, start, lambda compiled: PrimalDualPoint(compiled.current_point()))
-        self.keep(polished)
+        self._put_start(place, START)
+        start = self.record.checked(Iterate(START.name, strategy=START.name, stop_reason=StopReason.ITERATION_LIMIT))
+        standing = start.standing(self.settings.tolerances, self.record.check.sign)
+        if standing.feasible and standing.exact and self.record.is_better(start, best):
+            start = replace(self.record.add(start), values=self.values.read())
+            polish = self._polish(place)
+            self.keep(start if polish is None else polish.improve(start, place.session))
 
     def explore(self) -> None:
         """Look for better optima beyond the best point, if that is certified and there is time for it."""
         best, place = self.record.best, self.places.place
-        if place is None or best is None or self.record.cut is not None or best.certificate is not Certificate.PROVEN:
+        if place is None or best is None or not (self.has_pairs and self.record.left_to_explore()[1]):
             return
+        with self.nothing_lost("exploration"):
+            polish = self._polish(place)
+            if polish is not None:
+                self.values.write(best.values)
+                place.relaxed.start_lifted()
+                explored = polish.explore(best)
+                if explored is not best:
+                    self.keep(explored)
+
+    @contextlib.contextmanager
+    def nothing_lost(self, doing: str) -> Iterator[None]:
+        """Once there is a point, what looks for a better one or for more of it may be interrupted, or fail."""
         try:
-            polish, _ = self._polish(place)
-            if polish is None:
-                return
-            self.values.write(best.values)
-            place.relaxed.start_lifted()
-            explored = polish.explore(best)
-            self._note_end(polish)
-            if explored is not best:
-                self.keep(explored)
+            yield
         except KeyboardInterrupt:
+            if self.record.best is None:
+                raise
             self.record.cut = StopReason.INTERRUPTED
-        except EvaluationError as error:
-            logger.info("exploration ends: %s", error)
+        except PyRobocopError as error:
+            if self.record.best is None:
+                raise
+            level = logging.INFO if self.record.is_certified(self.record.best) else logging.WARNING
+            logger.log(level, "'%s': %s failed: %s", self.model.name, doing, error)
 
     def _run_here(self, strategy: Strategy) -> Iterate | None:
+        is_copied = strategy.start is StartingPoint.ABSOLUTE_VALUES
+        # There may be none, or the model is part of another one.
+        if is_copied and (self.model.model() is not self.model or not any(absolute_values_in(self.model))):
+            return None
         place = self.places.move_to(strategy)
         self.record.check_pairs(place.relaxed.pairs)
-        if not place.relaxed.pairs:
-            # The presolve may have settled all of them: then strategies for pairs are one solve.
-            return self._run_without_pairs(place, SOLVE if self.has_pairs else strategy)
-        if isinstance(strategy.schedule, BarrierSchedule) and not place.relaxed.shifted_rows:
+        if is_copied:
+            return self._with_absolute_values_split(strategy)
+        if self.has_pairs and not place.relaxed.pairs:
+            self.has_pairs, strategy = False, SOLVE
+        if self.has_pairs and isinstance(strategy.schedule, BarrierSchedule) and not place.relaxed.shifted_rows:
             return None
+        if not self._put_start(place, strategy):
+            return None
+        iterate = self._run_polished(place, strategy)
+        return iterate if iterate is None or self.has_pairs else self._beyond_saddles(place, iterate)
+
+    def _put_start(self, place: Workplace, strategy: Strategy) -> bool:
+        """Put the start of a strategy on the model; False where there is none."""
+        start, best = strategy.start, self.record.best
+        if start is StartingPoint.REACHED:
+            return True
         place.values.write(place.start)
-        if strategy.start is not StartingPoint.INITIAL_GUESS:
-            if not put_start(self.model, strategy):
-                return None
+        if start in FROM_THE_BEST:
+            if best is None or best.values is None:
+                return False
+            self.values.write(best.values)
+        # Before anything was tried, it is a better start only where equations depend on each other at the guess.
+        is_early = start is StartingPoint.SIMULATED and best is None and self.settings.strategies is None
+        if is_early and not place.session.missing_rank():
+            return False
+        is_put = self.put_other_optimum() if start is StartingPoint.OTHER_OPTIMUM else put_start(self.model, strategy)
+        if start is not StartingPoint.INITIAL_GUESS:
             place.relaxed.start_lifted()
-        return self._run_polished(place, strategy)
+        return is_put
 
-    def _without_derivatives(self, strategy: Strategy, why: str) -> Iterate | None:
-        """The user's point itself, where there is no other one."""
-        logger.info("'%s': strategy '%s': %s", self.model.name, strategy.name, why)
-        if self.record.best is not None:
+    def _run_polished(self, place: Workplace, strategy: Strategy) -> Iterate | None:
+        """Run the strategy's schedule from the point on the model, and polish the best point of it."""
+        session = place.session.with_elastic_rows(PENALTY) if strategy.elastic_rows else place.session
+        if session is None:
             return None
-        self.guess.write()
-        run = self.record.add(Iterate.of_run("no derivatives", IpoptStatus.INVALID_NUMBER))
-        return replace(run, strategy=strategy.name, values=self.guess.values)
+        continuation = Continuation(self, place, session, strategy)
+        relaxed = continuation.run(strategy.schedule if self.has_pairs else None, strategy.name)
+        place.values.write(relaxed.values)
+        iterate = replace(relaxed, strategy=strategy.name, values=self.values.read())
+        if strategy.elastic_rows and iterate.converged and not iterate.excess(self.settings.tolerances) <= 1.0:
+            return replace(iterate, stop_reason=StopReason.INFEASIBLE)
+        if continuation.last.stop_reason.is_final:
+            self.record.cut = continuation.last.stop_reason
+        if iterate.diverged or self.record.cut is not None or self.record.leads_no_further(continuation.last):
+            return iterate
+        polish = self._polish(place)
+        if polish is None:
+            return iterate
+        improved = polish.improve(iterate, place.session)
+        if polish.has_diverged and not self.record.is_certified(improved):
+            return replace(improved, stop_reason=StopReason.DIVERGED)  # it was on the same way
+        return improved
 
-    def _run_without_pairs(self, place: Workplace, strategy: Strategy) -> Iterate | None:
-        """Run a strategy, and go on from where it ends at a saddle; None where it has no start, or no program."""
-        if strategy.start is StartingPoint.ABSOLUTE_VALUES:
-            place.values.write(place.start)
-            return self.with_absolute_values_split()
-        iterate = self._run_from_start(place, strategy)
-        return None if iterate is None else self._beyond_saddles(place, iterate)
+    def _polish(self, place: Workplace) -> Polish | None:
+        """What polishes and certifies at a workplace; None where it is not wanted or cannot be done."""
+        if not self.settings.polish or not place.relaxed.lifted or find_ipopt_library() is None:
+            return None
+        if place.relaxed.has_penalty:
+            with without_penalty(self.model):
+                compiled = place.session.compiled(anew=True)
+        else:
+            compiled = place.session.compiled()
+        if compiled is None:
+            return None
+        settings = replace(self.settings, options=place.options(self.settings))
+        return Polish(settings, place.relaxed, compiled, self.record, self.values)
 
     def _beyond_saddles(self, place: Workplace, iterate: Iterate) -> Iterate:
         """The point on the model, or a better one that runs lead to from it where it is stationary and no minimum."""
-        known = self.record.best
-        if known is not None and not self.record.is_better(iterate, known):
-            return iterate  # whatever it is
-        starts = self._starts_beyond(place, iterate)
-        if not starts:
-            return iterate
-        saddle = replace(iterate, certificate=Certificate.DESCENT)
-        if known is not None and not self.record.is_better(saddle, known):
-            return saddle
-        if not self.record.is_certified(known):
+        while starts := self._starts_beyond(place, iterate):
+            saddle = iterate = replace(iterate, certificate=Certificate.DESCENT)
+            if not self.record.is_better(saddle, self.record.best):
+                break
             self.keep(saddle)
-        for start in starts:
-            place.values.write(start)
-            try:
-                lower = self._run_polished(place, BEYOND_SADDLE, BEYOND_SADDLE.name)
-            except EvaluationError:
-                continue
-            lower = self._beyond_saddles(place, lower)
-            if lower.stop_reason.is_final or self.record.is_better(lower, saddle):
-                return lower
-        return saddle
+            for start in starts:
+                place.values.write(start)
+                lower = self._run_polished(place, BEYOND_SADDLE) or saddle
+                is_lower = self.record.is_better(replace(lower, certificate=Certificate.DESCENT), saddle)
+                if is_lower or lower.stop_reason.is_final:
+                    iterate = lower
+                    break
+        return iterate
 
     def _starts_beyond(self, place: Workplace, iterate: Iterate) -> list[Values]:
-        """Starts on both sides of the point on the model, if it is stationary and no minimum; otherwise none."""
-        compiled = place.session.compiled() if self.record.is_certified(iterate) else None
-        if compiled is None:
+        """Starts on both sides of the point on the model, if it is the best, stationary and no minimum."""
+        compiled, is_best = place.session.compiled(), self.record.is_better(iterate, self.record.best)
+        if compiled is None or not (is_best and self.record.is_certified(iterate)):
             return []
         nlp, point, scaling = compiled.nlp, place.session.primal_dual(iterate, compiled), place.session.scaling
         scales = Scales(np.ones(nlp.n), np.ones(nlp.m), 1.0) if scaling is None else scaling.scales
         try:
             direction = direction_of_descent(ScaledProgram(nlp, scales), scales.scaled(point))
         except EvaluationError:
-            return []
+            direction = None
         if direction is None:
             return []
         step = STEP_FROM_SADDLE * direction * scales.x
@@ -350,144 +384,10 @@ class Runner:
             starts.append(place.values.read())
         return starts
 
-    def _run_from_start(self, place: Workplace, strategy: Strategy) -> Iterate | None:
-        if strategy.start is not StartingPoint.REACHED:
-            place.values.write(place.start)
-            if not self._put_start(place, strategy):
-                return None
-        if strategy.elastic_rows:
-            return self._run_elastic(place, strategy)
-        if strategy.name == SOLVE.name and self.settings.strategies is None and self.settings.second_tries:
-            simulated = self._run_simulated_first(place)
-            if simulated is not None and (self.record.is_certified(simulated) or simulated.stop_reason.is_final):
-                return simulated
-            if simulated is not None:
-                self.keep(simulated)
-                place.values.write(place.start)
-        return self._run_polished(place, strategy, strategy.name)
-
-    def _run_simulated_first(self, place: Workplace) -> Iterate | None:
-        """Where equations depend on each other at the initial guess, start from the motion under its controls."""
-        dependent = place.session.missing_rank()
-        if not dependent or not put_start(self.model, SIMULATED):
-            return None
-        logger.info("'%s': %d equations are dependent at the initial guess", self.model.name, dependent)
-        self.tried.add(SIMULATED.name)
-        return self._run_polished(place, replace(SIMULATED, options={"max_iter": ITERATIONS_OF_ONE}), SIMULATED.name)
-
-    def _put_start(self, place: Workplace, strategy: Strategy) -> bool:
-        if strategy.start not in (StartingPoint.BEST, StartingPoint.MIRRORED, StartingPoint.OTHER_OPTIMUM):
-            return put_start(self.model, strategy)
-        best = self.record.best
-        if best is None or best.values is None:
-            return False
-        place.values.write(best.values)
-        if strategy.start is StartingPoint.OTHER_OPTIMUM:
-            work = self.record.exploration.work_within(0, self.record.iterations)
-            return self.start_at_other_optimum(work)
-        return strategy.start is StartingPoint.BEST or put_start(self.model, strategy)
-
-    def _run_elastic(self, place: Workplace, strategy: Strategy) -> Iterate | None:
-        """Let rows be violated at a price; from where that ends, go on with the rows as they are."""
-        session = place.session.with_elastic_rows(PENALTY)
-        if session is None:
-            return None
-        elastic = self._continuation(place, strategy, session).run(None, strategy.name)
-        if not elastic.excess(self.settings.tolerances) <= 1.0 and elastic.converged:
-            elastic = replace(elastic, stop_reason=StopReason.INFEASIBLE)
-        iterate = replace(elastic, strategy=strategy.name)
-        if self.record.is_certified(iterate) or iterate.stop_reason.is_final:
-            return iterate
-        self.keep(iterate)
-        on = replace(strategy, options={**NEARLY_THERE, **strategy.options})
-        return self._run_polished(place, on, "solve from there")
-
-    def _run_polished(self, place: Workplace, strategy: Strategy, label: str = "solve") -> Iterate:
-        """Run the strategy's schedule and polish the best point of it."""
-        continuation = self._continuation(place, strategy)
-        relaxed = continuation.run(strategy.schedule if place.relaxed.pairs else None, label)
-        if self.record.leads_no_further(continuation.last):
-            place.values.write(relaxed.values)
-            return replace(relaxed, strategy=strategy.name, values=self.values.read())
-        return self._improved(place, strategy, relaxed, continuation)
-
-    def _continuation(self, place: Workplace, strategy: Strategy, session: Session | None = None) -> Continuation:
-        """A strategy's runs from the point on the model, by the session of the workplace or by another one."""
-        return Continuation(self, place, session or place.session, self._options(place, strategy))
-
-    def _improved(self, place: Workplace, strategy: Strategy, relaxed: Iterate, continuation: Continuation) -> Iterate:
-        """What a polish makes of the best relaxed point, in terms of the user's variables."""
-        place.values.write(relaxed.values)
-        iterate = replace(relaxed, strategy=strategy.name, values=self.values.read())
-        if relaxed.diverged:
-            return iterate
-        if continuation.last.stop_reason.is_final:
-            self.record.cut = continuation.last.stop_reason
-            return iterate
-        improved, diverged = self._polished(place, iterate, partial(place.session.primal_dual, relaxed))
-        if diverged and not self.record.is_certified(improved):
-            return replace(improved, stop_reason=StopReason.DIVERGED)  # it was on the same way
-        return improved
-
-    def _polished(
-        self, place: Workplace, iterate: Iterate, point_in: Callable[[CompiledModel], PrimalDualPoint]
-    ) -> tuple[Iterate, bool]:
-        """What a polish makes of an iterate, and whether variables grew without end on one of its branches.
-
-        Parameters
-        ----------
-        place : Workplace
-        iterate : Iterate
-            On the model.
-        point_in : callable
-            The same in the order of a compiled model.
-        """
-        polish, compiled = self._polish(place)
-        if polish is None or compiled is None:
-            return iterate, False
-        try:
-            return polish.improve(iterate, point_in(compiled)), bool(polish.diverged)
-        finally:
-            self._note_end(polish)
-
-    def _polish(self, place: Workplace) -> tuple[Polish | None, Any]:
-        """What polishes and certifies, with its compiled model; None where it is not wanted or cannot be done here."""
-        if not self.settings.polish or not place.relaxed.lifted or find_ipopt_library() is None:
-            return None, None
-        if place.relaxed.has_penalty:
-            with without_penalty(self.model):
-                compiled = place.session.compiled(anew=True)
-        else:
-            compiled = place.session.compiled()
-        if compiled is None:
-            return None, None
-        settings = replace(self.settings, options=place.options(self.settings))
-        return Polish(settings, place.relaxed, compiled, self.record, self.values), compiled
-
-    def _note_end(self, polish: Polish) -> None:
-        if self.has_linear_rows is None:
-            self.has_linear_rows = polish.has_linear_rows
-        for diverged in polish.diverged:
-            self.record.note_diverged(diverged)
-        if polish.interrupted:
-            self.record.cut = StopReason.INTERRUPTED
-
-    def _options(self, place: Workplace, strategy: Strategy) -> IpoptOptions:
-        return place.options(self.settings).with_strategy(strategy.options, strategy.most_iterations)
-
-    def has_fewer_elements(self) -> bool:
-        """Whether other starts are tried on fewer elements: where these are enough to tell optima of the problem."""
-        return bool(elements_of_copy(self.model, EXPLORED_ELEMENTS))
-
-    def start_at_other_optimum(self, work: float) -> bool:
+    def put_other_optimum(self) -> bool:
         """Try other starts on a copy with fewer elements; where they lead to a better answer, put it on the model.
 
         The copy is solved from the answer on the model first: fewer elements may flatter the objective.
-
-        Parameters
-        ----------
-        work : float
-            Iterations that it may take, of the model's size.
 
         Returns
         -------
@@ -496,58 +396,42 @@ class Runner:
         """
         left = self.settings.deadline.left
         # Making a copy is not cut off. There is an answer already: its solve tells what another one would take.
-        if left is not None and left < time.perf_counter() - self.record.exploration.started:
+        if left is not None and left < time.perf_counter() - self.record.started:
             return False
         copy = coarser_copy(self.model, EXPLORED_ELEMENTS)
         if copy is None:
             return False
-        share = elements_of(copy) / elements_of(self.model)
-        result = self._answer(copy, OTHER_OPTIMUM, exploration=None, explored_work=work / share)
-        if result is None or self.record.cut is not None:
-            return False
-        first = result.steps[0]
-        gain = abs(first.objective - result.objective) > SAME_OBJECTIVE * max(1.0, abs(first.objective))
+        result = self._solution_of(copy, OTHER_OPTIMUM)
         # Of two solutions the copy has kept the better one.
-        if result.quality is not Quality.OPTIMAL or result.best.number == 0 or not (gain or not first.converged):
+        if result is None or self.record.cut is not None or not result.solved or result.best.number == 0:
             return False
         take_values_of_copy(self.model, copy)
         return True
 
-    def with_absolute_values_split(self) -> Iterate | None:
-        """Solve a copy with its absolute values in two parts; its answer is one of the model, and is checked there.
-
-        Returns
-        -------
-        Iterate or None
-            None where there are no absolute values, or the model is part of another one.
-        """
-        if self.model.model() is not self.model or not any(absolute_values_in(self.model)):
-            return None
+    def _with_absolute_values_split(self, strategy: Strategy) -> Iterate | None:
+        """Solve a copy with its absolute values in two parts; its answer is one of the model, and is checked there."""
+        self.places.close()  # what is copied is the model as it was stated
+        self.values.write(self.guess.start)
         split = TransformationFactory("pyrobocop.absolute_values_to_complementarity")
         copy = split.create_using(self.model)
-        result = self._answer(copy, ABSOLUTE_VALUES)
+        result = self._solution_of(copy, strategy)
         if result is None:
             return None
         take_values_of_copy(self.model, copy)
-        best = replace(
-            result.best,
-            label=ABSOLUTE_VALUES.name,
-            strategy=ABSOLUTE_VALUES.name,
-            number=len(self.record.steps) - len(result.steps) + result.best.number,
-            delta=None,
+        answer = replace(result.best, label=strategy.name, iterations=0, seconds=0.0, delta=None)
+        if not self.has_pairs and answer.certificate is Certificate.PROVEN:
+            answer = replace(answer, certificate=Certificate.UNKNOWN)  # which is of pairs, and the model has none
+        return replace(
+            self.record.add(answer),
+            strategy=strategy.name,
             values=self.values.read(),
-            load_suffixes=lambda: _take_suffixes(self.model, copy),
+            load_suffixes=partial(_take_suffixes, self.model, copy),
         )
-        if not self.record.pairs and best.certificate is Certificate.PROVEN:
-            best = replace(best, certificate=Certificate.UNKNOWN)  # which is of pairs, and the model has none
-        best = self.record.checked(best)
-        self.settings.progress.line(best.line(pairs=bool(self.record.pairs)))
-        return best
 
-    def _answer(self, copy: Any, strategy: Strategy, **changes: Any) -> SolveResult | None:
+    def _solution_of(self, copy: Any, strategy: Strategy) -> SolveResult | None:
         """Solve a copy, and log its runs as those of a strategy; None where it cannot be solved at all."""
         options = self.settings.options.with_default({"max_iter": ITERATIONS_OF_ONE})
-        settings = replace(self.settings, options=options, strategies=None, progress=Progress(False), **changes)
+        settings = replace(self.settings, options=options, strategies=None, progress=Progress(False))
         try:
             result = self._solve_copy(copy, settings)
         except PyRobocopError as error:

@@ -36,8 +36,6 @@ class Settings:
     exploration : float or None
         How long to look for better optima beyond the nearest, as a multiple of the time that the solve took so far; by
         default 1 in small problems.
-    explored_work : float or None
-        By default: iterations that other starts of a model without pairs may take; None for a share of those so far.
     deadline : Deadline
     output : sequence of text streams
         Where Ipopt's log goes.
@@ -58,7 +56,6 @@ class Settings:
     second_tries: bool = True
     polish: bool = True
     exploration: float | None = None
-    explored_work: float | None = None
     deadline: Deadline = field(default_factory=Deadline)
     output: Sequence[TextIO] = ()
     progress: Progress = field(default_factory=Progress)

@@ -122,9 +122,7 @@ def defined_start(model: Any) -> str:
     if not undefined:
         return ""
     before = VariableValues.of_free(model)
-    for variable in before.variables:
-        if variable.value is None:
-            variable.set_value(within_bounds(0.0, variable), skip_validation=True)
+    _give_values(model)
     how = []
     if _put_on_straight_lines(model, keep_guesses=True):
         how.append("states without an initial guess on straight lines between their ends")
@@ -145,23 +143,23 @@ def put_start(model: Any, strategy: Strategy) -> bool:
         False where there is no such start, or it is the initial guess.
     """
     start = strategy.start
+    if start in (StartingPoint.INITIAL_GUESS, StartingPoint.BEST):
+        return True
     if start is StartingPoint.RANDOM_START:
         RandomStarts(model, 0, {None: 1.0}).put(strategy.draw)  # the same starts where a solve is repeated
         return True
-    if start is StartingPoint.INITIAL_GUESS:
-        return True
     if is_renamed(model):
         return False
-    if start is StartingPoint.RANDOM_CONTROLS:
-        _put_on_straight_lines(model, keep_guesses=False)
-        return _put_random_controls(model, strategy.draw)
-    if start is StartingPoint.RANDOM_MOTION:
-        return _put_random_controls(model, strategy.draw) and any(_moved_roughly(model))
+    if start is StartingPoint.SIMULATED:
+        return put_motion(model)
     if start is StartingPoint.MIRRORED:
         return _mirror_controls(model)
+    is_moved = start is not StartingPoint.RANDOM_MOTION and _put_on_straight_lines(model, keep_guesses=False)
     if start is StartingPoint.STRAIGHT_LINES:
-        return _put_on_straight_lines(model, keep_guesses=False)
-    return start is StartingPoint.SIMULATED and put_motion(model)
+        return is_moved
+    return _put_random_controls(model, strategy.draw) and (
+        start is StartingPoint.RANDOM_CONTROLS or any(_moved_roughly(model))
+    )
 
 
 def put_motion(model: Any) -> bool:
@@ -170,14 +168,23 @@ def put_motion(model: Any) -> bool:
     Where there is nothing to find but states, steps from node to node are enough for a start: they take a tenth of the
     time of a simulation.
     """
-    phases = phases_of(model)
-    if phases and not any(phase.record.names(Algebraic) for phase in phases):
-        before = VariableValues.of_free(model)
-        _put_on_straight_lines(model, keep_guesses=True)
-        if all(_moved_roughly(model)):
-            return True
+    before, is_moved = VariableValues.of_free(model), False
+    _put_on_straight_lines(model, keep_guesses=True)
+    _give_values(model)
+    for phase in phases_of(model):
+        if not phase.record.names(Algebraic) and put_rough_motion(phase):
+            is_moved = True
+            continue
+        try:
+            trajectory = simulate(phase, {}, {}, SIMULATED_BY)
+            if all(map(is_moderate, trajectory.states.values())):
+                phase.initialize(trajectory)
+                is_moved = True
+        except PyRobocopError as error:
+            logger.info("phase '%s' cannot be simulated as a start: %s", phase.name, error)
+    if not is_moved:
         before.restore()
-    return _simulate(model)
+    return is_moved
 
 
 def coarser_copy(model: Any, least: int = COARSER) -> Any | None:
@@ -278,17 +285,15 @@ def _put_random_controls(model: Any, draw: int) -> bool:
 
 def _mirror_controls(model: Any) -> bool:
     """Turn controls to the other side, and let phases move under them where they can; whether there are any."""
-    mirrored = False
-    for control in _controls(model):
-        for variable in control.values():
-            if variable.is_variable_type() and not variable.fixed and variable.value is not None:
-                lower, upper = variable.bounds
-                middle = 0.0 if lower is None or upper is None else 0.5 * (lower + upper)
-                variable.set_value(within_bounds(2.0 * middle - variable.value, variable), skip_validation=True)
-                mirrored = True
-    if mirrored:
+    members = (member for control in _controls(model) for member in control.values())
+    moved = [each for each in members if each.is_variable_type() and not each.fixed and each.value is not None]
+    for variable in moved:
+        lower, upper = variable.bounds
+        middle = 0.0 if lower is None or upper is None else 0.5 * (lower + upper)
+        variable.set_value(within_bounds(2.0 * middle - variable.value, variable), skip_validation=True)
+    if moved:
         _moved_roughly(model)
-    return mirrored
+    return bool(moved)
 
 
 def _controls(model: Any) -> list[Any]:
@@ -297,24 +302,12 @@ def _controls(model: Any) -> list[Any]:
 
 def _moved_roughly(model: Any) -> list[bool]:
     """Let states follow the controls; returns for each phase whether they can."""
-    for variable in model.component_data_objects(Var, active=True):
-        if variable.value is None:
-            variable.set_value(within_bounds(0.0, variable), skip_validation=True)
+    _give_values(model)
     return [put_rough_motion(phase) for phase in phases_of(model)]
 
 
-def _simulate(model: Any) -> bool:
-    """Let each phase move under its controls; returns whether any phase could."""
-    before, simulated = VariableValues.of_free(model), False
-    _put_on_straight_lines(model, keep_guesses=True)
-    for phase in phases_of(model):
-        try:
-            trajectory = simulate(phase, {}, {}, SIMULATED_BY)
-            if all(map(is_moderate, trajectory.states.values())):
-                phase.initialize(trajectory)
-                simulated = True
-        except PyRobocopError as error:
-            logger.info("phase '%s' cannot be simulated as a start: %s", phase.name, error)
-    if not simulated:
-        before.restore()
-    return simulated
+def _give_values(model: Any) -> None:
+    """Give free variables without a value the number nearest to zero within their bounds."""
+    for variable in model.component_data_objects(Var, active=True):
+        if variable.value is None and not variable.fixed:
+            variable.set_value(within_bounds(0.0, variable), skip_validation=True)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import enum
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain, cycle, repeat
 from typing import Any
 
 from pyrobocop_pyomo.complementarity import Fixed, FollowBarrier, Geometric, Schedule
-from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 
 from .ipopt_options import ITERATIONS_OF_ONE, NEARLY_THERE, SIDE_ITERATIONS, TIGHTER_TOLERANCES
 from .iterates import Quality, StopReason
@@ -34,7 +33,7 @@ class StartingPoint(enum.Enum):
 
 # What a solve has come to so far. Models with pairs go by the best point: `Quality.OPTIMAL` says that it needs no
 # further strategy. Models without pairs go by how their first run ended.
-End = Quality | StopReason | IpoptStatus
+End = Quality | StopReason
 _CERTIFIED, _NOT_CERTIFIED = frozenset({Quality.OPTIMAL}), frozenset({Quality.INFEASIBLE, Quality.FEASIBLE})
 _ANY_END = frozenset(
     {
@@ -88,7 +87,7 @@ class Strategy:
         Of a random start: which one.
     most_iterations : int, optional
         Of one run, whatever the caller's options say.
-    follows : set of Quality, StopReason or IpoptStatus
+    follows : set of Quality or StopReason
         After what it follows in the table; empty for the one that is first.
     most_pairs : int, optional
         Of a model in which it follows a certified point.
@@ -113,6 +112,8 @@ class Strategy:
     figure: str = field(default="", repr=False, compare=False)
 
 
+# These start from the best point so far, or what becomes of it.
+FROM_THE_BEST = (StartingPoint.BEST, StartingPoint.MIRRORED, StartingPoint.OTHER_OPTIMUM)
 # So many starts of a kind are drawn at most.
 RANDOM_STARTS = 32
 # Up to here further solves from the user's initial guess cost little.
@@ -138,8 +139,8 @@ STRATEGIES = (
         figure="a few iterations where only scaled tolerances are met, and the next row takes hundreds",
     ),
     Strategy(
-        "absolute values as pairs", for_pairs=False, start=StartingPoint.ABSOLUTE_VALUES,
-        follows=_ANY_END | {IpoptStatus.INTERNAL_ERROR},
+        "absolute values as pairs", for_pairs=None, start=StartingPoint.ABSOLUTE_VALUES,
+        follows=_ANY_END | _NOT_CERTIFIED,
         figure="least fuel and distances as costs: no other row gives them a derivative at zero",
     ),
     Strategy(
@@ -157,8 +158,7 @@ STRATEGIES = (
     ),
     Strategy(
         "elastic rows", for_pairs=False, elastic_rows=True,
-        follows=_ANY_END - {StopReason.DIVERGED} | {IpoptStatus.TOO_FEW_FREEDOMS},
-        figure="6 of the 11",
+        follows=_ANY_END - {StopReason.DIVERGED}, figure="6 of the 11",
     ),
     Strategy(
         "straight lines", _CONTINUED, "elastic", for_pairs=None, start=StartingPoint.STRAIGHT_LINES,
@@ -179,8 +179,13 @@ STRATEGIES = (
     ELASTIC_ROWS, STRAIGHT_LINES, RANDOM_CONTROLS, OTHER_OPTIMUM,
 ) = STRATEGIES  # fmt: skip
 
-# From beside a point that is stationary and no minimum; it follows by itself, and is none to choose.
-BEYOND_SADDLE = Strategy("beyond a saddle", for_pairs=False, options={**NEARLY_THERE, "max_iter": ITERATIONS_OF_ONE})
+# From where elastic rows led to, or another start that found something better, and from beside a point that is
+# stationary and no minimum; these follow by themselves, and are none to choose.
+_NEAR = {**NEARLY_THERE, "max_iter": ITERATIONS_OF_ONE}
+ONWARD = Strategy("solve from there", for_pairs=False, start=StartingPoint.REACHED, options=_NEAR)
+BEYOND_SADDLE = replace(ONWARD, name="beyond a saddle")
+# All that may follow where other starts are the caller's.
+PLAIN = (SOLVE, TIGHTER, ABSOLUTE_VALUES)
 
 # Without pairs each kind leads to optima that the others miss: where the motion under any controls is tame, simulated
 # ones find most; where it is not, states on lines do.
@@ -253,7 +258,7 @@ def settings_of(choices: Choices) -> dict[str, Any]:
         name: next((getattr(strategy, name) for strategy in chosen if getattr(strategy, name) is not None), default)
         for name, default in (("relaxation", "scholtes"), ("grouping", "pair"), ("exploration", None))
     }
-    strategies = None if are_open(chosen[0]) else tuple(map(_completed, chosen))
+    strategies = None if are_open(chosen[0]) else tuple(chosen)
     return {"strategies": strategies, "polish": all(strategy.polish for strategy in chosen), **stated}
 
 
@@ -265,18 +270,15 @@ def _known() -> str:
 
 
 def _strategy(choice: str | Strategy) -> Strategy:
+    """A strategy; one that only has the name of one of `STRATEGIES`, with what it leaves to that."""
     strategy = choice if isinstance(choice, Strategy) else Strategy(choice)
-    is_own = strategy.schedule is not None or not strategy.for_pairs
-    if not is_own and strategy.name != "default" and strategy.name not in _BY_NAME:
-        raise ValueError(f"unknown strategy {strategy.name!r}. Known: {_known()}.")
-    return strategy
-
-
-def _completed(strategy: Strategy) -> Strategy:
-    """A strategy that only has the name of one of `STRATEGIES`, with what it leaves to that."""
     known = _BY_NAME.get(strategy.name)
-    if known is None or strategy.schedule is not None:
-        return strategy if strategy.name != "default" else replace(strategy, name="schedule")
-    names = {each.name for each in fields(Strategy)} - {"name", "grouping", "polish", "exploration"}
-    given = {name: getattr(strategy, name) for name in names if getattr(strategy, name) != getattr(Strategy(), name)}
-    return replace(known, **given) if given else known
+    if strategy.schedule is not None and strategy.name == "default":
+        return replace(strategy, name="schedule")
+    if strategy.schedule is not None or are_open(strategy) or (known is None and not strategy.for_pairs):
+        return strategy
+    if known is None:
+        raise ValueError(f"unknown strategy {strategy.name!r}. Known: {_known()}.")
+    default = Strategy(strategy.name)
+    given = {name: stated for name, stated in vars(strategy).items() if stated != getattr(default, name)}
+    return replace(known, **given)

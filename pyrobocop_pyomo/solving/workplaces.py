@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -75,45 +74,25 @@ class Workplaces:
         self.place: Workplace | None = None
         self.last: Workplace | None = None
 
-    def __enter__(self) -> Workplaces:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
+    def close(self) -> None:
+        """Take back what was stated for the pairs."""
+        self.place = None
         self._stack.close()
-
-    @property
-    def pairs(self) -> int:
-        """How many pairs the open workplace has."""
-        return 0 if self.place is None else len(self.place.relaxed.pairs)
-
-    def restart(self) -> None:
-        """Take the values that are on the model for the start."""
-        if self.place is not None:
-            self.place.relaxed.start_lifted()
-            self.place.start = self.place.values.read()
 
     def move_to(self, strategy: Strategy) -> Workplace:
         """Keep the workplace, or change it for one with the relaxation that the strategy asks for."""
         relaxation = self._settings.relaxation if strategy.relaxation is None else strategy.relaxation
-        place = self.place
-        if place is not None and place.relaxation == relaxation:
-            return place
-        self.place = None
-        self._stack.close()
-        self._guess.write_start()
-        self.place = self.last = self._stack.enter_context(self._opened(relaxation, strategy))
-        return self.place
-
-    @contextlib.contextmanager
-    def _opened(self, relaxation: Any, strategy: Strategy) -> Iterator[Workplace]:
+        if self.place is not None and self.place.relaxation == relaxation:
+            return self.place
+        self.close()
+        self._guess.variables.write(self._guess.start)
         delta = 1e-2 if strategy.schedule is None else next(iter(strategy.schedule.steps()))
-        with relaxed_model(self._model, relaxation, self._settings.grouping, delta) as relaxed:
-            session = self._open_session(relaxed)
-            values = VariableValues.of_free(self._model)
-            try:
-                yield Workplace(relaxation, relaxed, session, values, values.read())
-            finally:
-                session.close()
+        relaxed = self._stack.enter_context(relaxed_model(self._model, relaxation, self._settings.grouping, delta))
+        session = self._open_session(relaxed)
+        self._stack.callback(session.close)
+        values = VariableValues.of_free(self._model)
+        self.place = self.last = Workplace(relaxation, relaxed, session, values, values.read())
+        return self.place
 
     def _open_session(self, relaxed: RelaxedModel) -> Session:
         """A session of the first backend that takes the model."""

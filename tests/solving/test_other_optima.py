@@ -16,11 +16,11 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
-from pyrobocop_pyomo.solving import procedure, runner
+from pyrobocop_pyomo.solving import procedure, record, runner
 from pyrobocop_pyomo.solving.curvature import direction_of_descent, is_convex
 from pyrobocop_pyomo.solving.ipopt_options import IpoptOptions
 from pyrobocop_pyomo.solving.iterates import Iterate
-from pyrobocop_pyomo.solving.polish import plain_work
+from pyrobocop_pyomo.solving.record import plain_work
 from pyrobocop_pyomo.solving.strategies import STRATEGIES
 
 pytestmark = pytest.mark.casadi
@@ -133,7 +133,7 @@ def test_a_fine_mesh_is_explored_on_a_coarser_one() -> None:
 
 def test_a_start_that_is_cut_short_takes_no_certificate_away(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(procedure, "FEW_ITERATIONS", 5)
-    monkeypatch.setattr(procedure, "plain_work", lambda variables, iterations: 15.0)
+    monkeypatch.setattr(record, "plain_work", lambda variables, iterations: 15.0)
     assert rcp.solve(round_a_hill()).solved
 
 

@@ -110,8 +110,8 @@ def test_no_copy_is_made_where_less_time_is_left_than_the_answer_took(monkeypatc
     settings = Settings("scholtes", "pair", Backend.IN_PROCESS_VECTORISED, deadline=Deadline.after(5.0))
     state = Runner(crossed_pairs(1), settings, solve_model)
     for passed in (1.0, 10.0):
-        state.record.exploration.started = time.perf_counter() - passed
-        assert not state.start_at_other_optimum(100.0)
+        state.record.started = time.perf_counter() - passed
+        assert not state.put_other_optimum()
     assert len(made) == 1
 
 
