@@ -291,7 +291,7 @@ def check_fixed_poses(snapshot: Snapshot, clearance_at: Callable[[tuple[str, str
         for time in (time for time in moving[0] if time in moving[-1]):
             place = MotionSegment(first.name, second.name, None, (time,))
             places[place] = clearance_at((first.body, second.body), time)
-    distances, _ = swept_distances(snapshot, list(places), max(places.values(), default=0.0))
+    distances, _ = swept_distances(snapshot, list(places))
     for (place, asked), available in zip(places.items(), distances.tolist(), strict=True):
         time, size = place.times[0], float(np.abs(snapshot.placed_pair(place)[0].vertices).max())
         if available < asked - NEGLIGIBLE * max(1.0, size):
