@@ -40,7 +40,6 @@ from .initial_checks import (
     check_rules,
     doubtful_clock,
     has_values,
-    warn_about_quaternions,
 )
 from .initial_separations import set_start_values
 from .scene import BodyPair, SeparationIndex
@@ -176,7 +175,6 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
         check_fixed_poses(snapshot, lambda pair, time: least_possible(asked_at(self, pair, time)))
         check_gaps(snapshot)
         update_estimates(self)
-        warn_about_quaternions(snapshot, self.model())
         record.directions = given
         with PauseGC():
             apply_broad_phase(self, snapshot)
