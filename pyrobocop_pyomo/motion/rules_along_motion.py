@@ -373,8 +373,8 @@ class SignalFormulas:
         for interval in range(len(motion.intervals)):
             fractions, leaves = motion.polynomial(item, interval)
             points, to_coefficients = bernstein_from_samples(len(leaves) - 1)
-            values = [_number(leaf, item.name) for leaf in leaves]
-            coefficients.append(to_coefficients @ (evaluation_matrix(fractions, points) @ values))
+            numbers = [_number(leaf, item.name) for leaf in leaves]
+            coefficients.append(to_coefficients @ (evaluation_matrix(fractions, points) @ numbers))
         component = parent_of(item_at(item, motion.intervals[0][0]))
         return Signal(at_node, PiecewisePolynomial(np.array(coefficients)), component)
 
