@@ -49,12 +49,8 @@ class _Kept(NamedTuple):
 
 def difference_rays(first: np.ndarray | None, second: np.ndarray | None, dimension: int) -> np.ndarray:
     """Directions in which the differences of two sets have no end: rays of the first, and of the second reversed."""
-    rays = [np.zeros((0, dimension))]
-    if first is not None:
-        rays.append(first)
-    if second is not None:
-        rays.append(-second)
-    return np.vstack(rays)
+    reversed_rays = None if second is None else -second
+    return np.vstack([np.zeros((0, dimension)), *(of for of in (first, reversed_rays) if of is not None)])
 
 
 def nearest_difference(

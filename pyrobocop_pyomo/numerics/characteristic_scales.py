@@ -170,8 +170,6 @@ def _medians(groups: Integers, values: Array, count: int) -> Array:
     groups, values = groups[positive], values[positive]
     order = np.lexsort((values, groups))
     groups, values = groups[order], values[order]
-    first = np.searchsorted(groups, np.arange(count), side="left")
-    after = np.searchsorted(groups, np.arange(count), side="right")
-    there = after > first
-    medians[there] = values[(first[there] + after[there] - 1) // 2]
+    present, first, sizes = np.unique(groups, return_index=True, return_counts=True)
+    medians[present] = values[first + (sizes - 1) // 2]
     return medians
