@@ -48,7 +48,7 @@ class Snapshot:
             try:
                 self._poses[key] = self.record.poses[key].numbers()
             except ObstacleError as error:
-                raise ObstacleError(f"{self.what}: at {time}, '{body}': {error}") from None
+                raise ObstacleError(f"{self.what}: the pose of '{body}' at {time}: {error}") from None
             if not all(np.isfinite(entries).all() for entries in self._poses[key]):
                 raise ObstacleError(f"{self.what}: the pose of '{body}' at {time} is not finite at the current values.")
         return self._poses[key]
