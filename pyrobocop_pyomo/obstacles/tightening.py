@@ -1,7 +1,7 @@
 """Margins, splits and restored separations for the next solve, where a motion is not proven to keep its clearances.
 
-Rows hold at poses, and between them a motion may come closer. By how much the proof of the last motion has found; a
-margin of that size is required in the next solve. `verify` proves the result.
+Rows hold at poses, and between them a motion may come closer. By how much, the proof of the last motion has found, and
+a margin of that size is required in the next solve. `verify` proves the result.
 """
 
 from __future__ import annotations
