@@ -163,10 +163,6 @@ class Motion(ABC):
             When the pose reads a signal that is not continuous, or the rule cannot be evaluated between nodes.
         """
         what = f"the pose of '{name}'"
-        if not self.intervals:
-            raise ObstacleError(f"{what} between points: these points are not ordered in time.")
-        if not 0.0 <= fraction <= 1.0:
-            raise ObstacleError(f"{what} at fraction {fraction!r} of an interval; expected 0 to 1.")
         index = self.index_at(interval, fraction)
         if index in self.intervals[interval]:
             return self.pose_at_node(rule, index, name=name)
