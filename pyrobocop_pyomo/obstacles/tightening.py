@@ -20,7 +20,7 @@ from .containment import ContainmentData
 
 logger = logging.getLogger(__name__)
 
-# The next motion will differ from the last: a margin grows by this many times the missing distance.
+# The next motion will differ from the last: where the missing distance alone was not enough, this many times it is.
 MISSING_FACTOR = 1.25
 # Separations whose segment is at most this part of its interval are not split.
 SMALLEST_PART = 1.0 / 32.0
@@ -61,7 +61,8 @@ def _tighten_separations(block: Any, report: SafetyReport, *, split: bool) -> di
     done = {"separations restored": len(block.restore_near(missed)), "margins raised": 0, "separations split": 0}
     for pair, interval in places:
         for segment in present.get((pair.first, pair.second, interval), ()):
-            margin = value(block.margin[segment.index]) + _more(pair)[interval]
+            more = MISSING_FACTOR if split else 1.0  # margins make paths longer: the least is tried first
+            margin = value(block.margin[segment.index]) + more * _missing(pair)[interval]
             # Planes of shorter segments bring the motion of the equations no nearer.
             if split and interval not in pair.plan_only and _is_long(segment):
                 done["separations split"] += 1
@@ -79,16 +80,16 @@ def _raise_margins_to_region(region: ContainmentData, report: SafetyReport) -> d
     more = np.zeros(len(intervals))
     for pair in report.body_pairs if intervals else ():
         unproven = list(pair.unproven)
-        more[unproven] = np.fmax(more[unproven], _more(pair)[unproven])
+        more[unproven] = np.fmax(more[unproven], MISSING_FACTOR * _missing(pair)[unproven])
     for interval in np.flatnonzero(more).tolist():
         region.set_margin(interval, max(value(region.margin[time]) for time in intervals[interval]) + more[interval])
     return {"margins to a region raised": int(np.count_nonzero(more))}
 
 
-def _more(pair: BodyPairSafety) -> Any:
-    """By how much the margin grows in each interval, where it is not proven."""
+def _missing(pair: BodyPairSafety) -> Any:
+    """By how much the distance misses what is required, in each interval; that is meant for those not proven."""
     # Where no instant is too close, only the proof is missing, by at most the tolerance.
-    return MISSING_FACTOR * np.fmax(pair.missing, pair.tolerance)
+    return np.fmax(pair.missing, pair.tolerance)
 
 
 def _restore_at_points(block: Any, report: SafetyReport) -> dict[str, int]:
