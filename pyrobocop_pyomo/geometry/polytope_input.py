@@ -56,7 +56,7 @@ def corners_of_list(points: np.ndarray, *, allow_flat: bool, ordered: bool, name
     flat = len(basis) < dimension  # in its own plane then; else as it is, for the basis may mirror the order
     kept = convex_hull((distinct - distinct[0]) @ basis.T if flat else distinct).corners
     if dimension == 2 and len(basis) == 2 and ordered:
-        _refuse_outlines_that_are_not_convex(distinct, kept, name)
+        _refuse_outlines_that_are_not_convex(distinct, name)
     if len(kept) < len(distinct) and ordered:
         logger.warning(
             "'%s': %d of its %d points are no corners of their convex hull and are left out.",
@@ -79,30 +79,19 @@ def _without_repeated(points: np.ndarray, name: str) -> np.ndarray:
     return points[kept]
 
 
-def _refuse_outlines_that_are_not_convex(points: np.ndarray, corners: np.ndarray, name: str) -> None:
-    """Read in the order given, the points must go around their hull once, in either direction."""
-    on_edges = _on_boundary(points, points[corners])
-    if not on_edges.all():
-        row = int(np.argmin(on_edges))
+def _refuse_outlines_that_are_not_convex(points: np.ndarray, name: str) -> None:
+    """Around the outline, edges turn to one side only, and once in all; either side will do."""
+    before, after = points - np.roll(points, 1, axis=0), np.roll(points, -1, axis=0) - points
+    crossed = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+    angles = np.arctan2(crossed, (before * after).sum(axis=1))
+    depths = (np.sign(angles.sum()) or 1.0) * crossed / np.linalg.norm(before + after, axis=1)
+    row = int(np.argmin(depths))
+    if depths[row] < -NEGLIGIBLE * np.ptp(points, axis=0).max() or abs(abs(angles.sum()) - 2.0 * np.pi) > 1.0:
         raise ObstacleError(
-            f"'{name}': the outline is not convex: its point {row}, at {points[row]}, lies inside the hull "
-            "of the others. Cut the outline into convex parts with decompose(outline), or take the hull on purpose: "
+            f"'{name}': the outline is not convex, or crosses itself, at its point {row}, {points[row]}. List the "
+            "points in order, cut the outline into convex parts with decompose(outline), or take the hull on purpose: "
             "Polytope.hull(points)."
         )
-    positions = np.argsort(corners)  # where around the hull the first corner listed is, the second, ...
-    steps = {int(step) for step in (np.roll(positions, -1) - positions) % len(corners)}
-    if steps not in ({1}, {len(corners) - 1}) and len(corners) > 3:
-        raise ObstacleError(
-            f"'{name}': the outline crosses itself: its {len(corners)} points, in the order given, do not go around "
-            "their hull. List them in order, or take the hull on purpose: Polytope.hull(points)."
-        )
-
-
-def _on_boundary(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    edges = np.roll(corners, -1, axis=0) - corners
-    outward = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
-    depths = (outward * corners).sum(axis=1) - points @ outward.T
-    return depths.min(axis=1) <= NEGLIGIBLE * np.ptp(corners, axis=0).max()
 
 
 def corners_of_halfspaces(normals: Any, offsets: Any, *, bounded: bool, name: str) -> tuple[np.ndarray, np.ndarray]:

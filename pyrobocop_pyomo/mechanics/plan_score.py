@@ -310,17 +310,11 @@ class CombinedPlanScore(ABC):
             When a component is missing.
         """
         body, robots = self.combined(plans)
-        position = body.position
-        bodies = [BodyPath(self.body.shape.outline(), body.rotation, position, "")]
-        level = np.tile(np.eye(position.shape[1]), (len(position), 1, 1))
-        outline = self.robot.shape.outline()
-        for name, robot in robots.items():
-            at = self._gap(robot, body)
-            force = self._wrench(robot, at)[:, : position.shape[1]]
-            # A force lasts over an element; the start shows that of the first.
-            force, contact = np.vstack([force[:1], force]), position + np.transpose(at.point)
-            bodies.append(BodyPath(outline, level, robot.position, name, force, contact))
-        return np.linspace(0.0, self.step * (len(position) - 1), len(position)), bodies
+        count, axes = body.position.shape
+        level, outline = np.tile(np.eye(axes), (count, 1, 1)), self.robot.shape.outline()
+        bodies = [BodyPath(self.body.shape.outline(), body.rotation, body.position, "")]
+        bodies += [BodyPath(outline, level, robot.position, name) for name, robot in robots.items()]
+        return np.linspace(0.0, self.step * (count - 1), count), bodies
 
     def animate(
         self, plans: Mapping[str, Mapping[str, Array]], path: str | Path | None = None, **options: Any

@@ -44,10 +44,6 @@ class SquareSlider:
         """Mean distance of the square's points from its centre, metres: the lever arm of table friction."""
         return 2 * self.half_side / 6 * (math.sqrt(2) + math.asinh(1))
 
-    @property
-    def _largest_force(self) -> float:
-        return self.table_friction * self.mass * self.gravity
-
     def velocity(self, theta: Any, contact: tuple[Any, Any], force: tuple[Any, Any]) -> tuple[Any, Any, Any]:
         """World velocity of the slider under a contact force.
 
@@ -68,7 +64,7 @@ class SquareSlider:
             Rates of the pose in the world frame.
         """
         f_x, f_y = force
-        largest = self._largest_force
+        largest = self.table_friction * self.mass * self.gravity
         body_x, body_y = f_x / largest**2, f_y / largest**2
         omega = (contact[0] * f_y - contact[1] * f_x) / (largest * self.mean_distance) ** 2
         return cos(theta) * body_x - sin(theta) * body_y, sin(theta) * body_x + cos(theta) * body_y, omega

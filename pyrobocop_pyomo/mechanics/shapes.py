@@ -71,12 +71,6 @@ class RoundedShape:
         """True when no rotation changes the shape."""
         return not any(self.core)
 
-    def nearest_of_core(self, *place: Any) -> tuple[Any, ...]:
-        """The point of the core that is nearest to a place, in the frame of the body."""
-        return tuple(
-            limited(x, half, self.smoothing) if half else 0.0 for x, half in zip(place, self.core, strict=True)
-        )
-
     def gap_to_ball(self, radius: float, centre: Vector, position: Vector, rotation: Matrix | None = None) -> Gap:
         """The gap to a disc or a sphere.
 
@@ -100,7 +94,11 @@ class RoundedShape:
         if not self.is_round:
             if rotation is None:
                 raise ObstacleError(f"{type(self).__name__}: its gap needs the rotation of the body.")
-            in_frame = self.nearest_of_core(*(inner_product(column, apart) for column in zip(*rotation, strict=True)))
+            # The point of the core that is nearest, in the frame of the body.
+            along = [inner_product(column, apart) for column in zip(*rotation, strict=True)]
+            in_frame = [
+                limited(x, half, self.smoothing) if half else 0.0 for x, half in zip(along, self.core, strict=True)
+            ]
             core = [inner_product(row, in_frame) for row in rotation]
             apart = [d - k for d, k in zip(apart, core, strict=True)]
         length = root(inner_product(apart, apart) + self._small_area)

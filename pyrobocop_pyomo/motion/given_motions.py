@@ -8,7 +8,6 @@ from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pyomo.core.base.param import Param
 from pyomo.core.base.PyomoModel import ConcreteModel
 from pyomo.core.base.set import Set
@@ -17,7 +16,6 @@ from pyomo.core.expr import cos, sin
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
 from pyrobocop_pyomo.templates.slots import Item
 from pyrobocop_pyomo.trajectories import Trajectory
 
@@ -67,15 +65,10 @@ class GivenMotion(Motion):
         if signal.component.local_name not in self.samples:
             raise ObstacleError(f"'{signal.name}' {self.refusal}")
 
-    def polynomial(self, signal: Item, interval: int) -> list[Any]:
+    def polynomial(self, signal: Item, interval: int) -> tuple[Array, list[Any]]:
         """The values at evenly spaced fractions."""
-        found: list[Any] = self.samples[signal.component.local_name][interval].tolist()
-        return found
-
-    def polynomial_weights(self, signal: Item, interval: int, fractions: ArrayLike) -> Array:
-        """Lagrange polynomials on these fractions."""
-        count = self.samples[signal.component.local_name].shape[1]
-        return evaluation_matrix(np.linspace(0.0, 1.0, count), fractions)
+        values = self.samples[signal.component.local_name][interval]
+        return np.linspace(0.0, 1.0, len(values)), values.tolist()
 
 
 def motion_along_paths(

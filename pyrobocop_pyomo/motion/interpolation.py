@@ -11,7 +11,6 @@ from numbers import Real
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.var import Var
 from pyomo.dae import ContinuousSet, DerivativeVar
@@ -19,11 +18,11 @@ from pyomo.repn import generate_standard_repn
 
 from pyrobocop_pyomo.continuous.record import Discretisation, discretisation_of
 from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.geometry.poses import dot
 from pyrobocop_pyomo.modeling.expressions import same_expression
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.numerics.arrays import increasing_numbers
-from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
 from pyrobocop_pyomo.numerics.rounding import ROUNDING
 from pyrobocop_pyomo.phases import PhaseBlockData
 from pyrobocop_pyomo.phases.horizon import element_widths
@@ -80,27 +79,17 @@ class CollocationMotion(Motion):
         """Width of an element, in time."""
         return float(self.grid.mesh.widths[interval])
 
-    def _rates(self, signal: Item) -> Any:
-        scheme = self.grid.scheme
-        # The values at the nodes alone leave the polynomial of such a scheme one degree short.
-        return self.rates(signal) if scheme.starts_on_a_stage and scheme.is_collocation else None
-
-    def polynomial(self, signal: Item, interval: int) -> list[Any]:
-        """Values at the nodes, or the start value and the increments."""
-        grid, rates = self.grid, self._rates(signal)
+    def polynomial(self, signal: Item, interval: int) -> tuple[Array, list[Any]]:
+        """Values at the nodes; where these leave it one degree short, values that the rates lead to."""
+        grid, scheme = self.grid, self.grid.scheme
         nodes = grid.node_times[interval]
+        rates = self.rates(signal) if scheme.starts_on_a_stage and scheme.is_collocation else None
         if rates is None:
-            return [item_at(signal, node) for node in nodes]
-        width = self.width(interval)
-        return [item_at(signal, nodes[0]), *(width * rates[stage] for stage in grid.stage_times[interval])]
-
-    def polynomial_weights(self, signal: Item, interval: int, fractions: ArrayLike) -> Array:
-        """Weights that the scheme defines."""
-        scheme = self.grid.scheme
-        if self._rates(signal) is None:
-            return scheme.state_at(fractions)
-        increments = scheme.increments_at(fractions)
-        return np.column_stack([np.ones(len(increments)), increments])
+            return scheme.state_nodes, [item_at(signal, node) for node in nodes]
+        fractions, width = np.linspace(0.0, 1.0, scheme.stages + 1), self.width(interval)
+        moved = [width * rates[stage] for stage in grid.stage_times[interval]]
+        weights = scheme.increments_at(fractions).tolist()
+        return fractions, [item_at(signal, nodes[0]) + dot(row, moved) for row in weights]
 
 
 class PhaseMotion(CollocationMotion):
@@ -286,15 +275,11 @@ class NodalMotion(Motion):
         """Raise what `refusal` raises."""
         self.refusal(signal)
 
-    def polynomial(self, signal: Item, interval: int) -> list[Any]:
+    def polynomial(self, signal: Item, interval: int) -> tuple[list[float], list[Any]]:
         """Values at the nodes."""
-        return [item_at(signal, node) for node in self.support[interval]]
-
-    def polynomial_weights(self, signal: Item, interval: int, fractions: ArrayLike) -> Array:
-        """Lagrange polynomials on the nodes."""
         start, end = self.intervals[interval][0], self.intervals[interval][-1]
-        local = [(node - start) / (end - start) for node in self.support[interval]]
-        return evaluation_matrix(local, fractions)
+        support = self.support[interval]
+        return [(node - start) / (end - start) for node in support], [item_at(signal, node) for node in support]
 
 
 def _refuse_nothing(signal: Item) -> None:

@@ -8,11 +8,11 @@ value and the increments ``h f``.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from bisect import bisect_right
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pyomo.core.base.param import Param
 from pyomo.core.expr.numvalue import value
 
@@ -69,12 +69,8 @@ class Motion(ABC):
         """
 
     @abstractmethod
-    def polynomial(self, signal: Item, interval: int) -> list[Any]:
-        """Variables and expressions that define the polynomial of one interval."""
-
-    @abstractmethod
-    def polynomial_weights(self, signal: Item, interval: int, fractions: ArrayLike) -> Array:
-        """Weights of these at local fractions, shape ``(len(fractions), leaves)``."""
+    def polynomial(self, signal: Item, interval: int) -> tuple[Any, list[Any]]:
+        """Local fractions of one interval, and the variables and expressions there that its polynomial goes through."""
 
     def joins_lines(self, signal: Item) -> bool:
         """Whether a signal has values at the nodes only, which are joined by lines: parameters over the nodes."""
@@ -85,17 +81,13 @@ class Motion(ABC):
         if not self.joins_lines(signal):
             self.refuse(signal, early=early)
 
-    def leaves(self, signal: Item, interval: int) -> list[Any]:
-        """What the motion of a signal on one interval is made of."""
-        if self.joins_lines(signal):
-            return [item_at(signal, node) for node in self.intervals[interval]]
-        return self.polynomial(signal, interval)
-
-    def weights(self, signal: Item, interval: int, fractions: ArrayLike) -> Array:
-        """Weights of the leaves at local fractions, shape ``(len(fractions), leaves)``."""
-        if self.joins_lines(signal):
-            return line_weights(self.intervals[interval], fractions)
-        return self.polynomial_weights(signal, interval, fractions)
+    def polynomial_around(self, signal: Item, interval: int, fraction: float) -> tuple[Any, list[Any]]:
+        """The polynomial that a signal follows at a local fraction; of one that is joined by lines, the line there."""
+        if not self.joins_lines(signal):
+            return self.polynomial(signal, interval)
+        fractions = self.local_fractions(interval)
+        k = min(bisect_right(fractions, fraction), len(fractions) - 1)
+        return fractions[k - 1 : k + 1], [item_at(signal, node) for node in self.intervals[interval][k - 1 : k + 1]]
 
     def check_time_of(self, phase: Any) -> None:
         """Raise `ObstacleError` where ``phase.time_at`` does not map the indices to time."""
@@ -171,18 +163,7 @@ class Motion(ABC):
             When the pose reads a signal that is not continuous, or the rule cannot be evaluated between nodes.
         """
         what = f"the pose of '{name}'"
-        if not self.intervals:
-            raise ObstacleError(f"{what} between points: these points are not ordered in time.")
-        if not 0.0 <= fraction <= 1.0:
-            raise ObstacleError(f"{what} at fraction {fraction!r} of an interval; expected 0 to 1.")
         index = self.index_at(interval, fraction)
         if index in self.intervals[interval]:
             return self.pose_at_node(rule, index, name=name)
         return expressions_between(self, pose_formulas(self, rule, name), interval, fraction, what)
-
-
-def line_weights(nodes: Sequence[float], fractions: ArrayLike) -> Array:
-    """Weights of the values at the nodes of an interval where they are joined by lines."""
-    local = (np.asarray(nodes, dtype=float) - nodes[0]) / (nodes[-1] - nodes[0])
-    at = np.atleast_1d(np.asarray(fractions, dtype=float))
-    return np.stack([np.interp(at, local, unit) for unit in np.eye(len(local))], axis=-1)

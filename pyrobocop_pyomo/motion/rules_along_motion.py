@@ -25,6 +25,7 @@ from pyrobocop_pyomo.modeling.expressions import is_plain_variable
 from pyrobocop_pyomo.modeling.rule_slips import block_as_number, forgotten_index, slips_explained
 from pyrobocop_pyomo.numerics import Array, Indices
 from pyrobocop_pyomo.numerics.bernstein import bernstein_from_samples
+from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
 from pyrobocop_pyomo.numerics.taylor_forms import TaylorForm
 from pyrobocop_pyomo.numerics.taylor_functions import TAYLOR_FUNCTIONS
 from pyrobocop_pyomo.phases.bounds_between_points import PiecewisePolynomial
@@ -177,8 +178,8 @@ def expressions_between(motion: Any, formulas: Any, interval: int, fraction: flo
             return slot.on_model(Place(motion.block, index))
         item = _item(slot)
         motion.check(item)
-        weights = motion.weights(item, interval, fraction)[0].tolist()
-        leaves = motion.leaves(item, interval)
+        fractions, leaves = motion.polynomial_around(item, interval, fraction)
+        weights = evaluation_matrix(fractions, fraction)[0].tolist()
         if all(map(is_plain_variable, leaves)):
             return LinearExpression(linear_vars=leaves, linear_coefs=weights)
         return sum(weight * leaf for weight, leaf in zip(weights, leaves, strict=True))
@@ -370,9 +371,10 @@ class SignalFormulas:
         motion.check(item)
         coefficients = []
         for interval in range(len(motion.intervals)):
-            leaves = [_number(leaf, item.name) for leaf in motion.leaves(item, interval)]
+            fractions, leaves = motion.polynomial(item, interval)
             points, to_coefficients = bernstein_from_samples(len(leaves) - 1)
-            coefficients.append(to_coefficients @ (motion.weights(item, interval, points) @ leaves))
+            numbers = [_number(leaf, item.name) for leaf in leaves]
+            coefficients.append(to_coefficients @ (evaluation_matrix(fractions, points) @ numbers))
         component = parent_of(item_at(item, motion.intervals[0][0]))
         return Signal(at_node, PiecewisePolynomial(np.array(coefficients)), component)
 

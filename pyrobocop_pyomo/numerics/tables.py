@@ -308,28 +308,20 @@ class Table(_Spline):
         Raises
         ------
         FunctionError
-            Naming the row and the entry that is no number.
+            Naming the entry that is no number.
         """
         path = Path(path)
-        options = {"name": path.stem, **options}
-        entries: dict[str, Any] = {
-            "delimiter": ",",
-            "comments": None,
-            "quotechar": '"',
-            "ndmin": 2,
-            "encoding": "utf-8",
-        }
         try:
-            body = np.loadtxt(path, skiprows=1, **entries)
-            columns = range(1, body.shape[1])
-            head = np.loadtxt(path, max_rows=1, usecols=columns, **entries) if len(columns) > 1 else None
+            rows = np.loadtxt(path, str, delimiter=",", comments=None, quotechar='"', ndmin=2, encoding="utf-8")
+            if rows.shape[0] < 2 or rows.shape[1] < 2:
+                raise ValueError("a table has at least two columns, and rows below that of the titles")
+            has_two = rows.shape[1] > 2
+            grids = [rows[1:, 0], rows[0, 1:]] if has_two else [rows[1:, 0]]
+            values = rows[1:, 1:] if has_two else rows[1:, 1]
+            grids_and_values = [np.asarray(cells, dtype=float) for cells in (*grids, values)]
         except ValueError as error:
-            raise FunctionError(f"'{path}': {error} (the first row of numbers is row 0).") from None
-        if not columns:
-            raise FunctionError(f"'{path}': a table has at least two columns, and rows below that of the titles.")
-        if head is None:
-            return cls(body[:, 0], body[:, 1], **options)
-        return cls(body[:, 0], head[0], body[:, 1:], **options)
+            raise FunctionError(f"'{path}': {error}.") from None
+        return cls(*grids_and_values, **{"name": path.stem, **options})
 
 
 def _is_numeric_array(argument: Any) -> bool:

@@ -33,14 +33,12 @@ from .broad_phase import (
     places_of,
 )
 from .clearances import ClearanceRule, asked_at, least_possible, update_estimates, verified_clearances
-from .impossible_gaps import check_gaps
 from .initial_checks import (
     check_fixed_poses,
     check_poses,
     check_rules,
     doubtful_clock,
     has_values,
-    warn_about_quaternions,
 )
 from .initial_separations import set_start_values
 from .scene import BodyPair, SeparationIndex
@@ -174,9 +172,7 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
         units = record.scene.unit_directions(self._what, given)
         check_poses(snapshot, self.motion)
         check_fixed_poses(snapshot, lambda pair, time: least_possible(asked_at(self, pair, time)))
-        check_gaps(snapshot)
         update_estimates(self)
-        warn_about_quaternions(snapshot, self.model())
         record.directions = given
         with PauseGC():
             apply_broad_phase(self, snapshot)

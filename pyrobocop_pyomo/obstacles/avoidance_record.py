@@ -48,13 +48,6 @@ class MotionSegment:
         """Index of the separation in all components."""
         return (self.first, self.second, self.times[0])
 
-    def pose_at(self, motion: Motion, body: Body, position: int, name: str) -> Pose:
-        """Expressions of the pose of a moving body at one of the times."""
-        assert body.pose is not None
-        if self.interval is None:
-            return motion.pose_at_node(body.pose, self.times[position], name=name)
-        return motion.pose_at(body.pose, self.interval, self.fractions[position], name=name)
-
     def halves(self, motion: Motion) -> tuple[MotionSegment, MotionSegment]:
         """The two halves; they share the time in the middle, which is added where it is not one of the times."""
         assert self.interval is not None

@@ -1,12 +1,10 @@
 """The broad phase: which separations a solve needs, by how near the shapes come to each other.
 
 Distances are those of the convex hulls of all that two shapes sweep in a segment of motion, as in the start values.
-Axis-aligned boxes decide most of them, for all segments at once.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections import defaultdict
 from collections.abc import Hashable, Iterable, Sequence
 from typing import Any
@@ -33,55 +31,30 @@ GROWTH = 1.5
 EARLIER_OR_LATER = 0.04
 
 
-def swept_distances(
-    snapshot: Snapshot, segments: Sequence[MotionSegment], beyond: float = np.inf
-) -> tuple[Array, Array]:
+def swept_distances(snapshot: Snapshot, segments: Sequence[MotionSegment]) -> tuple[Array, Array]:
     """Signed distances (k,) and normals (k, d) of what two shapes sweep on each segment.
-
-    Parameters
-    ----------
-    snapshot : Snapshot
-    segments : sequence of MotionSegment
-    beyond : float
-        Where boxes are farther apart than this, their distance is given, and no normal.
 
     Returns
     -------
     distances : (k,) array
         Padding included; minus infinity where both shapes overlap without end.
     normals : (k, d) array
-        Unit vectors from the second shape to the first; NaN beyond.
+        Unit vectors from the second shape to the first.
     """
-    if not segments:
-        return np.empty(0), np.empty((0, snapshot.record.dimension))
-    pairs = [snapshot.placed_pair(segment) for segment in segments]
-    distances, radii = _box_distances(pairs)
-    normals = np.full((len(segments), snapshot.record.dimension), np.nan)
+    distances, normals = np.empty(len(segments)), np.empty((len(segments), snapshot.record.dimension))
     alike: dict[tuple[int, ...], list[int]] = defaultdict(list)
-    for k in np.flatnonzero(~(distances > beyond)).tolist():
-        alike[tuple(len(corners) for corners in _corners(*pairs[k]))].append(k)
+    pairs = [snapshot.placed_pair(segment) for segment in segments]
+    for k, pair in enumerate(pairs):
+        alike[tuple(len(corners) for corners in _corners(*pair))].append(k)
     for members in alike.values():
-        p, q, p_rays, q_rays = map(np.stack, zip(*(_corners(*pairs[k]) for k in members), strict=True))
-        exact, normals[members] = distances_of_points(p, q, p_rays, q_rays)
-        distances[members] = exact - radii[members]
+        corners = map(np.stack, zip(*(_corners(*pairs[k]) for k in members), strict=True))
+        exact, normals[members] = distances_of_points(*corners)
+        distances[members] = exact - [pairs[k][0].radius + pairs[k][1].radius for k in members]
     return distances, normals
 
 
 def _corners(first: Polytope, second: Polytope) -> tuple[Array, ...]:
     return first.vertices, second.vertices, first.rays, second.rays
-
-
-def _box_distances(pairs: Sequence[tuple[Polytope, Polytope]]) -> tuple[Array, Array]:
-    """Distances of the boxes around two shapes, less their padding, and the padding; both (k,)."""
-    boxes: dict[int, Any] = {}  # what several segments share is one shape
-    for shape in itertools.chain.from_iterable(pairs):
-        if id(shape) not in boxes:
-            box = np.array([shape.vertices.min(axis=0), shape.vertices.max(axis=0)])
-            boxes[id(shape)] = box if shape.is_bounded else np.array([[-np.inf], [np.inf]]) + 0.0 * box
-    first, second = (np.array([boxes[id(pair[side])] for pair in pairs]) for side in (0, 1))
-    between = np.maximum(first[:, 0] - second[:, 1], second[:, 0] - first[:, 1])
-    radii = np.array([first.radius + second.radius for first, second in pairs])
-    return np.linalg.norm(np.maximum(between, 0.0), axis=1) - radii, radii
 
 
 # ------------------------------------------------------------------------------------------------- what is left out
@@ -99,19 +72,12 @@ def near_segments(snapshot: Snapshot, segments: Sequence[MotionSegment]) -> Bool
     record = snapshot.record
     if not is_on(record):
         return np.ones(len(segments), dtype=bool)
+    distances, _ = swept_distances(snapshot, segments)
     if not isinstance(record.broad_phase, str):
-        length = float(record.broad_phase or 0.0)
-        distances, _ = swept_distances(snapshot, segments, length)
-        return ~(distances > length)
-    least = least_reach(record)
-    looked_at = max(record.reach, least)
-    distances, _ = swept_distances(snapshot, segments, looked_at)
+        return ~(distances > float(record.broad_phase or 0.0))
     deepest = float(np.maximum(-distances[np.isfinite(distances)], 0.0).max(initial=0.0))
     # Whoever leaves an overlap on its other side goes farther than its depth, and by its own size past the neighbours.
-    reach = max(record.reach, least + deepest)
-    farther = np.flatnonzero((distances > looked_at) & (distances <= reach))
-    distances[farther], _ = swept_distances(snapshot, [segments[k] for k in farther.tolist()])
-    return _earlier_or_later(record, segments, ~(distances > reach))
+    return _earlier_or_later(record, segments, distances, max(record.reach, least_reach(record) + deepest))
 
 
 def least_reach(record: AvoidanceRecord) -> float:
@@ -122,8 +88,11 @@ def least_reach(record: AvoidanceRecord) -> float:
     return 2.0 * max(scene.clearances.values()) + max(sizes, default=0.0)
 
 
-def _earlier_or_later(record: AvoidanceRecord, segments: Sequence[MotionSegment], near: BoolArray) -> BoolArray:
-    """Also the intervals shortly before and after one that is near: plans change the speed of a guess first."""
+def _earlier_or_later(
+    record: AvoidanceRecord, segments: Sequence[MotionSegment], distances: Array, reach: float
+) -> BoolArray:
+    """What is within reach, and intervals shortly before and after: plans change the speed of a guess first."""
+    near: BoolArray = ~(distances > reach)
     if not record.per_interval:
         return near
     pairs = {pair: k for k, pair in enumerate(dict.fromkeys((of.first, of.second) for of in segments))}
@@ -169,8 +138,7 @@ def near_the_motion(snapshot: Snapshot, asked: Sequence[MotionSegment]) -> list[
     if record.broad_phase == "auto" and asked:
         record.reach = GROWTH * max(record.reach, least_reach(record))
         left_out = list(record.pruned.values())
-        distances, _ = swept_distances(snapshot, left_out, record.reach)
-        near = _earlier_or_later(record, left_out, ~(distances > record.reach))
+        near = _earlier_or_later(record, left_out, swept_distances(snapshot, left_out)[0], record.reach)
         found.update({left_out[k].index: left_out[k] for k in np.flatnonzero(near).tolist()})
     return list(found.values())
 

@@ -24,7 +24,6 @@ from pyrobocop_pyomo.modeling.blocks import BuiltBlockData, blocks_of_kind
 from pyrobocop_pyomo.modeling.expressions import is_plain_variable
 from pyrobocop_pyomo.modeling.row_violations import constraint_violation
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
-from pyrobocop_pyomo.modeling.variable_values import values_restored
 from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.motion.motion import Motion
 from pyrobocop_pyomo.motion.moving_shapes import moving_shapes
@@ -33,7 +32,7 @@ from pyrobocop_pyomo.motion.rules_along_motion import errors_naming, pose_formul
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.templates.slots import Always, Clock, Item, Slot, Time, is_on_indices
 
-from .avoidance_record import AvoidanceRecord, MotionSegment
+from .avoidance_record import MotionSegment
 from .broad_phase import swept_distances
 from .clearances import ClearanceRule, clearance_values
 from .snapshot import Snapshot, fixed_times, variables_of
@@ -291,7 +290,7 @@ def check_fixed_poses(snapshot: Snapshot, clearance_at: Callable[[tuple[str, str
         for time in (time for time in moving[0] if time in moving[-1]):
             place = MotionSegment(first.name, second.name, None, (time,))
             places[place] = clearance_at((first.body, second.body), time)
-    distances, _ = swept_distances(snapshot, list(places), max(places.values(), default=0.0))
+    distances, _ = swept_distances(snapshot, list(places))
     for (place, asked), available in zip(places.items(), distances.tolist(), strict=True):
         time, size = place.times[0], float(np.abs(snapshot.placed_pair(place)[0].vertices).max())
         if available < asked - NEGLIGIBLE * max(1.0, size):
@@ -375,45 +374,3 @@ def check_region(region: Any, tolerance: float) -> None:
 def has_values(record: Any) -> bool:
     """True when every variable that a pose reads has a value."""
     return all(variable.value is not None for pose in record.poses.values() for variable in variables_of(pose))
-
-
-def warn_about_quaternions(snapshot: Snapshot, model: Any) -> None:
-    """Warn where variables make a rotation at some values only, and no equation keeps them at such values.
-
-    Sines and cosines make a rotation at any angle, a quaternion only at length one. To tell them apart, the variables
-    are moved a little.
-    """
-    constrained: set[frozenset[int]] | None = None
-    for body, rotations in _free_rotations(snapshot.record).items():
-        pose, read = rotations[0]
-        with values_restored(read) as values:
-            values.write([1.1 * variable.value + 0.1 for variable in read])
-            rotation, _ = pose.numbers()
-        if np.abs(rotation @ rotation.T - np.eye(len(rotation))).max() < NEGLIGIBLE:
-            continue
-        if constrained is None:
-            rows = model.component_data_objects(Constraint, active=True, descend_into=True)
-            constrained = {
-                frozenset(map(id, variables_in(row.body, include_fixed=False))) for row in rows if row.equality
-            }
-        # Some schemes have no equations at the ends of elements: one instant with an equation is enough.
-        if constrained.isdisjoint(frozenset(id(of) for of in read if not of.fixed) for _, read in rotations):
-            LOGGER.warning(
-                "%s: the rotation of '%s' is one only while %s have length one, and no equation keeps them so: its "
-                "shape would grow or shrink. Add the equation, or normalise the quaternion in the pose rule. Where "
-                "differential equations turn the quaternion, add a control that stretches it as well, which the "
-                "equation determines.",
-                snapshot.what,
-                body,
-                ", ".join(variable.name for variable in rotations[0][1]),
-            )
-
-
-def _free_rotations(record: AvoidanceRecord) -> dict[str, list[tuple[Pose, list[Any]]]]:
-    """Poses whose rotation reads a variable that is not fixed, with the variables, by body."""
-    rotations: dict[str, list[tuple[Pose, list[Any]]]] = {}
-    for (body, time), pose in record.poses.items():
-        read = [] if time is None else variables_of(Pose(pose.rotation, (0.0,) * pose.dimension))
-        if not all(variable.fixed for variable in read):
-            rotations.setdefault(body, []).append((pose, read))
-    return rotations

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-import numpy as np
-
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.motion import SafetyReport, verify_clearance
@@ -97,7 +95,7 @@ def verify_motion(
             )
         motion = motion_along_trajectory(path)
     else:
-        times = increasing_numbers(_refused_kinds(path), f"{_WHAT}: the times", ObstacleError)
+        times = increasing_numbers(path, f"{_WHAT}: the times", ObstacleError)
         paths = {
             name: _path_of(name, rows, times, {**beside, **moving}, quaternion_order) for name, rows in by_name.items()
         }
@@ -138,20 +136,6 @@ def _poses_by_name(poses: Any, bodies: Mapping[str, Any]) -> dict[str, Any]:
             f"poses={{{', '.join(f'{name!r}: ...' for name in bodies)}}}."
         )
     return {next(iter(bodies)): poses}
-
-
-def _refused_kinds(path: Any) -> Any:
-    if hasattr(path, "ctype") or hasattr(path, "time_at") or hasattr(path, "grid"):
-        raise ObstacleError(
-            f"{_WHAT}: '{getattr(path, 'name', path)}' is part of a model, or several trajectories in one. Give a "
-            "phase's trajectory, phase.trajectory(), and one call for each phase; or an array of times and poses."
-        )
-    if isinstance(path, np.ndarray) and path.ndim > 1:
-        raise ObstacleError(
-            f"{_WHAT}: the first argument, of shape {path.shape}, is the times, shape (N,); poses come second. "
-            f"Where only the order of the poses is known, give range({len(path)})."
-        )
-    return list(path) if isinstance(path, range) else path
 
 
 def _path_of(

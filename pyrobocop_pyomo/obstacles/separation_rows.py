@@ -60,29 +60,32 @@ def add_poses(record: AvoidanceRecord, motion: Motion, segments: Iterable[Motion
             body = record.scene.bodies[name]
             if not body.moves:
                 record.poses.setdefault((name, None), Pose.identity(record.dimension))
-                continue
-            for position, time in enumerate(segment.times):
+            for position, time in enumerate(segment.times if body.moves else ()):
                 if (name, time) not in record.poses:
-                    pose = segment.pose_at(motion, body, position, name)
-                    record.poses[name, time] = _checked_pose(pose, name, time, record.dimension)
+                    record.poses[name, time] = _pose(motion, body, name, segment, position)
         asked = record.asked[pair]
         for position, time in enumerate(segment.times) if isinstance(asked, ClearanceRule) else ():
             if (*pair, time) not in record.lengths:
                 record.lengths[(*pair, time)] = length_at(motion, asked, pair, segment, position)
 
 
-def _bodies(record: AvoidanceRecord, segment: MotionSegment) -> tuple[str, str]:
-    """Names of the two bodies of a segment."""
-    return record.scene.parts[segment.first].body, record.scene.parts[segment.second].body
-
-
-def _checked_pose(pose: Pose, name: str, time: Any, dimension: int) -> Pose:
-    if pose.dimension != dimension:
+def _pose(motion: Motion, body: Any, name: str, segment: MotionSegment, position: int) -> Pose:
+    time = segment.times[position]
+    if segment.interval is None:
+        pose = motion.pose_at_node(body.pose, time, name=name)
+    else:
+        pose = motion.pose_at(body.pose, segment.interval, segment.fractions[position], name=name)
+    if pose.dimension != body.dimension:
         raise ObstacleError(
-            f"'{name}' has {dimension} dimensions and its pose at {time} has {pose.dimension}. "
+            f"'{name}' has {body.dimension} dimensions and its pose at {time} has {pose.dimension}. "
             "Use planar_pose in the plane and spatial_pose in space."
         )
     return pose
+
+
+def _bodies(record: AvoidanceRecord, segment: MotionSegment) -> tuple[str, str]:
+    """Names of the two bodies of a segment."""
+    return record.scene.parts[segment.first].body, record.scene.parts[segment.second].body
 
 
 def add_separation(block: Any, record: AvoidanceRecord, segment: MotionSegment) -> None:

@@ -45,20 +45,13 @@ class Snapshot:
         """
         key = (body, None if self.record.scene.is_static(body) else time)
         if key not in self._poses:
-            self._poses[key] = self._evaluated(body, time, self.record.poses[key])
+            try:
+                self._poses[key] = self.record.poses[key].numbers()
+            except ObstacleError as error:
+                raise ObstacleError(f"{self.what}: the pose of '{body}' at {time}: {error}") from None
+            if not all(np.isfinite(entries).all() for entries in self._poses[key]):
+                raise ObstacleError(f"{self.what}: the pose of '{body}' at {time} is not finite at the current values.")
         return self._poses[key]
-
-    def _evaluated(self, body: str, time: Hashable, pose: Any) -> Numbers:
-        empty = [variable.name for variable in variables_of(pose) if variable.value is None]
-        if empty:
-            raise ObstacleError(
-                f"{self.what}: the pose of '{body}' at {time} reads '{empty[0]}', which has no value. Give the motion "
-                "an initial guess first."
-            )
-        rotation, translation = pose.numbers()
-        if not (np.isfinite(rotation).all() and np.isfinite(translation).all()):
-            raise ObstacleError(f"{self.what}: the pose of '{body}' at {time} is not finite at the current values.")
-        return rotation, translation
 
     def placed_pair(self, segment: MotionSegment) -> tuple[Polytope, Polytope]:
         """What both shapes of a segment of motion sweep: their corners and rays at all times that it covers."""

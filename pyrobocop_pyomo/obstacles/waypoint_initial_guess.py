@@ -45,19 +45,14 @@ def waypoint_initial_guess(
         phase.initialize(rcp.scenes.waypoint_initial_guess(phase, waypoints, even_in="xy"))
     """
     fraction = horizon_fraction(phase)
-    values = {
-        name: finite_numbers(numbers, f"phase '{phase.name}': waypoints of '{name}'", InitialGuessError)
-        for name, numbers in ((_name(phase, key), numbers) for key, numbers in waypoints.items())
-    }
-    if not values:
-        raise InitialGuessError(f"phase '{phase.name}': there are no waypoints. Give {{'x': [0, 1, 2], ...}}.")
-    counts = {name: numbers.shape for name, numbers in values.items()}
-    if len(set(counts.values())) > 1 or any(len(shape) != 1 or shape[0] < 2 for shape in counts.values()):
-        given = ", ".join(f"'{name}' {shape}" for name, shape in counts.items())
+    names = [_name(phase, key) for key in waypoints]
+    lines = finite_numbers(list(waypoints.values()), f"phase '{phase.name}': waypoints", InitialGuessError)
+    if lines.ndim != 2 or lines.shape[1] < 2:
         raise InitialGuessError(
-            f"phase '{phase.name}': waypoints of shapes {given}; expected one list per state, all of one length, two "
-            "values or more."
+            f"phase '{phase.name}': waypoints of the shape {lines.shape}; expected one list per state, all of one "
+            "length, two values or more: {'x': [0, 1, 2], ...}."
         )
+    values = dict(zip(names, lines, strict=True))
     counted = list(values) if even_in is None else [_name(phase, key) for key in even_in]
     if not counted or set(counted) - set(values):
         raise InitialGuessError(

@@ -39,8 +39,8 @@ from .planning_point import PlanningPoint
 
 logger = logging.getLogger(__name__)
 
-# What is aimed at, as a part of what is tolerated: estimates are right within a factor, and one solve more costs more than
-# some elements.
+# What is aimed at, as a part of what is tolerated: estimates are right within a factor, and one solve more costs more
+# than some elements.
 AIMED = 0.3
 # Meshes have at most `MOST_TIMES` the elements of the first one, or as many as a small problem may have.
 SMALL_ELEMENTS = 200

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from itertools import product
 from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.geometry.polyhedra import affine_basis, affine_rank, convex_hull
+from pyrobocop_pyomo.geometry.polyhedra import EmptyInterior, affine_basis, affine_rank, convex_hull, corners_of
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
@@ -31,11 +30,8 @@ def outline(shape: Any, view: Array | None = None) -> Array:
         Three corners or more; two for a segment and one for a point without padding; none for what lies wholly
         outside the view.
     """
-    points = padded(np.asarray(shape.vertices, dtype=float), float(shape.radius))
-    if not len(shape.rays):
-        return convex_outline(points)
-    frame = _frame(view, points)
-    return _clipped(convex_outline(_with_rays(points, shape.rays, frame)), *frame)
+    points = _within(shape, view)
+    return convex_outline(points) if len(points) else points
 
 
 def faces(shape: Any, view: Array | None = None) -> list[Array]:
@@ -53,21 +49,26 @@ def faces(shape: Any, view: Array | None = None) -> list[Array]:
     list of arrays, shape (k, 3)
         Corners of each face in order. A flat shape has one face, a segment one of two corners, a point one of one.
     """
+    points = _within(shape, view)
+    return convex_faces(points) if len(points) else []
+
+
+def _within(shape: Any, view: Array | None) -> Array:
+    """Points whose hull is what is seen of a shape; in the plane a bounded one is left whole, and flat ones are."""
     points = padded(np.asarray(shape.vertices, dtype=float), float(shape.radius))
-    frame = _frame(None, points) if view is None else np.asarray(view, dtype=float)
-    if len(shape.rays):
-        points = _with_rays(points, shape.rays, frame)
-    whole = convex_faces(points)
-    if np.all(frame[0] <= points.min(axis=0)) and np.all(points.max(axis=0) <= frame[1]):
-        return whole
-    polygons = [_clipped(face, *frame) for face in whole]
-    if len(whole) > 1:
-        # The corners of the frame that lie in the shape close the cut faces.
-        hull = convex_hull(points)
-        corners = np.array(list(product(*frame.T)))
-        polygons.append(corners[(corners @ hull.normals.T - hull.offsets).max(axis=1) <= 0])
-    remaining = np.concatenate(polygons)
-    return convex_faces(remaining) if len(remaining) else []
+    frame = _frame(view, points) if view is None or shape.dimension == 2 else np.asarray(view, dtype=float)
+    if shape.is_bounded:
+        is_inside = np.all(frame[0] <= points.min(axis=0)) and np.all(points.max(axis=0) <= frame[1])
+        if shape.dimension == 2 or view is None or is_inside or affine_rank(points, shape.rays) < 3:
+            return points
+        _, normals, offsets = convex_hull(points)
+    else:
+        normals, offsets = shape.halfspaces[0], shape.halfspaces[1] + shape.radius
+    sides = np.eye(shape.dimension)
+    try:
+        return corners_of(np.vstack([normals, sides, -sides]), np.concatenate([offsets, frame[1], -frame[0]]))[0]
+    except EmptyInterior:  # it is out of sight
+        return points[:0]
 
 
 def convex_outline(points: Array) -> Array:
@@ -113,29 +114,3 @@ def _frame(view: Array | None, points: Array) -> Array:
         view = np.array([points.min(axis=0) - size, points.max(axis=0) + size])
     margin = 0.02 * (view[1] - view[0]).max()
     return np.array([view[0] - margin, view[1] + margin])
-
-
-def _with_rays(points: Array, rays: Array, frame: Array) -> Array:
-    """The corners, and points on the rays far outside the frame."""
-    middle, size = frame.mean(axis=0), float(np.linalg.norm(frame[1] - frame[0]))
-    length = 4 * (size + float(np.linalg.norm(points - middle, axis=1).max()))
-    directions = np.asarray(rays, dtype=float)
-    directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    # Sums of two rays as well: else the ends of a half-plane's rays would span a single triangle.
-    directions = np.concatenate([directions, *(directions + direction for direction in directions)])
-    return np.concatenate([points, (points[:, None, :] + length * directions).reshape(-1, points.shape[1])])
-
-
-def _clipped(corners: Array, lower: Array, upper: Array) -> Array:
-    """The part of a convex polygon within a box, clipped side by side."""
-    for axis in range(corners.shape[1]):
-        for sign, bound in ((1.0, float(upper[axis])), (-1.0, -float(lower[axis]))):
-            kept = []
-            for before, after in zip(np.roll(corners, 1, axis=0), corners, strict=True):
-                beyond, here = sign * before[axis] - bound, sign * after[axis] - bound
-                if (beyond > 0) != (here > 0):
-                    kept.append(before + beyond / (beyond - here) * (after - before))
-                if here <= 0:
-                    kept.append(after)
-            corners = np.array(kept) if kept else np.empty((0, corners.shape[1]))
-    return corners

@@ -232,7 +232,6 @@ def animate_scene(
     if frames < 2 or not lasts > 0:
         raise ObstacleError(f"an animation of {frames} frames in {lasts:g} s; give at least 2, and a positive time.")
     target = animation_file(path)
-    forces = _arrows(bodies, 0.25 * float((scene.window[1] - scene.window[0]).max()))
     figure = matplotlib.figure.Figure(figsize=size, dpi=100, layout="constrained")
     axis = scene.axis(figure, title)
     scene.set_limits(axis)
@@ -254,10 +253,6 @@ def animate_scene(
             for body, local in zip(bodies, polygons, strict=True)
             for corners in body.at(i, local)
         ]
-        shown += [
-            _add_polygon(axis, np.array([tip[i] - vector[i], tip[i]]), (0.8, 0.2, 0.1), (0.8, 0.2, 0.1), 4)
-            for tip, vector in forces
-        ]
         label.set_text(f"{frame:.2f} s")
         if frame == wanted[0]:
             # The layout is computed once, so that the picture does not shift between frames.
@@ -266,13 +261,6 @@ def animate_scene(
         writer.grab_frame()
     writer.finish()
     return target
-
-
-def _arrows(bodies: Sequence[BodyPath], longest: float) -> list[tuple[Array, Array]]:
-    """Tips and vectors of the forces of contact; the largest is as long as told."""
-    known = [(body.contact, body.force) for body in bodies if body.contact is not None and body.force is not None]
-    largest = max((float(np.linalg.norm(force, axis=1).max()) for _, force in known), default=0.0)
-    return [(tip, longest / max(largest, 1e-300) * force) for tip, force in known]
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,36 +276,24 @@ class BodyPath:
     translation : array, shape (T, d)
         Of the body's reference point, the origin of its frame.
     name : str
-    force : array, shape (T, d), optional
-        With which it pushes another body, newtons; animations show it.
-    contact : array, shape (T, d), optional
-        Where the force acts.
     """
 
     parts: Polytope | Sequence[Polytope]
     rotation: Array
     translation: Array
     name: str = "body"
-    force: Array | None = None
-    contact: Array | None = None
 
     def __post_init__(self) -> None:
         parts = (self.parts,) if isinstance(self.parts, Polytope) else tuple(self.parts)
         object.__setattr__(self, "parts", parts)
-        for name in ("rotation", "translation", "force", "contact"):
-            given = getattr(self, name)
-            object.__setattr__(self, name, None if given is None else np.asarray(given, float))
+        for name in ("rotation", "translation"):
+            object.__setattr__(self, name, np.asarray(getattr(self, name), float))
         size, d = self.translation.shape, self.translation.shape[-1] if self.translation.ndim == 2 else 0
         if self.rotation.shape != (*size, d) or any(part.dimension != d for part in parts):
             raise ObstacleError(
                 f"body '{self.name}': parts of dimension {[part.dimension for part in parts]}, rotations of shape "
                 f"{self.rotation.shape}, translations of shape {size}; expected are (T, d, d) and (T, d)."
             )
-        for name, given in (("force", self.force), ("contact", self.contact)):
-            if given is not None and given.shape != size:
-                raise ObstacleError(
-                    f"body '{self.name}': {name} of shape {given.shape}; expected is that of the translations, {size}."
-                )
 
     @classmethod
     def planar(cls, parts: Any, x: Any, y: Any, theta: Any, name: str = "body") -> BodyPath:

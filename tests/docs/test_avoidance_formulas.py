@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.scenes import ARROW, avoiding, placed, set_poses, turning_move
+from harness.scenes import avoiding, placed, set_poses, turning_move
 from hypothesis import given
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.obstacles.initial_separations import _cheapest_path
-from pyrobocop_pyomo.obstacles.tightening import DEVIATION_FACTOR, tighten
+from pyrobocop_pyomo.obstacles.tightening import tighten
 
 from .code_blocks import ROOT
 
@@ -71,9 +71,10 @@ def test_sides_along_time(seed: int, ends: tuple[bool, bool]) -> None:
     assert cost(chosen) == pytest.approx(min(cost(choice) for choice in itertools.product(*candidates)), abs=1e-9)
 
 
+@pytest.mark.parametrize("split", [False, True])
 @pytest.mark.parametrize("equations", [False, True])
-def test_margins_are_sags_and_what_was_missing(equations: bool) -> None:
-    """eq-measured-deviation and eq-margin, for a body that turns beside the wall at constant rates."""
+def test_margins_grow_by_what_was_missing(equations: bool, split: bool) -> None:
+    """eq-margin, for a body that turns beside the wall at constant rates."""
     m = turning_move(elements=2, stages=1)
     avoid = avoiding(m)
     set_poses(m.move, np.array([(0.92, -0.5, -0.6), (0.92, -0.5, 0.8), (0.75, -0.5, -0.6)]))
@@ -85,25 +86,15 @@ def test_margins_are_sags_and_what_was_missing(equations: bool) -> None:
     before = {index: 0.001 * number for number, index in enumerate(avoid.separations, start=1)}
     for index, margin in before.items():
         avoid.set_margin(*index, margin)
-    tighten(avoid, report, split=False)
-    unsafe = set(pair.unproven)
-    # Of the plan, the missing distance decides in one interval, and in the one beside it the margin that it gets.
-    assert unsafe == ({0, 1} if equations else {0})
+    tighten(avoid, report, split=split)
+    assert set(pair.unproven) == ({0, 1} if equations else {0})
     led_away = np.nan_to_num(pair.interval_deviation)  # nothing where only the plan is looked at
-    missing = {m: pair.clearance + led_away[m] - pair.interval_distance[m] for m in unsafe}
-    raised = {m: before[index] + missing[m] for m, index in enumerate(before) if m in unsafe}
-    for interval, index in enumerate(avoid.separations):
-        times = sorted(m.move.time)[interval : interval + 2]
-        n = np.array([avoid.normal[(*index, axis)].value for axis in (0, 1)])
-        n /= np.linalg.norm(n)
-        ends = np.array([[state[t].value for state in (m.move.x, m.move.y, m.move.theta)] for t in times])
-        fractions = np.linspace(0, 1, 1001)[:, None]
-        x, y, theta = (ends[0] + fractions * (ends[1] - ends[0])).T
-        c, s = np.cos(theta), np.sin(theta)
-        corners = ARROW.vertices @ np.array([[c, s], [-s, c]]).transpose(2, 0, 1) + np.stack([x, y], 1)[:, None]
-        reach = -(corners @ n).min(axis=1)
-        led = led_away[interval]
-        enough = DEVIATION_FACTOR * (reach.max() - max(reach[0], reach[-1])) + led
-        wanted = raised.get(interval) or max(before[index], min(enough, raised[1 - interval]))
-        assert avoid.margin[index].value == pytest.approx(wanted, abs=1e-3)
-        assert avoid.margin[index].value > 1.5 * before[index]
+    for interval, (index, margin) in enumerate(before.items()):
+        missing = pair.clearance + led_away[interval] - pair.interval_distance[interval]
+        wanted = margin + (1.25 if split else 1) * missing if interval in pair.unproven else margin
+        halves = [key for key in avoid.separations if index[2] <= key[2] < index[2] + 0.5]
+        is_split = split and interval in pair.unproven and interval not in pair.plan_only
+        assert len(halves) == (2 if is_split else 1)
+        assert [avoid.margin[key].value for key in halves] == pytest.approx(
+            [wanted / (4 if is_split else 1)] * len(halves)
+        )

@@ -94,18 +94,6 @@ def test_a_continuous_set_before_its_discretisation() -> None:
         motion_of(m.t, m)
 
 
-@pytest.mark.parametrize(("fraction", "match"), [(1.5, "expected 0 to 1"), (-0.1, "expected 0 to 1")])
-def test_fractions_outside_the_interval(fraction: float, match: str) -> None:
-    m = line()
-    with pytest.raises(ObstacleError, match=match):
-        motion_of(m.t, m).pose_at(by_states, 0, fraction)
-
-
-def test_points_without_order_have_nothing_between() -> None:
-    with pytest.raises(ObstacleError, match="not ordered"):
-        motion_of(["a", "b"], line()).pose_at(by_states, 0, 0.5)
-
-
 @pytest.mark.parametrize(
     ("make", "match"),
     [

@@ -7,7 +7,6 @@ from harness.scenes import ARROW, WALL, avoiding, keep_clear, placed, turning_mo
 
 import pyrobocop_pyomo as rcp
 
-CUBE = rcp.Polytope.box(1, 1, 1)
 SEGMENT = rcp.Polytope.from_vertices([(0, 3), (1, 3)], allow_flat=True)
 STILL = rcp.Body(WALL)
 ARROWS = {name: rcp.Body(ARROW, pose=placed) for name in ("arrow", "other")}
@@ -60,27 +59,6 @@ def test_flat_bodies_are_fine_where_corners_suffice():
     rod = rcp.Polytope.from_vertices([(-0.5, 0), (0.5, 0)], allow_flat=True)
     avoiding(m, bodies={"rod": rcp.Body(rod, pose=placed)}).initialize()
     assert min(m.move.avoid.separation_gaps().values()) > 0.05
-
-
-@pytest.mark.parametrize("scheme", ["radau", "gauss"])
-@pytest.mark.parametrize("unit_length", [True, False])
-def test_quaternions_of_a_phase_are_warned_about_although_their_ends_are_fixed(caplog, scheme, unit_length):
-    m = pyo.ConcreteModel()
-    m.fly = b = rcp.PhaseBlock(duration=1.0, elements=2, scheme=scheme, stages=2)
-    b.w, b.z = rcp.State(initial=1, final=0.6, initial_guess=1), rcp.State(initial=0, final=0.8, initial_guess=0)
-    b.rate, b.stretch = rcp.Control(), rcp.Control()
-    b.ode(
-        lambda b, t: {b.w: b.stretch[t] * b.w[t] - b.rate[t] * b.z[t], b.z: b.stretch[t] * b.z[t] + b.rate[t] * b.w[t]}
-    )
-    if unit_length:
-
-        @b.constraint
-        def length(b, t):
-            return b.w[t] ** 2 + b.z[t] ** 2 == 1
-
-    keep_clear(b, CUBE, [CUBE], lambda b, t: rcp.spatial_pose((0, 0, 5), quaternion=(b.w[t], 0, 0, b.z[t])), 0.1)
-    b.avoid.initialize()
-    assert ("length one" in caplog.text) == ("Add the equation" in caplog.text) == (not unit_length)
 
 
 def test_pairs_by_graph_and_by_exclusion():

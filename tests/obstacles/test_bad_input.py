@@ -54,7 +54,7 @@ SLOT = {"above": Polytope.box(3, 1, center=(4, 1.1)), "below": Polytope.box(3, 1
     [
         (lambda: guessed(mirrored), ["'arrow'", "mirrors", "determinant", "signs", "right-handed"]),
         (lambda: start_is(np.nan), ["'arrow' at 0.5", "not finite"]),
-        (lambda: start_is(None), ["'arrow' at 0.5", "'move.y[0.5]'", "no value", "guess"]),
+        (lambda: start_is(None), ["'arrow' at 0.5", "move.y[0.5]", "no value", "start values"]),
         (lambda: moving(lambda b, t: rcp.planar_pose(b.x[t], b.u[t])), ["'arrow'", "move.u", "states"]),
         (
             lambda: guessed(placed, obstacles=SLOT, clearance=0.3),

@@ -55,9 +55,9 @@ def test_angles_need_not_count() -> None:
 @pytest.mark.parametrize(
     ("waypoints", "options", "message"),
     [
-        ({}, {}, "there are no waypoints"),
+        ({}, {}, "expected one list per state"),
         ({"x": [1]}, {}, "two values or more"),
-        ({"x": [1, 2], "y": [1, 2, 3]}, {}, r"'x' \(2,\), 'y' \(3,\)"),
+        ({"x": [1, 2], "y": [1, 2, 3]}, {}, "waypoints: expected numbers"),
         ({"x": [1, np.nan]}, {}, "is not finite"),
         ({"z": [1, 2]}, {}, "for 'z', which it does not have"),
         ({"x": [1, 2]}, {"even_in": ["y"]}, "even_in has y; waypoints are given for x"),
