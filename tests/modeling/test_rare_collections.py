@@ -32,7 +32,7 @@ def test_the_threshold_is_raised_and_put_back(before: int, inside: int) -> None:
     assert gc.get_threshold()[:2] == (before, 7)
 
 
-def test_the_last_thread_puts_it_back() -> None:
+def test_it_is_put_back_whoever_leaves_first() -> None:
     gc.set_threshold(700, 7)
     entered, may_leave = threading.Event(), threading.Event()
 
@@ -45,7 +45,6 @@ def test_the_last_thread_puts_it_back() -> None:
         other = threading.Thread(target=stay)
         other.start()
         assert entered.wait(10.0)
-    assert gc.get_threshold()[0] == SELDOM
     may_leave.set()
     other.join()
     assert gc.get_threshold()[:2] == (700, 7)
