@@ -24,7 +24,7 @@ from .derivatives import (
     restore_derivatives,
     substitute_derivatives,
 )
-from .expansion import Family, declaration_of, expand, refuse_what_cannot_grow
+from .expansion import Family, expand, refuse_what_cannot_grow
 from .holding_rows import HoldingRows, undecided_parts
 from .record import Discretisation, DiscretisationRecord, discretisation_record_of, discretisations_of
 from .shown_values import add_shown_values, clear, find_definitions, find_shown_values
@@ -193,11 +193,11 @@ def _inherit(found: list[Spot], discretisation: Discretisation) -> None:
         component = spot.component
         if component.ctype not in (Var, DerivativeVar) or component.is_reference():
             continue
-        declared = None if axis_on(component, discretisation.domain) is None else declaration_of(component)
+        is_in_blocks = axis_on(component, discretisation.domain) is None
         for key, time, data in spot.members_along(discretisation.domain):
             family = along.get(key)
             if family is None:
-                family = along[key] = Family(id(data) in states, declared, points)
+                family = along[key] = Family(id(data) in states, is_in_blocks, points)
             (family.old if time in old else family.new).append((time, data))
     for family in along.values():
         family.inherit(discretisation.domain)
