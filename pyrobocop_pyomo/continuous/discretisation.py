@@ -53,25 +53,21 @@ def discretise(
         Values to start from.
     """
     others = [other for other in discretisations_on(domain.model()) if other.domain is not domain]
-    finished = [other for other in others if other.substitutions]
     for other in others:
         restore_derivatives(other)
         remove_collocation(other)  # they would need rows at points that are new
-    with undone_on_failure(lambda: rebuild_rows(others, finished)):
+    with undone_on_failure(lambda: rebuild_rows(others)):
         return _discretise(domain, points, grid, substitutes, previous)
 
 
-def rebuild_rows(others: list[Discretisation], finished: list[Discretisation]) -> None:
-    """Build the rows of discretised sets for the points that the model has now; substitute again where it was done."""
+def rebuild_rows(others: list[Discretisation]) -> None:
+    """Build the rows of discretised sets for the points that the model has now; `finalise` substitutes again."""
     for other in others:
         restore_derivatives(other)
         remove_collocation(other)
     for other in others:
         add_collocation(other, list(spots(other.domain.model())))
         add_shown_values(other)
-    for other in finished:
-        if other.substitutes:
-            substitute_derivatives(other, list(spots(other.domain.model())))
 
 
 def discretisations_on(root: Any) -> list[Discretisation]:
