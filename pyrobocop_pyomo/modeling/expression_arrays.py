@@ -363,16 +363,14 @@ _LARGEST_SYSTEM = 4
 
 
 def _determinant(matrix: Any) -> Any:
-    """By expansion: without pivots, which would depend on values."""
-    entries = _square(matrix, "det")
-    return _expanded(entries)
+    return _expanded(_square(matrix, "det"))
 
 
 def _expanded(entries: ExpressionArray) -> Any:
-    if len(entries) == 1:
-        return entries[0, 0]
-    signs = [(-1.0) ** j for j in range(len(entries))]
-    return sum(sign * entries[0, j] * _expanded(_minor(entries, 0, j)) for j, sign in enumerate(signs))
+    """A determinant by expansion: without pivots, which would depend on values."""
+    if not len(entries):
+        return 1.0
+    return sum((-1.0) ** j * entries[0, j] * _expanded(_minor(entries, 0, j)) for j in range(len(entries)))
 
 
 def _minor(entries: ExpressionArray, row: int, column: int) -> ExpressionArray:
@@ -382,10 +380,8 @@ def _minor(entries: ExpressionArray, row: int, column: int) -> ExpressionArray:
 
 def _inverse(matrix: Any) -> Any:
     entries = _square(matrix, "inv")
-    size = len(entries)
-    if size == 1:
-        return 1.0 / entries
-    cofactors = [[(-1.0) ** (i + j) * _expanded(_minor(entries, j, i)) for j in range(size)] for i in range(size)]
+    places = range(len(entries))
+    cofactors = [[(-1.0) ** (i + j) * _expanded(_minor(entries, j, i)) for j in places] for i in places]
     return array(cofactors) / _expanded(entries)
 
 

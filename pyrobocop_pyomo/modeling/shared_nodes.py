@@ -82,6 +82,10 @@ class NodesOnce(ABC):
         self._known: dict[int, Any] = dict(known or {})
         self._kept: list[Any] = []  # nodes are known by their ids: they have to live on
 
+    def goes_below(self, node: Any) -> bool:
+        """Whether the arguments of a node are looked at."""
+        return bool(node.is_expression_type())
+
     @abstractmethod
     def of_leaf(self, leaf: Any) -> Any:
         """What is found at a variable or a parameter."""
@@ -103,7 +107,7 @@ class NodesOnce(ABC):
                     continue
                 here = known.get(id(argument), known)
                 if here is known:
-                    if argument.is_expression_type():
+                    if self.goes_below(argument):
                         pending.append((argument, [], iter(argument.args)))
                         break
                     here = known[id(argument)] = self.of_leaf(argument)
