@@ -157,10 +157,9 @@ class VariableFamily(NDArrayOperatorsMixin):
         except KeyError:
             if not self.names.in_time or key not in self.names.labels:
                 raise
-        if not any(isinstance(label, (int, float)) for label in keys):
-            return self.members[
-                self._places(keys)
-            ]  # names are no times: b.x["left"] is the component, b.x["left"][t] its value
+        place = self._places(keys)
+        if not np.ndim(place) and not any(isinstance(label, (int, float)) for label in keys):
+            return self.members[place]  # names are no times: b.x["left"] is the component, b.x["left"][t] its value
         member = self.names.member(key)
         raise ModelError(
             f"'{self.name}' is read at [{key}], which is no time of the phase but a label. A component has a name of "
