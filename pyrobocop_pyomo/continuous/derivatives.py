@@ -297,15 +297,14 @@ def _explicit_rows(found: list[Spot], candidates: dict[int, Any], own: set[int])
         ):
             continue
         unconditional = not any(block.ctype is Disjunct for block in enclosing_blocks(component))
+        parts = [data for data in component.values() if component.ctype is Expression or data.active]
         if component.ctype in PAIRS:
-            pairs = (data for data in component.values() if data.active)
-            elsewhere.update(id(variable) for data in pairs for variable in variables_of_row(data))
+            elsewhere.update(id(variable) for data in parts for variable in variables_of_row(data))
             continue
-        rows = (data for data in component.values() if component.ctype is Expression or data.active)
-        held = row_variables(rows, candidates)
-        elsewhere |= held.elsewhere
-        for key, said in held.given.items():
-            if unconditional and key in candidates and key not in explicit:
+        given, otherwise = row_variables(parts, candidates)
+        elsewhere |= otherwise
+        for key, said in given.items():
+            if unconditional and key not in explicit:
                 explicit[key] = said
             else:
                 elsewhere.add(key)
