@@ -29,7 +29,7 @@ from .holding_rows import HoldingRows, undecided_parts
 from .record import Discretisation, DiscretisationRecord, discretisation_record_of, discretisations_of
 from .shown_values import add_shown_values, clear, find_definitions, find_shown_values
 from .structure import Spot, axis_on, continuous_sets, spots
-from .sums_over_sets import find_possible_sums
+from .sums_over_sets import check_possible_sum, find_possible_sums
 from .values import PreviousValues
 
 DAE_NAMES = {"radau": "LAGRANGE-RADAU", "gauss": "LAGRANGE-LEGENDRE"}
@@ -104,7 +104,7 @@ def _discretise(
             for integral in integrals_along(found, one.domain):
                 integrate(integral, one, discretisation_record_of(one.domain))
         for possible_sum in possible_sums:
-            possible_sum.check(domain)
+            check_possible_sum(*possible_sum, domain)
         rows = HoldingRows(list(spots(root)), everything)
         rows.deactivate_rows(discretisation.deactivated)
         _show_values(root, rows, discretisation, {id(block) for one in everything for block in one.generated})
