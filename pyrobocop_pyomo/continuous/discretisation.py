@@ -38,7 +38,7 @@ DAE_NAMES = {"radau": "LAGRANGE-RADAU", "gauss": "LAGRANGE-LEGENDRE"}
 def discretise(
     domain: Any, points: tuple[float, ...], grid: Grid, substitutes: bool = True, previous: PreviousValues | None = None
 ) -> Discretisation:
-    """Discretise one continuous set; on failure the model is as it was.
+    """Discretise one continuous set, afresh where it was discretised; on failure it is not, and all else as it was.
 
     Parameters
     ----------
@@ -52,7 +52,9 @@ def discretise(
     previous : PreviousValues, optional
         Values to start from.
     """
-    others = [other for other in discretisations_on(domain.model()) if other.domain is not domain]
+    for current in discretisations_of([domain]):
+        undo_discretisation(current)
+    others = discretisations_on(domain.model())
     for other in others:
         restore_derivatives(other)
         remove_collocation(other)  # they would need rows at points that are new
@@ -94,8 +96,6 @@ def _discretise(
         _inherit(found, discretisation)
         record.discretisations[domain] = discretisation
         everything = discretisations_on(root)
-        for one in everything:
-            remove_collocation(one)
         for one in everything:
             add_collocation(one, found, alone=len(everything) == 1)
         if previous is not None:

@@ -99,7 +99,7 @@ class Collocation(Transformation):
                         previous, points = PreviousValues(list(spots(model.model())), known), known.points
                     grid = make_grid(domain, points, scheme, config.nfe, config.mesh)
                     replaced.append((domain, known, previous))
-                    _replace(domain, (points, grid, config.derivatives == "substitute"), previous)
+                    discretise(domain, points, grid, config.derivatives == "substitute", previous)
             for discretisation in discretisations_on(model.model()):
                 finalise(discretisation)
         for domain in domains:
@@ -180,21 +180,14 @@ class Collocation(Transformation):
         return instance
 
 
-def _replace(domain: Any, settings: tuple[Any, Any, bool] | None, previous: Any) -> None:
-    """Discretise a set afresh, or undo its discretisation."""
-    current = discretisation_of(domain)
-    if current is not None:
-        undo_discretisation(current)
-    if settings is not None:
-        discretise(domain, *settings, previous)
-    else:
-        rebuild_rows(discretisations_on(domain.model()))
-
-
 def _restore(replaced: list[tuple[Any, Any, Any]]) -> None:
     for domain, known, previous in reversed(replaced):
-        if discretisation_of(domain) is not known:
-            _replace(domain, None if known is None else (known.points, known.grid, known.substitutes), previous)
+        current = discretisation_of(domain)
+        if known is not None and current is not known:
+            discretise(domain, known.points, known.grid, known.substitutes, previous)
+        elif known is None and current is not None:
+            undo_discretisation(current)
+            rebuild_rows(discretisations_on(domain.model()))
     for discretisation in discretisations_on(replaced[0][0].model()) if replaced else ():
         finalise(discretisation)
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from pyomo.core.expr.calculus.diff_with_pyomo import DifferentiationException, reverse_ad
 from pyomo.core.expr.numeric_expr import DivisionExpression, Expr_ifExpression, PowExpression, UnaryFunctionExpression
 from pyomo.core.expr.numvalue import native_numeric_types
@@ -100,28 +100,25 @@ def moved_into_domain(part: UndefinedPart) -> bool:
             return False
         if abs(missing) <= 1e-3 * max(1.0, abs(target)):
             return True
-        steps = list(_steps(part.argument, variables, missing))
-        if not any(step for _, step in steps):
+        steps = _steps(part.argument, variables, missing)
+        if not any(steps):
             # A stationary point, such as the middle of a circle: any way out will do.
-            steps = [(variables[0], math.sqrt(abs(missing)))]
-        for variable, step in steps:
+            steps[0] = math.sqrt(abs(missing))
+        for variable, step in zip(variables, steps, strict=True):
             variable.set_value(_inside_bounds(variable.value + step, variable), skip_validation=True)
     number = number_or_nan(part.argument)
     return part.lower < number < part.upper and (not part.outside or number != 0.0)
 
 
-def _steps(argument: Any, variables: list[Any], missing: float) -> Iterator[tuple[Any, float]]:
-    """The smallest changes that, to first order, add what is missing."""
+def _steps(argument: Any, variables: list[Any], missing: float) -> list[float]:
+    """The smallest changes that, to first order, add what is missing; zeros where there are none."""
     try:
         derivatives = reverse_ad(argument)
+        slopes = np.array([derivatives.get(variable, 0.0) for variable in variables], dtype=float)
     except (*_NO_VALUE, DifferentiationException):
-        return
-    slopes = [(variable, derivatives.get(variable, 0.0)) for variable in variables]
-    if any(slope.__class__ is complex or not math.isfinite(slope) for _, slope in slopes):
-        return
-    square = sum(slope * slope for _, slope in slopes)
-    if square > 1e-16:
-        yield from ((variable, slope * missing / square) for variable, slope in slopes)
+        return [0.0] * len(variables)
+    square = float(slopes @ slopes)
+    return (slopes * missing / square if 1e-16 < square < math.inf else np.zeros_like(slopes)).tolist()
 
 
 def _inside_bounds(number: float, variable: Any) -> float:
