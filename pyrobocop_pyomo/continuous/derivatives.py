@@ -63,7 +63,6 @@ def add_collocation(discretisation: Discretisation, spots: list[Spot], alone: bo
         substitution has written before.
     """
     homes: dict[int, Any] = {}
-    open_ids = open_sets(continuous_sets(spots))
     discretisation.states, discretisation.derivatives, discretisation.rows = [], [], ComponentMap()
     discretisation.joints.clear()
     for variable, by_order in derivatives_along(spots, discretisation.domain):
@@ -72,7 +71,7 @@ def add_collocation(discretisation: Discretisation, spots: list[Spot], alone: bo
             nearest = by_order[min(known for known in by_order if known >= order)]
             home = _home(discretisation, nearest.parent_block(), homes)
             levels.append(by_order[order] if order in by_order else _between(home, variable, nearest, order))
-            _add_rows(home, levels[-2], levels[-1], discretisation, alone, open_ids)
+            _add_rows(home, levels[-2], levels[-1], discretisation, alone)
             discretisation.states.append(levels[-2])
             discretisation.derivatives.append((levels[-2], levels[-1]))
 
@@ -103,14 +102,10 @@ def _between(home: Any, variable: Any, derivative: Any, order: int) -> Any:
     return added
 
 
-def _add_rows(
-    home: Any, state: Any, rate: Any, discretisation: Discretisation, alone: bool, open_ids: set[int]
-) -> None:
+def _add_rows(home: Any, state: Any, rate: Any, discretisation: Discretisation, alone: bool) -> None:
     grid, axis = discretisation.grid, axis_on(rate, discretisation.domain)
     assert axis is not None
     lines = _others(rate, axis, grid.times[0])
-    # Where pyomo.dae discretises another set later, it asks a rule for rows on the new lines.
-    will_grow = any(other != axis and id(other.domain) in open_ids for other in axes_of(rate))
     names = [rate.local_name] if grid.scheme.end_is_a_node else [rate.local_name, f"{state.local_name}_continuity"]
     for name in names:
         rows = Constraint(rate.index_set())
@@ -123,9 +118,8 @@ def _add_rows(
         if not alone or name != names[0]:
             for others in lines:
                 line_rows.write(rows, others)
-        if will_grow:
-            line_rows.known = frozenset(lines)
-            rows._rule = Initializer(line_rows)
+        # Where pyomo.dae discretises another set later, it asks a rule for rows on the new lines.
+        rows._rule = Initializer(line_rows)
     for others in lines:
         _initialise_rates(
             _along(state, axis, others, grid.times), _along(rate, axis, others, grid.points), discretisation
@@ -143,16 +137,10 @@ class LineRows:
         Of the set that the grid is on.
     are_joints : bool
         Whether they are the rows that join elements whose last stage is not the end.
-
-    Attributes
-    ----------
-    known : frozenset of index
-        Other indices whose rows are not to be given to Pyomo again.
     """
 
     def __init__(self, state: Any, rate: Any, grid: Grid, axis: Axis, are_joints: bool) -> None:
         self._state, self._rate, self._grid, self._axis, self._are_joints = state, rate, grid, axis, are_joints
-        self.known: frozenset[Any] = frozenset()
         self._line: tuple[Any, dict[float, Any]] = (self, {})
 
     def of(self, others: Any, rates: Mapping[float, Any] | None = None) -> Iterable[tuple[float, Any]]:
@@ -172,8 +160,6 @@ class LineRows:
     def __call__(self, block: Any, *index: Any) -> Any:
         """As the rule of the constraint, for indices of another set that are new."""
         others, time = self._axis.others(index), self._axis.time(index)
-        if others in self.known:
-            return Constraint.Skip
         if self._line[0] != others:
             self._line = (others, dict(self.of(others)))
         return self._line[1].get(time, Constraint.Skip)

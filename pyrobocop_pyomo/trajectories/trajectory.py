@@ -372,9 +372,6 @@ class Trajectory(Presented):
 
     @classmethod
     def _from_archive(cls, facts: dict[str, Any], groups: dict[str, dict[str, Array]]) -> Trajectory:
-        # Archives of version 0.1 say "held" and "linear".
-        facts.setdefault("piecewise_constant", facts.get("held", ()))
-        groups.setdefault("piecewise_linear", groups.pop("linear", {}))
         grid = groups.pop("grid")
         scheme = Scheme(facts["scheme"], A=grid["A"], b=grid["b"], c=grid["c"])
         read = cls(
