@@ -35,7 +35,7 @@ from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.transcription import collocation_rows, continuity_rows
 
 from .expansion import set_initial_value
-from .record import Discretisation, Substitution, open_sets
+from .record import Discretisation, open_sets
 from .structure import PAIRS, Axis, Spot, axes_of, axis_on, continuous_sets, row_variables, variables_of_row
 
 
@@ -258,15 +258,13 @@ def substitute_derivatives(discretisation: Discretisation, found: list[Spot]) ->
 
 def restore_derivatives(discretisation: Discretisation) -> None:
     """Put the derivatives and their equations back where they were declared."""
-    for substitution in discretisation.substitutions:
-        for row, (data, value) in zip(substitution.rows, substitution.values, strict=True):
-            if not row.active:
-                data.unfix()
-                data.set_value(value, skip_validation=True)
-            row.activate()
-        substitution.parent.del_component(substitution.expression)
-        substitution.derivative.parent_block().del_component(substitution.derivative)
-        substitution.parent.add_component(substitution.name, substitution.derivative)
+    for derivative, expression in discretisation.substitutions.items():
+        for side in expression.values():
+            side.give_back()
+        parent, name = expression.parent_block(), expression.local_name
+        parent.del_component(expression)
+        derivative.parent_block().del_component(derivative)
+        parent.add_component(name, derivative)
     discretisation.substitutions.clear()
 
 
@@ -310,14 +308,7 @@ def _has_whole_lines(discretisation: Discretisation, derivative: Any, needed: li
 def _substitute(
     discretisation: Discretisation, state: Any, derivative: Any, needed: list[Any], explicit: dict[int, tuple[Any, Any]]
 ) -> None:
-    sides = {data.index(): explicit[id(data)][1] for data in needed}
-    home = rewrite_rows(discretisation, state, derivative, sides)
-    rows, values = [explicit[id(data)][0] for data in needed], [(data, data.value) for data in needed]
-    for data, row in zip(needed, rows, strict=True):
-        if not data.fixed:  # otherwise the row is a condition, as after `RightHandSide.fix`
-            row.deactivate()
-            data.fix(None, skip_validation=True)
-            data.stale = True
+    home = rewrite_rows(discretisation, state, derivative, {data.index(): explicit[id(data)][1] for data in needed})
     parent, name = derivative.parent_block(), derivative.local_name
     parent.del_component(derivative)
     aside = home.component("replaced")
@@ -329,10 +320,10 @@ def _substitute(
     aside.add_component(name if aside.component(name) is None else unique_component_name(aside, name), derivative)
     expression = Expression(derivative.index_set())
     parent.add_component(name, expression)
-    for data, row in zip(needed, rows, strict=True):
-        index = data.index()  # the indices are those of the derivative
-        put_part(expression, index, RightHandSide(sides[index], expression, data, row))
-    discretisation.substitutions.append(Substitution(parent, name, derivative, expression, rows, values))
+    for data in needed:  # the indices are those of the derivative
+        row, side = explicit[id(data)]
+        put_part(expression, data.index(), RightHandSide(side, expression, data, row))
+    discretisation.substitutions[derivative] = expression
 
 
 class RightHandSide(ExpressionData):
@@ -342,12 +333,21 @@ class RightHandSide(ExpressionData):
     steady start. So it does not matter whether a derivative is fixed before or after the transformation.
     """
 
-    __slots__ = ("_derivative", "_row")
+    __slots__ = ("_before", "_derivative", "_row")
 
     def __init__(self, side: Any, component: Any, derivative: Any, row: Any) -> None:
         super().__init__(side, component)
-        self._derivative = derivative
-        self._row = row
+        self._derivative, self._before, self._row = derivative, derivative.value, row
+        if not derivative.fixed:  # otherwise the row is a condition, as after `fix`
+            self.unfix()
+            derivative.stale = True
+
+    def give_back(self) -> None:
+        """Let the derivative and its equation be as they were, unless it is fixed now."""
+        if not self.fixed:
+            self._derivative.unfix()
+            self._derivative.set_value(self._before, skip_validation=True)
+        self._row.activate()
 
     @property
     def value(self) -> float | None:

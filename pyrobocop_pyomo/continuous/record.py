@@ -15,18 +15,6 @@ from pyrobocop_pyomo.numerics import Grid
 
 
 @dataclass(eq=False)
-class Substitution:
-    """A derivative that an expression replaces, where it belongs, its rows and its values."""
-
-    parent: Any
-    name: str
-    derivative: Any
-    expression: Any
-    rows: list[Any]
-    values: list[tuple[Any, float | None]]
-
-
-@dataclass(eq=False)
 class Discretisation:
     """The discretisation of one continuous set, with all that is needed to undo it.
 
@@ -50,7 +38,8 @@ class Discretisation:
         Derivatives that had no value and were given an initial one.
     formulas : list of (integral, expression)
         What integrals were before.
-    substitutions : list of Substitution
+    substitutions : ComponentMap
+        From each derivative that an expression replaces to this.
     states : list of Var
         The variables that have a value at every time of the grid.
     derivatives : list of (Var, Var)
@@ -71,7 +60,7 @@ class Discretisation:
     shown: list[tuple[Any, Any, tuple[Any, ...]]] = field(default_factory=list)
     initialised: list[Any] = field(default_factory=list)
     formulas: list[tuple[Any, Any]] = field(default_factory=list)
-    substitutions: list[Substitution] = field(default_factory=list)
+    substitutions: Any = field(default_factory=ComponentMap)
     states: list[Any] = field(default_factory=list)
     derivatives: list[tuple[Any, Any]] = field(default_factory=list)
     rows: Any = field(default_factory=ComponentMap)

@@ -65,9 +65,8 @@ def dae_trajectory(model: Any, wrt: Any) -> Trajectory:
             lines[id(data[last])] = label(family), data
             (states if is_state else signals)[label(family)] = np.array([data[time].value for time in times])
     rates: dict[str, Array] = {}
-    shown = {id(one.derivative): one.expression for one in discretisation.substitutions}
     for state, rate in discretisation.derivatives:
-        seen, axis = shown.get(id(rate), rate), axis_on(rate, wrt)
+        seen, axis = discretisation.substitutions.get(rate, rate), axis_on(rate, wrt)
         for index in [index for index in seen if axis is not None and axis.time(index) == last]:
             if id(state[index]) in lines and id(seen[index]) in lines:
                 values = lines[id(seen[index])][1]
@@ -87,8 +86,8 @@ def families(found: list[Spot], discretisation: Discretisation) -> Iterator[tupl
     """Each variable along the set: its key, whether it is a state, and what has its value at each time."""
     along: dict[Any, dict[float, Any]] = {}
     everything = (discretisation, *discretisations_of(continuous_sets(found)))
-    put_aside = {id(s.derivative) for one in everything for s in one.substitutions}
-    shown = {id(s.expression) for s in discretisation.substitutions}
+    put_aside = {id(derivative) for one in everything for derivative in one.substitutions}
+    shown = set(map(id, discretisation.substitutions.values()))
     for spot in found:
         is_variable = spot.component.ctype in (Var, DerivativeVar) and id(spot.component) not in put_aside
         if not is_variable and id(spot.component) not in shown:
