@@ -216,7 +216,7 @@ def _initialise_rates(states: dict[float, Any], rates: dict[float, Any], discret
         return
     grid, scheme = discretisation.grid, discretisation.grid.scheme
     if isinstance(next(iter(rates.values())).parent_component(), DerivativeVar):
-        discretisation.initialised += rates.values()
+        discretisation.before += [(rate, None) for rate in rates.values()]
     values = np.array([[states[time].value for time in nodes] for nodes in grid.node_times])
     increments = scheme.D @ (values / grid.mesh.widths[:, None]).T
     slopes = np.linalg.lstsq(scheme.F, increments, rcond=None)[0].T

@@ -140,7 +140,7 @@ def _show_values(root: Any, rows: HoldingRows, discretisation: Discretisation, a
     shown = {key: pair for key, pair in sources.items() if key in absent and key not in definitions}
     following = {key: rows.what_follows(part, ids - shown.keys()) for part, ids in parts for key in ids & shown.keys()}
     discretisation.shown = [(*pair, following.get(key, ())) for key, pair in shown.items()]
-    discretisation.cleared = [
+    discretisation.before += [
         (data, data.value) for data, _, _ in absent.values() if id(data.parent_block()) not in added
     ]
     for data, _, _ in absent.values():
@@ -156,12 +156,10 @@ def undo_discretisation(discretisation: Discretisation) -> None:
     remove_collocation(discretisation)
     for data in discretisation.deactivated:
         data.activate()
-    for data, number in discretisation.cleared:
+    for data, number in reversed(discretisation.before):
         if not data.fixed or data.value is None:  # otherwise the user has fixed it since
             data.unfix()
             data.set_value(number, skip_validation=True)
-    for data in discretisation.initialised:
-        data.set_value(None, skip_validation=True)
     for data, formula in discretisation.formulas:
         data.set_value(formula)
     kept = set(discretisation.points)

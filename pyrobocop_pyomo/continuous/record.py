@@ -30,12 +30,11 @@ class Discretisation:
         Blocks with the collocation rows, one beside each group of derivatives.
     deactivated : list of component data
         Rows and pairs of the user's that were deactivated because they stand at no collocation point.
-    cleared : list of (variable, value)
-        Variables of the user's without a value of their own, because they stand at no collocation point.
+    before : list of (variable, value)
+        What variables were that have no value of their own, because they stand at no collocation point, and
+        derivatives that were given an initial value.
     shown : list of (variable, variable, tuple of variable)
         Variables among those without a value of their own, the one whose value they show, and what follows from it.
-    initialised : list of Var
-        Derivatives that had no value and were given an initial one.
     formulas : list of (integral, expression)
         What integrals were before.
     substitutions : ComponentMap
@@ -56,9 +55,8 @@ class Discretisation:
     substitutes: bool = True
     generated: list[Any] = field(default_factory=list)
     deactivated: list[Any] = field(default_factory=list)
-    cleared: list[tuple[Any, float | None]] = field(default_factory=list)
+    before: list[tuple[Any, float | None]] = field(default_factory=list)
     shown: list[tuple[Any, Any, tuple[Any, ...]]] = field(default_factory=list)
-    initialised: list[Any] = field(default_factory=list)
     formulas: list[tuple[Any, Any]] = field(default_factory=list)
     substitutions: Any = field(default_factory=ComponentMap)
     states: list[Any] = field(default_factory=list)
