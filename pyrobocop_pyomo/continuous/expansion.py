@@ -268,7 +268,8 @@ def _as_declared(data: Any) -> Any:
     """A variable as its declaration makes it, which takes no place in the model."""
     component, index = data.parent_component(), data.index()
     _variable(component, index)
-    declared, component._data[index] = component._data[index], data
+    declared = component[index]
+    component._data[index] = data
     return declared
 
 
