@@ -27,7 +27,7 @@ from pyomo.core.expr.visitor import replace_expressions
 
 from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
 from pyrobocop_pyomo.modeling.expressions import holds_variable, is_plain_variable, same_expression
-from pyrobocop_pyomo.modeling.shared_nodes import nodes_of
+from pyrobocop_pyomo.modeling.shared_nodes import topmost_nodes
 
 from .component import Complementarity, index_without_time
 from .replaced_rows import RowReplacement
@@ -150,7 +150,7 @@ def _uses(row: Any) -> Iterator[tuple[Any, bool]]:
     """The absolute values of a row or an objective, each with whether a sum of parts above it could be of use."""
     objective = row.ctype is Objective
     body = row.expr if objective else row.body
-    if not any(map(has_kink, nodes_of(body))):
+    if next(topmost_nodes((body,), has_kink), None) is None:
         return
     if objective:
         sign = 1 if row.is_minimizing() else -1

@@ -15,7 +15,6 @@ from pyomo.core.expr.numvalue import native_numeric_types, value
 from pyomo.core.expr.relational_expr import RelationalExpression
 
 from pyrobocop_pyomo.errors import ComplementarityError
-from pyrobocop_pyomo.modeling.failures import say_once
 
 from .sides import check_sides
 from .statement import Complements
@@ -220,11 +219,10 @@ class Complementarity(ActiveIndexedComponent):
             elif self.index_set().isfinite():
                 for index in self.index_set():
                     self._setitem_when_not_present(index, rule(block, index))
-        except ComplementarityError as error:
+        except ComplementarityError:
             # Half a component would be relaxed without its other half by whoever goes on after the refusal.
             if block is not None:
                 block.del_component(self)
-            say_once(error)
             raise
         finally:
             timer.report()

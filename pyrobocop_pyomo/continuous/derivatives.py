@@ -35,7 +35,7 @@ from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.transcription import collocation_rows, continuity_rows
 
 from .expansion import set_initial_value
-from .record import Discretisation, Substitution, open_sets
+from .record import Discretisation, open_sets
 from .structure import PAIRS, Axis, Spot, axes_of, axis_on, continuous_sets, row_variables, variables_of_row
 
 
@@ -63,7 +63,6 @@ def add_collocation(discretisation: Discretisation, spots: list[Spot], alone: bo
         substitution has written before.
     """
     homes: dict[int, Any] = {}
-    open_ids = open_sets(continuous_sets(spots))
     discretisation.states, discretisation.derivatives, discretisation.rows = [], [], ComponentMap()
     discretisation.joints.clear()
     for variable, by_order in derivatives_along(spots, discretisation.domain):
@@ -72,7 +71,7 @@ def add_collocation(discretisation: Discretisation, spots: list[Spot], alone: bo
             nearest = by_order[min(known for known in by_order if known >= order)]
             home = _home(discretisation, nearest.parent_block(), homes)
             levels.append(by_order[order] if order in by_order else _between(home, variable, nearest, order))
-            _add_rows(home, levels[-2], levels[-1], discretisation, alone, open_ids)
+            _add_rows(home, levels[-2], levels[-1], discretisation, alone)
             discretisation.states.append(levels[-2])
             discretisation.derivatives.append((levels[-2], levels[-1]))
 
@@ -103,14 +102,10 @@ def _between(home: Any, variable: Any, derivative: Any, order: int) -> Any:
     return added
 
 
-def _add_rows(
-    home: Any, state: Any, rate: Any, discretisation: Discretisation, alone: bool, open_ids: set[int]
-) -> None:
+def _add_rows(home: Any, state: Any, rate: Any, discretisation: Discretisation, alone: bool) -> None:
     grid, axis = discretisation.grid, axis_on(rate, discretisation.domain)
     assert axis is not None
     lines = _others(rate, axis, grid.times[0])
-    # Where pyomo.dae discretises another set later, it asks a rule for rows on the new lines.
-    will_grow = any(other != axis and id(other.domain) in open_ids for other in axes_of(rate))
     names = [rate.local_name] if grid.scheme.end_is_a_node else [rate.local_name, f"{state.local_name}_continuity"]
     for name in names:
         rows = Constraint(rate.index_set())
@@ -123,9 +118,8 @@ def _add_rows(
         if not alone or name != names[0]:
             for others in lines:
                 line_rows.write(rows, others)
-        if will_grow:
-            line_rows.known = frozenset(lines)
-            rows._rule = Initializer(line_rows)
+        # Where pyomo.dae discretises another set later, it asks a rule for rows on the new lines.
+        rows._rule = Initializer(line_rows)
     for others in lines:
         _initialise_rates(
             _along(state, axis, others, grid.times), _along(rate, axis, others, grid.points), discretisation
@@ -143,16 +137,10 @@ class LineRows:
         Of the set that the grid is on.
     are_joints : bool
         Whether they are the rows that join elements whose last stage is not the end.
-
-    Attributes
-    ----------
-    known : frozenset of index
-        Other indices whose rows are not to be given to Pyomo again.
     """
 
     def __init__(self, state: Any, rate: Any, grid: Grid, axis: Axis, are_joints: bool) -> None:
         self._state, self._rate, self._grid, self._axis, self._are_joints = state, rate, grid, axis, are_joints
-        self.known: frozenset[Any] = frozenset()
         self._line: tuple[Any, dict[float, Any]] = (self, {})
 
     def of(self, others: Any, rates: Mapping[float, Any] | None = None) -> Iterable[tuple[float, Any]]:
@@ -172,8 +160,6 @@ class LineRows:
     def __call__(self, block: Any, *index: Any) -> Any:
         """As the rule of the constraint, for indices of another set that are new."""
         others, time = self._axis.others(index), self._axis.time(index)
-        if others in self.known:
-            return Constraint.Skip
         if self._line[0] != others:
             self._line = (others, dict(self.of(others)))
         return self._line[1].get(time, Constraint.Skip)
@@ -230,7 +216,7 @@ def _initialise_rates(states: dict[float, Any], rates: dict[float, Any], discret
         return
     grid, scheme = discretisation.grid, discretisation.grid.scheme
     if isinstance(next(iter(rates.values())).parent_component(), DerivativeVar):
-        discretisation.initialised += rates.values()
+        discretisation.before += [(rate, None) for rate in rates.values()]
     values = np.array([[states[time].value for time in nodes] for nodes in grid.node_times])
     increments = scheme.D @ (values / grid.mesh.widths[:, None]).T
     slopes = np.linalg.lstsq(scheme.F, increments, rcond=None)[0].T
@@ -272,15 +258,13 @@ def substitute_derivatives(discretisation: Discretisation, found: list[Spot]) ->
 
 def restore_derivatives(discretisation: Discretisation) -> None:
     """Put the derivatives and their equations back where they were declared."""
-    for substitution in discretisation.substitutions:
-        for row, (data, value) in zip(substitution.rows, substitution.values, strict=True):
-            if not row.active:
-                data.unfix()
-                data.set_value(value, skip_validation=True)
-            row.activate()
-        substitution.parent.del_component(substitution.expression)
-        substitution.derivative.parent_block().del_component(substitution.derivative)
-        substitution.parent.add_component(substitution.name, substitution.derivative)
+    for derivative, expression in discretisation.substitutions.items():
+        for side in expression.values():
+            side.give_back()
+        parent, name = expression.parent_block(), expression.local_name
+        parent.del_component(expression)
+        derivative.parent_block().del_component(derivative)
+        parent.add_component(name, derivative)
     discretisation.substitutions.clear()
 
 
@@ -297,15 +281,14 @@ def _explicit_rows(found: list[Spot], candidates: dict[int, Any], own: set[int])
         ):
             continue
         unconditional = not any(block.ctype is Disjunct for block in enclosing_blocks(component))
+        parts = [data for data in component.values() if component.ctype is Expression or data.active]
         if component.ctype in PAIRS:
-            pairs = (data for data in component.values() if data.active)
-            elsewhere.update(id(variable) for data in pairs for variable in variables_of_row(data))
+            elsewhere.update(id(variable) for data in parts for variable in variables_of_row(data))
             continue
-        rows = (data for data in component.values() if component.ctype is Expression or data.active)
-        held = row_variables(rows, candidates)
-        elsewhere |= held.elsewhere
-        for key, said in held.given.items():
-            if unconditional and key in candidates and key not in explicit:
+        given, otherwise = row_variables(parts, candidates)
+        elsewhere |= otherwise
+        for key, said in given.items():
+            if unconditional and key not in explicit:
                 explicit[key] = said
             else:
                 elsewhere.add(key)
@@ -325,14 +308,7 @@ def _has_whole_lines(discretisation: Discretisation, derivative: Any, needed: li
 def _substitute(
     discretisation: Discretisation, state: Any, derivative: Any, needed: list[Any], explicit: dict[int, tuple[Any, Any]]
 ) -> None:
-    sides = {data.index(): explicit[id(data)][1] for data in needed}
-    home = rewrite_rows(discretisation, state, derivative, sides)
-    rows, values = [explicit[id(data)][0] for data in needed], [(data, data.value) for data in needed]
-    for data, row in zip(needed, rows, strict=True):
-        if not data.fixed:  # otherwise the row is a condition, as after `RightHandSide.fix`
-            row.deactivate()
-            data.fix(None, skip_validation=True)
-            data.stale = True
+    home = rewrite_rows(discretisation, state, derivative, {data.index(): explicit[id(data)][1] for data in needed})
     parent, name = derivative.parent_block(), derivative.local_name
     parent.del_component(derivative)
     aside = home.component("replaced")
@@ -344,10 +320,10 @@ def _substitute(
     aside.add_component(name if aside.component(name) is None else unique_component_name(aside, name), derivative)
     expression = Expression(derivative.index_set())
     parent.add_component(name, expression)
-    for data, row in zip(needed, rows, strict=True):
-        index = data.index()  # the indices are those of the derivative
-        put_part(expression, index, RightHandSide(sides[index], expression, data, row))
-    discretisation.substitutions.append(Substitution(parent, name, derivative, expression, rows, values))
+    for data in needed:  # the indices are those of the derivative
+        row, side = explicit[id(data)]
+        put_part(expression, data.index(), RightHandSide(side, expression, data, row))
+    discretisation.substitutions[derivative] = expression
 
 
 class RightHandSide(ExpressionData):
@@ -357,12 +333,21 @@ class RightHandSide(ExpressionData):
     steady start. So it does not matter whether a derivative is fixed before or after the transformation.
     """
 
-    __slots__ = ("_derivative", "_row")
+    __slots__ = ("_before", "_derivative", "_row")
 
     def __init__(self, side: Any, component: Any, derivative: Any, row: Any) -> None:
         super().__init__(side, component)
-        self._derivative = derivative
-        self._row = row
+        self._derivative, self._before, self._row = derivative, derivative.value, row
+        if not derivative.fixed:  # otherwise the row is a condition, as after `fix`
+            self.unfix()
+            derivative.stale = True
+
+    def give_back(self) -> None:
+        """Let the derivative and its equation be as they were, unless it is fixed now."""
+        if not self.fixed:
+            self._derivative.unfix()
+            self._derivative.set_value(self._before, skip_validation=True)
+        self._row.activate()
 
     @property
     def value(self) -> float | None:

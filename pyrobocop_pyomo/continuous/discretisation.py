@@ -24,12 +24,12 @@ from .derivatives import (
     restore_derivatives,
     substitute_derivatives,
 )
-from .expansion import Family, declaration_of, expand, refuse_what_cannot_grow
+from .expansion import Family, expand, refuse_what_cannot_grow
 from .holding_rows import HoldingRows, undecided_parts
 from .record import Discretisation, DiscretisationRecord, discretisation_record_of, discretisations_of
 from .shown_values import add_shown_values, clear, find_definitions, find_shown_values
 from .structure import Spot, axis_on, continuous_sets, spots
-from .sums_over_sets import find_possible_sums
+from .sums_over_sets import check_possible_sum, find_possible_sums
 from .values import PreviousValues
 
 DAE_NAMES = {"radau": "LAGRANGE-RADAU", "gauss": "LAGRANGE-LEGENDRE"}
@@ -38,7 +38,7 @@ DAE_NAMES = {"radau": "LAGRANGE-RADAU", "gauss": "LAGRANGE-LEGENDRE"}
 def discretise(
     domain: Any, points: tuple[float, ...], grid: Grid, substitutes: bool = True, previous: PreviousValues | None = None
 ) -> Discretisation:
-    """Discretise one continuous set; on failure the model is as it was.
+    """Discretise one continuous set, afresh where it was discretised; on failure it is not, and all else as it was.
 
     Parameters
     ----------
@@ -52,26 +52,24 @@ def discretise(
     previous : PreviousValues, optional
         Values to start from.
     """
-    others = [other for other in discretisations_on(domain.model()) if other.domain is not domain]
-    finished = [other for other in others if other.substitutions]
+    for current in discretisations_of([domain]):
+        undo_discretisation(current)
+    others = discretisations_on(domain.model())
     for other in others:
         restore_derivatives(other)
         remove_collocation(other)  # they would need rows at points that are new
-    with undone_on_failure(lambda: rebuild_rows(others, finished)):
+    with undone_on_failure(lambda: rebuild_rows(others)):
         return _discretise(domain, points, grid, substitutes, previous)
 
 
-def rebuild_rows(others: list[Discretisation], finished: list[Discretisation]) -> None:
-    """Build the rows of discretised sets for the points that the model has now; substitute again where it was done."""
+def rebuild_rows(others: list[Discretisation]) -> None:
+    """Build the rows of discretised sets for the points that the model has now; `finalise` substitutes again."""
     for other in others:
         restore_derivatives(other)
         remove_collocation(other)
     for other in others:
         add_collocation(other, list(spots(other.domain.model())))
         add_shown_values(other)
-    for other in finished:
-        if other.substitutes:
-            substitute_derivatives(other, list(spots(other.domain.model())))
 
 
 def discretisations_on(root: Any) -> list[Discretisation]:
@@ -99,8 +97,6 @@ def _discretise(
         record.discretisations[domain] = discretisation
         everything = discretisations_on(root)
         for one in everything:
-            remove_collocation(one)
-        for one in everything:
             add_collocation(one, found, alone=len(everything) == 1)
         if previous is not None:
             previous.give_to(list(spots(root)), discretisation)
@@ -108,7 +104,7 @@ def _discretise(
             for integral in integrals_along(found, one.domain):
                 integrate(integral, one, discretisation_record_of(one.domain))
         for possible_sum in possible_sums:
-            possible_sum.check(domain)
+            check_possible_sum(*possible_sum, domain)
         rows = HoldingRows(list(spots(root)), everything)
         rows.deactivate_rows(discretisation.deactivated)
         _show_values(root, rows, discretisation, {id(block) for one in everything for block in one.generated})
@@ -144,7 +140,7 @@ def _show_values(root: Any, rows: HoldingRows, discretisation: Discretisation, a
     shown = {key: pair for key, pair in sources.items() if key in absent and key not in definitions}
     following = {key: rows.what_follows(part, ids - shown.keys()) for part, ids in parts for key in ids & shown.keys()}
     discretisation.shown = [(*pair, following.get(key, ())) for key, pair in shown.items()]
-    discretisation.cleared = [
+    discretisation.before += [
         (data, data.value) for data, _, _ in absent.values() if id(data.parent_block()) not in added
     ]
     for data, _, _ in absent.values():
@@ -160,12 +156,10 @@ def undo_discretisation(discretisation: Discretisation) -> None:
     remove_collocation(discretisation)
     for data in discretisation.deactivated:
         data.activate()
-    for data, number in discretisation.cleared:
+    for data, number in reversed(discretisation.before):
         if not data.fixed or data.value is None:  # otherwise the user has fixed it since
             data.unfix()
             data.set_value(number, skip_validation=True)
-    for data in discretisation.initialised:
-        data.set_value(None, skip_validation=True)
     for data, formula in discretisation.formulas:
         data.set_value(formula)
     kept = set(discretisation.points)
@@ -193,11 +187,11 @@ def _inherit(found: list[Spot], discretisation: Discretisation) -> None:
         component = spot.component
         if component.ctype not in (Var, DerivativeVar) or component.is_reference():
             continue
-        declared = None if axis_on(component, discretisation.domain) is None else declaration_of(component)
+        is_in_blocks = axis_on(component, discretisation.domain) is None
         for key, time, data in spot.members_along(discretisation.domain):
             family = along.get(key)
             if family is None:
-                family = along[key] = Family(id(data) in states, declared, points)
+                family = along[key] = Family(id(data) in states, is_in_blocks, points)
             (family.old if time in old else family.new).append((time, data))
     for family in along.values():
         family.inherit(discretisation.domain)

@@ -13,27 +13,25 @@ rules, for each variable with its other indices:
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from pyomo.core.base.block import Block
-from pyomo.core.base.constraint import Constraint, ConstraintData, ConstraintList
+from pyomo.core.base.constraint import Constraint, ConstraintList
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.param import Param
 from pyomo.core.base.piecewise import Piecewise
 from pyomo.core.base.set import Set, SetOf
 from pyomo.core.base.suffix import Suffix
 from pyomo.core.base.var import Var, VarData
-from pyomo.core.expr import EqualityExpression
 from pyomo.core.expr.numvalue import native_numeric_types, value
 from pyomo.dae import DerivativeVar, Integral
 from pyomo.mpec import Complementarity as MpecComplementarity
 
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.modeling.bulk_parts import copy_variable, new_row
+from pyrobocop_pyomo.modeling.bulk_parts import copy_variable
 from pyrobocop_pyomo.modeling.failures import failures_as
 from pyrobocop_pyomo.modeling.variable_values import within_bounds
 
@@ -92,7 +90,6 @@ def expand(spots: list[Spot], domain: Any) -> None:
             all_inactive = len(component._data) > 0 and not any(
                 getattr(data, "active", True) for data in component._data.values()
             )
-            create = _CREATORS.get(ctype, _by_asking)
             # The index set does not change in this loop: no rule of a model adds points.
             missing = [
                 index
@@ -102,43 +99,31 @@ def expand(spots: list[Spot], domain: Any) -> None:
             alike = 1 if ctype in (Var, DerivativeVar) and _says_the_same_everywhere(component) else len(missing)
             for index in missing[:alike]:
                 with failures_as(ModelError, f"'{component.name}': its rule failed at the new point {index}"):
-                    create(component, index)
+                    _make(component, index)
             if missing[alike:]:
                 copy_variable(component._data[missing[0]], missing[alike:])
             for index in missing:
-                if all_inactive and ctype is not Param and index in component._data and hasattr(component, "active"):
-                    _deactivate(component._data[index])
+                if all_inactive and index in component._data:
+                    component._data[index].deactivate()
 
 
-def _deactivate(data: Any) -> None:
-    if hasattr(data, "deactivate"):
-        data.deactivate()
-
-
-def _by_asking(component: Any, index: Any) -> None:
-    """As Pyomo does: looking up a missing index runs the rule, and a piecewise function is added to."""
+def _make(component: Any, index: Any) -> None:
+    """Make what the declaration says at a point, as Pyomo does; it may say nothing there."""
+    ctype = component.ctype
     if index in component._data:
         return
     if isinstance(component, Piecewise):
         component.add(index)
-    else:
+    elif ctype is Param:
+        _parameter(component, index)
+    elif ctype in (Var, DerivativeVar):
+        _variable(component, index)
+    elif ctype not in (Constraint, Expression):
         component._getitem_when_not_present(index)
-
-
-def _row(component: Any, index: Any) -> None:
-    row = component._rule(component.parent_block(), index)
-    if row.__class__ is EqualityExpression and component._ComponentDataClass is ConstraintData:
-        new_row(component, index, row)
-    else:
-        component._setitem_when_not_present(index, row)
-
-
-def _expression(component: Any, index: Any) -> None:
-    if component._rule is None:
-        return
-    result = component._rule(component.parent_block(), index)
-    if result is not Expression.Skip:
-        component._setitem_when_not_present(index, result)
+    elif component._rule is not None:
+        said = component._rule(component.parent_block(), index)
+        if said is not ctype.Skip:
+            component._setitem_when_not_present(index, said)
 
 
 def _parameter(component: Any, index: Any) -> None:
@@ -174,15 +159,6 @@ def _variable(component: Any, index: Any) -> None:
         component._rule_init = rule
 
 
-_CREATORS: dict[Any, Callable[[Any, Any], None]] = {
-    Param: _parameter,
-    Var: _variable,
-    DerivativeVar: _variable,
-    Constraint: _row,
-    Expression: _expression,
-}
-
-
 def _without_rule(component: Any) -> bool:
     if isinstance(component, ConstraintList):
         return True  # never indexed by a set of the user's
@@ -198,15 +174,15 @@ class Family:
     ----------
     is_state : bool
         Whether it has a derivative with respect to the set.
-    declared : callable or None
-        ``declared(data, attribute)`` is what the declaration of the variable says at a point.
+    is_in_blocks : bool
+        Whether it is in blocks along the set: their rule says at the first new point what was declared.
     points : set of float
         The collocation points.
     old, new : list of (time, variable)
     """
 
     is_state: bool
-    declared: Callable[[Any, str], Any] | None
+    is_in_blocks: bool
     points: frozenset[float]
     old: list[tuple[float, Any]] = field(default_factory=list)
     new: list[tuple[float, Any]] = field(default_factory=list)
@@ -221,24 +197,17 @@ class Family:
         """
         if not self.old or not self.new:
             return
+        declared = [self.new[0][1] if self.is_in_blocks else _as_declared(data) for _, data in self.old]
         for attribute in ATTRIBUTES:
-            self._inherit(attribute, domain)
-        self._interpolate_values()
+            self._inherit(attribute, declared, domain)
+        initial = [data.value for data in declared]
+        self._interpolate_values(initial)
         if not self.is_state:
-            self._inherit_fixing(domain)
+            self._inherit_fixing(initial, domain)
 
-    def _declared_at(self, data: Any, attribute: str) -> Any:
-        if self.declared is not None:
-            return self.declared(data, attribute)
-        # A variable within a block: what the block's rule gave it at a new point.
-        return getattr(self.new[0][1], "value" if attribute == "initial" else attribute)
-
-    def _inherit(self, attribute: str, domain: Any) -> None:
+    def _inherit(self, attribute: str, declared: list[Any], domain: Any) -> None:
         given = [getattr(data, attribute) for _, data in self.old]
-        changed = [
-            not _same(bound, self._declared_at(data, attribute))
-            for bound, (_, data) in zip(given, self.old, strict=True)
-        ]
+        changed = [not _same(bound, getattr(data, attribute)) for bound, data in zip(given, declared, strict=True)]
         if not all(changed):
             for (time, data), is_changed in zip(self.old, changed, strict=True):
                 if is_changed and not self.is_state and time not in self.points:
@@ -248,8 +217,8 @@ class Family:
                         "a point there."
                     )
             return
-        by_rule = {id(getattr(data, attribute)): getattr(data, attribute) for _, data in self.new}
-        if self.declared is None and not all(_same(bound, next(iter(by_rule.values()))) for bound in by_rule.values()):
+        first = getattr(self.new[0][1], attribute)
+        if self.is_in_blocks and not all(_same(getattr(data, attribute), first) for _, data in self.new):
             return  # the rule of a block gives each point its own
         if not all(_same(bound, given[0]) for bound in given):
             (first, data), (last, other) = self.old[0], self.old[-1]
@@ -262,13 +231,12 @@ class Family:
         for _, data in self.new:
             setattr(data, attribute, given[0])
 
-    def _interpolate_values(self) -> None:
+    def _interpolate_values(self, initial: list[Any]) -> None:
         known = [(time, data.value) for time, data in self.old if data.value is not None]
         if not known:
             return
-        declared = [self._declared_at(data, "initial") for _, data in self.old]
         kept = any(
-            initial is not None and data.value == initial for initial, (_, data) in zip(declared, self.old, strict=True)
+            number is not None and data.value == number for number, (_, data) in zip(initial, self.old, strict=True)
         )
         if kept and all(data.value is not None for _, data in self.new):
             return
@@ -277,7 +245,7 @@ class Family:
         for (_, data), number in zip(self.new, np.interp([time for time, _ in self.new], times, values), strict=True):
             set_initial_value(data, float(number))
 
-    def _inherit_fixing(self, domain: Any) -> None:
+    def _inherit_fixing(self, initial: list[Any], domain: Any) -> None:
         if not all(data.fixed for _, data in self.old):
             return
         values = [data.value for _, data in self.old]
@@ -285,8 +253,7 @@ class Family:
             for _, data in self.new:
                 data.fix(values[0], skip_validation=True)
             return
-        declared = [self._declared_at(data, "initial") for _, data in self.old]
-        if self.declared is not None and all(a == b for a, b in zip(values, declared, strict=True)):
+        if values == initial:
             for _, data in self.new:
                 data.fix()
             return
@@ -297,26 +264,12 @@ class Family:
         )
 
 
-def declaration_of(component: Any) -> Callable[[Any, str], Any]:
-    """A function that returns the declared bounds, domain or initial value of an indexed variable at a point."""
-
-    def declared(data: Any, attribute: str) -> Any:
-        parent, index = component.parent_block(), data.index()
-        if attribute == "domain":
-            return component._rule_domain(parent, index, component)
-        if attribute == "initial":
-            rule = component._rule_init
-            if rule is None or (rule.contains_indices() and index not in set(rule.indices())):
-                return None
-            return value(rule(parent, index), exception=False)
-        side = 0 if attribute == "lower" else 1
-        given = component._rule_bounds(parent, index) if component._rule_bounds is not None else None
-        bound, implied = (given or (None, None))[side], data.domain.bounds()[side]
-        if bound is None or implied is None:
-            return implied if bound is None else bound
-        # Pyomo shows the tighter one of both as the bound of a variable.
-        return (max, min)[side](bound, implied, key=value)
-
+def _as_declared(data: Any) -> Any:
+    """A variable as its declaration makes it, which takes no place in the model."""
+    component, index = data.parent_component(), data.index()
+    _variable(component, index)
+    declared = component[index]
+    component._data[index] = data
     return declared
 
 

@@ -15,18 +15,6 @@ from pyrobocop_pyomo.numerics import Grid
 
 
 @dataclass(eq=False)
-class Substitution:
-    """A derivative that an expression replaces, where it belongs, its rows and its values."""
-
-    parent: Any
-    name: str
-    derivative: Any
-    expression: Any
-    rows: list[Any]
-    values: list[tuple[Any, float | None]]
-
-
-@dataclass(eq=False)
 class Discretisation:
     """The discretisation of one continuous set, with all that is needed to undo it.
 
@@ -42,15 +30,15 @@ class Discretisation:
         Blocks with the collocation rows, one beside each group of derivatives.
     deactivated : list of component data
         Rows and pairs of the user's that were deactivated because they stand at no collocation point.
-    cleared : list of (variable, value)
-        Variables of the user's without a value of their own, because they stand at no collocation point.
+    before : list of (variable, value)
+        What variables were that have no value of their own, because they stand at no collocation point, and
+        derivatives that were given an initial value.
     shown : list of (variable, variable, tuple of variable)
         Variables among those without a value of their own, the one whose value they show, and what follows from it.
-    initialised : list of Var
-        Derivatives that had no value and were given an initial one.
     formulas : list of (integral, expression)
         What integrals were before.
-    substitutions : list of Substitution
+    substitutions : ComponentMap
+        From each derivative that an expression replaces to this.
     states : list of Var
         The variables that have a value at every time of the grid.
     derivatives : list of (Var, Var)
@@ -67,11 +55,10 @@ class Discretisation:
     substitutes: bool = True
     generated: list[Any] = field(default_factory=list)
     deactivated: list[Any] = field(default_factory=list)
-    cleared: list[tuple[Any, float | None]] = field(default_factory=list)
+    before: list[tuple[Any, float | None]] = field(default_factory=list)
     shown: list[tuple[Any, Any, tuple[Any, ...]]] = field(default_factory=list)
-    initialised: list[Any] = field(default_factory=list)
     formulas: list[tuple[Any, Any]] = field(default_factory=list)
-    substitutions: list[Substitution] = field(default_factory=list)
+    substitutions: Any = field(default_factory=ComponentMap)
     states: list[Any] = field(default_factory=list)
     derivatives: list[tuple[Any, Any]] = field(default_factory=list)
     rows: Any = field(default_factory=ComponentMap)

@@ -116,29 +116,19 @@ def find_definitions(rows: Iterable[Any], absent: Absent, sources: dict[int, Any
     """
     everything = {key: data for key, (data, _, _) in absent.items()}
     free = {key for key, data in everything.items() if data.is_continuous() and data.lower is data.upper is None}
-    given: dict[int, tuple[Any, set[int]]] = {}
+    waiting: dict[int, tuple[Any, set[int]]] = {}
     for row in rows:
-        for key, (data, side) in row_variables([row], free).given.items():
-            given.setdefault(key, (data, {id(v) for v in variables_in(side)} & everything.keys()))
-    chosen: dict[int, Any] = {}
-    shown: set[int] = set()
-
-    def give(key: int, above: tuple[int, ...]) -> bool:
-        """Choose the row of a variable, after those of the variables that it needs; or take the one to show."""
-        if key in chosen or key in shown:
-            return True
-        if key in given and key not in above:
-            row, needed = given[key]
-            if all(give(other, (*above, key)) for other in needed) and key not in shown:
-                chosen[key] = row
-                return True
-        if key in sources:
-            shown.add(key)
-            return True
-        return False
-
-    for key in given:
-        give(key, ())
+        for key, (_, side) in row_variables([row], free)[0].items():
+            waiting.setdefault(key, (row, {id(v) for v in variables_in(side)} & everything.keys()))
+    known, chosen = set(sources) - waiting.keys(), dict[int, Any]()
+    while waiting:
+        ready = {key: row for key, (row, needed) in waiting.items() if needed <= known}
+        shown = next((key for key in waiting if key in sources), None)
+        if not ready and shown is None:
+            break
+        chosen |= ready
+        known.update(ready if ready or shown is None else [shown])  # equations that wait for each other
+        waiting = {key: waiting[key] for key in waiting.keys() - known}
     return chosen
 
 

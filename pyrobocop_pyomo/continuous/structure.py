@@ -12,6 +12,7 @@ from pyomo.mpec import Complementarity as MpecComplementarity
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES
+from pyrobocop_pyomo.modeling.in_place_changes import expressions_of
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in, variables_in_any
 
 PAIRS = (Complementarity, MpecComplementarity)
@@ -154,13 +155,7 @@ def label(family: tuple[Any, ...]) -> str:
 
 def variables_of_row(data: Any) -> Iterable[Any]:
     """Every variable of a row, an objective, an expression or a pair."""
-    if data.ctype is MpecComplementarity:
-        sides = data._args or ()
-    elif data.ctype is Complementarity:
-        sides = data.args
-    else:
-        sides = (data.expr,)
-    for side in sides:
+    for side in (data._args or ()) if data.ctype is MpecComplementarity else expressions_of(data):
         yield from variables_in(side)
 
 
@@ -173,22 +168,7 @@ def _without(index: Any, axes: tuple[Axis, ...], domain: Any) -> Any:
     return tuple(part for i, part in enumerate(index) if i not in dropped)
 
 
-class RowVariables(NamedTuple):
-    """What some rows hold.
-
-    Attributes
-    ----------
-    given : dict of id to (row, expression)
-        From a derivative that a row says explicitly, ``dx[t] == f``, to that row and ``f``.
-    elsewhere : set of int
-        Ids of all variables that the rows hold otherwise.
-    """
-
-    given: dict[int, tuple[Any, Any]]
-    elsewhere: set[int]
-
-
-def row_variables(rows: Iterable[Any], derivatives: Collection[int]) -> RowVariables:
+def row_variables(rows: Iterable[Any], derivatives: Collection[int]) -> tuple[dict[int, tuple[Any, Any]], set[int]]:
     """Walk over rows, objectives or named expressions, all at once.
 
     Parameters
@@ -196,6 +176,13 @@ def row_variables(rows: Iterable[Any], derivatives: Collection[int]) -> RowVaria
     rows : iterable of component data
     derivatives : collection of int
         Ids of the variables that may be said explicitly.
+
+    Returns
+    -------
+    dict of id to (row, expression)
+        From a derivative that a row says explicitly, ``dx[t] == f``, to that row and ``f``.
+    set of int
+        Ids of all variables that the rows hold otherwise.
     """
     given: dict[int, tuple[Any, Any]] = {}
     others: list[Any] = []
@@ -207,7 +194,6 @@ def row_variables(rows: Iterable[Any], derivatives: Collection[int]) -> RowVaria
                 left, right = right, left
             if id(left) in derivatives and id(left) not in given:
                 given[id(left)] = (data, right)
-                others.append(right)
-                continue
+                expression = right
         others.append(expression)
-    return RowVariables(given, set(variables_in_any(others)))
+    return given, set(variables_in_any(others))

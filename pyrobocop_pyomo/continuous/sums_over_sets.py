@@ -8,7 +8,6 @@ the set when one term is repeated at all of its points, or at all but the first 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from pyomo.core.base.constraint import Constraint, ConstraintList
@@ -29,27 +28,23 @@ from .structure import Spot, axis_on
 _WITH_COEFFICIENTS = (ProductExpression, MonomialTermExpression, NegationExpression)
 
 
-@dataclass(frozen=True)
-class PossibleSum:
-    """An expression at several points of the set whose rule can be run again."""
+# An expression at several points of the set whose rule can be run again: its component and index, the ids of its
+# variables, and those of named expressions.
+PossibleSum = tuple[Any, Any, set[int], frozenset[int]]
 
-    component: Any
-    index: Any
-    variables: frozenset[int]
-    leaves: frozenset[int]
 
-    def check(self, domain: Any) -> None:
-        """Raise a `ModelError` when the rule now says something else."""
-        where = (
-            f"'{self.component.name}': holds variables at several points of '{domain.name}', and its rule fails now "
-            "that the set has more"
-        )
-        with failures_as(ModelError, where):
-            result = self.component._rule(self.component.parent_block(), self.index)
-        parts = result if isinstance(result, (tuple, list)) else (result,)
-        parts = [part for part in parts if part.__class__ in native_types or hasattr(part, "is_expression_type")]
-        if {id(variable) for part in parts for variable in variables_in(part, self.leaves)} - self.variables:
-            raise _refusal(self.component, self.index, domain)
+def check_possible_sum(component: Any, index: Any, variables: Any, leaves: Collection[int], domain: Any) -> None:
+    """Raise a `ModelError` when the rule now says something else."""
+    where = (
+        f"'{component.name}': holds variables at several points of '{domain.name}', and its rule fails now that the "
+        "set has more"
+    )
+    with failures_as(ModelError, where):
+        result = component._rule(component.parent_block(), index)
+    parts = result if isinstance(result, (tuple, list)) else (result,)
+    parts = [part for part in parts if part.__class__ in native_types or hasattr(part, "is_expression_type")]
+    if {id(variable) for part in parts for variable in variables_in(part, leaves)} - variables:
+        raise _refusal(component, index, domain)
 
 
 def find_possible_sums(spots: list[Spot], domain: Any) -> list[PossibleSum]:
@@ -80,7 +75,7 @@ def find_possible_sums(spots: list[Spot], domain: Any) -> list[PossibleSum]:
             if len(times | own) < 2:
                 continue
             if _can_be_asked(spot.component):
-                possible_sums.append(PossibleSum(spot.component, index, frozenset(map(id, variables)), leaves))
+                possible_sums.append((spot.component, index, set(map(id, variables)), leaves))
             elif _covers(repeated_times(data.expr, place, leaves), points):
                 raise _refusal(spot.component, index, domain)
     return possible_sums

@@ -99,7 +99,7 @@ class Collocation(Transformation):
                         previous, points = PreviousValues(list(spots(model.model())), known), known.points
                     grid = make_grid(domain, points, scheme, config.nfe, config.mesh)
                     replaced.append((domain, known, previous))
-                    _replace(domain, (points, grid, config.derivatives == "substitute"), previous)
+                    discretise(domain, points, grid, config.derivatives == "substitute", previous)
             for discretisation in discretisations_on(model.model()):
                 finalise(discretisation)
         for domain in domains:
@@ -180,22 +180,14 @@ class Collocation(Transformation):
         return instance
 
 
-def _replace(domain: Any, settings: tuple[Any, Any, bool] | None, previous: Any) -> None:
-    """Discretise a set afresh, or undo its discretisation."""
-    current = discretisation_of(domain)
-    if current is not None:
-        undo_discretisation(current)
-    if settings is not None:
-        discretise(domain, *settings, previous)
-    else:
-        others = discretisations_on(domain.model())
-        rebuild_rows(others, [other for other in others if other.substitutions])
-
-
 def _restore(replaced: list[tuple[Any, Any, Any]]) -> None:
     for domain, known, previous in reversed(replaced):
-        if discretisation_of(domain) is not known:
-            _replace(domain, None if known is None else (known.points, known.grid, known.substitutes), previous)
+        current = discretisation_of(domain)
+        if known is not None and current is not known:
+            discretise(domain, known.points, known.grid, known.substitutes, previous)
+        elif known is None and current is not None:
+            undo_discretisation(current)
+            rebuild_rows(discretisations_on(domain.model()))
     for discretisation in discretisations_on(replaced[0][0].model()) if replaced else ():
         finalise(discretisation)
 
@@ -204,21 +196,23 @@ def _domains(model: Any, wrt: Any) -> list[Any]:
     """The sets to discretise, all of them within the model."""
     found = list(spots(model))
     own = continuous_sets(found)
-    used = [axis.domain for spot in found for axis in axes_of(spot.component)]
     if wrt is None:
-        elsewhere = next((domain for domain in used if not any(domain is inner for inner in own)), None)
-        if elsewhere is not None:
-            raise _lives_elsewhere(model, elsewhere)
+        used = [axis.domain for spot in found for axis in axes_of(spot.component)]
         chosen = [domain for domain in own if domain.active and discretisation_of(domain) is None] or own
-        if not chosen:
-            raise ModelError(f"'{model.name}': holds no ContinuousSet, so that there is nothing to discretise.")
     else:
-        chosen = list(wrt) if isinstance(wrt, (list, tuple)) else [wrt]
-        for chosen_set in chosen:
-            if getattr(chosen_set, "ctype", None) is not ContinuousSet:
-                raise ModelError(f"wrt: '{getattr(chosen_set, 'name', chosen_set)}' is no ContinuousSet.")
-            if not any(chosen_set is domain for domain in own):
-                raise _lives_elsewhere(model, chosen_set)
+        used = chosen = list(wrt) if isinstance(wrt, (list, tuple)) else [wrt]
+    for used_set in used:
+        if getattr(used_set, "ctype", None) is not ContinuousSet:
+            raise ModelError(f"wrt: '{getattr(used_set, 'name', used_set)}' is no ContinuousSet.")
+        if not any(used_set is domain for domain in own):
+            home = used_set.parent_block()
+            raise ModelError(
+                f"'{model.name}': the set '{used_set.name}' does not live in it but in "
+                f"'{home.name if home is not None else 'no model'}'. Apply the transformation to that, so that "
+                "everything which is indexed by the set grows with it."
+            )
+    if not chosen:
+        raise ModelError(f"'{model.name}': holds no ContinuousSet, so that there is nothing to discretise.")
     for chosen_set in chosen:
         if discretisation_of(chosen_set) is None and "scheme" in chosen_set.get_discretization_info():
             by = chosen_set.get_discretization_info()["scheme"]
@@ -230,26 +224,10 @@ def _domains(model: Any, wrt: Any) -> list[Any]:
     return chosen
 
 
-def _lives_elsewhere(model: Any, domain: Any) -> ModelError:
-    home = domain.parent_block()
-    return ModelError(
-        f"'{model.name}': the set '{domain.name}' does not live in it but in "
-        f"'{home.name if home is not None else 'no model'}'. Apply the transformation to that, so that everything "
-        "which is indexed by the set grows with it."
-    )
-
-
 def _refuse_outsiders(model: Any, domain: Any) -> None:
-    if model is domain.model():
-        return
     inside = {id(spot.component) for spot in spots(model)}
     for spot in spots(domain.model()):
-        outside = id(spot.component) not in inside
-        if (
-            outside
-            and spot.component.ctype is not ContinuousSet
-            and any(a.domain is domain for a in axes_of(spot.component))
-        ):
+        if id(spot.component) not in inside and axis_on(spot.component, domain) is not None:
             raise ModelError(
                 f"'{spot.component.name}': is indexed by '{domain.name}' but is no part of '{model.name}'. Apply the "
                 f"transformation to '{domain.model().name}'."

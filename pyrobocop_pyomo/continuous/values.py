@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.var import Var
-from pyomo.core.expr.numvalue import value
 from pyomo.dae import ContinuousSet, DerivativeVar, Integral
 
 from pyrobocop_pyomo.complementarity import canonical_form, side_values
@@ -53,23 +52,28 @@ def dae_trajectory(model: Any, wrt: Any) -> Trajectory:
     found = list(spots(model))
     states: dict[str, Array] = {}
     signals: dict[str, Array] = {}
+    lines: dict[int, tuple[str, dict[float, Any]]] = {}  # by the variable at the last point
+    grid, last = discretisation.grid, discretisation.grid.points[-1]
     for family, is_state, data in families(found, discretisation):
-        times = discretisation.grid.times if is_state else discretisation.grid.points
+        times = grid.times if is_state else grid.points
         missing = next((data[time] for time in times if time in data and data[time].value is None), None)
-        if missing is not None and isinstance(missing.parent_component(), DerivativeVar):
+        if missing is not None and isinstance(missing.parent_component(), (DerivativeVar, Expression)):
             continue  # along space, where no row gives it
         if missing is not None:
             raise TrajectoryError(f"'{missing.name}' has no value. Solve the model first, or give it an initial value.")
         if all(time in data for time in times):
+            lines[id(data[last])] = label(family), data
             (states if is_state else signals)[label(family)] = np.array([data[time].value for time in times])
     rates: dict[str, Array] = {}
-    for name, derivative, values in _rates(found, discretisation):
-        rates[name] = values
-        if derivative not in states:
-            signals.setdefault(derivative, values)
+    for state, rate in discretisation.derivatives:
+        seen, axis = discretisation.substitutions.get(rate, rate), axis_on(rate, wrt)
+        for index in [index for index in seen if axis is not None and axis.time(index) == last]:
+            if id(state[index]) in lines and id(seen[index]) in lines:
+                values = lines[id(seen[index])][1]
+                rates[lines[id(state[index])][0]] = np.array([values[time].value for time in grid.points], dtype=float)
     return Trajectory(
         name=model.name,
-        grid=discretisation.grid,
+        grid=grid,
         states=states,
         signals=signals,
         parameters=dict(_parameters(found)),
@@ -79,44 +83,20 @@ def dae_trajectory(model: Any, wrt: Any) -> Trajectory:
 
 
 def families(found: list[Spot], discretisation: Discretisation) -> Iterator[tuple[Any, bool, dict[float, Any]]]:
-    """Each variable along the set: its key, whether it is a state, and the variable at each time."""
+    """Each variable along the set: its key, whether it is a state, and what has its value at each time."""
     along: dict[Any, dict[float, Any]] = {}
     everything = (discretisation, *discretisations_of(continuous_sets(found)))
-    put_aside = {id(s.derivative) for one in everything for s in one.substitutions}
+    put_aside = {id(derivative) for one in everything for derivative in one.substitutions}
+    shown = set(map(id, discretisation.substitutions.values()))
     for spot in found:
-        if spot.component.ctype not in (Var, DerivativeVar) or id(spot.component) in put_aside:
+        is_variable = spot.component.ctype in (Var, DerivativeVar) and id(spot.component) not in put_aside
+        if not is_variable and id(spot.component) not in shown:
             continue
         for family, time, data in spot.members_along(discretisation.domain):
             along.setdefault(family, {})[time] = data
     states = discretisation.state_ids()
     for family, by_time in along.items():
         yield family, id(next(iter(by_time.values()))) in states, by_time
-
-
-def _rates(found: list[Spot], discretisation: Discretisation) -> Iterator[tuple[str, str, Array]]:
-    """Name of the state, name of the derivative, and its values at the collocation points."""
-    shown = {id(one.derivative): one.expression for one in discretisation.substitutions}
-    names = {
-        id(data): label(spot.family(index, axes, discretisation.domain))
-        for spot in found
-        if spot.component.ctype in (Var, DerivativeVar, Expression)
-        for axes in [axes_of(spot.component)]
-        if axes or spot.outer
-        for index, data in spot.component.items()
-    }
-    last = discretisation.grid.points[-1]
-    for state, derivative in discretisation.derivatives:
-        axis = axis_on(derivative, discretisation.domain)
-        assert axis is not None
-        seen = shown.get(id(derivative), derivative)
-        for others in {axis.others(index) for index in derivative}:
-            at = [
-                seen[axis.join(others, time)] for time in discretisation.grid.points if axis.join(others, time) in seen
-            ]
-            name = names.get(id(state[axis.join(others, last)]))
-            values = [value(data, exception=False) for data in at]
-            if name is not None and len(values) == len(discretisation.grid.points) and None not in values:
-                yield name, names[id(seen[axis.join(others, last)])], np.array(values, dtype=float)
 
 
 def _parameters(found: list[Spot]) -> Iterator[tuple[str, float]]:

@@ -219,11 +219,12 @@ def _tighten(master: Any, copied: Any) -> None:
 class _Substitution(NodeReplacement):
     """Named expressions stay: the integrals of a phase are such, and get other terms where its mesh changes."""
 
-    def _made(self, node: Any, arguments: list[Any]) -> Any:
+    def of_operation(self, node: Any, found: list[Any]) -> Any:
+        """A node with other arguments."""
         if not node.is_named_expression_type():
-            return super()._made(node, arguments)
-        if arguments[0] is not node.expr:
-            node.set_value(arguments[0])
+            return super().of_operation(node, found)
+        if found[0] is not node.expr:
+            node.set_value(found[0])
         return node
 
 

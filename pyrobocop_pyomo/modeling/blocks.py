@@ -23,10 +23,10 @@ from pyomo.common.gc_manager import PauseGC
 from pyomo.core.base.block import Block, BlockData
 from pyomo.core.base.global_set import UnindexedComponent_index, UnindexedComponent_set
 
-from pyrobocop_pyomo.errors import ModelError, PyRobocopError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.presentation import Presented
 
-from .failures import say_once, undone_on_failure
+from .failures import undone_on_failure
 from .keywords import check_keywords
 from .pickling import picklable_or_none
 
@@ -228,12 +228,8 @@ class BuiltBlock(Block):
 
     def construct(self, data: Any = None) -> None:
         """Build the block; on any error, the user's own included, take it off the model."""
-        try:
-            with undone_on_failure(self._take_off):
-                super().construct(data)
-        except PyRobocopError as error:
-            say_once(error)
-            raise
+        with undone_on_failure(self._take_off):
+            super().construct(data)
 
     def _take_off(self) -> None:
         parent = self.parent_block()

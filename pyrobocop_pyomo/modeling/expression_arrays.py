@@ -225,21 +225,11 @@ def array(values: Any) -> ExpressionArray:
         return values
     if hasattr(type(values), "as_expression_array"):
         return values.as_expression_array()  # a vector of parameters
-    found = np.empty((), dtype=object)
     if isinstance(values, np.ndarray) and values.dtype.kind in "fiub":
         return values.astype(object).view(ExpressionArray)  # numbers only
-    if isinstance(values, np.ndarray):
-        found = np.array(values, dtype=object, copy=True)
-    else:
-        shape = _shape(values)
-        if shape:
-            found = np.empty(shape, dtype=object)
-            _fill(found, values)
-        else:
-            found[()] = values
-    flat = found.reshape(-1)
-    for i, entry in enumerate(flat):
-        flat[i] = _wrapped(entry)
+    found = np.array(_nested(values), dtype=object)
+    if any(isinstance(entry, list) for entry in found.flat):
+        raise ModelError("an array of expressions: its rows have different shapes, which have to be alike.")
     return found.view(ExpressionArray)
 
 
@@ -320,36 +310,15 @@ def _shortened(entry: Any, length: int = 60) -> str:
     return text if len(text) <= length else f"{text[: length - 3]}..."
 
 
-def _members(values: Any) -> Any:
-    """The list that something stands for, None for what is a single entry."""
-    if isinstance(values, (list, tuple, np.ndarray, range)):
-        return values
-    if isinstance(values, IndexedComponent):
-        return list(values.values()) if values.is_indexed() else None
-    return list(values) if isinstance(values, IndexedComponent_slice) else None
-
-
-def _shape(values: Any) -> tuple[int, ...]:
+def _nested(values: Any) -> Any:
+    """Lists of entries within lists, or the entry that stands for itself."""
     if isinstance(values, np.ndarray):
-        return values.shape
-    members = _members(values)
-    if members is None:
-        return ()
-    shapes = {_shape(member) for member in members}
-    if len(shapes) > 1:
-        raise ModelError(
-            f"an array of expressions: its rows have the shapes {', '.join(map(str, sorted(shapes)))}, which have to "
-            "be alike."
-        )
-    return (len(members), *(shapes.pop() if shapes else ()))
-
-
-def _fill(found: Any, values: Any) -> None:
-    for i, member in enumerate(_members(values)):
-        if found.ndim > 1:
-            _fill(found[i], member)
-        else:
-            found[i] = member[()] if isinstance(member, np.ndarray) else member
+        values = values.tolist()
+    if isinstance(values, IndexedComponent) and values.is_indexed():
+        values = values.values()
+    elif not isinstance(values, (list, tuple, range, IndexedComponent_slice)):
+        return _wrapped(values)
+    return [_nested(member) for member in values]
 
 
 # -------------------------------------------------------------------- NumPy's functions
@@ -394,16 +363,14 @@ _LARGEST_SYSTEM = 4
 
 
 def _determinant(matrix: Any) -> Any:
-    """By expansion: without pivots, which would depend on values."""
-    entries = _square(matrix, "det")
-    return _expanded(entries)
+    return _expanded(_square(matrix, "det"))
 
 
 def _expanded(entries: ExpressionArray) -> Any:
-    if len(entries) == 1:
-        return entries[0, 0]
-    signs = [(-1.0) ** j for j in range(len(entries))]
-    return sum(sign * entries[0, j] * _expanded(_minor(entries, 0, j)) for j, sign in enumerate(signs))
+    """A determinant by expansion: without pivots, which would depend on values."""
+    if not len(entries):
+        return 1.0
+    return sum((-1.0) ** j * entries[0, j] * _expanded(_minor(entries, 0, j)) for j in range(len(entries)))
 
 
 def _minor(entries: ExpressionArray, row: int, column: int) -> ExpressionArray:
@@ -413,10 +380,8 @@ def _minor(entries: ExpressionArray, row: int, column: int) -> ExpressionArray:
 
 def _inverse(matrix: Any) -> Any:
     entries = _square(matrix, "inv")
-    size = len(entries)
-    if size == 1:
-        return 1.0 / entries
-    cofactors = [[(-1.0) ** (i + j) * _expanded(_minor(entries, j, i)) for j in range(size)] for i in range(size)]
+    places = range(len(entries))
+    cofactors = [[(-1.0) ** (i + j) * _expanded(_minor(entries, j, i)) for j in places] for i in places]
     return array(cofactors) / _expanded(entries)
 
 

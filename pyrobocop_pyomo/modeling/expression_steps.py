@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from pyomo.core.expr.numvalue import native_types, value
+from pyomo.core.expr.numvalue import value
 
 from .expression_nodes import (
     CALL,
@@ -32,6 +32,7 @@ from .expression_nodes import (
     kind_of_node,
 )
 from .functions import is_function_call
+from .shared_nodes import NodesOnce
 
 _SIGNS = {PRODUCT: " * ", DIVISION: " / ", POWER: " ** ", SUMMATION: " + "}
 
@@ -251,69 +252,48 @@ class ExpressionSteps:
         return f"{_constant(functions[name], known)}({', '.join(arguments)})"
 
 
-class _Walk:
-    """Reads nodes, and adds their steps."""
+class _Walk(NodesOnce):
+    """Adds the steps of nodes; what it finds at each is a tuple of its place, which no number is."""
 
     def __init__(self, steps: ExpressionSteps, leaf_of: Callable[[Any], Any]) -> None:
+        super().__init__()
         self._steps, self._leaf_of = steps, leaf_of
-        self._places: dict[Any, int] = {}
-        self._places_of_leaves: dict[Any, int] = {}
-        self._kept: list[Any] = []  # nodes are known by their ids: they have to live on
+        self._places: dict[Any, tuple[int]] = {}  # of leaves and numbers
 
     def place_of(self, expression: Any) -> int:
         """The place of an expression, whose steps are added."""
-        pending: list[tuple[Any, list[Any] | None]] = [(expression, None)]
-        while pending:
-            node, arguments = pending.pop()
-            if self._known(node) is not None:
-                continue
-            if arguments is None:
-                arguments = self._read(node)
-                pending.append((node, arguments))
-                pending += [(argument, None) for argument in reversed(arguments)]
-            else:
-                self._operate(node, [self._places[_key(argument)] for argument in arguments])
-        return self._places[_key(expression)]
+        return self._place(self.of(expression))
 
-    def _known(self, node: Any) -> int | None:
-        return self._places.get(_key(node))
+    def goes_below(self, node: Any) -> bool:
+        return self._leaf_of(node) is None
 
-    def _read(self, node: Any) -> list[Any]:
-        """Add a number or a leaf; the arguments of an operation."""
-        self._kept.append(node)
-        if node.__class__ in native_types:
-            self._add(node, ExpressionStep(CONSTANT, node))
-            return []
-        leaf = self._leaf_of(node)
-        if leaf is None:
-            arguments = list(node.args)
-            self._kept.append(arguments)
-            return arguments
-        if leaf in self._places_of_leaves:
-            self._places[_key(node)] = self._places_of_leaves[leaf]
-            return []
-        self._places_of_leaves[leaf] = len(self._steps.steps)
-        self._add(node, ExpressionStep(LEAF, len(self._steps.leaves)))
-        self._steps.leaves.append(leaf)
-        return []
+    def of_leaf(self, leaf: Any) -> tuple[int]:
+        read = self._leaf_of(leaf)
+        if read not in self._places:
+            self._places[read] = self._add(leaf, ExpressionStep(LEAF, len(self._steps.leaves)))
+            self._steps.leaves.append(read)
+        return self._places[read]
 
-    def _operate(self, node: Any, places: list[int]) -> None:
-        kind = kind_of_node(node.__class__)
+    def of_operation(self, node: Any, found: list[Any]) -> tuple[int]:
+        kind, places = kind_of_node(node.__class__), tuple(map(self._place, found))
         if kind == NAMED:
-            self._places[_key(node)] = places[0]
-        elif kind == UNKNOWN or (kind == CALL and not is_function_call(node)):
+            return (places[0],)
+        if kind == UNKNOWN or (kind == CALL and not is_function_call(node)):
             raise self._steps._refuse(node, f"is a {type(node).__name__}")
-        else:
-            self._add(node, ExpressionStep(kind, _what(kind, node), tuple(places)))
+        return self._add(node, ExpressionStep(kind, _what(kind, node), places))
 
-    def _add(self, node: Any, step: ExpressionStep) -> None:
-        self._places[_key(node)] = len(self._steps.steps)
+    def _place(self, found: Any) -> int:
+        if found.__class__ is tuple:
+            return int(found[0])
+        key = (found.__class__, found)
+        if key not in self._places:
+            self._places[key] = self._add(found, ExpressionStep(CONSTANT, found))
+        return self._places[key][0]
+
+    def _add(self, node: Any, step: ExpressionStep) -> tuple[int]:
         self._steps.steps.append(step)
         self._steps.nodes.append(node)
-
-
-def _key(node: Any) -> Any:
-    return (node.__class__, node) if node.__class__ in native_types else id(node)
+        return (len(self._steps.steps) - 1,)
 
 
 def _what(kind: int, node: Any) -> Any:

@@ -9,6 +9,7 @@ import numpy as np
 from pyomo.core.base.component import ComponentBase
 from pyomo.core.base.var import VarData
 from pyomo.core.expr import Expr_if, MonomialTermExpression
+from pyomo.core.expr.compare import compare_expressions
 from pyomo.core.expr.numvalue import native_numeric_types, native_types
 
 
@@ -52,22 +53,11 @@ def never_changes(expression: Any) -> bool:
 
 def same_expression(first: Any, second: Any) -> bool:
     """True when two expressions are built alike from the same variables, parameters and numbers."""
-    stack = [(first, second)]
-    while stack:
-        one, other = stack.pop()
-        natives = (one.__class__ in native_types) + (other.__class__ in native_types)
-        if one is other or (natives == 2 and one == other):
-            continue
-        if natives or not one.is_expression_type() or _operation(one) != _operation(other):
-            return False
-        stack.extend(zip(one.args, other.args, strict=True))
-    return True
-
-
-def _operation(expression: Any) -> tuple[Any, ...]:
-    # sin and cos have one class, as have two external functions, and as have < and <=.
-    told_apart = [getattr(expression, name, None) for name in ("_name", "_fcn", "_strict")]
-    return (expression.__class__, len(expression.args) if expression.is_expression_type() else 0, *told_apart)
+    if first is second:
+        return True
+    if all(one.__class__ not in native_types and one.is_expression_type() for one in (first, second)):
+        return bool(compare_expressions(first, second))
+    return first.__class__ in native_types and second.__class__ in native_types and bool(first == second)
 
 
 def new_leaves(stack: list[Any], seen: set[int]) -> Iterator[Any]:

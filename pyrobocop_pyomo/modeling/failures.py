@@ -11,10 +11,6 @@ from contextlib import ExitStack, contextmanager
 
 from pyrobocop_pyomo.errors import PyRobocopError
 
-# What Pyomo logs, before it lets the exception of a component's construction go on.
-_LOGGER = logging.getLogger("pyomo.core")
-_OPENING = "Constructing component"
-
 
 @contextmanager
 def undone_on_failure(undo: Callable[[], object]) -> Iterator[None]:
@@ -39,31 +35,9 @@ def failures_as(kind: type[PyRobocopError], where: str) -> Iterator[None]:
         raise kind(f"{where} ({type(error).__name__}: {error}).") from error
 
 
-class _SaidByException(logging.Filter):
-    """Drops the one record that repeats an exception of this package."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.message: str | None = None
-
-    def filter(self, record: logging.LogRecord) -> bool:
-        if self.message is None or not str(record.msg).startswith(_OPENING):
-            return True
-        repeats = isinstance(record.args, tuple) and str(record.args[-1]) == self.message
-        self.message = None
-        return not repeats
+def _is_no_repetition(record: logging.LogRecord) -> bool:
+    """False for what Pyomo logs before it lets an exception of this package go on, out of ``construct``."""
+    return not any(isinstance(given, PyRobocopError) for given in record.args or ())
 
 
-_FILTER = _SaidByException()
-
-
-def say_once(error: BaseException) -> None:
-    """Keep Pyomo from logging an exception that is about to be raised out of ``construct``.
-
-    Parameters
-    ----------
-    error : exception
-        Its message is dropped from the log once, where Pyomo repeats it.
-    """
-    _FILTER.message = str(error)
-    _LOGGER.addFilter(_FILTER)  # a second time, it is there already
+logging.getLogger("pyomo.core").addFilter(_is_no_repetition)

@@ -7,7 +7,7 @@ everything is put back. When all is done, what refers to removed parts is told: 
 from __future__ import annotations
 
 import weakref
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from types import TracebackType
 from typing import Any
 
@@ -110,25 +110,19 @@ class InPlaceChanges:
         """The parts that a component held, by index; none of one that was added since."""
         return self.contents[id(component)].parts if id(component) in self.contents else {}
 
+    def _lost(self) -> Iterator[tuple[Any, Any, Content]]:
+        """Each part that no component has any more, with the index and the content that it had."""
+        held = {id(part) for content in self.contents.values() for part in content.parts_now().values()}
+        for content in self.contents.values():
+            yield from ((part, index, content) for index, part in content.parts.items() if id(part) not in held)
+
     def lost_parts(self) -> dict[int, str]:
         """Names of the parts that no component has any more, by their identity."""
-        held = {id(part) for content in self.contents.values() for part in content.parts_now().values()}
-        return {
-            id(part): f"{name}[{index}]"
-            for content, name in ((content, content.component.name) for content in self.contents.values())
-            for index, part in content.parts.items()
-            if id(part) not in held
-        }
+        return {id(part): f"{content.component.name}[{index}]" for part, index, content in self._lost()}
 
     def finish(self, model: Any) -> None:
         """Take leave of the parts that are gone: suffixes forget them, or have the value for what took their place."""
-        lost = self.lost_parts()
-        parts = {
-            id(part): (part, content.parts_now().get(index))
-            for content in self.contents.values()
-            for index, part in content.parts.items()
-            if id(part) in lost
-        }
+        parts = {id(part): (part, content.parts_now().get(index)) for part, index, content in self._lost()}
         for suffix in model.component_objects(Suffix, descend_into=Block):
             for part in [part for part in suffix if id(part) in parts]:
                 number, (_, successor) = suffix.pop(part), parts[id(part)]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -11,25 +10,16 @@ from contextlib import contextmanager
 # all parts of a model again and again, which takes a tenth of the time of a plan among many obstacles.
 SELDOM = 200_000
 
-_lock = threading.Lock()
-_inside = 0
-_before = gc.get_threshold()
-
 
 @contextmanager
 def rare_collections() -> Iterator[None]:
-    """Raise the threshold of the garbage collector, unless it is off or higher; put it back after the last user."""
-    global _inside, _before
-    with _lock:
-        _inside += 1
-        if _inside == 1:
-            _before = gc.get_threshold()
-            if 0 < _before[0] < SELDOM:
-                gc.set_threshold(SELDOM, *_before[1:])
+    """Raise the threshold of the garbage collector, unless it is off or higher; whoever has raised it puts it back."""
+    before = gc.get_threshold()
+    if not 0 < before[0] < SELDOM:
+        yield
+        return
+    gc.set_threshold(SELDOM, *before[1:])
     try:
         yield
     finally:
-        with _lock:
-            _inside -= 1
-            if not _inside:
-                gc.set_threshold(*_before)
+        gc.set_threshold(*before)

@@ -7,6 +7,7 @@ Pyomo's own walks visit the tree.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Set
 from typing import Any
 
@@ -68,78 +69,79 @@ def variables_in_any(expressions: Iterable[Any], leaves: Set[int] = frozenset())
     return {id(node): node for node in found if node.is_expression_type() or node.is_variable_type()}
 
 
-def nodes_of(expression: Any) -> Iterator[Any]:
-    """Each node of an expression once: operators, named expressions, variables and parameters, but no numbers."""
-    pending = [expression]
-    seen: dict[int, Any] = {}
-    while pending:
-        node = pending.pop()
-        if node.__class__ in native_types or id(node) in seen:
-            continue
-        seen[id(node)] = node
-        yield node
-        if node.is_expression_type():
-            pending.extend(reversed(node.args))
-
-
-class NodeValues:
-    """Values of expressions at what their variables hold now; what they share is evaluated once.
-
-    Errors are those of Pyomo's ``value``: a ValueError where a variable has no value, or what the operation raises. A
-    result that is not real is a ValueError, too.
+class NodesOnce(ABC):
+    """A walk over expressions that meets a node once: what was found there is known for all that follow.
 
     Parameters
     ----------
-    known : mapping of int to float, optional
-        Values that are known already, by the ``id`` of the node.
+    known : mapping of int to object, optional
+        What is known already, by the ``id`` of the node.
     """
 
-    def __init__(self, known: Mapping[int, float] | None = None) -> None:
+    def __init__(self, known: Mapping[int, Any] | None = None) -> None:
         self._known: dict[int, Any] = dict(known or {})
-        self._kept: list[Any] = []
+        self._kept: list[Any] = []  # nodes are known by their ids: they have to live on
+
+    def goes_below(self, node: Any) -> bool:
+        """Whether the arguments of a node are looked at."""
+        return bool(node.is_expression_type())
+
+    @abstractmethod
+    def of_leaf(self, leaf: Any) -> Any:
+        """What is found at a variable or a parameter."""
+
+    @abstractmethod
+    def of_operation(self, node: Any, found: list[Any]) -> Any:
+        """What is found at an operator or a named expression, from what was found at its arguments."""
 
     def of(self, expression: Any) -> Any:
-        """Value of an expression."""
-        if expression.__class__ in native_types:
-            return expression
-        if not expression.is_expression_type():
-            return _value_of_leaf(expression)
+        """What is found at an expression; a number is itself."""
         known, kept = self._known, self._kept
-        if id(expression) in known:
-            return known[id(expression)]
-        # Nodes whose arguments are being evaluated, each with the values found so far and the arguments still to come.
-        pending: list[tuple[Any, list[Any], Iterator[Any]]] = [(expression, [], iter(expression.args))]
+        # Nodes whose arguments are being looked at, each with what was found so far and the arguments still to come.
+        pending: list[tuple[Any, list[Any], Iterator[Any]]] = [(None, [], iter([expression]))]
         while True:
-            node, numbers, arguments = pending[-1]
+            node, found, arguments = pending[-1]
             for argument in arguments:
                 if argument.__class__ in native_types:
-                    numbers.append(argument)
+                    found.append(argument)
                     continue
-                number = known.get(id(argument), known)
-                if number is known:
-                    if argument.is_expression_type():
+                here = known.get(id(argument), known)
+                if here is known:
+                    if self.goes_below(argument):
                         pending.append((argument, [], iter(argument.args)))
                         break
-                    number = known[id(argument)] = _value_of_leaf(argument)
+                    here = known[id(argument)] = self.of_leaf(argument)
                     kept.append(argument)
-                numbers.append(number)
+                found.append(here)
             else:
                 pending.pop()
-                kept.append(node)
-                number = known[id(node)] = node._apply_operation(numbers)
-                if number.__class__ is complex:
-                    raise ValueError(f"'{node}' is a power of a negative number, {numbers[0]:g}, and no real number")
                 if not pending:
-                    return number
-                pending[-1][1].append(number)
+                    return found[0]
+                kept.append(node)
+                here = known[id(node)] = self.of_operation(node, found)
+                pending[-1][1].append(here)
 
 
-def _value_of_leaf(leaf: Any) -> Any:
-    """Of a variable or a parameter; without a value an error, but none in the log: callers try values, and say so."""
-    number = value(leaf, exception=False)
-    if number is None:
-        raise ValueError(f"No value for uninitialized {leaf.__class__.__name__} object {leaf.name}")
-    return number
+class NodeValues(NodesOnce):
+    """Values of expressions at what their variables hold now.
+
+    Errors are those of Pyomo's ``value``: a ValueError where a variable has no value, or what the operation raises. A
+    result that is not real is a ValueError, too.
+    """
+
+    def of_leaf(self, leaf: Any) -> Any:
+        """Its value; without one an error, but none in the log: callers try values, and say so."""
+        number = value(leaf, exception=False)
+        if number is None:
+            raise ValueError(f"No value for uninitialized {leaf.__class__.__name__} object {leaf.name}")
+        return number
+
+    def of_operation(self, node: Any, found: list[Any]) -> Any:
+        """Its value."""
+        number = node._apply_operation(found)
+        if number.__class__ is complex:
+            raise ValueError(f"'{node}' is a power of a negative number, {found[0]:g}, and no real number")
+        return number
 
 
 def shared_value(expression: Any, exception: bool = True) -> Any:
@@ -161,55 +163,22 @@ def shared_value(expression: Any, exception: bool = True) -> Any:
         return None
 
 
-class NodeReplacement:
+class NodeReplacement(NodesOnce):
     """Puts other expressions in place of some nodes; what was one node stays one, among all expressions given.
 
     Named expressions are replaced by what they hold. Expressions in which nothing is replaced stay as they are.
-
-    Parameters
-    ----------
-    substitution : mapping of int to Any
-        From the ``id`` of a node to what stands in its place.
     """
 
-    def __init__(self, substitution: Mapping[int, Any]) -> None:
-        self._known: dict[int, Any] = dict(substitution)
-        self._kept: list[Any] = []
+    def of_leaf(self, leaf: Any) -> Any:
+        """Itself."""
+        return leaf
 
-    def put(self, node: Any, replacement: Any) -> None:
-        """Replace a further node; no expression that was given before may hold it."""
-        self._kept.append(node)
-        self._known[id(node)] = replacement
-
-    def of(self, expression: Any) -> Any:
-        """The expression with the replacements."""
-        known = self._known
-        pending = [expression]
-        while pending:
-            node = pending[-1]
-            if node.__class__ in native_types or id(node) in known:
-                pending.pop()
-                continue
-            arguments = node.args if node.is_expression_type() else ()
-            unknown = [a for a in arguments if a.__class__ not in native_types and id(a) not in known]
-            self._kept.append(arguments)  # nodes are known by their ids: they have to live on
-            if unknown:
-                pending += reversed(unknown)
-                continue
-            pending.pop()
-            self._kept.append(node)
-            known[id(node)] = self._made(node, [self._found(a) for a in arguments]) if arguments else node
-        return self._found(expression)
-
-    def _found(self, node: Any) -> Any:
-        return node if node.__class__ in native_types else self._known[id(node)]
-
-    def _made(self, node: Any, arguments: list[Any]) -> Any:
+    def of_operation(self, node: Any, found: list[Any]) -> Any:
         """A node with other arguments."""
         if node.is_named_expression_type():
-            return arguments[0]
-        if all(new is old for new, old in zip(arguments, node.args, strict=True)):
+            return found[0]
+        if all(new is old for new, old in zip(found, node.args, strict=True)):
             return node
-        if all(argument.__class__ in native_types for argument in arguments):
-            return node._apply_operation(arguments)
-        return node.create_node_with_local_data(arguments)
+        if all(argument.__class__ in native_types for argument in found):
+            return node._apply_operation(found)
+        return node.create_node_with_local_data(found)

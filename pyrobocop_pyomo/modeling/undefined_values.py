@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from pyomo.core.expr.calculus.diff_with_pyomo import DifferentiationException, reverse_ad
 from pyomo.core.expr.numeric_expr import DivisionExpression, Expr_ifExpression, PowExpression, UnaryFunctionExpression
 from pyomo.core.expr.numvalue import native_numeric_types
-from pyomo.core.expr.visitor import StreamBasedExpressionVisitor
 
 from .row_violations import number_or_nan
-from .shared_nodes import variables_in
+from .shared_nodes import NodesOnce, variables_in
 from .variable_values import within_bounds
 
 # Longer expressions are named by their variables.
@@ -80,24 +79,7 @@ def undefined_part(expression: Any) -> UndefinedPart | None:
     expression : expression or number
         Its variables have values.
     """
-    if not hasattr(expression, "is_expression_type") or not expression.is_expression_type():
-        return None
-    known: dict[int, float | UndefinedPart] = {}  # of nodes that several parents share
-
-    def read(node: Any, child: Any, index: int) -> tuple[bool, float | UndefinedPart | None]:
-        is_number = child.__class__ in native_numeric_types
-        if not is_number and child.is_expression_type():
-            return (False, known[id(child)]) if id(child) in known else (True, None)
-        number = number_or_nan(child)
-        if math.isfinite(number) or getattr(child, "value", child) is None:
-            return False, number
-        return False, UndefinedPart(f"the number {number:g}{'' if is_number else f' of {child.name!r}'}", child, number)
-
-    def leave(node: Any, arguments: list[float | UndefinedPart]) -> float | UndefinedPart:
-        known[id(node)] = found = _evaluated(node, arguments)
-        return found
-
-    found = StreamBasedExpressionVisitor(beforeChild=read, exitNode=leave).walk_expression(expression)
+    found = _Definedness().of(expression)
     return found if isinstance(found, UndefinedPart) else None
 
 
@@ -118,28 +100,25 @@ def moved_into_domain(part: UndefinedPart) -> bool:
             return False
         if abs(missing) <= 1e-3 * max(1.0, abs(target)):
             return True
-        steps = list(_steps(part.argument, variables, missing))
-        if not any(step for _, step in steps):
+        steps = _steps(part.argument, variables, missing)
+        if not any(steps):
             # A stationary point, such as the middle of a circle: any way out will do.
-            steps = [(variables[0], math.sqrt(abs(missing)))]
-        for variable, step in steps:
+            steps[0] = math.sqrt(abs(missing))
+        for variable, step in zip(variables, steps, strict=True):
             variable.set_value(_inside_bounds(variable.value + step, variable), skip_validation=True)
     number = number_or_nan(part.argument)
     return part.lower < number < part.upper and (not part.outside or number != 0.0)
 
 
-def _steps(argument: Any, variables: list[Any], missing: float) -> Iterator[tuple[Any, float]]:
-    """The smallest changes that, to first order, add what is missing."""
+def _steps(argument: Any, variables: list[Any], missing: float) -> list[float]:
+    """The smallest changes that, to first order, add what is missing; zeros where there are none."""
     try:
         derivatives = reverse_ad(argument)
+        slopes = np.array([derivatives.get(variable, 0.0) for variable in variables], dtype=float)
     except (*_NO_VALUE, DifferentiationException):
-        return
-    slopes = [(variable, derivatives.get(variable, 0.0)) for variable in variables]
-    if any(slope.__class__ is complex or not math.isfinite(slope) for _, slope in slopes):
-        return
-    square = sum(slope * slope for _, slope in slopes)
-    if square > 1e-16:
-        yield from ((variable, slope * missing / square) for variable, slope in slopes)
+        return [0.0] * len(variables)
+    square = float(slopes @ slopes)
+    return (slopes * missing / square if 1e-16 < square < math.inf else np.zeros_like(slopes)).tolist()
 
 
 def _inside_bounds(number: float, variable: Any) -> float:
@@ -150,24 +129,29 @@ def _inside_bounds(number: float, variable: Any) -> float:
     return within_bounds(number if upper is None else min(number, upper - inside), variable)
 
 
-def _evaluated(node: Any, arguments: list[Any]) -> float | UndefinedPart:
-    """The value of a node, NaN where one is missing; or the part of it that has none."""
-    if isinstance(node, Expr_ifExpression):
-        condition, then, otherwise = arguments
-        if isinstance(condition, UndefinedPart) or math.isnan(condition):
-            return condition
-        return then if condition else otherwise  # the other side need not have a value
-    undefined = next((each for each in arguments if isinstance(each, UndefinedPart)), None)
-    if undefined is not None:
-        return undefined
-    if any(map(math.isnan, arguments)):
-        return math.nan
-    try:
-        number = node._apply_operation(list(arguments))
-    except _NO_VALUE:
-        number = math.nan
-    number = math.nan if number is None or isinstance(number, complex) else float(number)
-    return _undefined_here(node, arguments, number) or number
+class _Definedness(NodesOnce):
+    """The value of each node, None where one is missing, or the part of it that has none."""
+
+    def of_leaf(self, leaf: Any) -> Any:
+        if getattr(leaf, "value", leaf) is None:
+            return None
+        number = number_or_nan(leaf)
+        if math.isfinite(number):
+            return number
+        return UndefinedPart(f"the number {number:g} of {leaf.name!r}", leaf, number)
+
+    def of_operation(self, node: Any, found: list[Any]) -> Any:
+        if isinstance(node, Expr_ifExpression) and isinstance(found[0], (bool, float)):
+            return found[1] if found[0] else found[2]  # the other side need not have a value
+        undefined = next((each for each in found if isinstance(each, UndefinedPart)), None)
+        if undefined is not None or None in found:
+            return undefined
+        try:
+            number = node._apply_operation(found)
+        except _NO_VALUE:
+            number = math.nan
+        number = math.nan if isinstance(number, complex) else float(number)
+        return _undefined_here(node, found, number) or number
 
 
 def _undefined_here(node: Any, numbers: list[float], number: float) -> UndefinedPart | None:

@@ -143,36 +143,32 @@ class VariableFamily(NDArrayOperatorsMixin):
 
     def array_of(self, read: Callable[[Any], Any]) -> ExpressionArray:
         """What is required of each member, as an array."""
-        return self._array(self.members, read)
+        return self._array(self._places(()), read)
 
     # ---------------------------------------------------------------- reading
 
     def __getitem__(self, key: Any) -> Any:
         keys = key if isinstance(key, tuple) else (key,)
         labels, time = (keys[:-1], keys[-1]) if self.names.in_time else (keys, None)
-        members = self._chosen(labels)
+        places = self._places(labels)
         read = (lambda member: member[time]) if self.names.in_time else (lambda member: member)
         try:
-            return self._array(members, read) if isinstance(members, np.ndarray) else read(members)
+            return self._array(places, read) if np.ndim(places) else read(self.members[places])
         except KeyError:
             if not self.names.in_time or key not in self.names.labels:
                 raise
-        if not any(isinstance(label, (int, float)) for label in keys):
-            return self._chosen(keys)  # names are no times: b.x["left"] is the component, b.x["left"][t] its value
+        place = self._places(keys)
+        if not np.ndim(place) and not any(isinstance(label, (int, float)) for label in keys):
+            return self.members[place]  # names are no times: b.x["left"] is the component, b.x["left"][t] its value
         member = self.names.member(key)
         raise ModelError(
             f"'{self.name}' is read at [{key}], which is no time of the phase but a label. A component has a name of "
             f"its own: '{member}', as in b.{member}.at_end; at a time it is b.{self.names.name}[{key}, t]."
         )
 
-    def _chosen(self, labels: tuple[Any, ...]) -> Any:
-        """One member, or an array of them."""
+    def _places(self, labels: tuple[Any, ...]) -> Any:
+        """The place of one member, row by row, or an array of places."""
         axes = self.names.axes
-        members = np.empty(self.shape, dtype=object)
-        for position, member in zip(np.ndindex(self.shape), self.members, strict=True):
-            members[position] = member
-        if not labels:
-            return members
         if len(axes) == 1 and len(labels) > 1:
             labels = (labels,)  # labels of several dimensions that are no product
         if len(labels) > len(axes):
@@ -185,7 +181,7 @@ class VariableFamily(NDArrayOperatorsMixin):
                 positions.append(axis.index(label))
             else:
                 raise ModelError(self._wrong_index(labels))
-        return members[tuple(positions)]
+        return np.arange(len(self.names.labels)).reshape(self.shape)[tuple(positions)]
 
     def _wrong_index(self, labels: tuple[Any, ...]) -> str:
         asked = ", ".join(":" if label == _ALL else str(label) for label in labels)
@@ -198,11 +194,10 @@ class VariableFamily(NDArrayOperatorsMixin):
             else f"'{self.name}' is read at [{asked}]; its labels are {axes}."
         )
 
-    def _array(self, members: Any, read: Callable[[Any], Any]) -> ExpressionArray:
-        held = np.empty(members.shape if isinstance(members, np.ndarray) else self.shape, dtype=object)
-        flat = list(members.ravel()) if isinstance(members, np.ndarray) else members
-        for position, member in zip(np.ndindex(held.shape), flat, strict=True):
-            held[position] = read(member)
+    def _array(self, places: Any, read: Callable[[Any], Any]) -> ExpressionArray:
+        held, members = np.empty(places.shape, dtype=object), self.members
+        for position, place in np.ndenumerate(places):
+            held[position] = read(members[place])
         return array(held)
 
     def delayed(self, t: Any, delay: Any) -> ExpressionArray:
@@ -305,7 +300,7 @@ class VariableFamily(NDArrayOperatorsMixin):
             raise ModelError(
                 f"'{self.name}' is computed with as it is, but it changes in time. Is an index [t] missing?"
             )
-        return self._array(self.members, lambda member: member)
+        return self.array_of(lambda member: member)
 
     def __array__(self, dtype: Any = None, copy: Any = None) -> Any:
         return np.asarray(self.as_expression_array())

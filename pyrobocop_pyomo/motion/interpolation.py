@@ -231,12 +231,7 @@ class ContinuousSetMotion(CollocationMotion):
         data = {time: item_at(signal, time) for time in self.grid.points}
         component = parent_of(data[self.grid.points[0]])
         derivative = next(derivative for state, derivative in self.discretisation.derivatives if state is component)
-        substituted = (
-            substitution.expression
-            for substitution in self.discretisation.substitutions
-            if substitution.derivative is derivative
-        )
-        shown = next(substituted, derivative)
+        shown = self.discretisation.substitutions.get(derivative, derivative)
         return {time: shown[variable.index()] for time, variable in data.items()}
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from pyomo.core.base.block import Block, BlockData
@@ -26,7 +26,7 @@ from pyrobocop_pyomo.diagnosis.statements import unfinished_findings
 from pyrobocop_pyomo.errors import EvaluationError, FunctionError, ModelError
 from pyrobocop_pyomo.modeling.foreign_variables import ONE_MODEL, foreign_read, foreign_variable
 from pyrobocop_pyomo.modeling.functions import FunctionOutput, python_function_refused
-from pyrobocop_pyomo.modeling.shared_nodes import nodes_of, shared_value, variables_in
+from pyrobocop_pyomo.modeling.shared_nodes import shared_value, topmost_nodes, variables_in
 
 # An ExternalFunction or a Port does nothing by itself; a derivative along a set that was discretised is a Var.
 _SEEN = {
@@ -136,10 +136,9 @@ def refuse_function_calls(model: BlockData) -> None:
     """
     checked = set()
     for row in _active_rows(model):
-        for node in nodes_of(row.expr):
-            if not isinstance(node, ExternalFunctionExpression) or id(node._fcn) in checked:
+        for function in _functions_called((row.expr,)):
+            if id(function) in checked:
                 continue
-            function = node._fcn
             checked.add(id(function))
             if isinstance(function, FunctionOutput):
                 raise FunctionError(python_function_refused(f"'{row.name}': the Python function '{function.name}'"))
@@ -147,6 +146,12 @@ def refuse_function_calls(model: BlockData) -> None:
                 raise ModelError(f"'{row.name}' {external_function_refused(function.name)}")
             if isinstance(function, AMPLExternalFunction):
                 _require_compiled(function, row.name)
+
+
+def _functions_called(expressions: Iterable[Any]) -> Iterator[Any]:
+    for node in topmost_nodes(expressions, lambda node: isinstance(node, ExternalFunctionExpression)):
+        yield node._fcn
+        yield from _functions_called(node.args)
 
 
 def external_function_refused(name: str) -> str:

@@ -205,23 +205,15 @@ class Trajectory(Presented):
         -------
         dict of state name to array, shape (N, k)
         """
-        scheme, local = self.grid.scheme, np.asarray(fractions, dtype=float)
-        weights = scheme.state_at(local).T
-        found = {name: self.element_states(name) @ weights for name in self.states}
-        for name in filter(self._follows_rates, self.states):
-            gained = self.grid.mesh.widths[:, None] * (self.element_rates(name) @ scheme.increments_at(local).T)
-            found[name] = self.element_states(name)[:, :1] + gained
-        return found
-
-    def _follows_rates(self, name: str) -> bool:
-        """Whether the values of a state at the nodes alone leave its polynomial one degree short."""
-        scheme = self.grid.scheme
-        return scheme.starts_on_a_stage and scheme.is_collocation and name in self.rates
+        elements, local = self.grid.mesh.elements, np.asarray(fractions, dtype=float)
+        element, everywhere = np.repeat(np.arange(elements), len(local)), np.tile(local, elements)
+        return {name: self._interpolate_state(name, element, everywhere).reshape(elements, -1) for name in self.states}
 
     def _interpolate_state(self, name: str, element: Indices, local: Array) -> Array:
         scheme = self.grid.scheme
         per_element = self.element_states(name)
-        if not self._follows_rates(name):
+        # The values at the nodes alone may leave the polynomial one degree short.
+        if not (scheme.starts_on_a_stage and scheme.is_collocation and name in self.rates):
             return self._interpolate(per_element, scheme.state_at(local), element)
         increments = self._interpolate(self._per_stage(self.rates[name]), scheme.increments_at(local), element)
         return per_element[element, 0] + self.grid.mesh.widths[element] * increments
@@ -380,9 +372,6 @@ class Trajectory(Presented):
 
     @classmethod
     def _from_archive(cls, facts: dict[str, Any], groups: dict[str, dict[str, Array]]) -> Trajectory:
-        # Archives of version 0.1 say "held" and "linear".
-        facts.setdefault("piecewise_constant", facts.get("held", ()))
-        groups.setdefault("piecewise_linear", groups.pop("linear", {}))
         grid = groups.pop("grid")
         scheme = Scheme(facts["scheme"], A=grid["A"], b=grid["b"], c=grid["c"])
         read = cls(

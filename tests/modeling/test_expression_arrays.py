@@ -106,7 +106,7 @@ def test_arrays_are_made_of_all_that_a_model_has():
     assert rcp.array([[m.s, 0], x[:2]]).shape == (2, 2)
     assert rcp.array(m.s).shape == ()
     assert rcp.array(x) is x
-    with pytest.raises(ModelError, match=r"shapes \(\), \(2,\)"):
+    with pytest.raises(ModelError, match="different shapes"):
         rcp.array([m.s, [1, 2]])
 
 

@@ -15,94 +15,53 @@ from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
 from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS, NUMPY_NAMES
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 from pyrobocop_pyomo.modeling.expressions import never_changes, new_leaves, same_expression
-from pyrobocop_pyomo.modeling.shared_nodes import NodeValues, nodes_of, shared_value, variables_in, variables_in_any
+from pyrobocop_pyomo.modeling.shared_nodes import (
+    NodeValues,
+    shared_value,
+    topmost_nodes,
+    variables_in,
+    variables_in_any,
+)
 from pyrobocop_pyomo.modeling.undefined_values import moved_into_domain, undefined_part
 
 
-def _model():
+def model(x=1.0, y=2.0):
     m = pyo.ConcreteModel()
-    m.x = pyo.Var(range(4), initialize={0: 0.3, 1: -1.2, 2: 0.7, 3: 2.0})
-    m.x[2].fix()
-    m.q = pyo.Param(initialize=1.7, mutable=True)
-    m.named = pyo.Expression(expr=m.x[0] * m.q + 1)
+    m.x, m.y = pyo.Var(initialize=x), pyo.Var(initialize=y)
+    m.p, m.q = pyo.Param(initialize=3, mutable=True), pyo.Param(initialize=3, mutable=True)
+    m.c = pyo.Param(initialize=4)
+    m.named = pyo.Expression(expr=m.x + m.y)
     return m
 
 
-OPERATIONS = (
-    lambda a, b: a + b,
-    lambda a, b: a - 2.5 * b,
-    lambda a, b: a * b,
-    lambda a, b: a / (1 + b**2),
-    lambda a, b: pyo.sin(a) + b,
-    lambda a, b: pyo.exp(-(a**2)) - b,
-    lambda a, b: pyo.sqrt(1 + a**2) * pyo.atan(b),
-    lambda a, b: pyo.Expr_if(IF_=a <= b, THEN_=a, ELSE_=b**3),
-    lambda a, b: pyo.Expr_if(IF_=pyo.inequality(0.5, a, 1), THEN_=a, ELSE_=b),
-    lambda a, b: pyo.Expr_if(IF_=a == 0.3, THEN_=b, ELSE_=a),
-    lambda a, b: -abs(a) + 3,
-)
-
-
-@st.composite
-def graphs(draw):
-    """Expressions made from each other, so that nodes are shared."""
-    m = _model()
-    nodes = [*m.x.values(), m.q, m.named, 0.5]
-    for _ in range(draw(st.integers(1, 9))):
-        operation = OPERATIONS[draw(st.integers(0, len(OPERATIONS) - 1))]
-        first, second = (nodes[draw(st.integers(0, len(nodes) - 1))] for _ in range(2))
-        nodes.append(operation(first, second))
-    return m, nodes
-
-
-@settings(max_examples=40, deadline=None)
-@given(graphs())
-def test_the_same_variables_values_and_lines_as_pyomo(graph):
-    m, nodes = graph
-    expression = nodes[-1]
-    for include_fixed in (True, False):
-        expected = [id(v) for v in identify_variables(expression, include_fixed=include_fixed)]
-        assert [id(v) for v in variables_in(expression, include_fixed=include_fixed)] == expected
-    assert set(variables_in_any(nodes)) == {id(v) for node in nodes for v in variables_in(node)}
-    expected = pyo.value(expression)
-    assert shared_value(expression) == pytest.approx(expected, rel=1e-13, abs=1e-13)
-    known = NodeValues()
-    assert [known.of(node) for node in nodes] == pytest.approx([pyo.value(node) for node in nodes], rel=1e-13)
-    steps = ExpressionSteps(nodes)
-    m.x[0].set_value(-0.4)
-    assert steps.evaluate_at({id(m.x[0]): -0.4, id(m.x[3]): 2.0}) == pytest.approx(
-        [pyo.value(node) for node in nodes], rel=1e-13, abs=1e-13
-    )
-
-
 def test_what_doubles_in_the_tree_grows_by_one_node():
-    m = _model()
-    node = m.x[0] + m.x[1]
+    m = model()
+    node = m.x + m.y
     for _ in range(60):  # the tree has 2**60 nodes
         node = pyo.sin(node * node)
-    assert [v.name for v in variables_in(node)] == ["x[0]", "x[1]"]
-    assert len(list(nodes_of(node))) == 123
+    assert [v.name for v in variables_in(node)] == ["x", "y"]
+    assert len(list(topmost_nodes([node], lambda each: each is m.x))) == 1
     assert ExpressionSteps([node]).evaluate_at({}) == [shared_value(node)]
 
 
 def test_without_a_value_it_is_an_error_or_none_and_nothing_in_the_log(caplog):
-    m = _model()
-    m.x[1].set_value(None)
-    with pytest.raises(ValueError, match=r"No value for uninitialized VarData object x\[1\]"):
-        shared_value(m.x[1] + pyo.sin(m.x[0]))
-    with pytest.raises(ValueError, match=r"No value for uninitialized VarData object x\[1\]"):
-        NodeValues().of(m.x[1])
-    assert shared_value(m.x[1] + pyo.sin(m.x[0]), exception=False) is None
+    m = model()
+    m.y.set_value(None)
+    with pytest.raises(ValueError, match=r"No value for uninitialized ScalarVar object y"):
+        shared_value(m.y + pyo.sin(m.x))
+    with pytest.raises(ValueError, match=r"No value for uninitialized ScalarVar object y"):
+        NodeValues().of(m.y)
+    assert shared_value(m.y + pyo.sin(m.x), exception=False) is None
     assert caplog.records == []
-    m.x[1].set_value(-1.0)
+    m.y.set_value(-1.0)
     with pytest.raises(ValueError, match="math domain"):
-        shared_value(pyo.log(m.x[1]))
+        shared_value(pyo.log(m.y))
 
 
 def test_numbers_that_python_does_not_write():
-    m = _model()
-    assert ExpressionSteps([m.x[0] * math.inf, 3]).evaluate_at({id(m.x[0]): 2.0}) == [math.inf, 3.0]
-    assert ExpressionSteps([(-2.0) ** m.x[0]]).evaluate_at({id(m.x[0]): 3.0}) == [-8.0]
+    m = model()
+    assert ExpressionSteps([m.x * math.inf, 3]).evaluate_at({id(m.x): 2.0}) == [math.inf, 3.0]
+    assert ExpressionSteps([(-2.0) ** m.x]).evaluate_at({id(m.x): 3.0}) == [-8.0]
 
 
 # --------------------------------------------------------------------
@@ -111,16 +70,25 @@ def test_numbers_that_python_does_not_write():
 
 MODEL = pyo.ConcreteModel()
 MODEL.x = pyo.Var(range(3), initialize=dict(enumerate((0.3, -0.8, 1.1))))
+MODEL.x[2].fix()
 MODEL.p = pyo.Param(initialize=-0.4, mutable=True)
 LEAVES = st.one_of(st.sampled_from([*MODEL.x.values(), MODEL.p]), st.floats(-2, 2), st.integers(-3, 3))
 
 
-@settings(max_examples=100, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(expression=trees(LEAVES))
-def test_values_are_those_of_pyomo(expression: object) -> None:
-    assert ExpressionSteps([expression]).evaluate_at({})[0] == pytest.approx(
-        pyo.value(expression), rel=1e-12, abs=1e-12
-    )
+def test_variables_and_values_are_those_of_pyomo(expression: object) -> None:
+    nodes = [expression, expression * expression + 1, pyo.sin(expression) - expression]
+    conditions = MODEL.x[0] == 0.3, MODEL.x[1] <= expression, pyo.inequality(0.5, MODEL.x[2], 1)
+    nodes += [pyo.Expr_if(condition, expression, -abs(nodes[1])) for condition in conditions]
+    for include_fixed in (True, False):
+        expected = [id(v) for v in identify_variables(nodes[-1], include_fixed=include_fixed)]
+        assert [id(v) for v in variables_in(nodes[-1], include_fixed=include_fixed)] == expected
+    assert set(variables_in_any(nodes)) == {id(v) for node in nodes for v in variables_in(node)}
+    values, known = [pyo.value(node) for node in nodes], NodeValues()
+    assert [shared_value(node) for node in nodes] == pytest.approx(values, rel=1e-13, abs=1e-13)
+    assert [known.of(node) for node in nodes] == pytest.approx(values, rel=1e-13, abs=1e-13)
+    assert ExpressionSteps(nodes).evaluate_at({}) == pytest.approx(values, rel=1e-12, abs=1e-12)
 
 
 @settings(max_examples=50, suppress_health_check=[HealthCheck.too_slow])
@@ -155,15 +123,6 @@ def test_what_cannot_be_evaluated_is_named() -> None:
 
 # --------------------------------------------------------------------
 # Questions about expressions.
-
-
-def model(x=1.0, y=2.0):
-    m = pyo.ConcreteModel()
-    m.x, m.y = pyo.Var(initialize=x), pyo.Var(initialize=y)
-    m.p, m.q = pyo.Param(initialize=3, mutable=True), pyo.Param(initialize=3, mutable=True)
-    m.c = pyo.Param(initialize=4)
-    m.named = pyo.Expression(expr=m.x + m.y)
-    return m
 
 
 BUILT = {

@@ -13,8 +13,6 @@ from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError, TrajectoryError
-from pyrobocop_pyomo.trajectories.exchange import read_archive
-from pyrobocop_pyomo.trajectories.exchange import write_archive as write_archive_of
 
 SCHEMES = [rcp.schemes.radau(1), rcp.schemes.radau(3), rcp.schemes.gauss_legendre(1), rcp.schemes.gauss_legendre(4)]
 each_scheme = pytest.mark.parametrize("scheme", SCHEMES, ids=str)
@@ -186,18 +184,6 @@ def test_save_and_load_keep_every_bit(scheme: Any, tmp_path: Path) -> None:
         before.piecewise_constant,
     )
     assert after(1.234) == before(1.234)
-
-
-def test_an_archive_of_the_first_version_is_read(tmp_path: Path) -> None:
-    """It says "held" and "linear" where archives say "piecewise_constant" and "piecewise_linear" now."""
-    before = polynomials(rcp.schemes.radau(2))
-    facts, groups = read_archive(before.save(tmp_path / "now"))
-    facts["held"] = facts.pop("piecewise_constant")
-    groups["linear"] = {"w": np.array([[0.0, 1.0], [2.0, 3.0]])}
-    groups.pop("piecewise_linear", None)
-    after = rcp.Trajectory.load(write_archive_of(tmp_path / "then", facts, groups))
-    assert after.piecewise_constant == before.piecewise_constant
-    assert after.piecewise_linear["w"].tolist() == [[0.0, 1.0], [2.0, 3.0]]
 
 
 def test_a_file_holds_no_pickle(tmp_path: Path) -> None:
