@@ -331,26 +331,15 @@ def _moves_of_starts(
         How far slopes are trusted.
     """
     n, elements, parts, _ = values.shape
-    ends = (values[..., -1] + moves).transpose(2, 1, 0)
-    starts = values[..., 0].transpose(2, 1, 0)
-    own, by_first = np.zeros((parts, elements, n)), np.tile(np.eye(n), (parts, elements, 1, 1))
-    told = np.ones((parts, elements), dtype=bool)
-    for part in range(1, parts):
-        passed_on = (by_start[:, part - 1] @ own[part - 1, :, :, None])[..., 0]
-        told[part] = told[part - 1] & (np.abs(passed_on) <= trusted).all(axis=1)
-        own[part] = np.where(told[part, :, None], passed_on + ends[part - 1] - starts[part], 0.0)
-        by_first[part] = by_start[:, part - 1] @ by_first[part - 1]
+    motions = elements if first is None else 1
+    starts, ends = (of.reshape(n, motions, -1) for of in (values[..., 0], values[..., -1] + moves))
+    found, slopes = np.zeros(starts.shape), by_start.reshape(motions, -1, n, n)
+    told = np.ones(starts.shape[1:], dtype=bool)
     if first is not None:
-        # What an element passes on to the next one: by itself, and of the move of its own start.
-        jumps = (by_start[:, -1] @ own[-1, :, :, None])[..., 0] + ends[-1]
-        over_all = by_start[:, -1] @ by_first[-1]
-        changes = np.zeros((elements, n))
-        changes[0] = first - starts[0, 0]
-        for i in range(1, elements):
-            passed_on = over_all[i - 1] @ changes[i - 1]
-            if not (told[-1, i - 1] and (np.abs(passed_on) <= trusted).all()):
-                told[:, i:] = False
-                break
-            changes[i] = passed_on + jumps[i - 1] - starts[0, i]
-        own += (by_first @ changes[:, :, None])[..., 0]
-    return own.transpose(2, 1, 0), told.T
+        found[:, 0, 0] = first - starts[:, 0, 0]
+    for part in range(1, starts.shape[2]):
+        passed_on = (slopes[:, part - 1] @ found[:, :, part - 1].T[..., None])[..., 0].T
+        told[:, part] = told[:, part - 1] & (np.abs(passed_on) <= trusted[:, None]).all(axis=0)
+        changes = passed_on + ends[:, :, part - 1] - starts[:, :, part]
+        found[:, :, part] = np.where(told[:, part], changes, 0.0)
+    return found.reshape(n, elements, parts), told.reshape(elements, parts)

@@ -160,20 +160,24 @@ class RightHandSides:
     def _inverse_at(self, leaves: Mapping[int, Any], unknowns: Array) -> Array:
         """Of the derivatives of all rows by all unknowns in the first variant, shape ``(N, q, m, m)``."""
         first = {key: leaf[:1] if np.ndim(leaf) == 3 else leaf for key, leaf in leaves.items()}
-        slopes = differences(self._stated, first, self._unknowns, unknowns[:, 0], 1.0)[1].transpose(2, 3, 0, 1)
+
+        def evaluate(varied: Array) -> Array:
+            return stacked(self._stated({**first, **dict(zip(self._unknowns, varied, strict=True))}), varied.shape[1:])
+
+        slopes = differences(evaluate, unknowns[:, 0], 1.0)[1].transpose(2, 3, 0, 1)
         try:
             return np.asarray(np.linalg.inv(slopes), dtype=np.float64)
         except np.linalg.LinAlgError:
             return np.full(slopes.shape, np.nan)
 
     def in_element(self, i: int, fractions: Array, start: Array) -> dict[int, Any]:
-        """What stands in place of each variable at some places of an element, as planned; arrays of their shape."""
-        found = {key: of[i] if np.ndim(of) else of for key, of in self._given(fractions).items()}
+        """What stands in place of each variable at some places of an element, as planned; arrays ``(q, 1)``."""
+        found = {key: of[i][:, None] if np.ndim(of) else of for key, of in self._given(fractions).items()}
         return found | self._formulas.at_starts(dict(zip(self._names, start.tolist(), strict=True)))
 
-    def with_slopes(self, leaves: Mapping[int, Any], point: Array, sizes: Array) -> tuple[Array, Array]:
-        """Rates, rows and both sides of all pairs (v, k) at states and unknowns (w, k), and derivatives (v, w, k)."""
-        return differences(self._everything, leaves, self.keys, point, sizes[:, None])
+    def everything(self, leaves: Mapping[int, Any], at: Array) -> Array:
+        """Rates, rows and both sides of all pairs, shape ``(v, ..)``, at states and unknowns (w, ..)."""
+        return stacked(self._everything({**leaves, **dict(zip(self.keys, at, strict=True))}), at.shape[1:])
 
     def times_at(self, fraction: float) -> Array:
         """Real times at a local fraction of every element."""
