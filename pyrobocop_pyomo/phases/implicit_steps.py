@@ -26,7 +26,6 @@ from pyrobocop_pyomo.numerics.mixed_complementarity import (
 )
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .bounds_between_points import SAMPLES
 from .right_hand_sides import RightHandSides
 from .step_equations import StepEquations, differences, stacked, values_by
 
@@ -381,7 +380,7 @@ def _sides(
 
 
 def stepped_flows(
-    rates: RightHandSides, trajectory: Trajectory, fractions: Array, scales: Array, first: Array
+    rates: RightHandSides, trajectory: Trajectory, parts: Array, fractions: Array, scales: Array, first: Array
 ) -> Flows:
     """Every element from where the trajectory starts it, and the motion from the first start on.
 
@@ -390,8 +389,10 @@ def stepped_flows(
     rates : RightHandSides
         With the unknowns left to the steps.
     trajectory : Trajectory
+    parts : array
+        Ends of the longest steps, from 0 to 1.
     fractions : array, shape (k,)
-        Where in each element states are wanted; where rules change quickly no step goes over one of them.
+        Where in each element states are wanted.
     scales : array, shape (n,)
     first : array, shape (n,)
         Where the whole motion starts.
@@ -402,7 +403,6 @@ def stepped_flows(
         When contacts cannot be followed.
     """
     starts = np.array([trajectory.element_states(name)[:, 0] for name in trajectory.states]).T
-    parts = fractions if len(fractions) > SAMPLES + 1 else np.array([0.0, 1.0])
     tolerance = 1e-6 if rates.equations.needs_steps else 1e-8
     most_steps = 2000 + 10 * len(starts) * (len(parts) - 1)
     steps = ElementSteps(rates, scales, tolerance, most_steps)

@@ -60,13 +60,10 @@ class RightHandSides:
         motion does not depend on them; elsewhere they are found at each instant, from there.
     equations : InstantEquations or StepEquations
         Of the formulas.
-    integrands : sequence of expression
-        Formulas of the integrands whose integrals follow the states.
 
     Attributes
     ----------
     equations : InstantEquations or StepEquations
-    integrands : sequence of expression
     widths : array, shape (N,)
         Of the elements in real time.
     are_delayed : bool
@@ -84,13 +81,7 @@ class RightHandSides:
         When a rule gives no formula, or rules read earlier times and more is to be found than states.
     """
 
-    def __init__(
-        self,
-        formulas: RuleFormulas,
-        trajectory: Trajectory,
-        equations: Any,
-        integrands: Sequence[Any] = (),
-    ) -> None:
+    def __init__(self, formulas: RuleFormulas, trajectory: Trajectory, equations: Any) -> None:
         self._formulas, self._names, self._trajectory = formulas, formulas.record.names_of_states, trajectory
         self.widths = trajectory.grid.mesh.widths
         of_signals = [trajectory.element_signals(name) for name in trajectory.signals]
@@ -100,8 +91,7 @@ class RightHandSides:
         meshes = trajectory.grid.mesh, formulas.indices.mesh
         self._starts, self._indices = (np.array(mesh.boundaries[:-1]) for mesh in meshes)
         self._index_widths = np.array(formulas.indices.mesh.widths)
-        self.equations, self.integrands = equations, integrands
-        pairs = equations.pairs
+        self.equations, pairs = equations, equations.pairs
         stated = [*equations.rows, *(pair.body for pair in pairs), *(pair.other for pair in pairs)]
         of_equations = formulas.delays_in([*equations.rates, *stated])
         self.are_delayed = bool(of_equations)
@@ -110,7 +100,7 @@ class RightHandSides:
                 f"phase '{formulas.block.name}': rules read earlier times, and equations determine "
                 f"{', '.join(self.equations.unknowns)}; such a motion cannot be followed."
             )
-        self._delays = [*of_equations, *formulas.delays_in(integrands)]
+        self._delays = formulas.delays
         self.past: Past = past_of(trajectory)
         self.most_evaluations, self.reached, self._evaluations = np.inf, self._starts[0], 0
         self.smallest_delay = min((delay for _, delay in of_equations if delay > 0.0), default=np.inf)
@@ -128,12 +118,15 @@ class RightHandSides:
     # ---------------------------------------------------------------- for all elements
 
     def __call__(self, fractions: Array, states: Array) -> Array:
-        """Derivatives by local fractions, shape ``(n + g, k, N, q)``, of states (n, k, N, q) and of g integrals."""
+        """Derivatives by local fractions, shape ``(n, k, N, q)``, of states of that shape."""
+        return self.values(self.equations.rates, fractions, states)
+
+    def values(self, expressions: Sequence[Any], fractions: Array, states: Array) -> Array:
+        """Formulas at local fractions with states of shape ``(n, k, N, q)``, times the widths of the elements."""
         leaves = self._given(fractions) | dict(zip(self.keys, states, strict=False))
         if self._unknowns:
             leaves |= dict(zip(self._unknowns, self._determined(leaves, states.shape[1:]), strict=True))
-        derivatives = self._formulas.values([*self.equations.rates, *self.integrands], leaves)
-        return stacked(derivatives, states.shape[1:]) * self.widths[:, None]
+        return stacked(self._formulas.values(expressions, leaves), states.shape[1:]) * self.widths[:, None]
 
     def _determined(self, leaves: dict[int, Any], shape: tuple[int, ...]) -> Array:
         """The unknowns by Newton's method from the plan, shape ``(m, k, N, q)``; NaN where it finds none.
