@@ -162,7 +162,7 @@ def reintegrate(
         formulas = formulas or RuleFormulas(block, trajectory.grid, coupled_phases_of(block, trajectory.grid))
         equations = known_equations(formulas, InstantEquations)
         refuse_equations_beside(block, equations.read)
-        integrals = _Integrals(formulas, trajectory, equations, [] if states_only else record.integrals)
+        integrals = _IntegralsAlongMotion(formulas, trajectory, equations, [] if states_only else record.integrals)
         rates = RightHandSides(formulas, trajectory, equations)
         instants = instants_to_look_at(formulas, trajectory, equations.statements)
         # Where rules change quickly with the time no step goes over one of these.
@@ -196,7 +196,7 @@ def _refuse_undefined(formulas: RuleFormulas, trajectory: Trajectory) -> None:
         at.values_stated(stated_formulas(formulas, statement), statement)
 
 
-class _Integrals:
+class _IntegralsAlongMotion:
     """Integrals whose integrands are known between the points, and remarks on the others.
 
     Parameters
@@ -243,12 +243,13 @@ class _Integrals:
         found: dict[str, tuple[Array, Array]] = {}
         if not self._integrands:
             return found
-        # Those of the motion read its own past.
-        rates, scheme = RightHandSides(self._formulas, self._trajectory, self._equations), self._trajectory.grid.scheme
+        scheme = self._trajectory.grid.scheme
         planned = _planned(self._trajectory, self._formulas.record.names_of_states, scheme.c)[:, None]
         moved = flows.at(self.nodes).local.transpose(2, 0, 1)[:, None]
         for name, integrand in list(self._integrands.items()):
             try:
+                # What is delayed is that of the plan.
+                rates = RightHandSides(self._formulas, self._trajectory, self._equations, [integrand])
                 with np.errstate(all="ignore"):
                     of_mesh = rates.values([integrand], scheme.c, planned)[0, 0] @ scheme.b
                     along = rates.values([integrand], self.nodes, moved)[0, 0] @ self._weights

@@ -60,6 +60,8 @@ class RightHandSides:
         motion does not depend on them; elsewhere they are found at each instant, from there.
     equations : InstantEquations or StepEquations
         Of the formulas.
+    further : sequence of expression
+        Formulas that `values` evaluates as well.
 
     Attributes
     ----------
@@ -81,7 +83,9 @@ class RightHandSides:
         When a rule gives no formula, or rules read earlier times and more is to be found than states.
     """
 
-    def __init__(self, formulas: RuleFormulas, trajectory: Trajectory, equations: Any) -> None:
+    def __init__(
+        self, formulas: RuleFormulas, trajectory: Trajectory, equations: Any, further: Sequence[Any] = ()
+    ) -> None:
         self._formulas, self._names, self._trajectory = formulas, formulas.record.names_of_states, trajectory
         self.widths = trajectory.grid.mesh.widths
         of_signals = [trajectory.element_signals(name) for name in trajectory.signals]
@@ -100,7 +104,7 @@ class RightHandSides:
                 f"phase '{formulas.block.name}': rules read earlier times, and equations determine "
                 f"{', '.join(self.equations.unknowns)}; such a motion cannot be followed."
             )
-        self._delays = formulas.delays
+        self._delays = [*of_equations, *formulas.delays_in(further)]
         self.past: Past = past_of(trajectory)
         self.most_evaluations, self.reached, self._evaluations = np.inf, self._starts[0], 0
         self.smallest_delay = min((delay for _, delay in of_equations if delay > 0.0), default=np.inf)
