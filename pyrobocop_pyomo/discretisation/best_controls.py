@@ -17,7 +17,7 @@ from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases.reintegration import SMALLEST_SCALE
 
 # Of differences, relative to what changes; and below which part of the integrand a curvature counts as none.
-STEP, _FLAT = 1e-4, 1e-6
+_STEP, _FLAT = 1e-4, 1e-6
 _SWEEPS = 12
 # Newton's steps from one start, each followed by a look whether it made the integrand smaller.
 _STEPS = 3
@@ -79,7 +79,7 @@ def least_integrand_within_rows(instants: Any, here: Values) -> Array:
     model = _model(instants, here, apart=True)._replace(curvature=curvature)
     gradients = []
     for name, size in zip(here, _sizes(here), strict=True):
-        step = STEP * size
+        step = _STEP * size
         up, down = (instants.own_rows({**here, name: here[name] + change}) for change in (step, -step))
         gradients.append([(a[0] - b[0]) / (2.0 * step) for a, b in zip(up, down, strict=True)])
     rows = [(*row, [of[i] for of in gradients]) for i, row in enumerate(instants.own_rows(here))]
@@ -126,7 +126,7 @@ def _sizes(values: Values) -> list[float]:
 
 def _model(instants: Any, values: Values, *, apart: bool) -> _Model:
     """Value, slopes and curvatures by the given values, from differences."""
-    names, steps = list(values), [STEP * size for size in _sizes(values)]
+    names, steps = list(values), [_STEP * size for size in _sizes(values)]
     here = instants.integrand(values, apart=apart)
 
     def at(*changed: int) -> Array:

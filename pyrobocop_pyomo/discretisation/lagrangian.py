@@ -19,16 +19,16 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
-from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
+from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix, gauss_rule
 from pyrobocop_pyomo.phases import Control
 from pyrobocop_pyomo.phases.bounds_between_points import SAMPLES, instants_to_look_at, sides_stated
 from pyrobocop_pyomo.phases.element_instants import ElementInstants
 from pyrobocop_pyomo.phases.rule_formulas import RuleFormulas
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .best_controls import STEP, least_integrand, least_integrand_within_rows
+from .best_controls import least_integrand, least_integrand_within_rows
 from .phase_multipliers import PhaseMultipliers
 
 # At most so much of the two parts of an element is taken to cancel.
@@ -86,31 +86,19 @@ class PhaseLagrangian:
         self._stages = trajectory.grid.scheme.stages
         # Values between knots that the user has placed are the same few numbers on any mesh.
         self.free = [name for name in record.names(Control) if record.declarations[name].knots is None]
-        self.apart = self._rows_with_slopes_by(self.free)
-        self.of_states = frozenset(range(len(self._rows))) - self._rows_with_slopes_by(list(self._signals))
+        self.apart = self._rows_with(self.free)
+        self.of_states = frozenset(range(len(self._rows))) - self._rows_with(self._signals)
 
     def _refuse_delayed_signals(self) -> None:
         found = sorted({name for name, _ in self._formulas.delays} - set(self._trajectory.states))
         if found:
             raise TrajectoryError(f"'{found[0]}' is read at earlier times: what it does there later is not seen.")
 
-    def _rows_with_slopes_by(self, names: Sequence[str]) -> frozenset[int]:
-        """Places of the inequalities that controls or algebraics of these names can meet."""
-        found: set[int] = set()
-        if not (names and self._rows):
-            return frozenset(found)
-        stages = _Instants(self, self._trajectory.grid.scheme.c)
-        every = range(len(self._rows))
-        here = stages.rows(every, {})
-        with np.errstate(all="ignore"):
-            for name in names:
-                values = stages.values_of(name)
-                moved = stages.rows(every, {name: values + STEP * (1.0 + np.abs(values).max())})
-                for i, (before, after) in enumerate(zip(here, moved, strict=True)):
-                    is_met = np.abs(after[0] - before[0]).max() > NEGLIGIBLE * (1.0 + np.abs(before[0]).max())
-                    if is_met and not np.array_equal(before[1], before[2]):
-                        found.add(i)
-        return frozenset(found)
+    def _rows_with(self, names: Iterable[str]) -> frozenset[int]:
+        """Places of the inequalities in which controls or algebraics of these names stand, which can meet them."""
+        own = {id(self._formulas.at_instant[name]) for name in names}
+        inequalities = {i: sides for i, (sides, _) in enumerate(self._rows) if sides[1] is not sides[2]}
+        return frozenset(i for i, sides in inequalities.items() if not own.isdisjoint(variables_in_any(sides)))
 
     def errors(self, size: float) -> tuple[Array, Array, Array]:
         """What each element adds to the error of the objective, shapes ``(N,)``: with its sign, and as a bound.
@@ -148,10 +136,8 @@ class PhaseLagrangian:
 
     def _quick_integral(self, between: _Instants) -> Array:
         """Means of the function over the elements, by a rule on each part on which it hardly changes with the time."""
-        (first, second), parts = np.polynomial.legendre.leggauss(2)[0], np.diff(self._fractions)
-        middles = (self._fractions[1:] + self._fractions[:-1]) / 2.0
-        points = np.concatenate([middles + first / 2.0 * parts, middles + second / 2.0 * parts])
-        return np.tile(parts / 2.0, 2) @ _Instants(self, points, between.rates_at_stages).integrand({})
+        points, weights = gauss_rule(self._fractions)
+        return weights @ _Instants(self, points, between.rates_at_stages).integrand({})
 
     def _kinks(self, between: _Instants) -> Array:
         """What a bend over the shorter element beside each boundary saves where the motion has a kink, shape ``(N,)``.

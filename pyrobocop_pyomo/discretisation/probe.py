@@ -16,6 +16,7 @@ import numpy as np
 from pyomo.common.gc_manager import PauseGC
 from pyomo.common.numeric_types import native_numeric_types
 from pyomo.core.base.objective import Objective, maximize
+from pyomo.core.expr.calculus.diff_with_pyomo import DifferentiationException
 from pyomo.core.expr.numeric_expr import NegationExpression, SumExpression
 
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
@@ -85,7 +86,7 @@ class DiscretisationProbe:
                 weights = integral_weights(model, phases, known)
                 why = stated_at_points(model, phases, known, self._objective)
                 known = None if why else known
-            except (PyRobocopError, ArithmeticError, ValueError, TypeError) as error:
+            except (PyRobocopError, ArithmeticError, ValueError, TypeError, DifferentiationException) as error:
                 known, why = None, str(error)
         for phase in phases:
             try:

@@ -4,19 +4,21 @@ and in the integrals that phases have handed out.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
+import numpy as np
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
+from pyomo.core.base.PyomoModel import ConcreteModel
+from pyomo.core.base.var import Var
+from pyomo.core.expr.calculus.derivatives import Modes, differentiate
 from pyomo.core.expr.numvalue import value
 from pyomo.dae import ContinuousSet
 
 from pyrobocop_pyomo.continuous.record import open_sets
 from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
-from pyrobocop_pyomo.modeling.expression_nodes import LEAF, kind_of_node
-from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps, Leaf
-from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
+from pyrobocop_pyomo.modeling.shared_nodes import NodeReplacement, variables_in_any
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.phases.integrals import INTEGRALS
 
@@ -25,8 +27,6 @@ from .phase_multipliers import RowMultipliers
 
 # Of the objective per unit of a row: smaller multipliers are what a barrier leaves of rows that restrain nothing.
 _FELT = 1e-6
-# Of differences, relative to an integral.
-_STEP = 1e-5
 
 
 def stated_at_points(model: Any, phases: Sequence[Any], found: RowMultipliers, objective: float) -> str:
@@ -144,29 +144,16 @@ def integral_weights(model: Any, phases: Sequence[Any], found: RowMultipliers) -
     terms = [(1.0, data.expr) for data in model.component_data_objects(Objective, active=True)]
     rows = (row for _, active in rows_beside(model, phases) for row in active if found.of_row(row) != 0.0)
     terms += [(-found.of_row(row), row.body) for row in rows]
-    # What is in other integrals is not looked through.
+    # What is in integrals is not looked through.
     reading = [term for term in terms if not wanted.isdisjoint(variables_in_any([term[1]], leaves=wanted))]
-    slopes = [(weight, _slopes(expression, members)) for weight, expression in reading]
-    return {
-        key: [sum(weight * of[id(member)] for weight, of in slopes) for member in of_phase]
-        for key, of_phase in members.items()
-    }
-
-
-def _slopes(expression: Any, members: Mapping[int, Sequence[Any]]) -> dict[int, float]:
-    """Change of an expression per unit of each member, by the identity of the member; from differences."""
     every = [member for of_phase in members.values() for member in of_phase]
-    own = set(map(id, every))
-    steps = ExpressionSteps(
-        [expression], lambda node: Leaf(node) if id(node) in own or kind_of_node(node.__class__) == LEAF else None
-    )
-    here = {id(member): float(value(member)) for member in every}
-
-    def slope(member: int) -> float:
-        step = _STEP * max(1.0, abs(here[member]))
-        above, below = (
-            float(steps.evaluate_at({**here, member: here[member] + change})[0]) for change in (step, -step)
-        )
-        return (above - below) / (2.0 * step)
-
-    return {member: slope(member) for member in here}
+    scratch = ConcreteModel()
+    scratch.gained = Var(range(len(every)), initialize=[float(value(member)) for member in every])
+    gained = list(scratch.gained.values())
+    in_their_place = NodeReplacement(dict(zip(map(id, every), gained, strict=True)))
+    total = np.zeros(len(every))
+    for weight, expression in reading:
+        slopes = differentiate(in_their_place.of(expression), wrt_list=gained, mode=Modes.reverse_numeric)
+        total += weight * np.array(slopes)
+    by_member = dict(zip(map(id, every), total.tolist(), strict=True))
+    return {key: [by_member[id(member)] for member in of_phase] for key, of_phase in members.items()}

@@ -19,8 +19,8 @@ from .arrays import Array, BoolArray, ComplexArray
 from .lagrange import evaluation_matrix
 from .schemes import Scheme, radau
 
-# (local fractions (q,), states (n, k, N, q)) -> derivatives by the local fraction (n + g, k, N, q), for k variants of
-# the states; the last g rows are what integrals gain.
+# (local fractions (q,), states (n, k, N, q)) -> derivatives by the local fraction, of the same shape, for k variants of
+# the states.
 Rates = Callable[[Array, Array], Array]
 
 # Of the Radau IIA method on each part.
@@ -49,14 +49,16 @@ class Flows:
         Each element from its own start.
     whole : array, shape (N, k, n), or None
         From the start of the first element on; None where that could not be followed, or left the finite numbers.
-    gained : array, shape (N, g), or None
-        What integrals gain along `local`.
     """
 
     fractions: Array
     local: Array
     whole: Array | None
-    gained: Array | None = None
+
+    def at(self, fractions: Array) -> Flows:
+        """At some of the fractions."""
+        at = np.searchsorted(self.fractions, fractions)
+        return Flows(fractions, self.local[:, at], None if self.whole is None else self.whole[:, at])
 
 
 @cache
@@ -136,11 +138,11 @@ def integrate_flows(
     ----------
     rates : callable
         ``rates(fractions, states)`` with states of shape ``(n, k, N, q)``: derivatives by the local fraction, for ``k``
-        variants at q fractions, shape ``(n + g, k, N, q)``.
+        variants at q fractions.
     planned : callable
         From local fractions, shape ``(q,)``, to states about there, shape ``(n, N, q)``; elements start at its first.
-    scales : array, shape (n + g,)
-        Sizes of the states, and of what integrals gain in all.
+    scales : array, shape (n,)
+        Sizes of the states.
     fractions : array, shape (k,)
         Where in each element states are wanted, from 0 to 1.
     tolerance : float
@@ -159,17 +161,11 @@ def integrate_flows(
     breaks = np.array([0.0, 1.0]) if breaks is None else breaks
     guess = _Path.of(breaks, planned)
     with np.errstate(all="ignore"):  # what is unstable may overflow, and is not taken
-        found = search.solved(guess, None)
-        if found is None:
+        local = search.solved(guess, None)
+        if local is None:
             return None
-        local, slopes = found
         whole = None if first is None else search.solved(local, first)
-    return Flows(
-        fractions,
-        _by_element(local, fractions),
-        None if whole is None else _by_element(whole[0], fractions),
-        np.einsum("geps,p,s->eg", slopes[len(guess.values) :], local.widths, _scheme().b),
-    )
+    return Flows(fractions, _by_element(local, fractions), None if whole is None else _by_element(whole, fractions))
 
 
 def _by_element(path: _Path, fractions: Array) -> Array:
@@ -189,20 +185,20 @@ class _Search:
     def __init__(self, rates: Rates, scales: Array, tolerance: float) -> None:
         self._rates, self._scales, self._tolerance = rates, scales, tolerance
 
-    def solved(self, path: _Path, first: Array | None) -> tuple[_Path, Array] | None:
-        """The path from these starts on, and the slopes at its stages; None where it cannot be followed."""
+    def solved(self, path: _Path, first: Array | None) -> _Path | None:
+        """The path from these starts on; None where it cannot be followed."""
         asked, states = len(path.widths), len(path.values)
         while True:
             is_large = path.values[0, ..., 0].size * states**2 > _MOST_DERIVATIVES
             met = None if is_large else self._met(path, first)
             if met is None:
                 return None
-            slopes, defects = self._defects(met)
+            defects = self._defects(met)
             parts = len(met.widths)
             is_at_corner = parts >= asked + _PARTS_AT_CORNER
             tolerance = max(self._tolerance, _AT_CORNER) if is_at_corner else self._tolerance
             if float(defects.sum()) <= tolerance:
-                return met, slopes
+                return met
             large = defects > tolerance / (2 * parts)
             if not np.isfinite(defects).all() or parts + int(large.sum()) > asked + _MOST_PARTS:
                 return None
@@ -212,23 +208,20 @@ class _Search:
     def _slopes(self, fractions: Array, states: Array) -> Array:
         """Rates of states of shape ``(n, k, N, p, s)``, as they are after these fractions of all parts."""
         shape = states.shape
-        found = self._rates(fractions, states.reshape(*shape[:3], -1))
-        return found.reshape(-1, *shape[1:])
+        return self._rates(fractions, states.reshape(*shape[:3], -1)).reshape(shape)
 
-    def _defects(self, path: _Path) -> tuple[Array, Array]:
-        """The slopes at the stages (n + g, N, p, s), and how far each part is from the equations between them."""
+    def _defects(self, path: _Path) -> Array:
+        """How far each part is from the equations between its stages."""
         places, weights, of_nodes, of_stages = _between()
         states = path.values[:, None]
         slopes = self._slopes(path.fractions(_scheme().c), states[..., 1:])[:, 0]
         there = self._slopes(path.fractions(places), states @ of_nodes.T)[:, 0]
         left = np.abs(slopes @ of_stages.T - there) @ weights * path.widths
-        return slopes, (left.max(axis=1) / self._sizes(path.values)[:, None]).max(axis=0)
+        return np.asarray((left.max(axis=1) / self._sizes(path.values)[:, None]).max(axis=0))
 
     def _sizes(self, values: Array) -> Array:
         """Where elements lead far from the plan, relative to how far: less would be rounding."""
-        sizes = self._scales.copy()
-        sizes[: len(values)] = np.maximum(sizes[: len(values)], np.abs(values).max(axis=(1, 2, 3)))
-        return sizes
+        return np.maximum(self._scales, np.abs(values).max(axis=(1, 2, 3)))
 
     def _met(self, path: _Path, first: Array | None) -> _Path | None:
         """Polynomials that meet the equations at the stages, and each other at the ends of parts.
@@ -238,15 +231,14 @@ class _Search:
         trusted farther where moves of the starts have left little to move at the stages.
         """
         values, scheme = path.values.copy(), _scheme()
-        n = len(values)
         stages, by_stages = path.fractions(scheme.c), path.widths[:, None, None] * scheme.A
         most, least, before, waited, linear, trust = -1, np.inf, np.inf, 0, None, 1.0
         while waited < _SWEEPS:
-            sizes = self._sizes(values)[:n]
+            sizes = self._sizes(values)
             if linear is None:
                 linear, slopes = self._linearised(path.widths, stages, values)
             else:
-                slopes = self._slopes(stages, values[:, None, :, :, 1:])[:n, 0]
+                slopes = self._slopes(stages, values[:, None, :, :, 1:])[:, 0]
             left = values[..., :1] - values[..., 1:] + np.einsum("aepj,pij->aepi", slopes, by_stages)
             moves = linear.solve(left)
             is_trusted = (np.abs(moves).max(axis=(1, 2, 3)) <= _STILL_LINEAR * trust * sizes).all()
@@ -272,10 +264,10 @@ class _Search:
     def _linearised(self, widths: Array, stages: Array, values: Array) -> tuple[_Linear, Array]:
         """The equations of all parts with the mean derivatives on each, and the slopes at the stages."""
         n = len(values)
-        steps = _DIFFERENCE * self._sizes(values)[:n]
+        steps = _DIFFERENCE * self._sizes(values)
         varied = np.repeat(values[:, None, :, :, 1:], n + 1, axis=1)
         varied[np.arange(n), np.arange(n) + 1] += steps[:, None, None, None]
-        slopes = self._slopes(stages, varied)[:n]
+        slopes = self._slopes(stages, varied)
         jacobians = (slopes[:, 1:] - slopes[:, :1]).mean(axis=4) / steps[:, None, None]
         return _Linear.of(widths, jacobians.transpose(2, 3, 0, 1)), slopes[:, 0]
 
@@ -331,26 +323,15 @@ def _moves_of_starts(
         How far slopes are trusted.
     """
     n, elements, parts, _ = values.shape
-    ends = (values[..., -1] + moves).transpose(2, 1, 0)
-    starts = values[..., 0].transpose(2, 1, 0)
-    own, by_first = np.zeros((parts, elements, n)), np.tile(np.eye(n), (parts, elements, 1, 1))
-    told = np.ones((parts, elements), dtype=bool)
-    for part in range(1, parts):
-        passed_on = (by_start[:, part - 1] @ own[part - 1, :, :, None])[..., 0]
-        told[part] = told[part - 1] & (np.abs(passed_on) <= trusted).all(axis=1)
-        own[part] = np.where(told[part, :, None], passed_on + ends[part - 1] - starts[part], 0.0)
-        by_first[part] = by_start[:, part - 1] @ by_first[part - 1]
+    motions = elements if first is None else 1
+    starts, ends = (of.reshape(n, motions, -1) for of in (values[..., 0], values[..., -1] + moves))
+    found, slopes = np.zeros(starts.shape), by_start.reshape(motions, -1, n, n)
+    told = np.ones(starts.shape[1:], dtype=bool)
     if first is not None:
-        # What an element passes on to the next one: by itself, and of the move of its own start.
-        jumps = (by_start[:, -1] @ own[-1, :, :, None])[..., 0] + ends[-1]
-        over_all = by_start[:, -1] @ by_first[-1]
-        changes = np.zeros((elements, n))
-        changes[0] = first - starts[0, 0]
-        for i in range(1, elements):
-            passed_on = over_all[i - 1] @ changes[i - 1]
-            if not (told[-1, i - 1] and (np.abs(passed_on) <= trusted).all()):
-                told[:, i:] = False
-                break
-            changes[i] = passed_on + jumps[i - 1] - starts[0, i]
-        own += (by_first @ changes[:, :, None])[..., 0]
-    return own.transpose(2, 1, 0), told.T
+        found[:, 0, 0] = first - starts[:, 0, 0]
+    for part in range(1, starts.shape[2]):
+        passed_on = (slopes[:, part - 1] @ found[:, :, part - 1].T[..., None])[..., 0].T
+        told[:, part] = told[:, part - 1] & (np.abs(passed_on) <= trusted[:, None]).all(axis=0)
+        changes = passed_on + ends[:, :, part - 1] - starts[:, :, part]
+        found[:, :, part] = np.where(told[:, part], changes, 0.0)
+    return found.reshape(n, elements, parts), told.reshape(elements, parts)

@@ -104,3 +104,10 @@ def integration_matrix(nodes: ArrayLike, upper: ArrayLike) -> Array:
     gauss, weights = np.polynomial.legendre.leggauss(max(1, (len(nodes) + 1) // 2))
     unit, unit_weights = (gauss + 1.0) / 2.0, weights / 2.0
     return np.array([end * (unit_weights @ evaluation_matrix(nodes, end * unit)) for end in upper])
+
+
+def gauss_rule(breaks: Array) -> tuple[Array, Array]:
+    """Points and weights of a rule on [0, 1]: that of Gauss of three points on each part between breaks."""
+    points, weights = np.polynomial.legendre.leggauss(3)
+    middles, halves = (breaks[1:] + breaks[:-1])[:, None] / 2.0, np.diff(breaks)[:, None] / 2.0
+    return (middles + halves * points).ravel(), (halves * weights).ravel()

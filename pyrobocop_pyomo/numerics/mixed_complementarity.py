@@ -6,7 +6,7 @@ were last, so that of several solutions the one that Newton's method reaches fro
 
 1. Newton's method on ``F - mid(l, F - H, u)``, which guesses for each statement which of its equations holds, and
    corrects the guesses (Qi and Sun, A nonsmooth version of Newton's method, 1993, doi:10.1007/BF01581275);
-2. a damped Gauss-Newton method on the function of Fischer and Burmeister (Fischer, A special Newton-type optimization
+2. the least squares, by SciPy, of the function of Fischer and Burmeister (Fischer, A special Newton-type optimization
    method, 1992, doi:10.1080/02331939208843795; for two bounds Billups, 1995).
 
 Where both fail they are tried once more from a few points around.
@@ -15,10 +15,13 @@ Where both fail they are tried once more from a few points around.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from pyrobocop_pyomo.optional_imports import scipy
 
 from .arrays import Array
 
@@ -34,7 +37,7 @@ class _Held:
 
 
 _NEWTON_STEPS = 25
-_DAMPED_STEPS = 60
+_LEAST_SQUARES_STEPS = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +155,7 @@ def solve_mixed_complementarity(
     start = np.asarray(start, dtype=float)
     best = _judged(problem, start, tolerance)
     for begin in _starts(start) if thorough else [start]:
-        for way in (_by_newton, _by_damping)[: None if thorough else 1]:
+        for way in (_by_newton, _by_least_squares)[: None if thorough else 1]:
             if best.solved:
                 break
             for point in way(problem, begin, tolerance):
@@ -222,35 +225,19 @@ def _by_newton(problem: MixedComplementarity, start: Array, tolerance: float) ->
         yield point
 
 
-def _by_damping(problem: MixedComplementarity, start: Array, tolerance: float) -> Iterator[Array]:
-    point, damping = start, 1e-3
-
-    def merit(at: Array) -> float:
+def _by_least_squares(problem: MixedComplementarity, start: Array, tolerance: float) -> Iterator[Array]:
+    def residuals(point: Array) -> Array:
         try:
-            residuals, _ = _fischer_burmeister(problem, problem.evaluate(at))
-        except (ArithmeticError, ValueError):
-            return np.inf
-        size = float(residuals @ residuals)
-        return size if np.isfinite(size) else np.inf
+            return _fischer_burmeister(problem, problem.evaluate(point))[0]
+        except ArithmeticError:
+            return np.full(len(start), np.nan)  # which is no step
 
-    now = merit(point)
-    for _ in range(_DAMPED_STEPS):
-        try:
-            residuals, jacobian = _fischer_burmeister(problem, problem.evaluate(point))
-            normal = jacobian.T @ jacobian
-            step = np.linalg.solve(normal + min(damping, now) * np.eye(len(point)), -jacobian.T @ residuals)
-        except (ArithmeticError, ValueError, np.linalg.LinAlgError):
-            return
-        length = next((2.0**-k for k in range(12) if merit(point + 2.0**-k * step) < now * (1 - 1e-4 * 2.0**-k)), 0.0)
-        if length == 0.0:
-            damping *= 100
-            if damping > 1e6:
-                return
-            continue
-        damping = max(damping / 10, 1e-12)
-        point = point + length * step
-        now = merit(point)
-        yield point
+    def jacobian(point: Array) -> Array:
+        return _fischer_burmeister(problem, problem.evaluate(point))[1]
+
+    with suppress(ArithmeticError, ValueError, np.linalg.LinAlgError):
+        options = {**dict.fromkeys(("ftol", "xtol", "gtol"), np.finfo(float).eps), "max_nfev": _LEAST_SQUARES_STEPS}
+        yield scipy.optimize.least_squares(residuals, start, jacobian, x_scale="jac", **options).x
 
 
 def _fischer_burmeister(problem: MixedComplementarity, values: ComplementarityValues) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,43 +26,10 @@ from pyrobocop_pyomo.numerics.mixed_complementarity import (
 )
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .bounds_between_points import SAMPLES
 from .right_hand_sides import RightHandSides
-from .step_equations import StepEquations, stacked, with_slopes
+from .step_equations import StepEquations, differences, stacked, values_by
 
 _radau = cache(radau)
-
-
-class _Layout(NamedTuple):
-    """How a point of a step stands for states and unknowns.
-
-    Attributes
-    ----------
-    states : int
-        How many numbers are states, one node after the other.
-    stages : array of int, shape (s, 1)
-    places : array of int, shape (s, n + m)
-        Where states and unknowns of each stage stand; -1 for what is known.
-    slopes : array, shape (states, size)
-        Of the scheme's rows, one state after the other, without the rates.
-    """
-
-    states: int
-    stages: NDArray[np.int64]
-    places: NDArray[np.int64]
-    slopes: Array
-
-
-@cache
-def _layout(scheme: Scheme, n: int, m: int, skipped: int) -> _Layout:
-    """For so many states and unknowns, of which those at the first stages are known."""
-    states, stages = n * len(scheme.D), np.arange(scheme.stages)[:, None]
-    nodes = (stages - scheme.starts_on_a_stage) * n + np.arange(n)
-    others = np.where(stages >= skipped, states + (stages - skipped) * m + np.arange(m), -1)
-    slopes = np.zeros((states, states + m * (scheme.stages - skipped)))
-    by_node = np.kron(scheme.D[:, 1:], np.eye(n)).reshape(len(scheme.D), n, states)
-    slopes[:, :states] = by_node.swapaxes(0, 1).reshape(states, states)
-    return _Layout(states, stages, np.hstack([np.maximum(nodes, -1), others]), slopes)
 
 
 class StepSystem:
@@ -95,22 +62,24 @@ class StepSystem:
         self._scheme, self._pairs, self._start, self.length = scheme, equations.pairs, start, length
         self._known = np.zeros((len(equations.unknowns), 0)) if known is None else known
         self._lengths = np.where(maps, 1.0, length) * np.ones(len(start))
+        self._steps = np.kron(scheme.D[:, 1:], np.eye(len(start)))
         # What is mapped does not go on from its start.
-        self._mapped = np.where(maps, start, 0.0)[:, None] * scheme.D[:, 0]
-        self._layout = _layout(scheme, len(start), *self._known.shape)
+        self._mapped = scheme.D[:, :1] * np.where(maps, start, 0.0)
         self.stages_solved = scheme.stages - self._known.shape[1]
         self._kept: tuple[Array, ComplementarityValues] | None = None
+        self._sizes: float | Array = 1.0
 
     def point_from(self, states: Array, unknowns: ArrayLike) -> Array:
         """A point to search from: the same states (n,) and unknowns (m,) everywhere."""
         return np.concatenate([np.tile(states, len(self._scheme.D)), np.tile(unknowns, self.stages_solved)])
 
     def parts(self, point: Array) -> tuple[Array, Array]:
-        """States at the nodes, shape ``(nodes, n)``, and unknowns at the stages, shape ``(m, s)``."""
-        states, n = self._layout.states, len(self._start)
-        nodes = np.concatenate([self._start, point[:states]]).reshape(len(self._scheme.D) + 1, n)
-        found = point[states:].reshape(self.stages_solved, len(self._known))
-        return nodes, np.hstack([self._known, found.T])
+        """States at the nodes, shape ``(nodes, n)``, and unknowns at the stages, shape ``(m, s)``; of k points too."""
+        n, many = len(self._start), point.shape[1:]
+        start, known = (np.tile(of.reshape(*of.shape, *(1 for _ in many)), many) for of in (self._start, self._known))
+        nodes = np.concatenate([start, point[: len(self._steps)]]).reshape(len(self._scheme.D) + 1, n, *many)
+        found = point[len(self._steps) :].reshape(self.stages_solved, len(known), *many)
+        return nodes, np.concatenate([known, found.swapaxes(0, 1)], axis=1)
 
     def problem(self) -> MixedComplementarity:
         """All rows and pairs of all stages."""
@@ -125,13 +94,13 @@ class StepSystem:
         for matrix in problem.matrices(values, little):
             sizes = np.abs(matrix).max(axis=1, keepdims=True)
             _, singular, directions = np.linalg.svd(matrix / np.where(sizes > 0, sizes, 1.0))
-            free = directions[singular <= 1e-11 * singular[0], : self._layout.states]
+            free = directions[singular <= 1e-11 * singular[0], : len(self._steps)]
             if not (np.abs(free) <= 1e-6 * self._lengths.max()).all():
                 return False
         return True
 
-    def at_stages(self, point: Array, nodes: Array, unknowns: Array) -> tuple[Array, Array]:
-        """Rates, rows and both sides of all pairs at the stages (v, s), and derivatives (v, s, size), at `parts`."""
+    def at_stages(self, points: Array) -> Array:
+        """Rates, rows and both sides of all pairs at the stages, shape ``(v, s, k)``, of k points (size, k)."""
         raise NotImplementedError
 
     def values(self, point: Array) -> ComplementarityValues:
@@ -146,14 +115,16 @@ class StepSystem:
         return self._rates_kept
 
     def _evaluated(self, point: Array) -> ComplementarityValues:
-        n, count = len(self._start), len(self._pairs)
-        nodes, unknowns = self.parts(point)
-        values, slopes = self.at_stages(point, nodes, unknowns)
+        n, count, stages, size = len(self._start), len(self._pairs), self._scheme.stages, len(point)
+        found = differences(lambda points: self.at_stages(points).reshape(-1, size + 1), point, self._sizes)
+        values, slopes = found[0].reshape(-1, stages), found[1].reshape(-1, stages, size)
         self._rates_kept = rates = values[:n]
-        F, size = self._scheme.F, len(point)
-        states = (self._scheme.D @ nodes).T - self._mapped - self._lengths[:, None] * (rates @ F.T)
-        by = self._layout.slopes - (self._lengths[:, None, None] * (F @ slopes[:n])).reshape(self._layout.states, size)
-        skipped = self._scheme.stages - self.stages_solved
+        F, lengths = self._scheme.F, self._lengths
+        states = self._scheme.D @ self.parts(point)[0] - self._mapped - F @ rates.T * lengths
+        by = np.tensordot(F, slopes[:n], (1, 1)) * -lengths[:, None]
+        by = by.reshape(len(self._steps), size)
+        by[:, : len(self._steps)] += self._steps
+        skipped = stages - self.stages_solved
         values, slopes = values[n:, skipped:], slopes[n:, skipped:]
         ends = [0, len(values) - 2 * count, len(values) - count, len(values)]
         rows, body, other = (values[begin:end].ravel() for begin, end in pairwise(ends))
@@ -184,24 +155,21 @@ class FormulaStep(StepSystem):
         **options: Any,
     ) -> None:  # fmt: skip
         super().__init__(scheme, rates.equations, float(rates.widths[i]) * (end - begin), start, **options)
-        self._rates, self._sizes = rates, sizes
+        self._rates, self._sizes = rates, self.point_from(*np.split(sizes, [len(start)]))
         self._given = rates.in_element(i, begin + (end - begin) * scheme.c, start)
 
     @property
     def planned(self) -> Array:
         """The unknowns as planned at the stages, shape ``(m, s)``."""
         keys = self._rates.keys[len(self._start) :]
-        return stacked([self._given[key] for key in keys], (self._scheme.stages,))
+        return stacked([self._given[key] for key in keys], (self._scheme.stages, 1))[..., 0]
 
-    def at_stages(self, point: Array, nodes: Array, unknowns: Array) -> tuple[Array, Array]:
+    def at_stages(self, points: Array) -> Array:
         """As for `StepSystem`."""
+        nodes, unknowns = self.parts(points)
         first = 0 if self._scheme.starts_on_a_stage else 1
-        at = np.concatenate([nodes[first : first + self._scheme.stages].T, unknowns])
-        values, slopes = self._rates.with_slopes(self._given, at, self._sizes)
-        # What is stated at a stage reads that stage alone; the scheme ties the states together.
-        spread = np.zeros((*values.shape, len(point) + 1))
-        spread[:, self._layout.stages, self._layout.places] = slopes.transpose(0, 2, 1)
-        return values, spread[:, :, :-1]
+        states = nodes[first : first + self._scheme.stages].swapaxes(0, 1)
+        return self._rates.everything(self._given, np.concatenate([states, unknowns]))
 
 
 class RowStep(StepSystem):
@@ -223,22 +191,20 @@ class RowStep(StepSystem):
     ) -> None:  # fmt: skip
         super().__init__(scheme, equations[0], length, start, **options)
         solved = equations[len(equations) - self.stages_solved :]
-        self._at = with_slopes(
+        variables = [*nodes, *(variable for of in solved for variable in of.unknowns.values())]
+        self._at = values_by(
             [
                 each
                 for of in equations
                 for sides in (of.rates, of.rows, [pair.body for pair in of.pairs], [pair.other for pair in of.pairs])
                 for each in sides
             ],
-            [*nodes, *(variable for of in solved for variable in of.unknowns.values())],
+            variables,
         )
 
-    def at_stages(self, point: Array, nodes: Array, unknowns: Array) -> tuple[Array, Array]:
+    def at_stages(self, points: Array) -> Array:
         """As for `StepSystem`."""
-        values, slopes = self._at(point)
-        return values.reshape(self._scheme.stages, -1).T, slopes.reshape(self._scheme.stages, -1, len(point)).swapaxes(
-            0, 1
-        )
+        return self._at(points).reshape(self._scheme.stages, -1, points.shape[1]).swapaxes(0, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -394,8 +360,8 @@ class ElementSteps:
         sides = _sides(problem, values, len(self._equations.pairs), little)
         # A residual that is small beside a large force need not be small beside the states, or sides of pairs.
         left = np.abs(problem.residuals(values))
-        of_states, of_pairs = left[: nodes[1:].size].reshape(len(state), -1), left[len(values.rows) :]
-        is_small = (of_states <= self._tolerance * self._scales[:, None]).all() and (of_pairs <= self._tolerance).all()
+        of_states, of_pairs = left[: nodes[1:].size].reshape(-1, len(state)), left[len(values.rows) :]
+        is_small = (of_states <= self._tolerance * self._scales).all() and (of_pairs <= self._tolerance).all()
         solved = found.residual <= 1e-9 and bool(is_small)
         is_determined = partial(system.is_determined, problem, values, little)
         return _Step(scheme, begin, end, nodes, unknowns, sides, solved, is_determined)
@@ -414,7 +380,7 @@ def _sides(
 
 
 def stepped_flows(
-    rates: RightHandSides, trajectory: Trajectory, fractions: Array, scales: Array, first: Array
+    rates: RightHandSides, trajectory: Trajectory, parts: Array, fractions: Array, scales: Array, first: Array
 ) -> Flows:
     """Every element from where the trajectory starts it, and the motion from the first start on.
 
@@ -423,8 +389,10 @@ def stepped_flows(
     rates : RightHandSides
         With the unknowns left to the steps.
     trajectory : Trajectory
+    parts : array
+        Ends of the longest steps, from 0 to 1.
     fractions : array, shape (k,)
-        Where in each element states are wanted; where rules change quickly no step goes over one of them.
+        Where in each element states are wanted.
     scales : array, shape (n,)
     first : array, shape (n,)
         Where the whole motion starts.
@@ -435,7 +403,6 @@ def stepped_flows(
         When contacts cannot be followed.
     """
     starts = np.array([trajectory.element_states(name)[:, 0] for name in trajectory.states]).T
-    parts = fractions if len(fractions) > SAMPLES + 1 else np.array([0.0, 1.0])
     tolerance = 1e-6 if rates.equations.needs_steps else 1e-8
     most_steps = 2000 + 10 * len(starts) * (len(parts) - 1)
     steps = ElementSteps(rates, scales, tolerance, most_steps)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -18,6 +18,7 @@ import numpy as np
 from pyrobocop_pyomo.errors import EvaluationError, PyRobocopError, TrajectoryError
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.flows import Flows, integrate_flows
+from pyrobocop_pyomo.numerics.lagrange import gauss_rule
 from pyrobocop_pyomo.numerics.tables import tables_continued
 from pyrobocop_pyomo.trajectories import Trajectory
 
@@ -34,7 +35,6 @@ from .rule_formulas import RuleFormulas
 
 # Of the integration, relative to the size of each state. Differences are of interest from there on.
 TOLERANCE = 1e-10
-_TOO_STIFF = "The equations are too stiff for an integration of all elements at once."
 # A state that stays at zero has a size too.
 SMALLEST_SCALE = 1e-3
 
@@ -160,23 +160,30 @@ def reintegrate(
     on_model = put_on_model([(block, trajectory)]) if formulas is None else nullcontext()
     with on_model, tables_continued():
         formulas = formulas or RuleFormulas(block, trajectory.grid, coupled_phases_of(block, trajectory.grid))
-        rates = RightHandSides(formulas, trajectory, known_equations(formulas, InstantEquations))
-        refuse_equations_beside(block, rates.equations.read)
-        integrals = _KnownIntegrals(rates, formulas, trajectory, [] if states_only else record.integrals)
+        equations = known_equations(formulas, InstantEquations)
+        refuse_equations_beside(block, equations.read)
+        integrals = _IntegralsAlongMotion(formulas, trajectory, equations, [] if states_only else record.integrals)
+        rates = RightHandSides(formulas, trajectory, equations)
+        instants = instants_to_look_at(formulas, trajectory, equations.statements)
+        # Where rules change quickly with the time no step goes over one of these.
+        parts = np.array([0.0, 1.0]) if len(instants) == SAMPLES + 1 else instants
+        fractions = parts[[0, -1]] if ends_only and not rates.are_delayed else instants
         try:
-            flows = _flows(rates, formulas, trajectory, first, integrals, ends_only)
+            flows = _flows(rates, trajectory, parts, np.union1d(fractions, integrals.nodes), first, ends_only=ends_only)
         except EvaluationError as error:
             raise TrajectoryError(f"phase '{block.name}': {error}") from error
         if not np.isfinite(flows.local).all():
             _refuse_undefined(formulas, trajectory)
+        gained = integrals.over_elements(flows)
+    flows = flows.at(fractions)
     planned = trajectory.element_polynomials(flows.fractions)
     return Reintegration(
         fractions=flows.fractions,
         planned={name: planned[name] for name in names},
         local={name: flows.local[:, :, j] for j, name in enumerate(names)},
         open_loop=None if flows.whole is None else {name: flows.whole[:, :, j] for j, name in enumerate(names)},
-        contact=bool(rates.equations.pairs),
-        integrals=integrals.over_elements(flows.gained),
+        contact=bool(equations.pairs),
+        integrals=gained,
         remarks=tuple(integrals.remarks),
         delayed=bool(record.delayed_names),
     )
@@ -189,77 +196,69 @@ def _refuse_undefined(formulas: RuleFormulas, trajectory: Trajectory) -> None:
         at.values_stated(stated_formulas(formulas, statement), statement)
 
 
-class _KnownIntegrals:
+class _IntegralsAlongMotion:
     """Integrals whose integrands are known between the points, and remarks on the others.
 
     Parameters
     ----------
-    rates : RightHandSides
     formulas : RuleFormulas
     trajectory : Trajectory
+    equations : InstantEquations
     statements : sequence of Statement
 
     Attributes
     ----------
-    integrands : dict of name to expression
-    planned : dict of name to array, shape (N,)
-        By the quadrature of the mesh.
-    breaks : array
-        Local fractions between which integrands hardly change with the time.
+    nodes : array
+        Local fractions at which states are wanted: three on each part on which integrands hardly change.
     remarks : list of str
     """
 
     def __init__(
-        self, rates: RightHandSides, formulas: RuleFormulas, trajectory: Trajectory, statements: Sequence[Statement]
+        self, formulas: RuleFormulas, trajectory: Trajectory, equations: InstantEquations, statements: list[Statement]
     ) -> None:
-        self.integrands: dict[str, Any] = {}
-        self.planned: dict[str, Array] = {}
+        self._formulas, self._trajectory, self._equations = formulas, trajectory, equations
+        self._integrands: dict[str, Any] = {}
         self.remarks: list[str] = []
-        self.breaks = np.array([0.0, 1.0])
-        scheme = trajectory.grid.scheme
+        parts = np.zeros(0)
         for position, statement in enumerate(statements, start=1):
             name = f"{statement.name} ({position})"
             try:
-                if rates.equations.needs_steps:
+                if equations.needs_steps:
                     raise TrajectoryError(
                         f"phase '{formulas.block.name}': its motion depends on contacts, or on hidden conditions, "
                         "which single instants do not tell."
                     )
-                integrand = formulas.formulas_of(statement)
-                with np.errstate(all="ignore"):
-                    gained = RightHandSides(formulas, trajectory, rates.equations, [integrand])
-                    states = _planned(trajectory, formulas.record.names_of_states, scheme.c)
-                    planned = gained(scheme.c, states[:, None])[-1, 0] @ scheme.b
-                if not np.isfinite(planned).all():
-                    what = f"phase '{formulas.block.name}': integral '{statement.name}'"
-                    raise TrajectoryError(f"{what} has no finite value on the plan.")
-                instants = instants_to_look_at(formulas, trajectory, [statement])
-            except (TrajectoryError, EvaluationError) as error:
+                self._integrands[name] = formulas.formulas_of(statement)
+                parts = np.union1d(parts, instants_to_look_at(formulas, trajectory, [statement]))
+            except TrajectoryError as error:
                 self._leave_out(name, error)
-                continue
-            self.integrands[name], self.planned[name] = integrand, planned
-            self.breaks = _united(self.breaks, instants)
-
-    def leave_out_all(self, why: str) -> None:
-        """Remark that none of them is known along the motion."""
-        for name in self.integrands:
-            self._leave_out(name, why)
-        self.integrands.clear()
-        self.planned.clear()
+        self.nodes, self._weights = gauss_rule(parts)
 
     def _leave_out(self, name: str, why: object) -> None:
+        self._integrands.pop(name, None)
         self.remarks.append(f"integral {name}: not re-integrated. {why}")
 
-    def over_elements(self, gained: Array | None) -> dict[str, tuple[Array, Array]]:
+    def over_elements(self, flows: Flows) -> dict[str, tuple[Array, Array]]:
         """As planned, and along the motion of each element."""
-        if gained is None:
-            return {}
-        return {name: (self.planned[name], of) for name, of in zip(self.integrands, gained.T, strict=True)}
-
-
-def _united(breaks: Array, instants: Array) -> Array:
-    """Local fractions where parts end that rules ask for: those of rules that change quickly with the time."""
-    return breaks if len(instants) == SAMPLES + 1 else np.union1d(breaks, instants)
+        found: dict[str, tuple[Array, Array]] = {}
+        if not self._integrands:
+            return found
+        scheme = self._trajectory.grid.scheme
+        planned = _planned(self._trajectory, self._formulas.record.names_of_states, scheme.c)[:, None]
+        moved = flows.at(self.nodes).local.transpose(2, 0, 1)[:, None]
+        for name, integrand in list(self._integrands.items()):
+            try:
+                # What is delayed is that of the plan.
+                rates = RightHandSides(self._formulas, self._trajectory, self._equations, [integrand])
+                with np.errstate(all="ignore"):
+                    of_mesh = rates.values([integrand], scheme.c, planned)[0, 0] @ scheme.b
+                    along = rates.values([integrand], self.nodes, moved)[0, 0] @ self._weights
+                if not np.isfinite([of_mesh, along]).all():
+                    raise TrajectoryError("It has no finite value on the plan, or on the motion that it leads to.")
+                found[name] = of_mesh, along
+            except (TrajectoryError, EvaluationError) as error:
+                self._leave_out(name, error)
+        return found
 
 
 def _planned(trajectory: Trajectory, names: Sequence[str], fractions: Array) -> Array:
@@ -269,38 +268,15 @@ def _planned(trajectory: Trajectory, names: Sequence[str], fractions: Array) -> 
 
 
 def _flows(
-    rates: RightHandSides,
-    formulas: RuleFormulas,
-    trajectory: Trajectory,
-    first: Array,
-    integrals: _KnownIntegrals,
-    ends_only: bool,
+    rates: RightHandSides, trajectory: Trajectory, parts: Array, fractions: Array, first: Array, *, ends_only: bool
 ) -> Flows:
-    names = formulas.record.names_of_states
+    names = list(trajectory.states)
     scales = SMALLEST_SCALE + np.abs(np.array([trajectory.states[name] for name in names])).max(axis=1)
-    fractions = instants_to_look_at(formulas, trajectory, rates.equations.statements)
-    parts = _united(np.array([0.0, 1.0]), fractions)
-    planned = partial(_planned, trajectory, names)
-
-    def followed(at: Array, start: Array | None) -> Flows | None:
-        integrands = [*integrals.integrands.values()]
-        of_integrals = [SMALLEST_SCALE + np.abs(of).sum() for of in integrals.planned.values()]
-        sizes, breaks = np.append(scales, of_integrals), np.union1d(parts, integrals.breaks)
-        of_all = RightHandSides(formulas, trajectory, rates.equations, integrands) if integrands else rates
-        return integrate_flows(of_all, planned, sizes, at, TOLERANCE, start, breaks)
-
     if rates.are_delayed:
-        along = followed(fractions, None) if integrals.integrands else None
-        if along is None:
-            integrals.leave_out_all(_TOO_STIFF)
-        motion = _flows_by_scipy(rates, trajectory, parts, fractions, first)
-        return replace(motion, gained=None if along is None else along.gained)
+        return _flows_by_scipy(rates, trajectory, parts, fractions, first)
     if not rates.equations.needs_steps:
-        at, start = (fractions[[0, -1]], None) if ends_only else (fractions, first)
-        flows = followed(at, start)
-        if flows is None and integrals.integrands:
-            integrals.leave_out_all(_TOO_STIFF)
-            flows = followed(at, start)
+        planned, start = partial(_planned, trajectory, names), None if ends_only else first
+        flows = integrate_flows(rates, planned, scales, fractions, TOLERANCE, start, parts)
         if flows is not None:
             return flows
         if not rates.equations.unknowns:  # what is not smooth takes short steps, and these are SciPy's business
@@ -308,7 +284,7 @@ def _flows(
                 flows = _flows_by_scipy(rates, trajectory, parts, fractions, first)
                 if np.isfinite(flows.local).all():
                     return flows
-    return stepped_flows(rates, trajectory, fractions, scales, first)
+    return stepped_flows(rates, trajectory, parts, fractions, scales, first)
 
 
 def _flows_by_scipy(

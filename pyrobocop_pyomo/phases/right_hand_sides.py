@@ -60,13 +60,12 @@ class RightHandSides:
         motion does not depend on them; elsewhere they are found at each instant, from there.
     equations : InstantEquations or StepEquations
         Of the formulas.
-    integrands : sequence of expression
-        Formulas of the integrands whose integrals follow the states.
+    further : sequence of expression
+        Formulas that `values` evaluates as well.
 
     Attributes
     ----------
     equations : InstantEquations or StepEquations
-    integrands : sequence of expression
     widths : array, shape (N,)
         Of the elements in real time.
     are_delayed : bool
@@ -85,11 +84,7 @@ class RightHandSides:
     """
 
     def __init__(
-        self,
-        formulas: RuleFormulas,
-        trajectory: Trajectory,
-        equations: Any,
-        integrands: Sequence[Any] = (),
+        self, formulas: RuleFormulas, trajectory: Trajectory, equations: Any, further: Sequence[Any] = ()
     ) -> None:
         self._formulas, self._names, self._trajectory = formulas, formulas.record.names_of_states, trajectory
         self.widths = trajectory.grid.mesh.widths
@@ -100,8 +95,7 @@ class RightHandSides:
         meshes = trajectory.grid.mesh, formulas.indices.mesh
         self._starts, self._indices = (np.array(mesh.boundaries[:-1]) for mesh in meshes)
         self._index_widths = np.array(formulas.indices.mesh.widths)
-        self.equations, self.integrands = equations, integrands
-        pairs = equations.pairs
+        self.equations, pairs = equations, equations.pairs
         stated = [*equations.rows, *(pair.body for pair in pairs), *(pair.other for pair in pairs)]
         of_equations = formulas.delays_in([*equations.rates, *stated])
         self.are_delayed = bool(of_equations)
@@ -110,7 +104,7 @@ class RightHandSides:
                 f"phase '{formulas.block.name}': rules read earlier times, and equations determine "
                 f"{', '.join(self.equations.unknowns)}; such a motion cannot be followed."
             )
-        self._delays = [*of_equations, *formulas.delays_in(integrands)]
+        self._delays = [*of_equations, *formulas.delays_in(further)]
         self.past: Past = past_of(trajectory)
         self.most_evaluations, self.reached, self._evaluations = np.inf, self._starts[0], 0
         self.smallest_delay = min((delay for _, delay in of_equations if delay > 0.0), default=np.inf)
@@ -128,12 +122,15 @@ class RightHandSides:
     # ---------------------------------------------------------------- for all elements
 
     def __call__(self, fractions: Array, states: Array) -> Array:
-        """Derivatives by local fractions, shape ``(n + g, k, N, q)``, of states (n, k, N, q) and of g integrals."""
+        """Derivatives by local fractions, shape ``(n, k, N, q)``, of states of that shape."""
+        return self.values(self.equations.rates, fractions, states)
+
+    def values(self, expressions: Sequence[Any], fractions: Array, states: Array) -> Array:
+        """Formulas at local fractions with states of shape ``(n, k, N, q)``, times the widths of the elements."""
         leaves = self._given(fractions) | dict(zip(self.keys, states, strict=False))
         if self._unknowns:
             leaves |= dict(zip(self._unknowns, self._determined(leaves, states.shape[1:]), strict=True))
-        derivatives = self._formulas.values([*self.equations.rates, *self.integrands], leaves)
-        return stacked(derivatives, states.shape[1:]) * self.widths[:, None]
+        return stacked(self._formulas.values(expressions, leaves), states.shape[1:]) * self.widths[:, None]
 
     def _determined(self, leaves: dict[int, Any], shape: tuple[int, ...]) -> Array:
         """The unknowns by Newton's method from the plan, shape ``(m, k, N, q)``; NaN where it finds none.
@@ -160,20 +157,24 @@ class RightHandSides:
     def _inverse_at(self, leaves: Mapping[int, Any], unknowns: Array) -> Array:
         """Of the derivatives of all rows by all unknowns in the first variant, shape ``(N, q, m, m)``."""
         first = {key: leaf[:1] if np.ndim(leaf) == 3 else leaf for key, leaf in leaves.items()}
-        slopes = differences(self._stated, first, self._unknowns, unknowns[:, 0], 1.0)[1].transpose(2, 3, 0, 1)
+
+        def evaluate(varied: Array) -> Array:
+            return stacked(self._stated({**first, **dict(zip(self._unknowns, varied, strict=True))}), varied.shape[1:])
+
+        slopes = differences(evaluate, unknowns[:, 0], 1.0)[1].transpose(2, 3, 0, 1)
         try:
             return np.asarray(np.linalg.inv(slopes), dtype=np.float64)
         except np.linalg.LinAlgError:
             return np.full(slopes.shape, np.nan)
 
     def in_element(self, i: int, fractions: Array, start: Array) -> dict[int, Any]:
-        """What stands in place of each variable at some places of an element, as planned; arrays of their shape."""
-        found = {key: of[i] if np.ndim(of) else of for key, of in self._given(fractions).items()}
+        """What stands in place of each variable at some places of an element, as planned; arrays ``(q, 1)``."""
+        found = {key: of[i][:, None] if np.ndim(of) else of for key, of in self._given(fractions).items()}
         return found | self._formulas.at_starts(dict(zip(self._names, start.tolist(), strict=True)))
 
-    def with_slopes(self, leaves: Mapping[int, Any], point: Array, sizes: Array) -> tuple[Array, Array]:
-        """Rates, rows and both sides of all pairs (v, k) at states and unknowns (w, k), and derivatives (v, w, k)."""
-        return differences(self._everything, leaves, self.keys, point, sizes[:, None])
+    def everything(self, leaves: Mapping[int, Any], at: Array) -> Array:
+        """Rates, rows and both sides of all pairs, shape ``(v, ..)``, at states and unknowns (w, ..)."""
+        return stacked(self._everything({**leaves, **dict(zip(self.keys, at, strict=True))}), at.shape[1:])
 
     def times_at(self, fraction: float) -> Array:
         """Real times at a local fraction of every element."""

@@ -260,7 +260,7 @@ class _Run:
         solution = self._impacts.solved(system, guess, partial(self._system, i), shortest)
         if not solution.solved:
             of = self._rows[0]
-            places = [f"the equation of '{name}'" for name in names for _ in grid.scheme.D]
+            places = [f"the equation of '{name}'" for _ in grid.scheme.D for name in names]
             stated = [*(f"the row '{name}'" for name in of.names_of_rows), *(f"the pair '{p.name}'" for p in of.pairs)]
             places += [place for place in stated for _ in range(system.stages_solved)]
             where = places[solution.worst]

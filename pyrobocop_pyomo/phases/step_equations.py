@@ -203,26 +203,24 @@ def pairs_on_model(block: Any) -> list[tuple[Any, Any]]:
     return [(index, data) for component in components for index, data in component.items() if data.active]
 
 
-def with_slopes(expressions: Sequence[Any], variables: Sequence[Any]) -> Callable[[Array], tuple[Array, Array]]:
+def values_by(expressions: Sequence[Any], variables: Sequence[Any]) -> Callable[[Array], Array]:
     """Expressions as functions of variables of the model; all others count with their values.
 
     Parameters
     ----------
-    expressions : sequence of k expressions
-    variables : sequence of n variables
+    expressions : sequence of v expressions
+    variables : sequence of w variables
 
     Returns
     -------
     callable
-        From a point, shape ``(n,)``, to values and derivatives, shapes ``(k,)`` and ``(k, n)``.
+        From many points, shape ``(w, k)``, to values, shape ``(v, k)``.
     """
     steps, keys = ExpressionSteps(expressions, refuse=_not_known), list(map(id, variables))
 
-    def evaluate(point: Array) -> tuple[Array, Array]:
-        values, slopes = differences(
-            lambda leaves: steps.evaluate_at(leaves, ARRAY_FUNCTIONS), {}, keys, point[:, None], 1.0
-        )
-        return values[:, 0], slopes[:, :, 0]
+    def evaluate(points: Array) -> Array:
+        leaves = dict(zip(keys, points, strict=True))
+        return stacked(steps.evaluate_at(leaves, ARRAY_FUNCTIONS), points.shape[1:])
 
     return evaluate
 
@@ -231,31 +229,20 @@ def _not_known(node: Any, reason: str) -> ValueError:
     return ValueError(f"'{node}' {reason}; a simulation knows no later value")
 
 
-def differences(
-    evaluate: Callable[[dict[int, Any]], list[Any]],
-    leaves: Mapping[int, Any],
-    keys: Sequence[int],
-    point: Array,
-    sizes: float | Array,
-) -> tuple[Array, Array]:
-    """Values, shape ``(v, k)``, and derivatives by differences, shape ``(v, w, k)``.
+def differences(evaluate: Callable[[Array], Array], point: Array, sizes: float | Array) -> tuple[Array, Array]:
+    """Values, shape ``(v, ..)``, and derivatives by differences, shape ``(v, w, ..)``.
 
     Parameters
     ----------
     evaluate : callable
-        From what stands in place of each variable to v numbers or arrays.
-    leaves : mapping of int to numbers
-        Of the variables that stay.
-    keys : sequence of w int
-        Of those that are varied.
-    point : array, shape (w, k)
-        Where they are.
-    sizes : number or array, shape (w, 1)
+        From variants of the point, shape ``(w, w + 1, ..)``, to values, shape ``(v, w + 1, ..)``.
+    point : array, shape (w, ..)
+    sizes : number or array
     """
     steps = 1e-7 * (sizes + np.abs(point))
     varied, each = np.repeat(point[:, None], len(point) + 1, axis=1), np.arange(len(point))
     varied[each, each + 1] += steps
-    found = stacked(evaluate({**leaves, **dict(zip(keys, varied, strict=True))}), varied.shape[1:])
+    found = evaluate(varied)
     return found[:, 0], (found[:, 1:] - found[:, :1]) / steps
 
 
@@ -269,10 +256,10 @@ def stacked(values: Sequence[Any], shape: tuple[int, ...]) -> Array:
 
 def problem_of_rows(rows: Sequence[Any], variables: Sequence[Any]) -> MixedComplementarity:
     """Find variables of the model at which as many expressions are zero."""
-    evaluate, none = with_slopes(rows, variables), np.zeros(0)
+    evaluate, none = values_by(rows, variables), np.zeros(0)
 
     def at(point: Array) -> ComplementarityValues:
-        values, slopes = evaluate(point)
+        values, slopes = differences(evaluate, point, 1.0)
         return ComplementarityValues(values, none, none, slopes, slopes[:0], slopes[:0])
 
     return MixedComplementarity(at, none, none, none.astype(bool))

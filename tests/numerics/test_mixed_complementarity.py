@@ -12,7 +12,7 @@ from pyrobocop_pyomo.numerics.mixed_complementarity import (
     solve_mixed_complementarity,
 )
 
-WAYS = ("_by_newton", "_by_damping")
+WAYS = ("_by_newton", "_by_least_squares")
 
 
 def linear(matrix, offset, lower, upper, rows=None) -> MixedComplementarity:

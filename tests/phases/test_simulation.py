@@ -20,7 +20,8 @@ each_scheme = pytest.mark.parametrize("scheme", ALL, ids=str)
 
 
 def pendulum(implicit: bool = False, **options: Any) -> Any:
-    _, b = one_phase("swing", **{"duration": 2.0, "elements": 8, **options})
+    """A phase `swing` of a model."""
+    m, b = one_phase("swing", **{"duration": 2.0, "elements": 8, **options})
     b.theta, b.omega = rcp.State(initial=0.5), rcp.State(initial=0)
     b.torque = rcp.Control(bounds=(-1, 1))
     b.g = rcp.Parameter(initial_guess=9.81)
@@ -30,7 +31,7 @@ def pendulum(implicit: bool = False, **options: Any) -> Any:
         b.residual(weight_and_newton)
     else:
         b.ode(lambda b, t: {b.theta: b.omega[t], b.omega: b.torque[t] - b.g * pyo.sin(b.theta[t])}, name="swing")
-    return b
+    return m
 
 
 def weight_and_newton(b: Any, t: float) -> Any:
@@ -55,7 +56,7 @@ def test_a_simulation_is_the_exact_motion(scheme: Any, duration: Any) -> None:
     method=st.sampled_from(["DOP853", "RK45", "LSODA"]),
 )
 def test_elements_have_the_integrators_error(scheme: Any, amplitude: float, theta: float, method: str) -> None:
-    b = pendulum(scheme=scheme)
+    b = pendulum(scheme=scheme).swing
     trajectory = b.simulate({"torque": lambda t: amplitude * math.cos(4 * t)}, initial={"theta": theta}, method=method)
     assert trajectory.theta[0] == theta
     assert trajectory.verify().element_error < 1e-6
@@ -64,7 +65,7 @@ def test_elements_have_the_integrators_error(scheme: Any, amplitude: float, thet
 @each_scheme
 @pytest.mark.parametrize("implicit", [False, True])
 def test_steps_of_the_scheme_solve_its_rows(scheme: Any, implicit: bool) -> None:
-    b = pendulum(implicit, scheme=scheme)
+    b = pendulum(implicit, scheme=scheme).swing
     trajectory = b.simulate({"torque": math.sin}, method="scheme")
     verdict = trajectory.verify()
     assert max(verdict.defect, verdict.continuity, verdict.equations) < 1e-9
@@ -74,7 +75,7 @@ def test_steps_of_the_scheme_solve_its_rows(scheme: Any, implicit: bool) -> None
 
 
 def test_controls_are_given_or_as_the_phase_holds_them() -> None:
-    b = pendulum()
+    b = pendulum().swing
     b.initialize(torque=3.0)  # moved onto its bound
     held, given_ = b.simulate(), b.simulate({"torque": 1.0})
     np.testing.assert_allclose(held.theta, given_.theta)
@@ -185,28 +186,15 @@ def test_a_linear_control_is_linear_within_elements_of_one_stage_too() -> None:
 # A rough motion as a start: near the simulated one, and none where there is no moderate motion.
 
 
-def swing(scheme: str = "radau", duration: Any = 2.0) -> pyo.ConcreteModel:
-    m, b = one_phase(duration=duration, elements=20, scheme=scheme)
-    b.angle, b.speed = rcp.State(initial=0.5), rcp.State(initial=0)
-    b.damping = rcp.Parameter(initial_guess=0.3)
-    b.torque = rcp.Control(initial_guess=lambda t: 1 + t**2)
-    b.ode(
-        lambda b, t: {
-            b.angle: b.speed[t],
-            b.speed: b.torque[t] - 9.81 * pyo.sin(b.angle[t]) - b.damping * b.speed[t],
-        }
-    )
-    return m
-
-
 @pytest.mark.parametrize("scheme", ["radau", "gauss", "lobatto", "implicit_euler"])
 @pytest.mark.parametrize("duration", [2.0, rcp.Duration(bounds=(1, 5), initial_guess=3)])
 def test_it_is_the_simulated_motion_to_plotting_accuracy(scheme: str, duration: Any) -> None:
-    m = swing(scheme, duration)
-    exact = m.p.simulate()
-    assert put_rough_motion(m.p)
-    for name in ("angle", "speed"):
-        found = np.array([m.p.component(name)[t].value for t in m.p.time])
+    b = pendulum(elements=20, scheme=scheme, duration=duration).swing
+    b.initialize(torque=math.cos)
+    exact = b.simulate()
+    assert put_rough_motion(b)
+    for name in ("theta", "omega"):
+        found = np.array([b.component(name)[t].value for t in b.time])
         assert np.abs(found - exact.states[name]).max() < 1e-2
 
 
@@ -235,10 +223,11 @@ def test_algebraics_keep_their_values() -> None:
 
 @pytest.mark.parametrize("with_algebraic", [False, True])
 def test_a_start_moves_roughly_unless_there_is_more_to_find_than_states(with_algebraic: bool, monkeypatch) -> None:
-    m, simulated = swing(), []
+    m, simulated = pendulum(elements=20), []
+    m.swing.initialize(torque=math.cos)
     if with_algebraic:
-        m.p.power = rcp.Algebraic()
-        m.p.residual(lambda b, t: b.power[t] == b.torque[t] * b.speed[t], name="power_of_torque")
+        m.swing.power = rcp.Algebraic()
+        m.swing.residual(lambda b, t: b.power[t] == b.torque[t] * b.omega[t], name="power_of_torque")
 
     def simulate(*arguments: Any) -> rcp.Trajectory:
         simulated.append(arguments[0])
@@ -246,8 +235,8 @@ def test_a_start_moves_roughly_unless_there_is_more_to_find_than_states(with_alg
 
     simulation = starts.simulate
     monkeypatch.setattr(starts, "simulate", simulate)
-    exact = m.p.simulate()
+    exact = m.swing.simulate()
     assert starts.put_motion(m)
-    found = np.array([m.p.angle[t].value for t in m.p.time])
-    assert np.abs(found - exact.angle).max() < 1e-2
+    found = np.array([m.swing.theta[t].value for t in m.swing.time])
+    assert np.abs(found - exact.theta).max() < 1e-2
     assert len(simulated) == with_algebraic
