@@ -8,14 +8,14 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from multiprocessing import forkserver
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import Connection
 from typing import Any
 
 from pyrobocop_pyomo.errors import EngineError
 
-from .homes import EngineWithHomes, Home
+from .homes import AnswerOrEnd, EngineWithHomes, Home
 from .worker_host import Answer, Request, WorkerHost
 
 # One thread each: the processes are the parallelism, and pools of threads would fight over the cores, and change the
@@ -41,7 +41,6 @@ class WorkerProcess(Home):
     Attributes
     ----------
     connection : Connection
-        Ready to be read when an answer has come, or when the process has ended.
 
     Raises
     ------
@@ -52,6 +51,7 @@ class WorkerProcess(Home):
     def __init__(self, number: int) -> None:
         if getattr(multiprocessing.current_process(), "_inheriting", False):
             raise EngineError(UNPROTECTED)
+        super().__init__()
         # A server that starts while Ctrl-C is unheard gives that on to all that it starts.
         with _ctrl_c_unheard(), _threads_limited():
             context = _process_context()
@@ -80,22 +80,12 @@ class WorkerProcess(Home):
                 f"{UNPROTECTED}"
             ) from None
 
-    def send(self, request: Request) -> None:
-        """Have a request answered."""
-        with contextlib.suppress(OSError):  # of a worker that has ended: `receive` tells
+    def ask(self, request: Request) -> AnswerOrEnd:
+        """Have a request answered; where the process has ended, gives how, with its exit code or signal."""
+        with contextlib.suppress(EOFError, OSError):
             self.connection.send(request)
-
-    def receive(self) -> Answer | None:
-        """The answer; None when the process has ended."""
-        try:
             answer: Answer = self.connection.recv()
-        except (EOFError, OSError):
-            self.has_ended = True
-            return None
-        return answer
-
-    def how_it_ended(self) -> str:
-        """In words, with its exit code or signal."""
+            return answer
         self.process.join(_SECONDS_TO_END)
         code = self.process.exitcode
         if code is not None and code < 0:
@@ -108,6 +98,7 @@ class WorkerProcess(Home):
 
     def end(self) -> None:
         """Wait until it has ended, which it does with the connection."""
+        super().end()
         self.connection.close()
         self.process.join(_SECONDS_TO_END)
         if self.process.is_alive():
@@ -148,10 +139,6 @@ class ProcessEngine(EngineWithHomes[WorkerProcess]):
 
     def _make_home(self, number: int) -> WorkerProcess:
         return WorkerProcess(number)
-
-    def _ready(self, homes: Sequence[WorkerProcess], timeout: float | None) -> list[WorkerProcess]:
-        of_connection = {home.connection: home for home in homes}
-        return [of_connection[ready] for ready in wait(list(of_connection), timeout)]
 
 
 def _process_context() -> Any:
