@@ -183,10 +183,7 @@ class Engine(ABC):
         -------
         dict of agent's name to its report, or to an `AgentFailure`
         """
-        requests = {
-            name: Request.of(name, "solve", order, with_state=self._keeps_states) for name, order in orders.items()
-        }
-        return {name: self._answer_of(name, reply, None) for name, reply in self._ask(requests).items()}
+        return self._called("solve", {name: (order,) for name, order in orders.items()}, None)
 
     def states(self) -> dict[str, dict[str, np.ndarray]]:
         """The states of all agents that are not given up."""
@@ -222,10 +219,13 @@ class Engine(ABC):
         EngineError
             When the method raises an exception. Exceptions of this package keep their class.
         """
+        return self._called(method, arguments, f"{method}() failed")
+
+    def _called(self, method: str, arguments: Mapping[str, tuple[Any, ...]], label: str | None) -> dict[str, Any]:
         requests = {
             name: Request.of(name, method, *given, with_state=self._keeps_states) for name, given in arguments.items()
         }
-        return {name: self._answer_of(name, reply, f"{method}() failed") for name, reply in self._ask(requests).items()}
+        return {name: self._answer_of(name, reply, label) for name, reply in self._ask(requests).items()}
 
     def end_silent_workers(self) -> None:  # noqa: B027 - an engine without other processes has none
         """Give up workers that owe an answer, such as stopped ones; `wait` then tells which were lost."""

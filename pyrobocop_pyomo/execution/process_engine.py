@@ -52,8 +52,7 @@ class WorkerProcess(Home):
         if getattr(multiprocessing.current_process(), "_inheriting", False):
             raise EngineError(UNPROTECTED)
         super().__init__()
-        # A server that starts while Ctrl-C is unheard gives that on to all that it starts.
-        with _ctrl_c_unheard(), _threads_limited():
+        with _inherited_by_processes():
             context = _process_context()
             self.connection, theirs = context.Pipe()
             environment = {**ONE_THREAD, **os.environ}
@@ -181,20 +180,13 @@ def _end_with_parent() -> None:
 
 
 @contextlib.contextmanager
-def _ctrl_c_unheard() -> Iterator[None]:
-    """Let processes that start in here inherit that they ignore Ctrl-C."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
+def _inherited_by_processes() -> Iterator[None]:
+    """Let processes that start in here, and what a server that does so starts later, ignore Ctrl-C and have one thread.
 
-
-@contextlib.contextmanager
-def _threads_limited() -> Iterator[None]:
+    Signals are the main thread's: of another one processes inherit what they are.
+    """
+    is_main = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN) if is_main else None
     added = [name for name in ONE_THREAD if name not in os.environ]
     os.environ.update({name: ONE_THREAD[name] for name in added})
     try:
@@ -202,3 +194,5 @@ def _threads_limited() -> Iterator[None]:
     finally:
         for name in added:
             del os.environ[name]
+        if is_main:
+            signal.signal(signal.SIGINT, before)
