@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import logging
 import multiprocessing
@@ -62,7 +61,7 @@ class ActorHome(Home):
             with self._client.as_current():  # where an actor looks for its client when it is first called
                 reply = self._actor.answer(request)
             while True:
-                with contextlib.suppress(TimeoutError, asyncio.TimeoutError):
+                with contextlib.suppress(TimeoutError, distributed.TimeoutError):
                     answer: Answer = reply.result(timeout=0.1)
                     return answer
                 lives = self.address in self._client.nthreads() and self._made.status == "finished"

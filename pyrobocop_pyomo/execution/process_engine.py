@@ -25,7 +25,7 @@ UNPROTECTED = (
     "Processes read the script again, so it has to protect what starts them: "
     "put the call under 'if __name__ == \"__main__\":'."
 )
-_PRELOADED = ["pyrobocop_pyomo", "pyrobocop_pyomo.execution.worker_imports"]
+_PRELOADED = ["pyrobocop_pyomo", "pyrobocop_pyomo.execution.worker_imports", __name__]
 _READY = "ready"
 _SECONDS_TO_END = 2.0
 
