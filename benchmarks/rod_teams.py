@@ -19,7 +19,6 @@ iterations of Ipopt, mean per local solve
 CPU        seconds of all solves, median
 parallel   CPU seconds with a processor for each agent: the slowest robot of each round, and the hub; median
 cost       ratio to the central planner in the same task, median and worst, over tasks in which both are practical
-bytes      most that a robot received and sent in a round
 
 Shares have 95 % intervals by bootstrap over tasks (10 000 resamples). Results are added to ``--results``, one line
 of JSON each; what is there already is not computed again, so a run that was broken off goes on. With ``--robots`` the
@@ -112,8 +111,6 @@ def together(method: str, engine: Callable[[], Any] = rcp.teams.SerialEngine) ->
             "closing": sum(closed.cpu_seconds for closed in result.closings),
             "parallel": result.parallel_cpu_seconds,
             "iterations": result.iterations,
-            "down": max(record.bytes_down for record in result.rounds),
-            "up": max(record.bytes_up for record in result.rounds),
             "disagreement": result.rounds[-1].disagreement.tolist(),
         }
 
@@ -228,7 +225,7 @@ def tabulate(results: list[dict], methods: Iterable[str], sizes: Iterable[int]) 
         [
             ("robots", ">6d"), ("method", "<8s"), ("tasks", ">5d"), *((title, "<15s") for title in titles),
             ("rounds", ">6s"), ("iterations", ">10s"), ("CPU", ">6s"), ("parallel", ">8s"), ("cost", ">5s"),
-            ("worst", ">5s"), ("bytes down/up", ">13s"),
+            ("worst", ">5s"),
         ]
     )  # fmt: skip
     table.header()
@@ -240,11 +237,10 @@ def tabulate(results: list[dict], methods: Iterable[str], sizes: Iterable[int]) 
             ratios = cost_ratios(rows, of_central)
             shares = [share([bool(r.get(word)) for r in rows]) for word in ("local_success", *titles[1:])]
             becoming = [{"rounds": r["first"]["strict"]} for r in rows if r.get("first", {}).get("strict")] or rows
-            sent = f"{max(r['down'] for r in rows)}/{max(r['up'] for r in rows)}" if "down" in rows[0] else "-"
             table.add(
                 robots, method, len(rows), *shares, median(becoming, "rounds"), median(rows, "iterations"),
                 median(rows, "cpu"), median(rows, "parallel"),
-                f"{statistics.median(ratios):.2f}" if ratios else "-", f"{max(ratios):.2f}" if ratios else "-", sent,
+                f"{statistics.median(ratios):.2f}" if ratios else "-", f"{max(ratios):.2f}" if ratios else "-",
             )  # fmt: skip
 
 

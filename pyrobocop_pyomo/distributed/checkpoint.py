@@ -11,8 +11,6 @@ import numpy as np
 from pyrobocop_pyomo.errors import TeamError, TrajectoryError
 from pyrobocop_pyomo.trajectories.exchange import read_archive, write_archive
 
-_HEAD = {"kind": "checkpoint of a team", "format": 1}
-
 
 @dataclass(frozen=True)
 class Checkpoint:
@@ -59,7 +57,7 @@ class Checkpoint:
             for name, values in group.items():
                 if np.asarray(values).dtype.hasobject:
                     raise TeamError(f"{path}: '{name}' of '{where}' is no array of numbers; it cannot be saved.")
-        facts = {**_HEAD, "round": int(self.round), "fingerprint": self.fingerprint, "agents": list(self.states)}
+        facts = {"round": int(self.round), "fingerprint": self.fingerprint, "agents": list(self.states)}
         return write_archive(path, facts, groups)
 
     @classmethod
@@ -83,17 +81,10 @@ class Checkpoint:
         """
         try:
             facts, groups = read_archive(path)
-        except TrajectoryError as error:
-            raise TeamError(f"{path}: no checkpoint can be read from it ({error.__cause__ or error}).") from error
-        if facts.get("kind") != _HEAD["kind"]:
-            raise TeamError(f"{path}: no checkpoint of a team, but another file of this package.")
-        if facts.get("format") != _HEAD["format"]:
-            raise TeamError(f"{path}: written in format {facts.get('format')}; this version reads {_HEAD['format']}.")
-        try:
             states = {name: groups[f"agent{i}"] for i, name in enumerate(facts["agents"])}
             found = cls(int(facts["round"]), str(facts["fingerprint"]), states, groups["coordinator"])
-        except (KeyError, TypeError, ValueError) as error:
-            raise TeamError(f"{path}: no checkpoint can be read from it ({error!r}).") from error
+        except (TrajectoryError, KeyError, TypeError, ValueError) as error:
+            raise TeamError(f"{path}: no checkpoint can be read from it ({error.__cause__ or error!r}).") from error
         if fingerprint is not None and found.fingerprint != fingerprint:
             raise TeamError(
                 f"{path}: written by another team (fingerprint {found.fingerprint[:12]}, this one has "

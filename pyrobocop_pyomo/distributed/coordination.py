@@ -216,7 +216,6 @@ class Coordination:
     def begin_round(self) -> None:
         """Forget the reports of the round before."""
         self._asked, self._failed, self._started = {}, {}, time.perf_counter()
-        self._first_exchange = len(self.engine.bytes_down)
 
     def ask(self, orders: Mapping[str, Order]) -> dict[str, Report]:
         """Have orders carried out; only the reports that can be used come back."""
@@ -289,10 +288,6 @@ class Coordination:
         score = None
         if scored and self.physics is not None and set(self.plans) >= set(self.robots):
             score = self.physics(self.plans)
-        down, up = (
-            max((sum(part.get(name, 0) for part in counts[self._first_exchange :]) for name in self.robots), default=0)
-            for counts in (self.engine.bytes_down, self.engine.bytes_up)
-        )
         record = Round(
             state.round,
             state.mu,
@@ -302,8 +297,6 @@ class Coordination:
             {name: (report.status, report.iterations, report.cpu_seconds) for name, report in self._asked.items()},
             dict(self._failed),
             score,
-            down,
-            up,
             time.perf_counter() - self._started,
             self.hub or None,
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -296,7 +296,7 @@ class LocalProblem:
     def advance(
         self, start: Mapping[str, float], elements: int = 1, multipliers: Array | None = None
     ) -> tuple[Array, Array | None, Array | None]:
-        """Move the plan and its multipliers ahead in time; what comes after its end stays as the last element.
+        """Move the plan ahead in time, and multipliers with it; what comes after its end stays as the last element.
 
         Parameters
         ----------
@@ -317,21 +317,16 @@ class LocalProblem:
             When the phases have no fixed, equal elements.
         """
         if self._shift is None:
-            self._shift = TimeShift(self.model, self.nlp.compiled.variables, self.nlp.compiled.constraints)
+            self._shift = TimeShift(self.model, self.nlp.compiled.variables)
         shift, state = self._shift, self.nlp.state
         if state is not None:
-            rows, lower, upper = state.complete(self.nlp.program)
             self.nlp.restore(state)  # what a solve that failed has left on the model is of no use
         place = {id(variable): i for i, variable in enumerate(self._variables)}
         sources = [place.get(id(shift.later(variable)), i) for i, variable in enumerate(self._variables)]
         for _ in range(elements):
             multipliers = None if multipliers is None else multipliers[sources]
             x = shift.values()
-            if state is not None:
-                rows, lower, upper = rows[shift.rows_from], lower[shift.variables_from], upper[shift.variables_from]
-                self.nlp.restore(PrimalDualPoint(x, rows, lower, upper))
-            else:
-                self.nlp.restore(PrimalDualPoint(x))
+            self.nlp.restore(PrimalDualPoint(x) if state is None else replace(state, x=x))
         if start:
             self._start_at(start)
         return variable_numbers(self._variables), self._read_positions(), multipliers

@@ -17,7 +17,6 @@ from pyomo.core.base.PyomoModel import ConcreteModel
 from pyomo.core.base.reference import Reference
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
-from pyomo.repn.standard_repn import generate_standard_repn
 
 from pyrobocop_pyomo.complementarity import Complementarity, complements
 from pyrobocop_pyomo.errors import TeamError
@@ -143,10 +142,10 @@ def merge_agents(agents: Sequence[Agent], shared: Iterable[str]) -> MergedModel:
         first, *others = parts.values()
         components = [c for label in names for c in _variable_components(first, label).values()]
         agreed = {id(variable) for component in components for variable in component.values()}
-        known = set(_fingerprints(first, agreed).values())
+        known = set(_said_of(first, agreed).values())
         for other in others:
             _unify(first, other, names, merged.agreement)
-            said = _fingerprints(other, agreed)
+            said = _said_of(other, agreed)
             for row, statement in said.items():
                 if statement in known:
                     row.deactivate()
@@ -240,25 +239,12 @@ def _substitute(block: Any, substitution: Mapping[int, Any]) -> None:
         pair.set_value(complements(first, second, first_bound=pair.bounds[0], second_bound=pair.bounds[1]))
 
 
-def _fingerprint(row: Any, shared: Collection[int]) -> Any:
-    """What two linear equations of shared variables have in common when they say the same; None for others."""
-    if not row.equality or any(id(v) not in shared for v in variables_in(row.body)):
-        return None
-    if row.body.polynomial_degree() != 1:
-        return None
-    representation = generate_standard_repn(row.body - row.upper, compute_values=True)
-    terms = sorted(zip(map(id, representation.linear_vars), representation.linear_coefs, strict=True))
-    if not terms:
-        return None
-    scale = terms[0][1]
-    constant = round(representation.constant / scale, 12)
-    return (*((number, round(coefficient / scale, 12)) for number, coefficient in terms), constant)
-
-
-def _fingerprints(block: Any, shared: Collection[int]) -> ComponentMap:
-    """From each active linear equation of shared variables in a block to its fingerprint."""
-    found = ((row, _fingerprint(row, shared)) for row in list(_active(block, Constraint)))
-    return ComponentMap((row, fingerprint) for row, fingerprint in found if fingerprint is not None)
+def _said_of(block: Any, shared: Collection[int]) -> ComponentMap:
+    """From each active equation of shared variables alone in a block to what it says, as a text."""
+    rows = (row for row in _active(block, Constraint) if row.equality)
+    return ComponentMap(
+        (row, str(row.expr)) for row in list(rows) if all(id(variable) in shared for variable in variables_in(row.expr))
+    )
 
 
 def _add_up_objectives(merged: Any) -> None:

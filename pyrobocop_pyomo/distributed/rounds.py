@@ -62,8 +62,6 @@ class Round(Presented):
         Of those without a usable point in this round.
     score : PlanScore or None
         Of the combined plan, where it was asked for.
-    bytes_down, bytes_up : int
-        Most that one robot received, and sent.
     seconds : float
         Elapsed.
     hub : str or None
@@ -79,8 +77,6 @@ class Round(Presented):
     reports: Mapping[str, tuple[str, int, float]]
     failures: Mapping[str, str]
     score: PlanScore | None
-    bytes_down: int
-    bytes_up: int
     seconds: float
     hub: str | None = None
 

@@ -1,18 +1,15 @@
-"""`TimeShift`: values and multipliers of a model in time, moved ahead by one element; the last ones stand."""
+"""`TimeShift`: values of a model in time, moved ahead by one element; the last ones stand."""
 
 from __future__ import annotations
 
-from collections import defaultdict, deque
 from collections.abc import Hashable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from pyomo.core.base.constraint import ConstraintData
 from pyomo.core.base.var import VarData
 
 from pyrobocop_pyomo.errors import TeamError
-from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.phases import phases_of
@@ -62,33 +59,18 @@ def _later_index(index: Hashable, later: Mapping[float, float]) -> Hashable | No
 
 
 class TimeShift:
-    """What takes the place of each variable and each row of a program when time moves on by one element.
-
-    A variable takes the value that its component has an element later. A row takes the multiplier of the row of the
-    same component whose variables are its own an element later: so no matter how rows are indexed.
+    """What takes the place of each variable when time moves on by one element: its component an element later.
 
     Parameters
     ----------
     model : Block
     variables : sequence of VarData
-        Of the program, in its order.
-    rows : sequence of ConstraintData
-
-    Attributes
-    ----------
-    variables_from, rows_from : int arrays
-        Positions of what takes the place; their own where nothing does.
+        Of a program, in its order.
     """
 
-    def __init__(self, model: Any, variables: Sequence[VarData], rows: Sequence[ConstraintData]) -> None:
+    def __init__(self, model: Any, variables: Sequence[VarData]) -> None:
         self._later = later_times(model)
-        self._variables = list(variables)
         self._sources = [self.later(variable) for variable in variables]
-        position = {id(variable): i for i, variable in enumerate(variables)}
-        self.variables_from = np.array(
-            [position.get(id(source), i) for i, source in enumerate(self._sources)], dtype=np.intp
-        )
-        self.rows_from = self._rows_from(rows)
 
     def values(self) -> Array:
         """What the variables' values are an element later, read from the model."""
@@ -99,16 +81,3 @@ class TimeShift:
         component = variable.parent_component()
         index = _later_index(variable.index(), self._later)
         return component[index] if index is not None and index in component else variable
-
-    def _rows_from(self, rows: Sequence[ConstraintData]) -> np.ndarray:
-        read = [(id(row.parent_component()), list(variables_in(row.body, include_fixed=True))) for row in rows]
-        places: dict[tuple[int, frozenset[int]], deque[int]] = defaultdict(deque)
-        for i, (component, variables) in enumerate(read):
-            places[component, frozenset(map(id, variables))].append(i)
-        source = np.arange(len(rows))
-        for i, (component, variables) in enumerate(read):
-            # Several rows of one component may have the same variables: they follow each other in their order.
-            found = places[component, frozenset(id(self.later(variable)) for variable in variables)]
-            if found:
-                source[i] = found.popleft()
-        return source

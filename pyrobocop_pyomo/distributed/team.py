@@ -137,6 +137,15 @@ class Team:
         """Which distance robots keep from where the others were; none where a closing step keeps them apart."""
         return self.keep_apart if self.closing_of(method) is None else None
 
+    def keeps_apart(self, plans: Plans) -> bool:
+        """Whether no two robots are too near in their plans."""
+        return self.keep_apart is None or self.keep_apart.holds(plans, self.names)
+
+    def worth(self, score: PlanScore | None, plans: Plans) -> tuple[bool, bool, bool]:
+        """What a plan with its score is worth; the larger, the better."""
+        success = is_success(score)
+        return success and self.keeps_apart(plans), score is not None and score.strict, success
+
     # ---------------------------------------------------------------- problems
 
     def problem_specs(self, method: Method | str = "hub") -> list[ProblemSpec]:
@@ -177,13 +186,8 @@ class Team:
                 entries.append((number, shared, shared.names_for(robot)))
         return tuple(entries)
 
-    def central(self, *, keep_apart: bool = True) -> MergedModel:
+    def central(self) -> MergedModel:
         """One model of the whole team, from the same builders: what a single planner that knows everything solves.
-
-        Parameters
-        ----------
-        keep_apart : bool
-            Whether the model has the distances of `keep_apart`.
 
         Returns
         -------
@@ -193,7 +197,7 @@ class Team:
         """
         agents = [*([self.hub] if self.hub is not None else []), *self.robots]
         merged = merge_agents(agents, [name for _, _, names in self._shared_by(self.names) for name in names])
-        if keep_apart and self.keep_apart is not None and len(self.robots) > 1:
+        if self.keep_apart is not None and len(self.robots) > 1:
             self.keep_apart.constrain(merged.model, [merged.parts[name] for name in self.names])
         return merged
 
@@ -317,22 +321,6 @@ def find_method(method: Method | str, team: Team) -> Method:
     return method
 
 
-@dataclass(frozen=True)
-class _BestPlan:
-    """A plan, and what it is worth."""
-
-    score: PlanScore | None
-    plans: dict[str, Any]
-    objective: float
-    keeps_apart: bool
-
-    @property
-    def rank(self) -> tuple[bool, bool, bool]:
-        """The larger, the better."""
-        success = is_success(self.score)
-        return success and self.keeps_apart, self.score is not None and self.score.strict, success
-
-
 class _Rounds:
     """The rounds of one call of `Team.solve`."""
 
@@ -340,7 +328,7 @@ class _Rounds:
         self._team, self._method, self._work, self._progress = team, method, work, progress
         self._on_round = on_round
         self._closings: list[ClosedPlan] = []
-        self._best: _BestPlan | None = None
+        self._best: ClosedPlan | None = None
 
     def run(self, path: Path | None, mark: str) -> TeamResult:
         work, method = self._work, self._method
@@ -352,7 +340,7 @@ class _Rounds:
             done = False
             while not done and state.round < method.rounds:
                 record = method.round(work, state)
-                self._keep_best(record.score, work.plans, record.objective)
+                self._keep_best(ClosedPlan(dict(work.plans), record.score, record.objective))
                 self._progress.live(self._line(record))
                 done = self._is_done(state, record) or self._is_closed(state, record)
                 if path is not None:
@@ -368,33 +356,29 @@ class _Rounds:
 
     def _is_done(self, state: TeamState, record: Round) -> bool:
         if self._work.physics is None:
-            return record.agrees(self._method.tolerance) and self._keeps_apart(self._places(state))
-        return ends_rounds(record.score, self._method.until) and self._keeps_apart(self._places(state))
+            return record.agrees(self._method.tolerance) and self._team.keeps_apart(self._places(state))
+        return ends_rounds(record.score, self._method.until) and self._team.keeps_apart(self._places(state))
 
     def _is_closed(self, state: TeamState, record: Round) -> bool:
         """Whether one planner could make exact what the agents have nearly agreed on."""
         closing = self._team.closing_of(self._method)
         # Without pairs the rounds agree by themselves: only robots that are too near need it.
-        needless = record.mu is None and self._keeps_apart(self._places(state))
+        needless = record.mu is None and self._team.keeps_apart(self._places(state))
         if closing is None or needless or not closing.is_due(record, state.closing_tried):
             return False
         state.closing_tried = record.number
         closed = closing.carry_out(self._team, self._work.all_values())
         self._closings.append(closed)
-        self._keep_best(closed.score, closed.plans, closed.objective)
-        return ends_rounds(closed.score, self._method.until) and self._keeps_apart(closed.plans)
+        self._keep_best(closed)
+        return ends_rounds(closed.score, self._method.until) and self._team.keeps_apart(closed.plans)
 
-    def _keep_best(self, score: PlanScore | None, plans: Plans, objective: float) -> None:
-        if score is None:
-            return
+    def _keep_best(self, found: ClosedPlan) -> None:
+        worth, best = self._team.worth, self._best
         # Later plans agree better and are cheaper as a rule.
-        found = _BestPlan(score, dict(plans), objective, self._keeps_apart(plans))
-        if self._best is None or found.rank >= self._best.rank:
+        if found.score is not None and (
+            best is None or worth(found.score, found.plans) >= worth(best.score, best.plans)
+        ):
             self._best = found
-
-    def _keeps_apart(self, plans: Plans) -> bool:
-        rule = self._team.keep_apart
-        return rule is None or rule.holds(plans, self._team.names)
 
     def _places(self, state: TeamState) -> Plans:
         """Where the robots were last."""
@@ -417,7 +401,7 @@ class _Rounds:
         best = self._best
         if best is None:
             plans = work.plans if work.physics is not None else work.all_values()
-            best = _BestPlan(None, dict(plans), work.rounds[-1].objective, keeps_apart=False)
+            best = ClosedPlan(dict(plans), None, work.rounds[-1].objective)
         agreement = bool(work.rounds) and work.rounds[-1].agrees(self._method.tolerance)
         source = work.hub or work.robots[0]
         target = state.target if work.hub else work.consensus.of_agent(source, state.target)

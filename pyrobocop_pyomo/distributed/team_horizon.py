@@ -57,8 +57,8 @@ class PlanningStep:
 class TeamHorizon:
     """A team whose agents plan again and again while they move: receding horizon, a few rounds for each step.
 
-    In each step the first element of the plan has been carried out. Every agent moves its plan and its multipliers
-    ahead by an element, starts where it is measured to be, and goes on warm; so do the multipliers of the agreement.
+    In each step the first element of the plan has been carried out. Every agent moves its plan ahead by an
+    element, with the multipliers of the agreement, starts where it is measured to be, and goes on warm.
     Use it as a context, or call `stop`.
 
     Parameters

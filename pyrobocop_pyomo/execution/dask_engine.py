@@ -8,7 +8,7 @@ import multiprocessing
 import os
 import time
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from typing import Any
 from uuid import uuid4
 
@@ -16,14 +16,11 @@ from pyrobocop_pyomo._version import __version__
 from pyrobocop_pyomo.errors import EngineError
 from pyrobocop_pyomo.optional_imports import distributed, distributed_available
 
-from .homes import EngineWithHomes, Home
+from .homes import AnswerOrEnd, EngineWithHomes, Home
 from .process_engine import UNPROTECTED
 from .worker_host import Answer, HostedSpec, Request, WorkerHost
 
 _SECONDS_FOR_HOME = 30.0  # for a worker to appear, and for an actor to be made on it
-_SECONDS_FOR_NEW_WORKER = 3.0  # a nanny starts a new worker in about two
-_SECONDS_BETWEEN_LOOKS = 0.1
-_SILENT = logging.CRITICAL
 
 
 class ActorHome(Home):
@@ -39,6 +36,7 @@ class ActorHome(Home):
     """
 
     def __init__(self, client: Any, address: str) -> None:
+        super().__init__()
         self.address, self._client = address, client
         # Dask ends an actor whose future nobody holds.
         self._made = client.submit(
@@ -50,54 +48,31 @@ class ActorHome(Home):
             key=f"agents-{uuid4().hex}",
         )
         self._actor: Any = None
-        self._reply: Any = None
-        self._failure: Exception | None = None
+        self._given_up = False
 
     def wait_until_ready(self) -> None:
         """Wait for the actor; where its worker has died meanwhile, the first request finds out."""
         with contextlib.suppress(Exception):
             self._actor = self._made.result(timeout=_SECONDS_FOR_HOME)
 
-    def send(self, request: Request) -> None:
-        """Have a request answered."""
+    def ask(self, request: Request) -> AnswerOrEnd:
+        """Have a request answered; where the worker was lost, gives what Dask said. It tells nobody of some losses."""
         try:
             with self._client.as_current():  # where an actor looks for its client when it is first called
-                self._reply = self._actor.answer(request)
+                reply = self._actor.answer(request)
+            while True:
+                with contextlib.suppress(TimeoutError, distributed.TimeoutError):
+                    answer: Answer = reply.result(timeout=0.1)
+                    return answer
+                lives = self.address in self._client.nthreads() and self._made.status == "finished"
+                if self._given_up or not lives:
+                    raise TimeoutError("no answer")
         except Exception as error:
-            self._failure = error
-
-    def is_done(self) -> bool:
-        """Whether it has answered or ended."""
-        return self._failure is not None or self._reply.done()
-
-    def wait(self, seconds: float) -> None:
-        """Wait for its answer, not longer."""
-        with contextlib.suppress(Exception):
-            self._reply.result(timeout=seconds)
-
-    def look(self, living: Collection[str]) -> None:
-        """Find out from the addresses of all workers whether it has ended: of some losses Dask tells nobody."""
-        if self.address not in living or self._made.status != "finished":
-            self._failure = self._failure or TimeoutError("no answer")
-
-    def receive(self) -> Answer | None:
-        """The answer; None when the worker has ended."""
-        if self._failure is None:
-            try:
-                answer: Answer = self._reply.result(timeout=_SECONDS_FOR_HOME)
-                return answer
-            except Exception as error:
-                self._failure = error
-        self.has_ended = True
-        return None
-
-    def how_it_ended(self) -> str:
-        """In words, with what Dask said."""
-        return f"worker {self.address} was lost ({type(self._failure).__name__}: {self._failure})"
+            return f"worker {self.address} was lost ({type(error).__name__}: {error})"
 
     def kill(self) -> None:
         """Count it as lost: a stopped worker keeps its connection for minutes."""
-        self._failure = TimeoutError("it did not answer in time")
+        self._given_up = True
 
 
 class DaskEngine(EngineWithHomes[ActorHome]):
@@ -196,7 +171,7 @@ class DaskEngine(EngineWithHomes[ActorHome]):
                 threads_per_worker=1,
                 host="127.0.0.1",
                 dashboard_address="127.0.0.1:0",  # none would take a port that another cluster may have
-                silence_logs=_SILENT,
+                silence_logs=logging.CRITICAL,
                 preload=["pyrobocop_pyomo.execution.dask_worker"],
             )
         except (RuntimeError, OSError, TimeoutError) as error:
@@ -230,21 +205,9 @@ class DaskEngine(EngineWithHomes[ActorHome]):
         """An actor on the worker with the fewest; in place of a worker that was lost a new one may come soon."""
         homes = [home for other, home in self._homes.items() if other != number]
         lost = {home.address for home in self._homes.values() if home.has_ended}
-        workers = self._workers(_SECONDS_FOR_NEW_WORKER, self._worker_count, without=lost)
+        workers = self._workers(3.0, self._worker_count, without=lost)  # a nanny starts a new worker in about two
         load = Counter(home.address for home in homes)
         return ActorHome(self._client, min(workers, key=lambda worker: (load[worker], worker)))
-
-    def _ready(self, homes: Sequence[ActorHome], timeout: float | None) -> list[ActorHome]:
-        end = None if timeout is None else time.monotonic() + timeout
-        while True:
-            ready = [home for home in homes if home.is_done()]
-            if ready or (end is not None and time.monotonic() > end):
-                return ready
-            homes[0].wait(_SECONDS_BETWEEN_LOOKS)
-            if not homes[0].is_done():
-                living = self._client.nthreads()
-                for home in homes:
-                    home.look(living)
 
     def _close(self) -> None:
         super()._close()

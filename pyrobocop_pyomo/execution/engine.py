@@ -69,9 +69,6 @@ class Engine(ABC):
     name : str
     deaths : Counter
         How often the worker of each agent died, while the agent was at work.
-    bytes_down, bytes_up : list of Counter
-        Bytes to and from each agent: entry 0 is the start, entry k the k-th round with all that was asked after it.
-        States and recoveries are counted as well.
     writes_files : bool
         Whether this process is the one of its team that writes files. It is, except on all but one rank of MPI.
 
@@ -94,8 +91,6 @@ class Engine(ABC):
 
     def _forget(self) -> None:
         self.deaths: Counter[str] = Counter()
-        self.bytes_down: list[Counter[str]] = []
-        self.bytes_up: list[Counter[str]] = []
         self._specs: dict[str, bytes] = {}
         self._states: dict[str, bytes] = {}
         self._given_up: dict[str, AgentFailure] = {}
@@ -168,7 +163,6 @@ class Engine(ABC):
             raise EngineError(f"engine '{self.name}': there are no agents to start.")
         requests = {spec.name: self._build_request(spec) for spec in specs}
         self._specs = {name: request.payload for name, request in requests.items()}
-        self._new_round()
         with undone_on_failure(self.stop):  # what its workers do then is not known any more
             self._open({spec.name: spec for spec in specs})
             facts = {
@@ -189,12 +183,7 @@ class Engine(ABC):
         -------
         dict of agent's name to its report, or to an `AgentFailure`
         """
-        self._check(orders)
-        self._new_round()
-        requests = {
-            name: Request.of(name, "solve", order, with_state=self._keeps_states) for name, order in orders.items()
-        }
-        return {name: self._answer_of(name, reply, None) for name, reply in self._ask(requests).items()}
+        return self._called("solve", {name: (order,) for name, order in orders.items()}, None)
 
     def states(self) -> dict[str, dict[str, np.ndarray]]:
         """The states of all agents that are not given up."""
@@ -230,10 +219,13 @@ class Engine(ABC):
         EngineError
             When the method raises an exception. Exceptions of this package keep their class.
         """
+        return self._called(method, arguments, f"{method}() failed")
+
+    def _called(self, method: str, arguments: Mapping[str, tuple[Any, ...]], label: str | None) -> dict[str, Any]:
         requests = {
             name: Request.of(name, method, *given, with_state=self._keeps_states) for name, given in arguments.items()
         }
-        return {name: self._answer_of(name, reply, f"{method}() failed") for name, reply in self._ask(requests).items()}
+        return {name: self._answer_of(name, reply, label) for name, reply in self._ask(requests).items()}
 
     def end_silent_workers(self) -> None:  # noqa: B027 - an engine without other processes has none
         """Give up workers that owe an answer, such as stopped ones; `wait` then tells which were lost."""
@@ -250,8 +242,6 @@ class Engine(ABC):
         answers, lost = self.wait(timeout)
         if not answers and not lost:
             return None
-        for name, answer in answers.items():
-            self.bytes_up[-1][name] += answer.size
         told: dict[str, Lost] = {}
         for name in [name for name in answers if name in self._returning]:
             answer, loss = answers.pop(name), self._returning.pop(name)
@@ -286,7 +276,7 @@ class Engine(ABC):
                 if name in self._given_up:
                     replies[name] = self._given_up[name]
                 else:
-                    self._tell(request)
+                    self.submit(request)
             while len(replies) < len(requests) or self._returning:
                 heard = self.hear(self.answer_within)
                 if heard is None:
@@ -302,7 +292,7 @@ class Engine(ABC):
                     if name in self._given_up:
                         replies[name] = self._given_up[name]
                     else:
-                        self._tell(requests[name])
+                        self.submit(requests[name])
         return {name: replies[name] for name in requests}
 
     def _bring_back(self, lost: Mapping[str, Lost]) -> dict[str, Lost]:
@@ -323,7 +313,7 @@ class Engine(ABC):
         names = [name for name in lost if name in self._returning]
         self.respawn(names)
         for name in names:
-            self._tell(Request.of(name, "rebuild", self._specs[name], self._states.get(name)))
+            self.submit(Request.of(name, "rebuild", self._specs[name], self._states.get(name)))
         return given_up
 
     # ---------------------------------------------------------------- small things
@@ -331,14 +321,6 @@ class Engine(ABC):
     def _build_request(self, spec: HostedSpec) -> Request:
         """What has an agent built, with its spec where workers have memory of their own."""
         return Request.of(spec.name, "build")
-
-    def _tell(self, request: Request) -> None:
-        self.bytes_down[-1][request.agent] += len(request.payload)
-        self.submit(request)
-
-    def _new_round(self) -> None:
-        self.bytes_down.append(Counter())
-        self.bytes_up.append(Counter())
 
     def _check(self, names: Iterable[str]) -> None:
         if not self._specs:

@@ -18,7 +18,7 @@ class SerialEngine(Engine):
     """All agents in this process, one after the other.
 
     Needs nothing, starts at once, and any builder will do. Orders and reports are pickled here too, so that no array is
-    shared by accident, and bytes are counted as elsewhere.
+    shared by accident.
     """
 
     name = "serial"

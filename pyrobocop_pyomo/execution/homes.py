@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import os
 from abc import ABC, abstractmethod
-from collections import deque
 from collections.abc import Mapping, Sequence
-from typing import Any, Generic, TypeVar
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from typing import Any, Generic, TypeVar, Union
 
 from pyrobocop_pyomo.errors import EngineError
 
 from .engine import Engine, Exchange
 from .worker_host import Answer, HostedSpec, Lost, Request, packed
+
+AnswerOrEnd = Union[Answer, str]  # noqa: UP007
 
 
 def available_cores() -> int:
@@ -22,38 +24,36 @@ def available_cores() -> int:
 
 
 class Home(ABC):
-    """A worker with a host, seen from the coordinator.
+    """A worker with a host, seen from the coordinator; a thread of its own waits for its answers.
 
     Attributes
     ----------
+    thread : ThreadPoolExecutor
+        Asks one request after the other: so no connection is ever full, and when the worker ends, it is known at what.
     has_ended : bool
         Known once an answer was waited for in vain.
     """
 
     has_ended = False
 
+    def __init__(self) -> None:
+        self.thread = ThreadPoolExecutor(1)
+
     @abstractmethod
     def wait_until_ready(self) -> None:
         """Wait until it takes requests."""
 
     @abstractmethod
-    def send(self, request: Request) -> None:
-        """Have a request answered; the one before has been."""
-
-    @abstractmethod
-    def receive(self) -> Answer | None:
-        """The answer; None when the worker has ended."""
-
-    @abstractmethod
-    def how_it_ended(self) -> str:
-        """In words."""
+    def ask(self, request: Request) -> AnswerOrEnd:
+        """Have a request answered; where the worker has ended, gives how, in words."""
 
     @abstractmethod
     def kill(self) -> None:
         """Give the worker up, which owes an answer."""
 
-    def end(self) -> None:  # noqa: B027 - where the worker is not ours, nothing is left of it
+    def end(self) -> None:
         """Wait until it has ended, not for long."""
+        self.thread.shutdown(cancel_futures=True)
 
 
 HomeType = TypeVar("HomeType", bound=Home)
@@ -61,9 +61,6 @@ HomeType = TypeVar("HomeType", bound=Home)
 
 class EngineWithHomes(Engine, Generic[HomeType]):
     """An engine whose agents live on several workers.
-
-    A worker gets its next request once it has answered the last one: so no connection is ever full, and when the worker
-    ends, it is known at what.
 
     Parameters
     ----------
@@ -85,15 +82,11 @@ class EngineWithHomes(Engine, Generic[HomeType]):
         self.workers = workers
         self._home_of: dict[str, int] = {}
         self._homes: dict[int, HomeType] = {}
-        self._queues: dict[int, deque[Request]] = {}  # what is not answered; the home works at the first
+        self._agent_of: dict[Future[AnswerOrEnd], str] = {}  # of what is not answered, in the order of submission
 
     @abstractmethod
     def _make_home(self, number: int) -> HomeType:
         """Begin to start a worker."""
-
-    @abstractmethod
-    def _ready(self, homes: Sequence[HomeType], timeout: float | None) -> list[HomeType]:
-        """Those that have answered or ended, waited for so many seconds."""
 
     def places(self, most: int) -> int:
         """How many agents can solve side by side."""
@@ -101,36 +94,35 @@ class EngineWithHomes(Engine, Generic[HomeType]):
 
     def submit(self, request: Request) -> None:
         """Begin with a request, or let it wait where another agent of its worker is at work."""
-        number = self._home_of[request.agent]
-        self._queues[number].append(request)
-        if len(self._queues[number]) == 1:
-            self._homes[number].send(request)
+        home = self._homes[self._home_of[request.agent]]
+        self._agent_of[home.thread.submit(home.ask, request)] = request.agent
 
     def wait(self, timeout: float | None = None) -> Exchange:
         """Wait for answers and losses."""
-        at_work = {self._homes[number]: number for number, queue in self._queues.items() if queue}
+        wait(self._agent_of, timeout, FIRST_COMPLETED)
         answers: dict[str, Answer] = {}
         lost: dict[str, Lost] = {}
-        for home in self._ready(list(at_work), timeout) if at_work else ():
-            number = at_work[home]
-            queue = self._queues[number]
-            asked, answer = queue.popleft().agent, home.receive()
-            if answer is None:
-                queue.clear()
-                of_home = [name for name, other in self._home_of.items() if other == number]
-                reason = home.how_it_ended()
-                lost.update({name: Lost(reason, at_work=name == asked) for name in of_home})
+        for future in [future for future in self._agent_of if future.done()]:
+            if future not in self._agent_of:
+                continue  # its home ended at an earlier request
+            agent, found = self._agent_of.pop(future), future.result()
+            if isinstance(found, Answer):
+                answers[agent] = found
                 continue
-            answers[asked] = answer
-            if queue:
-                home.send(queue[0])
+            number = self._home_of[agent]
+            self._homes[number].has_ended = True
+            of_home = [name for name, other in self._home_of.items() if other == number]
+            lost.update({name: Lost(found, at_work=name == agent) for name in of_home})
+            self._agent_of = {other: name for other, name in self._agent_of.items() if name not in of_home}
         return answers, lost
+
+    def _at_work(self) -> set[int]:
+        return {self._home_of[agent] for agent in self._agent_of.values()}
 
     def end_silent_workers(self) -> None:
         """Give up the workers that owe an answer."""
-        for number, queue in self._queues.items():
-            if queue:
-                self._homes[number].kill()
+        for number in self._at_work():
+            self._homes[number].kill()
 
     def respawn(self, agents: Sequence[str]) -> None:
         """Start workers in place of those that have ended."""
@@ -143,7 +135,6 @@ class EngineWithHomes(Engine, Generic[HomeType]):
     def _open(self, specs: Mapping[str, HostedSpec]) -> None:
         count = self.places(len(specs))
         self._home_of = {name: i % count for i, name in enumerate(specs)}
-        self._queues = {number: deque() for number in range(count)}
         self._start(range(count))
 
     def _start(self, numbers: Sequence[int]) -> None:
@@ -155,9 +146,7 @@ class EngineWithHomes(Engine, Generic[HomeType]):
             self._homes[number].wait_until_ready()
 
     def _close(self) -> None:
-        homes, self._homes, self._home_of = self._homes, {}, {}
-        for number, home in homes.items():
-            if self._queues[number]:  # in the middle of a solve it would hear of its end afterwards only
-                home.kill()
+        self.end_silent_workers()  # in the middle of a solve they would hear of their end afterwards only
+        homes, self._homes, self._home_of, self._agent_of = self._homes, {}, {}, {}
         for home in homes.values():
             home.end()

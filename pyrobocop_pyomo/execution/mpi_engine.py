@@ -17,8 +17,8 @@ class MpiEngine(Engine):
 
     Start the script with ``mpiexec -n 4 python -m mpi4py script.py``: then an exception on one rank ends the job, and
     does not leave the others waiting. Each rank has the same coordinator, and reports travel from peer to peer, so none
-    is master and orders are not sent at all: `bytes_down` counts what a rank forms itself. The death of a rank ends the
-    whole job; it goes on from its last checkpoint. Take no more ranks than processors: a rank that waits uses one.
+    is master and orders are not sent at all. The death of a rank ends the whole job; it goes on from its last
+    checkpoint. Take no more ranks than processors: a rank that waits uses one.
 
     Parameters
     ----------

@@ -8,14 +8,14 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from multiprocessing import forkserver
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import Connection
 from typing import Any
 
 from pyrobocop_pyomo.errors import EngineError
 
-from .homes import EngineWithHomes, Home
+from .homes import AnswerOrEnd, EngineWithHomes, Home
 from .worker_host import Answer, Request, WorkerHost
 
 # One thread each: the processes are the parallelism, and pools of threads would fight over the cores, and change the
@@ -25,7 +25,7 @@ UNPROTECTED = (
     "Processes read the script again, so it has to protect what starts them: "
     "put the call under 'if __name__ == \"__main__\":'."
 )
-_PRELOADED = ["pyrobocop_pyomo", "pyrobocop_pyomo.execution.worker_imports"]
+_PRELOADED = ["pyrobocop_pyomo", "pyrobocop_pyomo.execution.worker_imports", __name__]
 _READY = "ready"
 _SECONDS_TO_END = 2.0
 
@@ -41,7 +41,6 @@ class WorkerProcess(Home):
     Attributes
     ----------
     connection : Connection
-        Ready to be read when an answer has come, or when the process has ended.
 
     Raises
     ------
@@ -52,8 +51,8 @@ class WorkerProcess(Home):
     def __init__(self, number: int) -> None:
         if getattr(multiprocessing.current_process(), "_inheriting", False):
             raise EngineError(UNPROTECTED)
-        # A server that starts while Ctrl-C is unheard gives that on to all that it starts.
-        with _ctrl_c_unheard(), _threads_limited():
+        super().__init__()
+        with _inherited_by_processes():
             context = _process_context()
             self.connection, theirs = context.Pipe()
             environment = {**ONE_THREAD, **os.environ}
@@ -80,22 +79,12 @@ class WorkerProcess(Home):
                 f"{UNPROTECTED}"
             ) from None
 
-    def send(self, request: Request) -> None:
-        """Have a request answered."""
-        with contextlib.suppress(OSError):  # of a worker that has ended: `receive` tells
+    def ask(self, request: Request) -> AnswerOrEnd:
+        """Have a request answered; where the process has ended, gives how, with its exit code or signal."""
+        with contextlib.suppress(EOFError, OSError):
             self.connection.send(request)
-
-    def receive(self) -> Answer | None:
-        """The answer; None when the process has ended."""
-        try:
             answer: Answer = self.connection.recv()
-        except (EOFError, OSError):
-            self.has_ended = True
-            return None
-        return answer
-
-    def how_it_ended(self) -> str:
-        """In words, with its exit code or signal."""
+            return answer
         self.process.join(_SECONDS_TO_END)
         code = self.process.exitcode
         if code is not None and code < 0:
@@ -108,6 +97,7 @@ class WorkerProcess(Home):
 
     def end(self) -> None:
         """Wait until it has ended, which it does with the connection."""
+        super().end()
         self.connection.close()
         self.process.join(_SECONDS_TO_END)
         if self.process.is_alive():
@@ -148,10 +138,6 @@ class ProcessEngine(EngineWithHomes[WorkerProcess]):
 
     def _make_home(self, number: int) -> WorkerProcess:
         return WorkerProcess(number)
-
-    def _ready(self, homes: Sequence[WorkerProcess], timeout: float | None) -> list[WorkerProcess]:
-        of_connection = {home.connection: home for home in homes}
-        return [of_connection[ready] for ready in wait(list(of_connection), timeout)]
 
 
 def _process_context() -> Any:
@@ -194,20 +180,13 @@ def _end_with_parent() -> None:
 
 
 @contextlib.contextmanager
-def _ctrl_c_unheard() -> Iterator[None]:
-    """Let processes that start in here inherit that they ignore Ctrl-C."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
+def _inherited_by_processes() -> Iterator[None]:
+    """Let processes that start in here, and what a server that does so starts later, ignore Ctrl-C and have one thread.
 
-
-@contextlib.contextmanager
-def _threads_limited() -> Iterator[None]:
+    Signals are the main thread's: of another one processes inherit what they are.
+    """
+    is_main = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN) if is_main else None
     added = [name for name in ONE_THREAD if name not in os.environ]
     os.environ.update({name: ONE_THREAD[name] for name in added})
     try:
@@ -215,3 +194,5 @@ def _threads_limited() -> Iterator[None]:
     finally:
         for name in added:
             del os.environ[name]
+        if is_main:
+            signal.signal(signal.SIGINT, before)

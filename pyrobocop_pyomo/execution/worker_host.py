@@ -76,11 +76,6 @@ class Answer:
         """The value, or what was raised."""
         return pickle.loads(self.payload)
 
-    @property
-    def size(self) -> int:
-        """Bytes."""
-        return len(self.payload) + len(self.state or b"")
-
 
 @dataclass(frozen=True)
 class Lost:

@@ -168,19 +168,16 @@ def homotopy(
         found.append(step)
         bar.line(f"{model.name}: at {wanted:.5f} {step.verdict}, objective {step.objective:.7g}. {step.reason}")
         if step.accepted:
-            accepted, position = values.read(), wanted
-            successes += 1
+            accepted, position, successes = values.read(), wanted, successes + 1
             # One success says little of the next step: doubling at once would fail every other time.
             if successes > 1:
                 length, successes = min(2.0 * length, longest), 0
-            if step.cut_short and wanted < 1.0:
-                raise SolveFailed(_why_it_ended(model, step, position, length, smallest_step), so_far())
-            continue
-        successes = 0
-        go_back()
-        length *= 0.5
-        if step.cut_short or position < 0.0 or length < smallest_step:
-            raise SolveFailed(_why_it_ended(model, step, position, length, smallest_step), so_far())
+        else:
+            go_back()
+            length, successes = 0.5 * length, 0
+        is_stuck = not step.accepted and (position < 0.0 or length < smallest_step)
+        if is_stuck or (step.cut_short and position < 1.0):
+            raise SolveFailed(_why_it_ended(model, step, position, smallest_step), so_far())
     return so_far()
 
 
@@ -197,19 +194,16 @@ def _solved(model: Any, position: float, options: Mapping[str, Any]) -> Homotopy
     return HomotopyStep(position, accepted, result=result, error=error, seconds=time.perf_counter() - started)
 
 
-def _why_it_ended(model: Any, step: HomotopyStep, position: float, length: float, shortest: float) -> str:
-    model_state = "The model holds the last data that were solved, with their point."
+def _why_it_ended(model: Any, step: HomotopyStep, position: float, shortest: float) -> str:
     why = step.error if step.result is None else f"{step.result.stop_reason.value} {step.result.quality.value}"
-    where = f"the path was followed to {position:.5g} of 1"
     if position < 0.0:
-        model_state = "The model is as it was before."
         where = "the first problem of the path was not solved. Start from easier data, or from a better initial guess"
-    elif not step.accepted:
-        where += (
-            f", and the problem at {step.position:.5g} was not solved; the next step would be {length:.1e}, the "
-            f"smallest allowed is {shortest:.1e}. Take another path around this place, or a smaller smallest_step"
-        )
-    return f"'{model.name}': {where}. {why} {model_state}"
+        return f"'{model.name}': {where}. {why} The model is as it was before."
+    return (
+        f"'{model.name}': the path was followed to {position:.5g} of 1, to {step.position:.5g} not in steps of "
+        f"{shortest:.1e}: take another path around this place, or a smaller smallest_step. {why} The model holds the "
+        "last data that were solved, with their point."
+    )
 
 
 class DataPath:

@@ -12,8 +12,7 @@ from pyomo.core.base.constraint import Constraint, ConstraintList
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.PyomoModel import ConcreteModel
 from pyomo.core.base.var import Var
-from pyomo.core.expr.numvalue import native_numeric_types, value
-from pyomo.core.expr.visitor import identify_mutable_parameters, replace_expressions
+from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.complementarity import (
     CanonicalForm,
@@ -26,7 +25,7 @@ from pyrobocop_pyomo.complementarity import (
 )
 from pyrobocop_pyomo.errors import EvaluationError, ModelError
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.modeling.shared_nodes import variables_in
+from pyrobocop_pyomo.modeling.shared_nodes import NodeReplacement
 from pyrobocop_pyomo.mpcc.lpec import ZERO_SIDE
 from pyrobocop_pyomo.mpcc.sensitivity import derivatives
 from pyrobocop_pyomo.optional_imports import pandas
@@ -39,6 +38,7 @@ from pyrobocop_pyomo.solving.model_check import ModelCheck
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 
 from .named_data import by_component, fixed_members, named
+from .sweep_cases import unread_members
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,9 +309,8 @@ class ParametricModel:
         self.parameter_variables = list(self.model.parameter_variable.values())
         for parameter_variable, parameter in zip(self.parameter_variables, parameters, strict=True):
             parameter_variable.set_value(value(parameter))
-        self._substitution = {id(old): new for old, new in zip(parameters, self.parameter_variables, strict=True)}
-        self._has_variables = any(parameter.is_variable_type() for parameter in parameters)
-        self._used: set[int] = set()
+        replaced = zip(map(id, parameters), self.parameter_variables, strict=True)
+        self._substituted = NodeReplacement(dict(replaced)).of
         self.names: dict[int, str] = {}
         self.moving_bounds: list[tuple[Any, str]] = []
         for objective in source.component_data_objects(Objective, active=True):
@@ -320,26 +319,13 @@ class ParametricModel:
             self._add_row(row.to_bounded_expression(), row.expr, f"'{row.name}'")
         self._add_pairs([canonical_form(stated) for stated in active_sources(source)])
         self._add_moving_bounds()
-        unused = [parameter.name for parameter in parameters if id(parameter) not in self._used]
+        unused = [parameter.name for parameter in unread_members(source, parameters)]
         if unused:
             raise ModelError(
                 f"'{source.name}': {_listed(unused)} is used in no active constraint, objective, bound or pair, "
                 "so nothing depends on it. A number that was read with value() when the model was built leaves no "
                 "trace: put the Param itself into the expressions."
             )
-
-    def _substituted(self, expression: Any) -> Any:
-        """The expression with variables in place of parameters; the same object where there is nothing to replace."""
-        if expression.__class__ in native_numeric_types or expression is None:
-            return expression
-        found = {id(parameter) for parameter in identify_mutable_parameters(expression)}
-        if self._has_variables:
-            found |= {id(variable) for variable in variables_in(expression, include_fixed=True)}
-        found &= self._substitution.keys()
-        if not found:
-            return expression
-        self._used |= found
-        return replace_expressions(expression, {old: self._substitution[old] for old in found})
 
     def _add(self, relation: Any, name: str) -> None:
         self._deadline.check(f"'{self._source.name}': sensitivity")
@@ -376,8 +362,6 @@ class ParametricModel:
                 self._add_row(row.to_bounded_expression(), relation, f"row {number + 1} of '{form.source.name}'")
             for pair in (pair for pair in form.pairs if pair.a_part is SidePart.WHOLE):
                 a, b = side_values(pair)
-                for side in (pair.a, pair.b):
-                    self._substituted(side)  # a parameter of a positive side is used as well
                 if min(abs(a), abs(b)) > ZERO_SIDE:
                     raise EvaluationError(
                         f"'{pair.name}': the sides are {a:g} and {b:g}, so neither is zero. Solve with "

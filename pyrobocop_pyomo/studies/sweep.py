@@ -7,7 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -239,6 +239,7 @@ class _Sweep:
     done: dict[int, SweepOutcome] = field(default_factory=dict)
     _file: OutcomeFile | None = None
     _keys: list[str] = field(default_factory=list)
+    _begun: set[int] = field(default_factory=set)
     _started: float = field(default_factory=time.perf_counter)
 
     def go_on_behind(self, file: str | Path, options: Mapping[str, Any], *, writes: bool) -> None:
@@ -252,29 +253,11 @@ class _Sweep:
         for case, key in zip(self.cases, self._keys, strict=True):
             if key in self._file.records:
                 self.done[case.number] = _outcome_from_json(case, self._file.records[key])
+        self._begun = set(self.done)
         if self.done:
             self.progress.line(f"{len(self.done)} of {len(self.cases)} cases are in {file}")
 
-    @cached_property
-    def _children(self) -> dict[int | None, list[int]]:
-        children: dict[int | None, list[int]] = {}
-        for number, parent in enumerate(self.parents):
-            children.setdefault(parent, []).append(number)
-        return children
-
     # ---------------------------------------------------------------- the order of work
-
-    def _ready(self, after: int | None) -> list[int]:
-        """Cases that can be solved once another is done; what is done itself lets those behind it go on."""
-        ready: list[int] = []
-        asked = list(self._children.get(after, []))
-        while asked:
-            number = asked.pop(0)
-            if number in self.done:
-                asked = [*self._children.get(number, []), *asked]
-            else:
-                ready.append(number)
-        return ready
 
     def _near(self, number: int) -> tuple[int, Values] | None:
         """The solution to start from: that of the neighbour, or where it failed, of the neighbour's."""
@@ -289,12 +272,19 @@ class _Sweep:
     def run(self, make: Make, engine: Engine | None) -> None:
         """Solve each case as soon as its neighbour is done, until all is done, the time is over or Ctrl-C comes."""
         run_tasks(
-            self._tasks(None), self._take, make=make, engine=engine, most=len(self.cases), deadline=self.deadline,
+            self._tasks(), self._take, make=make, engine=engine, most=len(self.cases), deadline=self.deadline,
             given_up=lambda task: SweepOutcome(case=self.cases[task.key], error=GIVEN_UP),
         )  # fmt: skip
 
-    def _tasks(self, after: int | None) -> list[Task]:
-        return [Task(number, (self.cases[number], self._near(number), self.limit)) for number in self._ready(after)]
+    def _tasks(self) -> list[Task]:
+        """Cases that are not begun, and whose neighbour is done."""
+        ready = [
+            number
+            for number, parent in enumerate(self.parents)
+            if number not in self._begun and (parent is None or parent in self.done)
+        ]
+        self._begun.update(ready)
+        return [Task(number, (self.cases[number], self._near(number), self.limit)) for number in ready]
 
     def _take(self, outcome: SweepOutcome) -> list[Task] | None:
         """Keep an outcome."""
@@ -310,7 +300,7 @@ class _Sweep:
         failures = sum(1 for each in self.done.values() if each.result is None or not each.result.solved)
         left = elapsed / done * (count - done)
         self.progress.live(f"{done}/{count} cases, {failures} not solved, {elapsed:.0f} s, about {left:.0f} s left")
-        return None if interrupted else self._tasks(outcome.case.number)
+        return None if interrupted else self._tasks()
 
     def result(self, name: str, solver: CaseSolver | None) -> SweepResult:
         """What was found."""

@@ -8,6 +8,7 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
+from pyomo.common.collections import ComponentSet
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
@@ -18,6 +19,7 @@ from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.phases.structure import sides_of
 
 from .named_data import by_component, member_values
@@ -117,8 +119,22 @@ def put_mapping(model: Any, data: Any) -> None:
                 member.set_value(number)
 
 
+def unread_members(model: Any, members: Iterable[Any]) -> list[Any]:
+    """Those Params and Vars that no active row, pair, objective or bound of a model reads."""
+    left = {id(member): member for member in members}
+    rows = model.component_data_objects((Constraint, Objective, *PAIR_TYPES), active=True, descend_into=Block)
+    bounds = ((variable.lower, variable.upper) for variable in model.component_data_objects(Var))
+    for expression in chain.from_iterable(chain(map(sides_of, rows), bounds)):
+        if not left:
+            break
+        if hasattr(expression, "is_expression_type"):
+            for leaf in (*variables_in(expression), *identify_mutable_parameters(expression)):
+                left.pop(id(leaf), None)
+    return list(left.values())
+
+
 def doubts_on_cases(model: Any, data: Iterable[Any]) -> tuple[str, ...]:
-    """What is doubtful about cases: Params and Vars that no active row, pair, objective or bound reads.
+    """What is doubtful about cases: Params and Vars of which nothing active reads a member.
 
     Parameters
     ----------
@@ -126,19 +142,11 @@ def doubts_on_cases(model: Any, data: Iterable[Any]) -> tuple[str, ...]:
     data : iterable
         Of all cases, as for `put_mapping`.
     """
-    swept = (component.parent_component() for each in data for component, _ in by_component(each, model))
-    unread = {id(component): component.name for component in swept}
-    rows = model.component_data_objects((Constraint, Objective, *PAIR_TYPES), active=True, descend_into=Block)
-    bounds = ((variable.lower, variable.upper) for variable in model.component_data_objects(Var))
-    for expression in chain.from_iterable(chain(map(sides_of, rows), bounds)):
-        if not unread:
-            return ()
-        if hasattr(expression, "is_expression_type"):
-            for leaf in (*variables_in(expression), *identify_mutable_parameters(expression)):
-                unread.pop(id(leaf.parent_component()), None)
-    names = ", ".join(map(repr, unread.values()))
+    swept = ComponentSet(component.parent_component() for each in data for component, _ in by_component(each, model))
+    unread = ComponentSet(unread_members(model, (member for component in swept for member in component.values())))
+    names = ", ".join(repr(component.name) for component in swept if all(each in unread for each in component.values()))
     said = f"no row, objective or bound reads {names}: the cases are all the same problem as far as that goes."
-    return (f"{said} A rule that asks for pyo.value(...) or .value keeps that number: write the Param.",) * bool(unread)
+    return (f"{said} A rule that asks for pyo.value(...) or .value keeps that number: write the Param.",) * bool(names)
 
 
 def starting_cases(cases: Sequence[SweepCase], start_from: Any) -> list[int | None]:
@@ -200,20 +208,11 @@ def _flat(data: Any) -> Array:
 
 
 def _nearest(points: Array) -> list[tuple[int, int | None]]:
-    """The shortest tree over the points, from the first one on (Prim's method): pairs of a case and its neighbour."""
-    count = len(points)
-    distance, neighbour = np.full(count, np.inf), np.zeros(count, dtype=int)
-    left = np.ones(count, dtype=bool)
-    here = 0
-    found: list[tuple[int, int | None]] = [(0, None)]
-    for _ in range(count - 1):
-        left[here] = False
-        away = np.linalg.norm(points - points[here], axis=1)
-        closer = away < distance
-        distance[closer], neighbour[closer] = away[closer], here
-        here = int(np.where(left, distance, np.inf).argmin())
-        found.append((here, int(neighbour[here])))
-    return found
+    """The shortest tree over the points, from the first one on: pairs of a case and its neighbour."""
+    # In sparse graphs a zero is no edge; a number more for each edge changes no tree.
+    tree = scipy.sparse.csgraph.minimum_spanning_tree(1.0 + scipy.spatial.distance.cdist(points, points))
+    order, before = scipy.sparse.csgraph.breadth_first_order(tree, 0, directed=False)
+    return [(number, None if number == 0 else int(before[number])) for number in order.tolist()]
 
 
 def mode_sequences(

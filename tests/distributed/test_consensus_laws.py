@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyomo.environ as pyo
 import pytest
 from carts import pulling_team
 from pushing_team import task, team
@@ -168,22 +167,6 @@ def test_a_checkpoint_remembers_when_it_was_tried(tmp_path: Path) -> None:
     first = team(SMALL).solve(method, checkpoint=path, on_round=lambda record: record.number < 11, progress=False)
     rest = team(SMALL).solve(method, checkpoint=path, progress=False)
     assert (len(first.closings), len(rest.closings), len(rest.rounds)) == (1, 0, 2)
-
-
-def test_robots_are_kept_apart_where_they_are_near() -> None:
-    whole = team(task(seed=3, robots=4, steps=10))
-    rule = whole.keep_apart
-    assert rule is not None
-    merged = whole.central(keep_apart=False)
-    robots = [merged.parts[name] for name in whole.names]
-    everywhere = 6 * len(list(robots[0].me.points))
-    near = rule.constrain(merged.model, robots, within=1.0)
-    assert 0 < near < everywhere
-    assert rule.constrain(merged.model, robots, within=1.0) == 0
-    assert near + rule.constrain(merged.model, robots) == everywhere
-    stated = {row.name: pyo.value(row.body) for row in merged.model.keep_apart.values()}
-    reference = whole.central().model.keep_apart
-    assert sorted(stated.values()) == pytest.approx(sorted(pyo.value(row.body) for row in reference.values()))
 
 
 @pytest.mark.parametrize("wrong", [{"below": 0.0}, {"every": 0}, {"path": ()}, {"path": (1e-3, 0.0)}])

@@ -170,20 +170,6 @@ def test_agents_whose_workers_die_too_often_are_given_up_and_the_others_go_on() 
     assert not engine.deaths
 
 
-def test_traffic_is_counted() -> None:
-    """A report comes with the state of its agent."""
-    engine, serial = FragileEngine(), SerialEngine()
-    for each in (engine, serial):
-        each.start(SPECS)
-        play(each, 12)
-    assert len(engine.bytes_up) == len(engine.bytes_down) == 13
-    state = len(pickle.dumps(serial.states()["a"], 5))
-    for sent, report in zip(engine.bytes_up[1:-1], serial.bytes_up[1:-1], strict=True):
-        assert all(abs(sent[name] - report[name] - state) <= 10 for name in NAMES)
-    order = len(pickle.dumps((TinyOrder(np.ones(5)),), 5))
-    assert all(abs(size - order) <= 10 for counts in engine.bytes_down[1:-1] for size in counts.values())
-
-
 def test_arrays_are_not_shared_with_the_coordinator() -> None:
     engine = SerialEngine()
     engine.start(SPECS)

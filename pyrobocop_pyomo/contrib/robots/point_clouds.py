@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import logging
 import math
 from typing import Any
 
@@ -17,9 +16,6 @@ from pyrobocop_pyomo.optional_imports import scipy
 
 from .decomposition import joined
 
-logger = logging.getLogger(__name__)
-
-_MANY = 200
 # Samples of a boundary are so dense that it is nowhere farther from the points than at a sample plus this share.
 _BETWEEN_SAMPLES = 0.25
 
@@ -59,13 +55,6 @@ def cover_point_cloud(points: Any, tolerance: float, *, radius: float = 0.0, nam
     cloud = np.unique(cloud, axis=0)
     cover = _Cover(cloud, float(tolerance))
     parts = cover.joined(cover.split(np.arange(len(cloud))))
-    if len(parts) > _MANY:
-        gaps = cover.tree.query(cloud, k=2)[0][:, 1]
-        logger.warning(
-            "'%s': %d shapes for %d points. Half of the points are farther than %.3g from the next one; the tolerance "
-            "is %.3g. A larger one gives fewer shapes.",
-            name, len(parts), len(cloud), float(np.median(gaps)), tolerance,
-        )  # fmt: skip
     labels = [name] if len(parts) == 1 else [f"{name}[{k}]" for k in range(1, len(parts) + 1)]
     return [
         Polytope.hull(cloud[part], radius=radius, allow_flat=True, name=label)

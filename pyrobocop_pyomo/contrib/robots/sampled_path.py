@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -127,9 +127,9 @@ def _beyond(points: Array, end: Array) -> Array:
 
 def _timed(phase: Any, space: ConfigurationSpace, path: Array) -> dict[str, Callable[[float], float] | float]:
     """The path over the duration of the phase, with what drives it; smooth at both ends where speeds are states."""
-    fraction, shares = horizon_fraction(phase), np.linspace(0.0, 1.0, len(path))
+    shares = np.linspace(0.0, 1.0, len(path))
     duration = float(value(phase.duration))
-    guesses: dict[str, Callable[[float], float] | float] = {}
+    further: dict[str, Callable[[float], float] | float] = {}
     columns = dict(zip(space.names, path.T, strict=True))
     try:
         rates = InverseDynamics(phase)
@@ -141,17 +141,24 @@ def _timed(phase: Any, space: ConfigurationSpace, path: Array) -> dict[str, Call
         free = phase.component("duration")
         if free is not None and free.ctype is Var and not free.fixed:
             duration = within_bounds(max(duration, _least_duration(rates, driven, slopes)), free)
-            guesses["duration"] = duration
+            further["duration"] = duration
         wanted = np.column_stack([slopes[name] for name in driven]) / duration
         columns = rates.driven(driven, columns, wanted, shares * duration)
     except (PyRobocopError, KeyError, TypeError, ValueError, np.linalg.LinAlgError) as error:
         # Equations that are implicit, or read what is no function of time: the path is a guess without controls too.
         logger.info("%s: what drives the path is not known: %s", space.label, error)
-    return guesses | {name: _course(fraction, shares, column) for name, column in columns.items()}
+    return courses(phase, columns) | further
 
 
-def _course(fraction: Callable[[float], float], shares: Array, column: Array) -> Callable[[float], float]:
-    return lambda t: float(np.interp(fraction(t), shares, column))
+def courses(phase: Any, columns: Mapping[str, Array]) -> dict[str, Callable[[float], float] | float]:
+    """Columns at equal distances in the time of a phase as functions of its time index, by name."""
+    fraction = horizon_fraction(phase)
+
+    def course(column: Array) -> Callable[[float], float]:
+        shares = np.linspace(0.0, 1.0, len(column))
+        return lambda t: float(np.interp(fraction(t), shares, column))
+
+    return {name: course(column) for name, column in columns.items()}
 
 
 def _least_duration(rates: InverseDynamics, names: list[str], slopes: dict[str, Array]) -> float:

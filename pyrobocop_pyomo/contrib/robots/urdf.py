@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.geometry import Polytope, Pose, signed_distance
+from pyrobocop_pyomo.geometry import Pose
 from pyrobocop_pyomo.motion import Body
 from pyrobocop_pyomo.optional_imports import networkx, yourdfpy
 from pyrobocop_pyomo.presentation import Presented, table
@@ -152,9 +152,7 @@ def from_urdf(
         if joint.kind in WITH_ONE_COORDINATE and joint.mimics is None
     }
     exclude = _excluded(tree, list(bodies), _disabled(srdf))
-    found = DescribedRobot(robot.name, bodies, exclude, limits, pose_rules, tree, mimics)
-    _warn_of_overlaps(found, shapes)
-    return found
+    return DescribedRobot(robot.name, bodies, exclude, limits, pose_rules, tree, mimics)
 
 
 def _read(description: str | Path) -> tuple[Any, Path]:
@@ -250,19 +248,12 @@ def _rule_of_base(base: Any) -> Callable[[Any, Any], Pose | None]:
 
 
 def _followed(tree: KinematicTree) -> dict[str, Follows]:
-    """Of every mimicking joint, the one that it follows in the end."""
-    direct = {joint.name: joint.mimics for joint in tree.joints.values() if joint.mimics is not None}
-    free = {joint.name for joint in tree.joints.values() if joint.moves} - set(direct)
-    found = {}
-    for joint in direct:
-        followed, factor, offset = joint, 1.0, 0.0
-        for _ in range(len(direct)):
-            if followed in direct:
-                followed, own_factor, own_offset = direct[followed]
-                factor, offset = factor * own_factor, factor * own_offset + offset
+    """Of every mimicking joint, the one that it follows."""
+    found = {joint.name: joint.mimics for joint in tree.joints.values() if joint.mimics is not None}
+    free = {joint.name for joint in tree.joints.values() if joint.moves} - set(found)
+    for joint, (followed, _, _) in found.items():
         if followed not in free:
             raise ObstacleError(f"joint '{joint}' mimics '{followed}', which does not move by itself.")
-        found[joint] = (followed, factor, offset)
     return found
 
 
@@ -325,26 +316,3 @@ def _excluded(tree: KinematicTree, links: list[str], disabled: list[tuple[str, s
         for first, second in itertools.combinations(links, 2)
         if groups[first] in near[second] or groups[second] in near[first] or frozenset((first, second)) in left_out
     )
-
-
-def _warn_of_overlaps(robot: DescribedRobot, shapes: Mapping[str, list[Polytope]]) -> None:
-    """Pairs that overlap with all joints at zero were most likely meant to be left out."""
-    joints = [joint for joint in robot._tree.joints.values() if joint.moves]
-    if any(joint.kind in WITH_A_POSE for joint in joints):
-        return
-    poses = robot.poses({name: min(max(0.0, low), high) for name, (low, high) in robot.limits.items()})
-    placed = {name: [shape.placed(poses[name]) for shape in shapes[name]] for name in robot.bodies}
-    excluded = {frozenset(pair) for pair in robot.exclude}
-    for first, second in itertools.combinations(robot.bodies, 2):
-        if frozenset((first, second)) in excluded:
-            continue
-        depth = min(signed_distance(p, q).distance for p in placed[first] for q in placed[second])
-        if depth < 0.0:
-            logger.warning(
-                "'%s': links '%s' and '%s' overlap by %.3g with all joints at zero. If that is by design, leave the "
-                "pair out by exclude=, or by disable_collisions of an SRDF.",
-                robot.name,
-                first,
-                second,
-                -depth,
-            )

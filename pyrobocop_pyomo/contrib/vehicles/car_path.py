@@ -13,10 +13,11 @@ from numpy.typing import ArrayLike
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
+from pyrobocop_pyomo.contrib.robots.sampled_path import FINE, courses
 from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.modeling.variable_values import within_bounds
 from pyrobocop_pyomo.numerics import Array, Indices
-from pyrobocop_pyomo.phases.horizon import horizon_fraction
+from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.presentation import Presented
 
 from .car_kinematics import Trailer, follow_arc
@@ -236,33 +237,24 @@ def _initial_guess(
     free = phase.component("duration")
     free = free if free is not None and free.ctype is Var and not free.fixed else None
     duration = timing.duration if free is None else within_bounds(timing.duration, free)
-    real = duration if free is not None else float(value(phase.duration))
-    time_scaling = timing.duration / real
-    fraction = horizon_fraction(phase)
-    turned = _whole_turns(path, phase, known.get("theta"))
-    blend = BLEND * timing.duration if "steering_rate" in known else 0.0
-    steering, steering_rate = _blended_steering(path, timing.arc_length_at, timing.duration, blend)
-
-    def pose(k: int) -> Callable[[float], float]:
-        return lambda t: float(path.poses_at(timing.arc_length_at(t))[k])
-
-    of_path: dict[str, Callable[[float], float]] = {
-        "x": pose(0),
-        "y": pose(1),
-        "theta": lambda t: pose(2)(t) + turned,
-        "v": lambda t: time_scaling * float(timing.velocity_at(t)),
+    time_scaling = timing.duration / (duration if free is not None else float(value(phase.duration)))
+    times = np.linspace(0.0, timing.duration, FINE + 1)
+    driven = timing.arc_length_at(times)
+    poses, steering = path.poses_at(driven), path.steering[path.arc_at(driven)]
+    if "steering_rate" in known:
+        window = 2 * int(0.5 * BLEND * FINE) + 1
+        steering = np.asarray(scipy.ndimage.uniform_filter1d(steering, window, mode="nearest"))
+    of_path = {
+        "x": poses[:, 0],
+        "y": poses[:, 1],
+        "theta": poses[:, 2] + _whole_turns(path, phase, known.get("theta")),
+        "v": time_scaling * timing.velocity_at(times),
         "steering": steering,
-        "acceleration": lambda t: time_scaling**2 * float(timing.acceleration_at(t)),
-        "steering_rate": lambda t: time_scaling * steering_rate(t),
+        "acceleration": time_scaling**2 * timing.acceleration_at(times),
+        "steering_rate": time_scaling * np.gradient(steering, times),
     }
-
-    def over_index(function: Callable[[float], float]) -> Function:
-        return lambda t: function(timing.duration * fraction(t))
-
-    guesses: dict[str, Function | float] = {name: over_index(of_path[quantity]) for quantity, name in known.items()}
-    if free is not None:
-        guesses["duration"] = duration
-    return guesses
+    guesses = courses(phase, {name: of_path[quantity] for quantity, name in known.items()})
+    return guesses if free is None else guesses | {"duration": duration}
 
 
 def _names(phase: Any, names: Mapping[str, str] | None) -> dict[str, str]:
@@ -306,32 +298,3 @@ def _whole_turns(path: CarPath, phase: Any, name: str | None) -> float:
             f"final={end:.6g} for '{name}', or add whole turns to its initial value."
         )
     return turned
-
-
-def _blended_steering(
-    path: CarPath, arc_length_at: Callable[..., Array], duration: float, blend: float
-) -> tuple[Function, Function]:
-    """Steering and its rate: with a blend, the mean over a window of time, whose derivative is a difference."""
-
-    def constant_on_arc(t: float) -> float:
-        return float(path.steering[path.arc_at(arc_length_at(t))])
-
-    if blend == 0.0:
-        return constant_on_arc, lambda t: 0.0
-    times = np.linspace(0.0, duration, 2000)
-    sampled = path.steering[path.arc_at(arc_length_at(0.5 * (times[:-1] + times[1:])))]
-    sums = np.concatenate([[0.0], np.cumsum(sampled * np.diff(times))])
-
-    def window(t: float) -> tuple[float, float]:
-        return max(t - 0.5 * blend, 0.0), min(t + 0.5 * blend, duration)
-
-    def mean(t: float) -> float:
-        low, high = window(t)
-        return float((np.interp(high, times, sums) - np.interp(low, times, sums)) / (high - low))
-
-    def rate(t: float) -> float:
-        near = 1e-3 * blend
-        low, high = max(t - near, 0.0), min(t + near, duration)
-        return (mean(high) - mean(low)) / (high - low)
-
-    return mean, rate

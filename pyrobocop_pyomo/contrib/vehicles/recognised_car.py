@@ -23,14 +23,13 @@ from pyomo.core.base.constraint import ConstraintData
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.contrib.robots.sampled_path import FINE
+from pyrobocop_pyomo.contrib.robots.sampled_path import FINE, courses
 from pyrobocop_pyomo.errors import InitialGuessError, ObstacleError, PyRobocopError
 from pyrobocop_pyomo.geometry import Polytope, Pose, planar_pose, signed_distance
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import within_bounds
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases import PhaseBlockData, phases_of
-from pyrobocop_pyomo.phases.horizon import horizon_fraction
 
 from .car_kinematics import Trailer
 from .car_path import CarPath
@@ -183,14 +182,7 @@ class RecognisedCar:
         found = equations.states_and_controls(target, rates, times / slower)
         if found is None or self._ends_elsewhere(found):
             return False
-        fraction, shares = horizon_fraction(phase), times / timing.duration
-        guesses: dict[str, Any] = {
-            name: (lambda t, column=column: float(np.interp(fraction(t), shares, column)))
-            for name, column in found.items()
-        }
-        if free is not None:
-            guesses["duration"] = duration
-        phase.initialize(guesses)
+        phase.initialize(courses(phase, found) | ({} if free is None else {"duration": duration}))
         return True
 
     def _ends_elsewhere(self, found: dict[str, Array]) -> bool:

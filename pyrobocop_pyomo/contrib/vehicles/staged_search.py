@@ -1,8 +1,7 @@
-"""Hybrid A* again and again until its expansions are used: more room, coarser and finer cells, less clearance."""
+"""Hybrid A* again and again until its expansions are used: more room, coarser cells, less clearance."""
 
 from __future__ import annotations
 
-import enum
 import logging
 import math
 from collections.abc import Sequence
@@ -12,7 +11,6 @@ from typing import Any
 from pyrobocop_pyomo.errors import InitialGuessError, PathNotFound
 from pyrobocop_pyomo.modeling.deadline import Deadline
 
-from .car_kinematics import Trailer
 from .car_path import CarPath
 from .cost_to_go import Bounds
 from .hybrid_a_star import hybrid_a_star
@@ -25,22 +23,14 @@ ROOM = (3.0, 8.0)
 # Of the clearance that was asked for, one after the other: each is this share of the one before.
 LESS = 0.6
 CLEARANCES = tuple(LESS**k for k in range(5))
-# Divisors of the cells from the beginning. Coarse cells lead round what fine ones would have to be driven through with
+# How much coarser cells are where a way round is looked for, which fine ones would have to be driven through with
 # many cusps.
-COARSE, FINER = 0.25, 2.0
+COARSER = 4.0
 # Of the expansions and the time that are left: what one search may take, and what the first ones may.
 SHARE, LITTLE = 0.4, 0.15
 # Paths with more cusps are compared with one that leads round, where a cusp counts as so many turning radii: a car that
 # stops, turns its wheels and accelerates could have driven that far.
 FEW_CUSPS, CUSP = 4, 2.0
-
-
-class _Failure(enum.Enum):
-    """Why a search found nothing."""
-
-    CLOSED = enum.auto()  # an end collides, or not even a disc has a way
-    EXHAUSTED = enum.auto()
-    LIMIT = enum.auto()
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +66,7 @@ def staged_search(
     Parameters
     ----------
     regions : sequence of bounds
-        The next one is tried where the one before has no path.
+        The first is tried first, then the last.
     clearance : float
     shares : sequence of float
         Of the clearance; the next one is tried where no path keeps the one before.
@@ -97,54 +87,32 @@ def staged_search(
     expansions, deadline = given.max_expansions, Deadline.after(time_limit)
     first: InitialGuessError | None = None
 
-    def attempt(needed: float, bounds: Bounds, divisor: float, part: float) -> StagedPath | _Failure:
+    def attempt(needed: float, bounds: Bounds, coarser: float, part: float) -> StagedPath | None:
         nonlocal expansions, first
         if first is not None and (expansions <= 0 or deadline.has_passed):
-            return _Failure.LIMIT
+            return None
         most = max(1, round(part * expansions))
         limit = None if deadline.left is None else max(part * deadline.left, 1e-9)
-        until = Deadline.after(limit)
-        search = replace(_with_cells(given, divisor, radius, car.get("trailer")), max_expansions=most)
+        cell, headings = given.cells(radius, car.get("trailer"))
+        search = replace(given, cell=coarser * cell, headings=max(8, round(headings / coarser)), max_expansions=most)
         try:
             path = hybrid_a_star(start, goal, bounds=bounds, clearance=needed, search=search, time_limit=limit, **car)
             return StagedPath(path, needed, bounds)
         except InitialGuessError as error:
-            logger.info("a clearance of %.4g, cells divided by %g: %s", needed, divisor, error)
+            logger.info("a clearance of %.4g, cells %g times as large: %s", needed, coarser, error)
             first = error if first is None else first
-            spent = error.expansions if isinstance(error, PathNotFound) else 0
-        expansions -= spent
-        if spent >= most or until.has_passed:
-            return _Failure.LIMIT
-        return _Failure.EXHAUSTED if spent else _Failure.CLOSED
+            expansions -= error.expansions if isinstance(error, PathNotFound) else 0
+            return None
 
     for needed in (share * clearance for share in shares):
         near = attempt(needed, regions[0], 1.0, LITTLE)
-        if isinstance(near, StagedPath) and near.path.cusps <= FEW_CUSPS:
+        if near is not None and near.path.cusps <= FEW_CUSPS:
             return near
-        around = attempt(needed, regions[-1], COARSE, LITTLE)
-        found = [path for path in (near, around) if isinstance(path, StagedPath)]
+        found = [path for path in (near, attempt(needed, regions[-1], COARSER, LITTLE)) if path is not None]
         if found:
             return min(found, key=lambda one: one.path.length + CUSP * radius * one.path.cusps)
-        for bounds in regions:
-            # A limit that is reached says that there is a lot to reach, and neither more room nor finer cells make it
-            # less.
-            last = near if near is not _Failure.LIMIT and bounds == regions[0] else attempt(needed, bounds, 1.0, SHARE)
-            if last is _Failure.EXHAUSTED:
-                last = attempt(needed, bounds, FINER, SHARE)
-            if isinstance(last, StagedPath):
-                return last
-            if last is _Failure.LIMIT:
-                break
+        last = attempt(needed, regions[-1], 1.0, SHARE)
+        if last is not None:
+            return last
     assert first is not None
     raise first
-
-
-def _with_cells(search: CarSearch, divisor: float, radius: float, trailer: Trailer | None) -> CarSearch:
-    """Other cells and headings; where they are finer, more steering angles, which matter in narrow places too."""
-    if divisor == 1.0:
-        return search
-    cell, headings = search.cells(radius, trailer)
-    return replace(
-        search, cell=cell / divisor, headings=max(8, round(divisor * headings)),
-        steerings=2 * search.steerings - 1 if divisor > 1.0 else search.steerings,
-    )  # fmt: skip
