@@ -9,12 +9,10 @@ from .component import Complementarity as Complementarity
 from .component import ComplementarityData as ComplementarityData
 from .disjunctions import ComplementarityToDisjunctions as ComplementarityToDisjunctions
 from .forms import form_of as form_of
-from .grouping import AllPairs as AllPairs
 from .grouping import Crossed as Crossed
 from .grouping import Grouping as Grouping
 from .grouping import PerElement as PerElement
 from .grouping import PerPair as PerPair
-from .grouping import PerPhase as PerPhase
 from .lifting import LiftedPair as LiftedPair
 from .lifting import SideVariable as SideVariable
 from .pairs import active_pairs as active_pairs

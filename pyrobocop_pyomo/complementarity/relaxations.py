@@ -226,9 +226,7 @@ RELAXATIONS: dict[str, Callable[[], Any]] = {
     "fischer-burmeister": FischerBurmeister,
     "chks": ChenHarkerKanzowSmale,
     "penalty": Penalty,
-    "l1": Penalty,
     "elastic": Elastic,
-    "linf": Elastic,
 }
 
 

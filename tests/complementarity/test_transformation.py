@@ -320,7 +320,7 @@ def test_a_family_of_blocks_or_an_abstract_model_is_refused(model):
 
 
 GROUPING_CHOICES = list(GROUPINGS)
-CHOICES = [word for word in RELAXATIONS if word not in ("l1", "linf")]  # which are other words for two of them
+CHOICES = list(RELAXATIONS)
 
 
 # Each of both with some of the other: what they do together is tested by `test_there_and_back`, for all of them.
