@@ -36,7 +36,6 @@ from .relaxing import has_penalty as has_penalty
 from .relaxing import lifted_pairs_of as lifted_pairs_of
 from .relaxing import pairs_of as pairs_of
 from .relaxing import relax as relax
-from .relaxing import relaxation_of as relaxation_of
 from .relaxing import relaxation_rows_of as relaxation_rows_of
 from .relaxing import revert as revert
 from .relaxing import rows_of as rows_of
@@ -44,9 +43,7 @@ from .relaxing import shifted_rows_of as shifted_rows_of
 from .relaxing import sources_of as sources_of
 from .relaxing import without_penalty as without_penalty
 from .replaced_rows import ReplacementToken as ReplacementToken
-from .residuals import ComponentResidual as ComponentResidual
 from .residuals import PairResidual as PairResidual
-from .residuals import component_residuals as component_residuals
 from .residuals import pair_residuals as pair_residuals
 from .residuals import side_values as side_values
 from .residuals import sides_at_zero as sides_at_zero
