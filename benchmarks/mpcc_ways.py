@@ -169,6 +169,6 @@ METHODS: dict[str, Callable[..., Effort]] = {
     "cold continuation, 1 to 1e-8": cold_continuation,
     "warm continuation, 1 to 1e-8": warm_continuation,
     "one solve, delta = 1e-8": tight,
-    **{f"{word}, continued": _with_relaxation(word) for word in RELAXATIONS if word not in ("scholtes", "l1", "linf")},
+    **{f"{word}, continued": _with_relaxation(word) for word in RELAXATIONS if word != "scholtes"},
 }
 """Name in the table -> method."""

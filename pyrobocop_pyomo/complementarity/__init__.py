@@ -9,12 +9,10 @@ from .component import Complementarity as Complementarity
 from .component import ComplementarityData as ComplementarityData
 from .disjunctions import ComplementarityToDisjunctions as ComplementarityToDisjunctions
 from .forms import form_of as form_of
-from .grouping import AllPairs as AllPairs
 from .grouping import Crossed as Crossed
 from .grouping import Grouping as Grouping
 from .grouping import PerElement as PerElement
 from .grouping import PerPair as PerPair
-from .grouping import PerPhase as PerPhase
 from .lifting import LiftedPair as LiftedPair
 from .lifting import SideVariable as SideVariable
 from .pairs import active_pairs as active_pairs
@@ -38,7 +36,6 @@ from .relaxing import has_penalty as has_penalty
 from .relaxing import lifted_pairs_of as lifted_pairs_of
 from .relaxing import pairs_of as pairs_of
 from .relaxing import relax as relax
-from .relaxing import relaxation_of as relaxation_of
 from .relaxing import relaxation_rows_of as relaxation_rows_of
 from .relaxing import revert as revert
 from .relaxing import rows_of as rows_of
@@ -46,9 +43,7 @@ from .relaxing import shifted_rows_of as shifted_rows_of
 from .relaxing import sources_of as sources_of
 from .relaxing import without_penalty as without_penalty
 from .replaced_rows import ReplacementToken as ReplacementToken
-from .residuals import ComponentResidual as ComponentResidual
 from .residuals import PairResidual as PairResidual
-from .residuals import component_residuals as component_residuals
 from .residuals import pair_residuals as pair_residuals
 from .residuals import side_values as side_values
 from .residuals import sides_at_zero as sides_at_zero

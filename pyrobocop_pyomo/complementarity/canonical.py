@@ -76,7 +76,7 @@ class CanonicalForm:
         The statement as declared.
     pairs : tuple of CanonicalPair
         One; two for a range against a free side; three for a side against one of any sign; none for an equality
-        against a free side, and for a side that is paired with itself.
+        against a free side.
     rows : tuple of relational expressions
         Constraints beyond the ``a_row`` and ``b_row`` of the pairs.
     between : tuple (l, F, u) or None

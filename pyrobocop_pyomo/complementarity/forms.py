@@ -12,7 +12,6 @@ from pyomo.core.expr import EqualityExpression
 from pyomo.core.expr.numvalue import native_numeric_types, value
 
 from pyrobocop_pyomo.errors import ComplementarityError
-from pyrobocop_pyomo.modeling.expressions import same_expression
 
 from .canonical import CanonicalForm, CanonicalPair, SidePart
 from .sides import ParsedSide, above_lower, below_upper, check_sides, four_bounds, read_side
@@ -46,10 +45,6 @@ def form_of(
     if choices[1] == ANY_SIGN:
         return _any_sign(a, b, source)
     if a.bounds == b.bounds == 1:
-        _refuse_contradiction(a, b, source)
-        row = _decided_row(a, b)
-        if row is not None:
-            return CanonicalForm(source, (), (row,))
         pair = CanonicalPair(source, *_columns(_only(a), _only(b)))
         return CanonicalForm(source, (pair,))
     bounded, other = (b, a) if second.__class__ is EqualityExpression or a.bounds < b.bounds else (a, b)
@@ -60,7 +55,6 @@ def form_of(
         raise _too_few(other if bounded.bounds or (b.is_variable and not a.is_variable) else a, source)
     if other.bounds == 2:
         raise four_bounds(a.given, b.given, source)
-    _refuse_crossed(bounded, source)
     if other.bounds == 1:
         return _implied_side(bounded, other, source)
     return _range(bounded, other.body, source)
@@ -137,10 +131,6 @@ def _columns(a: tuple[Any, Any], b: tuple[Any, Any]) -> tuple[Any, Any, Any, Any
 
 
 def _too_few(side: ParsedSide, source: Any) -> ComplementarityError:
-    if side.infinite is not None:
-        return ComplementarityError(
-            f"'{source.name}': side '{side.body}' has the infinite bound {side.infinite}; a side needs a finite one."
-        )
     remedy = (
         f"Set it, for example by {side.given}.setlb(0), or write a relation such as '{side.given} >= 0'."
         if side.is_variable
@@ -149,51 +139,3 @@ def _too_few(side: ParsedSide, source: Any) -> ComplementarityError:
     return ComplementarityError(
         f"'{source.name}': side '{side.given}' has no finite bound; a complementary side needs one. {remedy}"
     )
-
-
-def _refuse_crossed(side: ParsedSide, source: Any) -> None:
-    lower, upper = value(side.lower), value(side.upper)
-    if lower > upper:
-        raise ComplementarityError(
-            f"'{source.name}': side '{side.given}' lies between the bounds {lower:g} and {upper:g}, which contradict "
-            "each other. Exchange or correct them."
-        )
-
-
-def _refuse_contradiction(a: ParsedSide, b: ParsedSide, source: Any) -> None:
-    """Refuse a side that the own constant bounds of its variable make impossible."""
-    if a.own is b.own is None:
-        return
-    for side in (a, b):
-        if _farthest(side) < 0:
-            raise ComplementarityError(
-                f"'{source.name}': side '{side.given}' contradicts the bounds of '{side.body}', "
-                f"{side.body.lower} and {side.body.upper}. Correct one of them."
-            )
-
-
-def _decided_row(a: ParsedSide, b: ParsedSide) -> Any:
-    """What a side that is paired with itself comes down to: it is at its bound, of two at the tighter one.
-
-    None for all other sides, and for bounds that are different parameters: these may change places.
-    """
-    # The classes are compared first since this is evaluated for each pair, and nearly always in vain.
-    if a.body.__class__ is not b.body.__class__ or (a.lower is None) != (b.lower is None):
-        return None
-    if not same_expression(a.body, b.body):
-        return None
-    bounds, tighter = ((a.upper, b.upper), min) if a.lower is None else ((a.lower, b.lower), max)
-    if all(bound.__class__ in native_numeric_types for bound in bounds):
-        return a.body == tighter(bounds)
-    return a.body == bounds[0] if same_expression(*bounds) else None
-
-
-def _farthest(side: ParsedSide) -> float:
-    """Largest distance to the stated bound that constants leave to a plain variable; 0 if unknown."""
-    if side.own is None or side.is_variable:
-        return 0
-    below = side.lower is not None
-    end, bound = side.own[below], side.lower if below else side.upper
-    if end.__class__ not in native_numeric_types or bound.__class__ not in native_numeric_types:
-        return 0  # there is no end, or a parameter may move
-    return end - bound if below else bound - end

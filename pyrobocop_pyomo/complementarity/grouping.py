@@ -1,4 +1,4 @@
-"""Which products share a bound: each has its own, or all products of an element have one, and so on."""
+"""Which products share a bound: each has its own, or all products of an element have one."""
 
 from __future__ import annotations
 
@@ -64,29 +64,6 @@ class PerElement:
             return f"{name(pair.source.parent_block())}, {own}"
 
         return _collected(pairs, label)
-
-
-@dataclass(frozen=True)
-class PerPhase:
-    """The products of one block share a bound: of a phase, all its pairs at all times.
-
-    A phase is a block, and so is whatever else declares pairs: what counts is the block that a `Complementarity`
-    component was put on. Pairs of a block within a phase share a bound of their own.
-    """
-
-    def groups(self, pairs: Sequence[CanonicalPair]) -> list[tuple[Hashable | None, list[CanonicalPair]]]:
-        """One group per block, in the order of the first pair of each."""
-        name = cache(attrgetter("name"))
-        return _collected(pairs, lambda pair: f"block {name(pair.source.parent_block())}")
-
-
-@dataclass(frozen=True)
-class AllPairs:
-    """All products share one bound: ``sum_l a_l * b_l <= delta``. One dense row couples the whole model."""
-
-    def groups(self, pairs: Sequence[CanonicalPair]) -> list[tuple[Hashable | None, list[CanonicalPair]]]:
-        """One group."""
-        return [("all", list(pairs))] if pairs else []
 
 
 @dataclass(frozen=True)
@@ -175,13 +152,7 @@ def _collected(
     return list(found.items())
 
 
-GROUPINGS: dict[str, type] = {
-    "pair": PerPair,
-    "element": PerElement,
-    "phase": PerPhase,
-    "all": AllPairs,
-    "crossed": Crossed,
-}
+GROUPINGS: dict[str, type] = {"pair": PerPair, "element": PerElement, "crossed": Crossed}
 
 
 def as_grouping(choice: str | Grouping) -> Grouping:

@@ -96,7 +96,7 @@ def active_parts(
     if targets is None:
         return list(_below(model, kinds, containers))
     found: dict[int, Any] = {}
-    for target in as_targets(targets):
+    for target in [targets] if hasattr(targets, "ctype") else targets:
         for data in _at(target, model, kinds, containers):
             found[id(data)] = data
     return list(found.values())
@@ -109,11 +109,6 @@ def home_of(block: Any, model: Any) -> Any:
             return block
         block = block.parent_block()
     return model
-
-
-def as_targets(targets: Any) -> list[Any]:
-    """Return targets as a list: one component or pair may be given alone."""
-    return [targets] if hasattr(targets, "ctype") else list(targets)
 
 
 def _below(block: Any, kinds: tuple[type, ...], containers: tuple[type, ...]) -> Iterator[Any]:

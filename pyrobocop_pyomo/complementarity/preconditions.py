@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from pyomo.core.base import Objective, SortComponents
+from pyomo.core.base import Objective
 from pyomo.core.base.var import VarData
 from pyomo.core.expr.numvalue import native_types, value
 
-from pyrobocop_pyomo.errors import ComplementarityError
-from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES, outermost_inactive
+from pyrobocop_pyomo.errors import ComplementarityError, ModelError
+from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES
 from pyrobocop_pyomo.modeling.expressions import new_leaves
 
 from .canonical import CanonicalForm
-from .pairs import as_targets, home_of
+from .pairs import home_of
 from .record import records_above, records_below
 
 
@@ -41,38 +41,20 @@ def refuse_foreign_token(model: Any, token: Any) -> None:
 def refuse_nothing(model: Any, sources: Sequence[Any], targets: Any) -> None:
     """Refuse a model, or targets, without an active pair."""
     if not sources:
-        for target in as_targets(targets or ()):
-            inactive = _inactive_part(target, model)
-            if inactive is not None:
-                raise ComplementarityError(
-                    f"'{target.name}': this target has no active pair, since '{inactive.name}' is deactivated. "
-                    f"Call {inactive.name}.activate() first."
-                )
         where = "it" if targets is None else "the targets"
         raise ComplementarityError(
-            f"'{model.name}': no active complementarity pair in {where}; there is nothing to relax."
+            f"'{model.name}': no active complementarity pair in {where}; there is nothing to relax. Activate pairs, "
+            "and the blocks that they are in."
         )
-
-
-def _inactive_part(target: Any, model: Any) -> Any:
-    """What is deactivated of a target and the blocks above it: the outermost, or the whole of the target itself."""
-    found = outermost_inactive(target, model)
-    if found is None and target.is_indexed() and len(target) and not any(data.active for data in target.values()):
-        found = target
-    return found
 
 
 def refuse_second_delta(model: Any) -> None:
     """Refuse a block above or below which pairs follow another delta."""
-    for records, remedy in (
-        (records_above(model), "Apply to that model with targets= this block."),
-        (records_below(model), "Revert there first, so that one delta governs all pairs."),
-    ):
-        for record in records:
-            raise ComplementarityError(
-                f"'{model.name}': pairs of '{record.main.parent_block().name}' are relaxed already, with a delta "
-                f"of their own on '{record.main.name}'. {remedy}"
-            )
+    for record in (*records_above(model), *records_below(model)):
+        raise ComplementarityError(
+            f"'{model.name}': pairs of '{record.main.parent_block().name}' are relaxed already, with a delta of their "
+            f"own on '{record.main.name}'. Revert there first; apply to the outer one of both, with targets= of it."
+        )
 
 
 def refuse_disjuncts(model: Any, sources: Iterable[Any]) -> None:
@@ -89,28 +71,15 @@ def refuse_disjuncts(model: Any, sources: Iterable[Any]) -> None:
 
 
 def only_objective(model: Any) -> Any:
-    """Return the one active objective, which a penalty is added to; None where there is no objective at all."""
-    objectives = _active_objectives(model)
+    """Return the one active objective; None where there is no objective at all."""
+    objectives = list(model.component_data_objects(Objective, active=True, descend_into=BLOCK_TYPES))
     if len(objectives) > 1:
         names = ", ".join(f"'{objective.name}'" for objective in objectives)
-        raise ComplementarityError(
-            f"'{model.name}': a penalty is added to the one active objective, found {names}. Deactivate all but one."
-        )
-    above = [] if objectives else _active_objectives(model.model())
-    if above:
-        raise ComplementarityError(
-            f"'{model.name}': a penalty is added to the objective, which is '{above[0].name}' of "
-            f"'{model.model().name}'. Apply it to that model, with targets= the blocks that are meant."
+        raise ModelError(
+            f"'{model.name}' has {len(objectives)} active objectives ({names}); solvers take one. Deactivate the "
+            "others, or add them up in a single one."
         )
     return objectives[0] if objectives else None
-
-
-def _active_objectives(model: Any) -> list[Any]:
-    return list(
-        model.component_data_objects(
-            Objective, active=True, descend_into=BLOCK_TYPES, sort=SortComponents.deterministic
-        )
-    )
 
 
 def refuse_leaves(forms: Iterable[CanonicalForm], *, discrete_allowed: bool = False) -> None:

@@ -37,20 +37,6 @@ class RelaxedPair:
 
 
 @dataclass(eq=False, slots=True)
-class PairGroup:
-    """Pairs that are relaxed together.
-
-    Attributes
-    ----------
-    rows : sequence of ConstraintData
-        Relax the products, in their order; none where the products are in the penalty term.
-    """
-
-    pairs: Sequence[RelaxedPair]
-    rows: Sequence[Any]
-
-
-@dataclass(eq=False, slots=True)
 class RelaxedStatement:
     """A declared statement, its pairs, and the rows that were generated for it."""
 
@@ -73,8 +59,8 @@ class RelaxationRecord(AutoSlots.Mixin):
         The objective has the products themselves as a term.
     shifts : bool
         delta moves the bounds of the rows and nothing else of the model.
-    groups : list of PairGroup
-        In the order of their first pairs.
+    products : list of lists of Product
+        Those that share one bound each.
     statements : ComponentMap
         From the source to its `RelaxedStatement`.
     origins : dict
@@ -89,7 +75,7 @@ class RelaxationRecord(AutoSlots.Mixin):
         self.grouping: Any = None
         self.lift = False
         self.objective: Any = None
-        self.groups: list[PairGroup] = []
+        self.products: list[list[Any]] = []
         self.statements = ComponentMap()
         self.origins: dict[tuple[str, int], list[Any]] = {}
 

@@ -44,6 +44,14 @@ class ObjectiveTerm(Protocol):
         """Return the factor before the sum."""
 
 
+class _WithoutShift:
+    """What those relaxations share in which delta does more than move a bound."""
+
+    def shift(self, delta: Any) -> None:
+        """Return None."""
+        return
+
+
 @dataclass(frozen=True)
 class Scholtes:
     """Bound the product: ``a * b <= delta``.
@@ -67,7 +75,7 @@ class Scholtes:
 
 
 @dataclass(frozen=True)
-class SteffensenUlbrich:
+class SteffensenUlbrich(_WithoutShift):
     """Round off the corner: ``a + b <= phi(a - b)`` with ``phi(z) = |z|`` where ``|z| >= delta``.
 
     Between, ``phi(z) = (-z^4 / delta^3 + 6 z^2 / delta + 3 delta) / 8``: the polynomial kink of the paper, which meets
@@ -87,13 +95,9 @@ class SteffensenUlbrich:
         kink = (6 * z**2 / delta - z**4 / delta**3 + 3 * delta) / 8
         return a + b - choose(delta - abs(z), kink, abs(z))
 
-    def shift(self, delta: Any) -> None:
-        """Return None: delta says how wide the kink is."""
-        return
-
 
 @dataclass(frozen=True)
-class KanzowSchwartz:
+class KanzowSchwartz(_WithoutShift):
     """Bound the smaller side: ``phi(a - delta, b - delta) <= 0`` with a smooth phi, which says ``min(a, b) <= delta``.
 
     ``phi(p, q) = p * q`` where ``p + q >= 0`` and ``-(p^2 + q^2) / 2`` elsewhere, once continuously differentiable.
@@ -110,13 +114,9 @@ class KanzowSchwartz:
         p, q = a - delta, b - delta
         return choose(p + q, p * q, -(p**2 + q**2) / 2)
 
-    def shift(self, delta: Any) -> None:
-        """Return None: delta stands in the product."""
-        return
-
 
 @dataclass(frozen=True)
-class FischerBurmeister:
+class FischerBurmeister(_WithoutShift):
     """Bound ``a + b - sqrt(a^2 + b^2 + 2 delta)`` by zero.
 
     For ``a + b >= 0`` this says ``a * b <= delta``, as `Scholtes` does; the residual grows linearly in the sides and
@@ -133,13 +133,9 @@ class FischerBurmeister:
         """Return ``a + b - sqrt(a^2 + b^2 + 2 delta)``."""
         return a + b - (a**2 + b**2 + 2 * delta) ** 0.5  # a power, since math.sqrt refuses expressions
 
-    def shift(self, delta: Any) -> None:
-        """Return None: delta stands under the root."""
-        return
-
 
 @dataclass(frozen=True)
-class ChenHarkerKanzowSmale:
+class ChenHarkerKanzowSmale(_WithoutShift):
     """Bound the smoothed natural residual ``a + b - sqrt((a - b)^2 + 4 delta)`` by zero.
 
     It is twice ``min(a, b)`` at ``delta = 0``. For ``a + b >= 0`` it says ``a * b <= delta``, as
@@ -155,10 +151,6 @@ class ChenHarkerKanzowSmale:
     def residual(self, a: Any, b: Any, delta: Any) -> Any:
         """Return ``a + b - sqrt((a - b)^2 + 4 delta)``."""
         return a + b - ((a - b) ** 2 + 4 * delta) ** 0.5
-
-    def shift(self, delta: Any) -> None:
-        """Return None: delta stands under the root."""
-        return
 
 
 @dataclass(frozen=True)
@@ -226,9 +218,7 @@ RELAXATIONS: dict[str, Callable[[], Any]] = {
     "fischer-burmeister": FischerBurmeister,
     "chks": ChenHarkerKanzowSmale,
     "penalty": Penalty,
-    "l1": Penalty,
     "elastic": Elastic,
-    "linf": Elastic,
 }
 
 

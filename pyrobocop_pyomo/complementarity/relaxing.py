@@ -43,7 +43,7 @@ from .record import (
 )
 from .relaxations import ObjectiveTerm, Relaxation, as_relaxation
 from .residuals import PairResidual, pair_residuals
-from .rows import all_products, new_record, state_rows
+from .rows import new_record, state_rows
 
 logger = logging.getLogger(__name__)
 
@@ -180,7 +180,8 @@ def crossed_pairs_of(model: Any) -> list[tuple[CanonicalPair, CanonicalPair]]:
     return [
         (product.a_pair.pair, product.b_pair.pair)
         for record in records_below(model)
-        for product in all_products(record)
+        for shared in record.products
+        for product in shared
         if product.a_pair is not product.b_pair
     ]
 
@@ -188,11 +189,6 @@ def crossed_pairs_of(model: Any) -> list[tuple[CanonicalPair, CanonicalPair]]:
 def delta_of(model: Any) -> Any:
     """Return the mutable parameter delta of a relaxed model."""
     return only_record(model).main.delta
-
-
-def relaxation_of(model: Any) -> Any:
-    """Return the relaxation object of a relaxed model."""
-    return only_record(model).relaxation
 
 
 def has_penalty(model: Any) -> bool:
@@ -263,7 +259,7 @@ def _as_variable(side: Any) -> SideVariable:
 def _rows_seen(record: RelaxationRecord, model: Any) -> Iterator[Any]:
     """The active rows of products, where a solver sees their generated block."""
     seen = model.active and outermost_inactive(record.main, model) is None
-    return (row for group in record.groups if seen for row in group.rows if row.active)
+    return (row for row in record.main.rows.values() if seen and row.active)
 
 
 def _record_of_row(row: Any) -> RelaxationRecord | None:
@@ -302,7 +298,6 @@ class RelaxComplementarity(Transformation):
     # What the functions of the same names do.
     revert = staticmethod(revert)
     delta_of = staticmethod(delta_of)
-    relaxation_of = staticmethod(relaxation_of)
     pairs_of = staticmethod(pairs_of)
     lifted_pairs_of = staticmethod(lifted_pairs_of)
     crossed_pairs_of = staticmethod(crossed_pairs_of)

@@ -49,34 +49,6 @@ class PairResidual:
         return max(0.0, -self.a, -self.b)
 
 
-@dataclass(frozen=True)
-class ComponentResidual:
-    """How well all pairs of one component are met.
-
-    Attributes
-    ----------
-    name : str
-        Of the component, as declared.
-    pairs : int
-        How many pairs it has; a range counts twice.
-    largest, total : float
-        Maximum and sum of ``|min(a, b)|``.
-    """
-
-    name: str
-    pairs: int
-    largest: float
-    total: float
-
-
-def component_residuals(pairs: Iterable[CanonicalPair]) -> list[ComponentResidual]:
-    """Sum pairs up by the component that they were declared in; errors as `pair_residuals`."""
-    found: dict[str, list[float]] = {}
-    for pair in pairs:
-        found.setdefault(pair.source.parent_component().name, []).append(abs(min(side_values(pair))))
-    return [ComponentResidual(name, len(sizes), max(sizes), sum(sizes)) for name, sizes in found.items()]
-
-
 def pair_residuals(pairs: Iterable[CanonicalPair]) -> list[PairResidual]:
     """Evaluate pairs at the current values.
 

@@ -13,7 +13,7 @@ from pyrobocop_pyomo.errors import ComplementarityError
 
 from .canonical import CanonicalForm
 from .lifting import relaxed_pairs
-from .record import BLOCK_NAME, PairGroup, RelaxationRecord, RelaxedPair, RelaxedStatement, record_of
+from .record import BLOCK_NAME, RelaxationRecord, RelaxedPair, RelaxedStatement, record_of
 from .relaxations import ObjectiveTerm
 from .units import in_units_of, without_units
 
@@ -75,7 +75,10 @@ def state_rows(record: RelaxationRecord, model: Any, forms: Sequence[CanonicalFo
         statement = record.statements[form.source] = RelaxedStatement(form)
         statement.pairs = relaxed_pairs(record, form)
     for pairs in _grouped(record, model, list(record.relaxed_pairs)):
-        record.groups.append(PairGroup(pairs, _rows_of_group(record, pairs)))
+        record.products += _products(record, pairs)
+    if not record.penalises_products:
+        for shared in record.products:
+            _put_bounds(record, shared)
     if isinstance(record.relaxation, ObjectiveTerm):
         record.main.objective = _objective_with_penalty(record)
     model.add_component(unique_component_name(model, BLOCK_NAME), record.main)
@@ -112,19 +115,8 @@ def _products(record: RelaxationRecord, pairs: Sequence[RelaxedPair]) -> list[li
         ) from None
 
 
-def all_products(record: RelaxationRecord) -> Iterator[Product]:
-    """The products of all groups."""
-    return (product for group in record.groups for shared in _products(record, group.pairs) for product in shared)
-
-
-def _rows_of_group(record: RelaxationRecord, pairs: Sequence[RelaxedPair]) -> list[Any]:
-    """State the rows that bound the products of a group; none where these are in the penalty term."""
-    if record.penalises_products:
-        return []
-    return [row for shared in _products(record, pairs) for row in _bounds(record, shared)]
-
-
-def _bounds(record: RelaxationRecord, shared: list[Product]) -> Iterator[Any]:
+def _put_bounds(record: RelaxationRecord, shared: list[Product]) -> None:
+    """State the rows that bound some products together."""
     relaxation, bound = record.relaxation, record.bound
     shift = relaxation.shift(bound)
     if shift is not None:
@@ -132,11 +124,11 @@ def _bounds(record: RelaxationRecord, shared: list[Product]) -> Iterator[Any]:
         # quicker to write, and delta moves inside a solve by moving one bound.
         residuals = [relaxation.residual(product.a, product.b, 0) for product in shared]
         body = residuals[0] if len(residuals) == 1 else quicksum(residuals)
-        yield record.put_row("rows", body <= shift, _sources(shared))
+        record.put_row("rows", body <= shift, _sources(shared))
         return
     # Residuals without a shift cannot be added up: each product is bounded by itself.
     for product in shared:
-        yield record.put_row("rows", relaxation.residual(product.a, product.b, bound) <= 0, _sources([product]))
+        record.put_row("rows", relaxation.residual(product.a, product.b, bound) <= 0, _sources([product]))
 
 
 def _sources(shared: list[Product]) -> list[Any]:
@@ -150,7 +142,7 @@ def _objective_with_penalty(record: RelaxationRecord) -> Objective:
     users, main = record.objective, record.main
     if record.penalises_products:
         # A factor of one is dropped by Pyomo itself.
-        amount = quicksum([product.weight * (product.a * product.b) for product in all_products(record)])
+        amount = quicksum([each.weight * (each.a * each.b) for shared in record.products for each in shared])
     else:
         amount = main.excess
     term = record.relaxation.coefficient(main.delta) * amount

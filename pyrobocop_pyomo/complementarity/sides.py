@@ -88,21 +88,16 @@ def check_side(side: Any, choice: str | None, pair: Any) -> None:
                 f"'{pair.name}': the second side of either_zero(first, second) is an expression of any sign, found "
                 f"'{side}'. Leave the relation out; a bound of it is a Constraint."
             )
-        if choice is not None:
-            raise ComplementarityError(
-                f"'{pair.name}': a bound '{choice}' was chosen for the side '{side}', which states its own. "
-                "The choice is for a plain variable: leave it out, or pass the variable alone."
-            )
     elif is_bare_expression(side):
         if not holds_variable(side):
             raise ComplementarityError(f"'{pair.name}': {_no_variable(side)}")
-        if choice not in (None, ANY_SIGN):
-            raise ComplementarityError(
-                f"'{pair.name}': a bound '{choice}' was chosen for the side '{side}', which has none. "
-                "The choice is for a plain variable: leave it out."
-            )
     elif not is_plain_variable(side):
         raise ComplementarityError(f"'{pair.name}': {_why_no_side(side)}")
+    if choice not in (None, ANY_SIGN) and not is_plain_variable(side):
+        raise ComplementarityError(
+            f"'{pair.name}': a bound '{choice}' was chosen for the side '{side}'. The choice is for a plain variable: "
+            "leave it out, or pass the variable alone."
+        )
 
 
 def _check_relation(side: Any, pair: Any) -> None:
@@ -133,11 +128,7 @@ def _no_variable(side: Any) -> str:
 
 def _why_no_side(side: Any) -> str:
     kind = side.__class__
-    if side is None:
-        return (
-            "a side is None; a pair needs two sides such as 'x >= 0'. To leave a pair out, return Complementarity.Skip."
-        )
-    if kind in native_types:
+    if side is None or kind in native_types:
         return (
             f"a side is the constant {side!r}; a pair needs two sides such as 'x >= 0' that hold a variable. "
             "To leave a pair out, return Complementarity.Skip."
@@ -161,8 +152,6 @@ class ParsedSide(NamedTuple):
         The bounded expression.
     lower, upper : number, Pyomo expression or None
         Its bounds; None where there is none, or an infinite one.
-    infinite : float or None
-        The infinite bound that was stated and counts as none, for messages.
     own : tuple of two, or None
         The variable's own bounds where the body is a plain variable. They are read once, since Pyomo computes them
         from the bounds and the domain each time.
@@ -172,7 +161,6 @@ class ParsedSide(NamedTuple):
     body: Any
     lower: Any = None
     upper: Any = None
-    infinite: float | None = None
     own: tuple[Any, Any] | None = None
 
     @property
@@ -203,7 +191,7 @@ def read_side(side: Any, choice: str | None, pair: Any) -> ParsedSide:
     if kind is RangedExpression:
         lower, body, upper = side.args
         lower = _bound(lower, "lower", side, pair)
-        return ParsedSide(side, body, lower, _bound(upper, "upper", side, pair), None, _own(body))
+        return ParsedSide(side, body, lower, _bound(upper, "upper", side, pair), _own(body))
     if is_plain_variable(side):
         return _read_variable(side, choice, pair)
     return ParsedSide(side, side)
@@ -215,10 +203,8 @@ def _read_relation(side: Any, pair: Any) -> ParsedSide:
     if left_varies and right_varies:
         return ParsedSide(side, right - left, lower=0)
     if right_varies:
-        bound = _bound(left, "lower", side, pair)
-        return ParsedSide(side, right, bound, None, -math.inf if bound is None else None, _own(right))
-    bound = _bound(right, "upper", side, pair)
-    return ParsedSide(side, left, None, bound, math.inf if bound is None else None, _own(left))
+        return ParsedSide(side, right, _bound(left, "lower", side, pair), None, _own(right))
+    return ParsedSide(side, left, None, _bound(right, "upper", side, pair), _own(left))
 
 
 def _read_variable(variable: Any, choice: str | None, pair: Any) -> ParsedSide:
@@ -230,7 +216,7 @@ def _read_variable(variable: Any, choice: str | None, pair: Any) -> ParsedSide:
             f"'{pair.name}': side '{variable}' has no finite {choice} bound, which was chosen. "
             f"Set it, for example by {variable}.set{choice[0]}b(0), or write a relation such as '{variable} >= 0'."
         )
-    return ParsedSide(variable, variable, lower, upper, None, own)
+    return ParsedSide(variable, variable, lower, upper, own)
 
 
 def _own(body: Any) -> tuple[Any, Any] | None:

@@ -86,15 +86,19 @@ def ipopt_executable_version(path: str) -> str | None:
     return line if run.returncode == 0 and line.lower().startswith("ipopt") else None
 
 
-NO_IPOPT = f"""\
-no Ipopt is found on this machine. Any one of these brings it:
+WAYS_TO_IPOPT = f"""\
+Any one of these brings Ipopt, and derivatives for it:
   pip install 'pyrobocop_pyomo[ipopt]'      CasADi's Ipopt, used in this process: works at once
   conda install -c conda-forge ipopt        the ipopt executable
   python build_asl.py, in a clone           Debian, Ubuntu: the executable, and ASL for use in this process
 or, for an Ipopt that is there already, one of these environment variables:
   {EXECUTABLE_VARIABLE}=/path/to/ipopt
   {LIBRARY_VARIABLE}=/path/to/libipopt.so
+The linear solver of this package needs any C compiler: python -m pyrobocop_pyomo build-native.
 'python -m pyrobocop_pyomo doctor' shows what is found and what is missing."""
+
+
+NO_IPOPT = f"no Ipopt is found on this machine. {WAYS_TO_IPOPT}"
 
 
 class Backend(enum.Enum):

@@ -19,21 +19,14 @@ from pyrobocop_pyomo._version import __version__
 from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.linear_solver.factorisation import SymmetricFactorisation
 from pyrobocop_pyomo.linear_solver.library import find_linear_solver
-from pyrobocop_pyomo.programs.asl_program import ASL_REMEDY, find_asl_library
+from pyrobocop_pyomo.programs.asl_program import find_asl_library
 from pyrobocop_pyomo.programs.compiled_terms import how_terms_are_evaluated
 from pyrobocop_pyomo.programs.vectorised_program import casadi_available
 
-from .backends import NO_IPOPT, find_ipopt_executable, ipopt_executable_version
+from .backends import NO_IPOPT, WAYS_TO_IPOPT, find_ipopt_executable, ipopt_executable_version
 from .in_process import InProcessIpopt
 from .ipopt_library import load_ipopt_library
 from .linear_solvers import OWN_SOLVER
-
-EXECUTABLE_REMEDY = (
-    "conda install -c conda-forge ipopt, or (Debian, Ubuntu) python build_asl.py in a clone, or set "
-    "PYROBOCOP_IPOPT_EXECUTABLE"
-)
-CASADI_REMEDY = "pip install 'pyrobocop_pyomo[ipopt]'"
-COMPILER_REMEDY = "python -m pyrobocop_pyomo build-native, with any C compiler (without it Ipopt uses MUMPS)"
 
 
 def report() -> tuple[str, bool]:
@@ -43,21 +36,19 @@ def report() -> tuple[str, bool]:
     lines += [f"  {package:<12}{_installed(package) or 'not installed'}" for package in packages]
     in_process = 'SolverFactory("pyrobocop.ipopt"), derivatives="{}"'.format
     *backends, solver = (
-        _examined("the ipopt executable", find_ipopt_executable, _solved_by_executable, EXECUTABLE_REMEDY),
-        _examined(in_process("asl"), find_asl_library, partial(_solved_in_process, "asl"), ASL_REMEDY),
-        _examined(in_process("vectorised"), _find_casadi, partial(_solved_in_process, "vectorised"), CASADI_REMEDY),
+        _examined("the ipopt executable", find_ipopt_executable, _solved_by_executable),
+        _examined(in_process("asl"), find_asl_library, partial(_solved_in_process, "asl")),
+        _examined(in_process("vectorised"), _find_casadi, partial(_solved_in_process, "vectorised")),
         # No backend, and nothing is missing without it.
-        _examined(f"linear solver '{OWN_SOLVER}'", find_linear_solver, _factored, COMPILER_REMEDY),
+        _examined(f"linear solver '{OWN_SOLVER}'", find_linear_solver, _factored),
     )
     works = any(fine for fine, _ in backends)
     lines += [line for _, examined in (*backends, solver) for line in examined]
-    lines += ["", "At least one backend to Ipopt works." if works else NO_IPOPT]
+    lines += ["", f"At least one backend to Ipopt works. {WAYS_TO_IPOPT}" if works else NO_IPOPT]
     return "\n".join(lines), works
 
 
-def _examined(
-    title: str, find: Callable[[], str | None], use: Callable[[str], list[str]], remedy: str
-) -> tuple[bool, list[str]]:
+def _examined(title: str, find: Callable[[], str | None], use: Callable[[str], list[str]]) -> tuple[bool, list[str]]:
     """Whether what is found can be used, and lines that say so."""
     lines: list[str] = []
     verdict = "not found"
@@ -71,8 +62,6 @@ def _examined(
     except Exception as error:  # a diagnosis reports whatever goes wrong
         lines.append(f"  result      {type(error).__name__}: {error}")
         verdict = "fails"
-    if verdict != "works":
-        lines.append(f"  remedy      {remedy}")
     return verdict == "works", ["", f"{title}: {verdict}", *lines]
 
 

@@ -18,7 +18,6 @@ from pyomo.contrib.solver.common.results import Results, SolutionStatus, Termina
 from pyomo.contrib.solver.common.solution_loader import NoSolutionSolutionLoader
 from pyomo.contrib.solver.common.util import NoOptimalSolutionError, NoSolutionError
 from pyomo.core.base.block import BlockData
-from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.PyomoModel import ModelSolution
 from pyomo.core.base.suffix import Suffix
 from pyomo.core.base.var import Var
@@ -164,8 +163,6 @@ def _compiled(model: BlockData, derivatives: str | None) -> CompiledModel:
 
 def _run(compiled: CompiledModel, config: InProcessIpoptConfig) -> IpoptOutcome:
     options = dict(config.solver_options.value())
-    if config.threads and config.threads != 1:
-        logger.warning("threads=%d has no effect: Ipopt's linear solvers decide by themselves.", config.threads)
     return run_ipopt(
         compiled.nlp,
         options,
@@ -240,12 +237,6 @@ class OlderInterface(LegacySolverWrapper):
     def _map_results(self, model: Any, results: Any) -> tuple[Any, Any]:
         older, solution = super()._map_results(model, results)
         older.problem.name = model.name
-        older.problem.number_of_variables = sum(
-            not variable.fixed for variable in model.component_data_objects(Var, descend_into=True)
-        )
-        older.problem.number_of_constraints = sum(
-            1 for _ in model.component_data_objects(Constraint, active=True, descend_into=True)
-        )
         older.solver.name = self.name
         for name in ("Message", "Termination message"):
             dict.__setitem__(older.solver[0], name, _Text(results.extra_info.solver_message))
@@ -258,8 +249,8 @@ class OlderInterface(LegacySolverWrapper):
         older = super()._solution_handler(load_solutions, model, results, legacy_results, legacy_soln)
         if load_solutions and hasattr(model, "solutions"):
             model.solutions.clear()
-            if _can_be_written(model):
-                # `pyomo solve` writes what the model keeps here, with the values that the model has.
+            if all(variable.value is not None for variable in model.component_data_objects(Var, active=True)):
+                # `pyomo solve` writes what the model keeps here, with the values that the model has: all, or it fails.
                 model.solutions.solutions.append(_solution_with_multipliers(model, legacy_soln))
         return older
 
@@ -272,21 +263,6 @@ class OlderInterface(LegacySolverWrapper):
         self.config.set_value({name: given.pop(name) for name in list(given) if name in self.own_options})
         for name, number in given.items():
             self.config.solver_options[name] = number
-
-
-def _can_be_written(model: Any) -> bool:
-    """Whether every variable has a value: Pyomo writes all of them or fails."""
-    missing = [variable.name for variable in model.component_data_objects(Var, active=True) if variable.value is None]
-    if missing:
-        logger.info(
-            "'%s': %d variables have no value, '%s' among them: no row holds them. Pyomo writes only solutions with a "
-            "value for each, so that there is none in the results. The values of the others are on the model; print "
-            "them in a function pyomo_postprocess(options, instance, results) of the model file.",
-            model.name,
-            len(missing),
-            missing[0],
-        )
-    return not missing
 
 
 def _solution_with_multipliers(model: Any, found: Any) -> ModelSolution:

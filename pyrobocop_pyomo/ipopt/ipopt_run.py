@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from types import FrameType
 from typing import Any, NamedTuple, TextIO
 
@@ -88,8 +89,8 @@ class IpoptCallbacks:
         self._compiled, compiled = compiled_functions_of(nlp)
         self.data = None if self._compiled is None else self._compiled.data
         self.begin(on_iteration)
-        in_python = self._eval_f, self._eval_g, self._eval_grad_f, self._eval_jac_g, self._eval_h
-        functions: dict[str, Any] = {**dict(zip(EVALUATIONS, in_python, strict=True)), **compiled}
+        functions: dict[str, Any] = {name: partial(self._answered, self._evaluate, name) for name in EVALUATIONS}
+        functions |= compiled
         kinds = (EvalF, EvalG, EvalGradF, EvalJacG, EvalH)
         # ctypes does not keep callbacks alive: these attributes do, for as long as the problem exists.
         self.evaluators: tuple[Any, ...] = tuple(
@@ -130,44 +131,25 @@ class IpoptCallbacks:
             self.failure = error
             return 0
 
-    def _write(self, address: int, evaluate: Callable[..., Any], *arguments: Any) -> int:
-        """Put the value of a function where Ipopt wants it; 0 tells Ipopt that there is none."""
-        return self._answered(self._written, address, evaluate, *arguments)
-
-    def _written(self, address: int, evaluate: Callable[..., Any], *arguments: Any) -> int:
+    def _evaluate(self, name: str, n: int, address: int, new_x: int, *others: Any) -> int:
+        """Put what a function of the program gives where Ipopt wants it; 0 tells Ipopt that there is nothing."""
+        *given, to, _ = others
+        structure = EVALUATIONS[name]
+        if structure is not None and not to:
+            return _write_structure(getattr(self.nlp, structure), *given[-2:])
+        arguments: list[Any] = [_view(address, n)]
+        if name == "hessian":
+            factor, m, multipliers, *_ = given
+            arguments += [factor, _view(multipliers, m)]
         try:
-            values = np.asarray(evaluate(*arguments), dtype=np.float64)
+            values = np.asarray(getattr(self.nlp, name)(*arguments), dtype=np.float64)
         except EvaluationError:
             values = np.array(np.nan)
         if not np.isfinite(values).all():
             self._undefined_at = arguments[0].copy()  # Ipopt's own memory
             return 0
-        _view(address, values.size)[...] = values.ravel()
+        _view(to, values.size)[...] = values.ravel()
         return 1
-
-    def _eval_f(self, n: int, x: int, new_x: int, value: int, data: Any) -> int:
-        return self._write(value, self.nlp.objective, _view(x, n))
-
-    def _eval_grad_f(self, n: int, x: int, new_x: int, values: int, data: Any) -> int:
-        return self._write(values, self.nlp.gradient, _view(x, n))
-
-    def _eval_g(self, n: int, x: int, new_x: int, m: int, values: int, data: Any) -> int:
-        return self._write(values, self.nlp.constraints, _view(x, n))
-
-    def _eval_jac_g(
-        self, n: int, x: int, new_x: int, m: int, count: int, rows: int, columns: int, values: int, data: Any
-    ) -> int:
-        if not values:
-            return _write_structure(self.nlp.jacobian_structure, rows, columns)
-        return self._write(values, self.nlp.jacobian, _view(x, n))
-
-    def _eval_h(
-        self, n: int, x: int, new_x: int, factor: float, m: int, multipliers: int, new_multipliers: int, count: int,
-        rows: int, columns: int, values: int, data: Any,
-    ) -> int:  # fmt: skip
-        if not values:
-            return _write_structure(self.nlp.hessian_structure, rows, columns)
-        return self._write(values, self.nlp.hessian, _view(x, n), factor, _view(multipliers, m))
 
     def _intermediate(self, mode: int, iteration: int, *numbers: Any) -> int:
         record = IterationRecord(iteration, mode == 1, *numbers[:-1])
@@ -210,11 +192,6 @@ class KeptProblem:
         self._callbacks: IpoptCallbacks | None = None
         self._made_for: tuple[Any, ...] = ()
         self._busy = False
-
-    @property
-    def library(self) -> IpoptLibrary | None:
-        """What the object was made by: looking for a library in each run takes a tenth of a millisecond."""
-        return self._library
 
     @contextlib.contextmanager
     def opened(
@@ -370,7 +347,7 @@ def _run_once(
     output: Sequence[TextIO],
     head: str,
 ) -> IpoptOutcome:
-    library = (None if kept is None else kept.library) or load_ipopt_library()
+    library = load_ipopt_library()
     start = PrimalDualPoint(nlp.x_start) if start is None else start
     multipliers = start.complete(nlp)
     point, row_multipliers = _vector(start.x, nlp.n, "x"), _vector(multipliers[0], nlp.m, "g_multipliers")

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import ModelError, SolverNotFoundError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.linear_solver.factorisation import FactorSize, SymmetricFactorisation
-from pyrobocop_pyomo.linear_solver.library import find_linear_solver
+from pyrobocop_pyomo.linear_solver.library import find_linear_solver, required_linear_solver
 from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram
 
 from .ipopt_outcome import IpoptStatus
@@ -34,10 +34,6 @@ FEW_ENTRIES, THIN = 20_000, 10
 FALL_BACK = {"linear_solver": "mumps"}
 # What records of a run say where that happened.
 FELL_BACK = "mumps, after ldl failed"
-# What Ipopt does not bring but loads: the library by its usual name, the option that says where it is, who has it.
-_HSL = ("libhsl.so", "hsllib", "HSL")
-_LOADED = dict.fromkeys(("ma27", "ma57", "ma77", "ma86", "ma97"), _HSL)
-_LOADED["pardiso"] = ("libpardiso.so", "pardisolib", "the Pardiso project")
 # At the head of Ipopt's log, which calls it by the name of the convention.
 SAID_OF_OWN_SOLVER = (
     f"Linear solver 'ma27' below stands for the one of this package ('{OWN_SOLVER}'): Ipopt loads it by MA27's "
@@ -66,13 +62,7 @@ def linear_solver_options() -> dict[str, str]:
     SolverNotFoundError
         When there is no compiled linear solver.
     """
-    library = find_linear_solver()
-    if library is None:
-        raise SolverNotFoundError(
-            "there is no compiled linear solver: run python -m pyrobocop_pyomo build-native, with any C compiler; "
-            "PYROBOCOP_NATIVE and PYROBOCOP_LINEAR_SOLVER must not say 'off' or 'none'. Ipopt's own is MUMPS."
-        )
-    return {"linear_solver": "ma27", "hsllib": library}
+    return {"linear_solver": "ma27", "hsllib": required_linear_solver()}
 
 
 def with_linear_solver(options: Mapping[str, Any], nlp: NonlinearProgram | None = None) -> tuple[dict[str, Any], bool]:
@@ -105,24 +95,11 @@ def with_linear_solver(options: Mapping[str, Any], nlp: NonlinearProgram | None 
 
 
 def refused_options(options: Mapping[str, Any]) -> ModelError:
-    """Why Ipopt refused options before its first iteration, which it says in its log only.
-
-    Parameters
-    ----------
-    options : mapping
-        As they were handed to it.
-    """
-    solver = options.get("linear_solver")
-    if solver not in _LOADED:
-        return ModelError(
-            f"Ipopt refused its options as inconsistent: {dict(options)}. Its log says which, and why: tee=True."
-        )
-    library, option, owner = _LOADED[solver]
+    """What is said where Ipopt refused options before its first iteration: why is in its log only."""
     return ModelError(
-        f"Ipopt option 'linear_solver': '{solver}' is in the library '{options.get(option, library)}', which is not "
-        f"found or does not have it. Ipopt does not bring it: it comes from {owner}. Say where it is, options={{"
-        f"'linear_solver': '{solver}', '{option}': '/path/to/{library}'}}, or leave 'linear_solver' out, or take "
-        f"'mumps' or '{OWN_SOLVER}'."
+        f"Ipopt refused its options as inconsistent: {dict(options)}. Its log says which, and why: tee=True. Of linear "
+        f"solvers 'mumps' and '{OWN_SOLVER}' are there; those of HSL and Pardiso it loads, options={{'linear_solver': "
+        "'ma57', 'hsllib': '/path/to/libhsl.so'}."
     )
 
 

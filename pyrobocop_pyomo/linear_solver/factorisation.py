@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import EvaluationError, SolverNotFoundError
+from pyrobocop_pyomo.errors import EvaluationError
 
-from .library import find_linear_solver
+from .library import required_linear_solver
 
 FloatArray = np.ndarray[Any, np.dtype[np.float64]]
 IntArray = np.ndarray[Any, np.dtype[np.int32]]
@@ -99,13 +99,7 @@ class SymmetricFactorisation:
     """
 
     def __init__(self, n: int, rows: Any, columns: Any, library: str | None = None) -> None:
-        path = library or find_linear_solver()
-        if path is None:
-            raise SolverNotFoundError(
-                "there is no compiled linear solver: run python -m pyrobocop_pyomo build-native, with any C compiler; "
-                "PYROBOCOP_NATIVE and PYROBOCOP_LINEAR_SOLVER must not say 'off' or 'none'."
-            )
-        self._functions = _load(path)
+        self._functions = _load(library or required_linear_solver())
         self._rows, self._columns = _indices(n, rows, "rows"), _indices(n, columns, "columns")
         if self._rows.size != self._columns.size:
             raise ValueError(f"{self._rows.size} rows are given for {self._columns.size} columns.")

@@ -38,6 +38,17 @@ def find_linear_solver() -> str | None:
     return _compiled(os.environ.get(SWITCH_VARIABLE, ""))
 
 
+def required_linear_solver() -> str:
+    """As `find_linear_solver`, but refused where there is none."""
+    path = find_linear_solver()
+    if path is None:
+        raise SolverNotFoundError(
+            "there is no compiled linear solver: run python -m pyrobocop_pyomo build-native, with any C compiler; "
+            "PYROBOCOP_NATIVE and PYROBOCOP_LINEAR_SOLVER must not say 'off' or 'none'. Ipopt's own is MUMPS."
+        )
+    return path
+
+
 @functools.cache
 def _compiled(_switch: str) -> str | None:
     """Asked once for each setting of the environment: hashing sources takes as long as a small solve."""

@@ -124,37 +124,15 @@ class MultiplierProblem:
                 closed = self._biactive[side][bound - np.array(factors) @ chosen < 0.5]
                 (linear.lower if sign < 0.0 else linear.upper)[closed] = 0.0
         values = linear.solve(deadline).x
-        return None if values is None else self._found(kind, values[:-1], float(values[-1]))
-
-    def find_nearly_strong(self, deadline: Deadline = NO_DEADLINE) -> Multipliers | None:
-        """Look for the multipliers of S that leave the least sum of residuals; None where HiGHS gives none.
-
-        The dual of that program is the steepest step within the cone of what is active, which has as many columns as
-        there are variables, and takes a fraction of the time. Where its residual is small enough, nothing is left to be
-        asked; where it is not, others may have a smaller largest one.
-        """
-        least, most = self._bounds(Stationarity.S)
-        lower, upper = np.where(least < 0.0, -self._weights, -np.inf), np.where(most > 0.0, self._weights, np.inf)
-        ones = np.ones(self._gradient.size)
-        steps = LinearProgram(self._gradient, -ones, ones, [(self._columns.T.tocsr(), lower, upper)])
-        answer = steps.solve_with_duals(deadline)
-        if answer is None:
-            return None
-        found = np.clip(-answer[1], least, most)
-        residuals = np.concatenate([self._gradient + self._columns @ found, self._weights * found])
-        return self._found(Stationarity.S, found, float(np.abs(residuals).max(initial=0.0)))
-
-    def _bounds(self, kind: Stationarity) -> tuple[FloatArray, FloatArray]:
-        """Least and largest values of the multipliers."""
-        least = self._least.copy()
-        if kind is Stationarity.S:
-            for columns in self._biactive:
-                least[columns] = 0.0
-        return least, self._most.copy()
+        # What the program leaves of its bounds and calls its least residual is as good as its tolerances.
+        return None if values is None else self._found(kind, np.clip(values, linear.lower, linear.upper)[:-1])
 
     def _least_residual(self, kind: Stationarity) -> LinearProgram:
         """Minimise the largest residual, which is one more column; without the choices of a kind."""
-        least, most = self._bounds(kind)
+        least, most = self._least.copy(), self._most.copy()
+        if kind is Stationarity.S:
+            for columns in self._biactive:
+                least[columns] = 0.0
         weighted = np.flatnonzero(self._weights)
         distances = scipy.sparse.diags_array(self._weights, format="csr")[weighted]
         residuals = scipy.sparse.vstack([self._columns, distances])
@@ -177,12 +155,13 @@ class MultiplierProblem:
         of_binaries = [LARGEST_MULTIPLIER * factor * scipy.sparse.eye_array(columns.size) for factor in factors]
         return scipy.sparse.hstack([of_side, *of_binaries], format="csr")
 
-    def _found(self, kind: Stationarity, values: FloatArray, residual: float) -> Multipliers:
+    def _found(self, kind: Stationarity, values: FloatArray) -> Multipliers:
         nu, xi = np.zeros(self._program.pairs), np.zeros(self._program.pairs)
         rows = np.zeros(self._point.nlp.m)
         of_rows, _, of_a, of_b = np.split(self._point.slope * values, self._ends)
         rows[self._row_numbers], nu[self._a_pairs], xi[self._b_pairs] = of_rows, of_a, of_b
-        return Multipliers(kind, nu, xi, rows, residual)
+        residuals = np.concatenate([self._gradient + self._columns @ values, self._weights * values])
+        return Multipliers(kind, nu, xi, rows, float(np.abs(residuals).max(initial=0.0)))
 
 
 def strong_multipliers(
@@ -304,9 +283,7 @@ def classify(
         return None if deadline.has_passed else problem.find(kind, deadline.within(time_limit))
 
     # Most points are strongly stationary, and then nothing else has to be asked.
-    strong = None if deadline.has_passed else problem.find_nearly_strong(deadline.within(time_limit))
-    if strong is None or not strong.residual <= STATIONARY:
-        strong = find(Stationarity.S)
+    strong = find(Stationarity.S)
     if strong is not None and strong.residual <= STATIONARY:
         return strong
     weak = find(Stationarity.W)

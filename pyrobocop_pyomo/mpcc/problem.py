@@ -105,9 +105,6 @@ class Branch:
     a_zero: BoolArray
     b_zero: BoolArray
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Branch) and self.key() == other.key()
-
     def key(self) -> bytes:
         """What tells branches apart in a set."""
         return np.packbits(np.concatenate([self.a_zero, self.b_zero])).tobytes()

@@ -41,8 +41,7 @@ class Derivatives:
     active : int array, shape (a,)
         Numbers of the active constraints: first rows, then bounds of variables.
     multipliers : float array, shape (a,)
-        Of the active constraints: the Lagrangian is f + multipliers @ constraints.
-    multiplier_derivatives : float array, shape (a, k)
+        Of the active constraints: the Lagrangian is f + multipliers @ constraints. The shortest ones of several.
     """
 
     x: FloatArray
@@ -50,7 +49,6 @@ class Derivatives:
     variables: FloatArray
     active: NDArray[np.intp]
     multipliers: FloatArray
-    multiplier_derivatives: FloatArray
 
 
 def derivatives(
@@ -79,8 +77,8 @@ def derivatives(
     SolveFailed
         When the deadline has passed.
     EvaluationError
-        If the point is not stationary, an active constraint has no multiplier, active constraints are linearly
-        dependent, or the Lagrangian is flat in a direction that they leave.
+        If the point is not stationary, an active constraint has no multiplier, active constraints that depend on each
+        other move apart, or the Lagrangian is flat in a direction that they leave.
 
     References
     ----------
@@ -90,18 +88,17 @@ def derivatives(
     constraints = _Constraints(nlp, parameters, describe, deadline)
     active, multipliers = _guess_active(constraints, x)
     x, multipliers = _refined(constraints, x, active, multipliers)
-    _check_strict(constraints, x, active, multipliers)
     free = constraints.free
-    factor, _, jacobian = _kkt(constraints, x, active, multipliers)
+    solve, _, jacobian = _kkt(constraints, x, active, multipliers)
     hessian = constraints.hessian(x, active, multipliers)
     right = np.concatenate([hessian[free][:, parameters].toarray(), jacobian[:, parameters].toarray()])
-    solution = -factor(right)
     moved = np.zeros((nlp.n, parameters.size))
-    moved[free] = solution[: free.size]
+    moved[free] = -solve(right)[: free.size]
     moved[parameters, np.arange(parameters.size)] = 1.0
+    _check_strict(constraints, x, active, multipliers, moved)
     # The envelope theorem: only what a parameter does to the Lagrangian by itself counts.
     objective = (nlp.gradient(x) + jacobian.T @ multipliers)[parameters]
-    return Derivatives(x, objective, moved, active, multipliers, solution[free.size :])
+    return Derivatives(x, objective, moved, active, multipliers)
 
 
 class _Constraints:
@@ -117,6 +114,8 @@ class _Constraints:
         self.lower = np.concatenate([nlp.g_lower, lower])
         self.upper = np.concatenate([nlp.g_upper, upper])
         self.equations = self.lower == self.upper
+        rows, columns = nlp.jacobian_structure
+        self.has_free = np.isin(np.arange(self.lower.size), [*rows[np.isin(columns, self.free)], *(nlp.m + self.free)])
 
     def values(self, x: FloatArray) -> FloatArray:
         return np.concatenate([self.nlp.constraints(x), x])
@@ -163,74 +162,20 @@ def _guess_active(constraints: _Constraints, x: FloatArray) -> tuple[NDArray[np.
     """Which constraints are active: those whose multiplier is larger than the distance from their bound."""
     distance = constraints.relative_distance(x)
     near = np.flatnonzero(constraints.equations | (distance <= NEAR))
-    near = _without_copies(constraints, x, near)
-    multipliers = _least_squares_multipliers(constraints, x, near)
-    push = constraints.pushes(x, near, multipliers)
-    chosen = constraints.equations[near] | (push > distance[near])
-    active = near[chosen]
-    _check_independent(constraints, x, active)
+    near = near[constraints.has_free[near]]  # a row of parameters alone is a matter of data
+    push = constraints.pushes(x, near, _least_squares_multipliers(constraints, x, near))
+    active = near[constraints.equations[near] | (push > distance[near])]
     return active, _least_squares_multipliers(constraints, x, active)
-
-
-def _without_copies(constraints: _Constraints, x: FloatArray, near: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Leave out inequalities that say the same as an equation or as another one: a side at zero and its bound."""
-    jacobian = constraints.jacobian(x)
-    seen = set()
-    kept = []
-    for number in sorted(near.tolist(), key=lambda row: (not constraints.equations[row], row)):
-        key = _direction(jacobian, number)
-        if not np.isin(key[0], constraints.free).any():
-            continue  # a row of parameters alone is a matter of data
-        if key not in seen or constraints.equations[number]:
-            kept.append(number)
-        seen.add(key)
-    return np.array(sorted(kept), dtype=np.intp)
-
-
-def _direction(jacobian: Any, number: int) -> tuple[tuple[int, ...], tuple[float, ...]]:
-    """The gradient of a constraint up to its length and sign: columns and slopes."""
-    start, end = jacobian.indptr[number : number + 2]
-    columns, slopes = jacobian.indices[start:end], jacobian.data[start:end]
-    columns, slopes = columns[slopes != 0.0], slopes[slopes != 0.0]
-    order = np.argsort(columns)
-    largest = slopes[np.abs(slopes).argmax()] if slopes.size else 1.0
-    return tuple(columns[order].tolist()), tuple(np.round(slopes[order] / largest, 9).tolist())
 
 
 def _least_squares_multipliers(constraints: _Constraints, x: FloatArray, chosen: NDArray[np.intp]) -> FloatArray:
     """The multipliers that leave the least gradient of the Lagrangian, the shortest ones where they are not unique."""
     free = constraints.free
-    solve, sizes = _factor_of_gradients(constraints, x, chosen, 1e-10)
+    jacobian = constraints.jacobian(x)[chosen][:, free]
+    sizes = np.maximum(np.sqrt(np.asarray(jacobian.power(2).sum(axis=1)).ravel()), 1e-300)
+    solve = _augmented_solver(scipy.sparse.eye_array(free.size), scipy.sparse.diags_array(1.0 / sizes) @ jacobian)
     right = np.concatenate([-constraints.nlp.gradient(x)[free], np.zeros(chosen.size)])
     return solve(right)[free.size :] / sizes
-
-
-def _factor_of_gradients(
-    constraints: _Constraints, x: FloatArray, chosen: NDArray[np.intp], regularisation: float
-) -> tuple[Callable[[FloatArray], FloatArray], FloatArray]:
-    """A solver of the system that projects onto the gradients of constraints, in unit length, and their lengths."""
-    jacobian = constraints.jacobian(x)[chosen][:, constraints.free]
-    sizes = np.maximum(np.sqrt(np.asarray(jacobian.power(2).sum(axis=1)).ravel()), 1e-300)
-    scaled = scipy.sparse.diags_array(1.0 / sizes) @ jacobian
-    return _augmented_solver(scipy.sparse.eye_array(constraints.free.size), scaled, regularisation), sizes
-
-
-def _check_independent(constraints: _Constraints, x: FloatArray, active: NDArray[np.intp]) -> None:
-    """Refuse active constraints with (nearly) dependent gradients: their multipliers are not unique."""
-    free = constraints.free
-    if not active.size:
-        return
-    solve, _ = _factor_of_gradients(constraints, x, active, 1e-12)
-    # A direction among the rows that the matrix hardly sees comes back enlarged by the square of its singular value.
-    probe = np.random.default_rng(0).normal(size=active.size)
-    found = solve(np.concatenate([np.zeros(free.size), probe]))[free.size :]
-    if not np.abs(found).max() <= 1e10 * np.abs(probe).max():
-        involved = np.argsort(-np.abs(found))[:5]
-        involved = involved[np.abs(found[involved]) > 1e-3 * np.abs(found).max()]
-        raise EvaluationError(
-            f"the active constraints are linearly dependent, so their multipliers are not unique; among them: "
-            f"{_names(constraints, active[np.sort(involved)])}. Remove what says the same twice."
-        )
 
 
 def _refined(
@@ -259,20 +204,25 @@ def _refined(
     return x, multipliers
 
 
-def _check_strict(constraints: _Constraints, x: FloatArray, active: NDArray[np.intp], multipliers: FloatArray) -> None:
-    """Refuse a point where it is in doubt which inequalities are active."""
+def _check_strict(
+    constraints: _Constraints, x: FloatArray, active: NDArray[np.intp], multipliers: FloatArray, moved: FloatArray
+) -> None:
+    """Refuse a point where it is in doubt which inequalities are active, or where active constraints move apart."""
+    jacobian = constraints.jacobian(x)
+    # What is met with equality and stays so says nothing new, as a bound of a side that is held at zero.
+    leaves = (np.abs(jacobian @ moved) > 1e-6 * np.maximum(1.0, abs(jacobian) @ np.abs(moved))).any(axis=1)
+    apart = active[leaves[active]]
+    if apart.size:
+        raise EvaluationError(
+            "the active constraints are linearly dependent, and the parameters move them apart; among them: "
+            f"{_names(constraints, apart)}. Remove what says the same twice."
+        )
     push = constraints.pushes(x, active, multipliers)
-    inequality = ~constraints.equations[active]
-    weak = active[inequality & ~(push >= STRICT)]
-    distance = constraints.relative_distance(x)
+    weak = active[~constraints.equations[active] & ~(push >= STRICT)]
     values = constraints.values(x)
     outside = (values < constraints.lower) | (values > constraints.upper)
-    unsure = ~constraints.equations & ((distance < STRICT) | outside)
-    unsure[active] = False
-    jacobian = constraints.jacobian(x)
-    said = {_direction(jacobian, number) for number in active.tolist()}
-    for number in np.flatnonzero(unsure).tolist():
-        unsure[number] = _direction(jacobian, number) not in said
+    met = outside | (constraints.relative_distance(x) < STRICT)
+    unsure = ~constraints.equations & constraints.has_free & met & leaves
     doubtful = np.union1d(weak, np.flatnonzero(unsure))
     if doubtful.size:
         raise EvaluationError(
@@ -290,9 +240,9 @@ def _kkt(
     jacobian = scipy.sparse.csr_array(constraints.jacobian(x)[active])
     hessian = constraints.hessian(x, active, multipliers)[free][:, free]
     gradient = (constraints.nlp.gradient(x) + jacobian.T @ multipliers)[free]
-    probe = np.random.default_rng(0).normal(size=free.size + active.size)
+    probe = np.append(np.random.default_rng(0).normal(size=free.size), np.zeros(active.size))
     try:
-        solve = _augmented_solver(hessian, jacobian[:, free], 0.0)
+        solve = _augmented_solver(hessian, jacobian[:, free])
         found = solve(probe)
     except RuntimeError:  # SciPy's way to say: exactly singular
         found = np.array([np.inf])
@@ -309,12 +259,17 @@ def _kkt(
     return solve, gradient, jacobian
 
 
-def _augmented_solver(upper_left: Any, jacobian: Any, regularisation: float) -> Callable[[FloatArray], FloatArray]:
-    matrix = scipy.sparse.block_array(
-        [[upper_left, jacobian.T], [jacobian, -regularisation * scipy.sparse.eye_array(jacobian.shape[0])]],
-        format="csc",
-    )
-    return scipy.sparse.linalg.splu(matrix).solve
+def _augmented_solver(upper_left: Any, jacobian: Any) -> Callable[[FloatArray], FloatArray]:
+    """Solves a system of a symmetric matrix and constraints, which may depend on each other: they share a force."""
+    matrix = scipy.sparse.block_array([[upper_left, jacobian.T], [jacobian, None]], format="csc")
+    softness = scipy.sparse.diags_array(np.repeat([0.0, 1e-10], jacobian.shape[::-1]))
+    solve = scipy.sparse.linalg.splu((matrix - softness).tocsc()).solve
+
+    def refined(right: FloatArray) -> FloatArray:
+        found = solve(right)
+        return np.asarray(found + solve(right - matrix @ found))
+
+    return refined
 
 
 def _names(constraints: _Constraints, numbers: NDArray[np.intp]) -> str:

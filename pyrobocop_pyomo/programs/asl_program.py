@@ -33,13 +33,6 @@ ASL_REMEDY = (
     "or run 'pyomo build-extensions'"
 )
 
-_LABELS = {
-    "objective": "objective",
-    "gradient": "gradient of the objective",
-    "constraints": "constraints",
-    "jacobian": "Jacobian of the constraints",
-}
-
 
 def find_asl_library() -> str | None:
     """Path of PyNumero's ``pynumero_ASL`` library, or None.
@@ -181,9 +174,9 @@ class AslProgram:
         try:
             value = function(x, *filled)
         except ArithmeticError as error:
-            raise EvaluationError(f"ASL cannot evaluate the {_LABELS[name]}: {error}") from None
+            raise EvaluationError(f"ASL cannot evaluate the {name}: {error}") from None
         self._evaluated.add(name)
-        return finite(filled[0] if filled else np.array(value), "ASL", _LABELS[name])
+        return finite(filled[0] if filled else np.array(value), "ASL", name)
 
 
 def _open(path: str, external_functions: str) -> AmplInterface:

@@ -16,13 +16,14 @@ from pyomo.core.base.objective import ObjectiveData
 from pyomo.core.base.var import VarData
 from pyomo.core.staleflag import StaleFlagManager
 
+from pyrobocop_pyomo.complementarity.preconditions import only_objective
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.component_groups import ComponentGroups
 from pyrobocop_pyomo.modeling.variable_values import put_values
 
 from .asl_program import asl_available, program_of_file
 from .composed_program import ComposedProgram, vectorised_composition
-from .model_checks import refuse_foreign, refuse_unseen_components, single_objective
+from .model_checks import refuse_foreign, refuse_unseen_components
 from .model_terms import collect_terms
 from .nonlinear_program import FloatArray, NonlinearProgram
 from .vectorised_program import VectorisedProgram, casadi_available
@@ -93,7 +94,7 @@ class CompiledModel:
 
     def _prepare(self) -> None:
         refuse_unseen_components(self.model)
-        self.objective = single_objective(self.model)
+        self.objective = only_objective(self.model)
         self.sign = -1.0 if self.objective is not None and self.objective.is_minimizing() is False else 1.0
         for known in ("row_of", "groups"):
             self.__dict__.pop(known, None)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 import functools
 import logging
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -94,13 +93,9 @@ def evaluation_library() -> ctypes.CDLL | None:
 
 def how_terms_are_evaluated() -> str:
     """One line for people: the compiled evaluation and its file, or NumPy and why."""
-    if not native_allowed():
-        return f"evaluated by NumPy: {SWITCH_VARIABLE} is '{os.environ[SWITCH_VARIABLE]}'"
-    path = library_file(TERM_EVALUATION)
     if evaluation_library() is None:
-        why = "cannot be loaded" if path.is_file() else "is not there. Run: python -m pyrobocop_pyomo build-native"
-        return f"evaluated by NumPy: '{path}' {why}"
-    return f"evaluated by compiled code: {path}"
+        return f"evaluated by NumPy: {SWITCH_VARIABLE} is 'off', or python -m pyrobocop_pyomo build-native is to be run"
+    return f"evaluated by compiled code: {library_file(TERM_EVALUATION)}"
 
 
 def indices(values: np.ndarray) -> np.ndarray:

@@ -57,15 +57,6 @@ class ConstantCall(NumericValue):
         # Asked of the function itself: Pyomo's `value` would log an error before this package says what to do about it.
         return float(self._node._fcn.evaluate(self._node.args))
 
-    @property
-    def name(self) -> str:
-        """The call as it is printed."""
-        return str(self._node)
-
-    def __call__(self, exception: bool = True) -> float:
-        """The value, as Pyomo asks for it."""
-        return self.value
-
 
 class FunctionCalls:
     """All different calls that a walk over a model has met; those with the same arguments are one.

@@ -9,7 +9,7 @@ from pyomo.core.base.block import Block, BlockData
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.external import AMPLExternalFunction, ExternalFunction, PythonCallbackFunction
-from pyomo.core.base.objective import Objective, ObjectiveData
+from pyomo.core.base.objective import Objective
 from pyomo.core.base.param import Param
 from pyomo.core.base.set import RangeSet, Set
 from pyomo.core.base.suffix import Suffix
@@ -65,24 +65,6 @@ def refuse_unseen_components(model: BlockData) -> None:
 
 def _some(names: list[str]) -> str:
     return ", ".join(f"'{name}'" for name in names[:5]) + (", ..." if len(names) > 5 else "")
-
-
-def single_objective(model: BlockData) -> ObjectiveData | None:
-    """The active objective, if there is any.
-
-    Raises
-    ------
-    ModelError
-        When there are several.
-    """
-    objectives = list(model.component_data_objects(Objective, active=True, descend_into=True))
-    if len(objectives) > 1:
-        names = ", ".join(f"'{objective.name}'" for objective in objectives)
-        raise ModelError(
-            f"'{model.name}' has {len(objectives)} active objectives ({names}); Ipopt takes one. Deactivate the "
-            "others, or add them up in a single one."
-        )
-    return objectives[0] if objectives else None
 
 
 def check_variables(model: BlockData, variables: list[VarData]) -> None:

@@ -10,11 +10,10 @@ import numpy as np
 from pyomo.common.errors import InfeasibleConstraintException
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
-from pyomo.core.base.var import VarData
 from pyomo.repn.plugins.nl_writer import TOL
 
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.modeling.rows_by_rule import RowByRule, SumByRule
+from pyrobocop_pyomo.modeling.rows_by_rule import RowByRule
 
 from .model_checks import number_in
 from .model_terms import ModelTerms
@@ -23,7 +22,7 @@ from .row_values import KNOWN_BOUNDS, BoundArrays
 
 # Attributes of Pyomo's data objects behind its properties: reading ten thousand properties takes ten milliseconds.
 _DOMAIN, _FIXED, _ACTIVE, _EXPRESSION = map(attrgetter, ("_domain", "_fixed", "_active", "_expr"))
-_VALUE, _STORED_VALUE = attrgetter("value"), attrgetter("_value")
+_VALUE = attrgetter("value")
 
 
 def _expression_of(row: Any) -> Any:
@@ -51,12 +50,7 @@ class ModelNumbers:
         self._terms = terms
         self._variables, self._constraints = terms.variables, terms.constraints
         self._fixed_variables = [known for known in terms.columns.parameters if known.is_variable_type()]
-        self._expressions = list(map(_expression_of, self._constraints))
-        self._rows = _rows_of(terms.model)
-        self._activity = list(map(_ACTIVE, self._rows))
-        self._domains = list(map(_DOMAIN, self._variables))
-        classes: set[Any] = set(map(type, self._variables))
-        self._value_of = _STORED_VALUE if all(cls.value is VarData.value for cls in classes) else _VALUE
+        self._structure = self._read_structure()
         self._bounds = BoundArrays(self._variables)
         self.x_lower, self.x_upper = self._bounds.lower, self._bounds.upper
         self.g_lower, lower = _row_bounds([lower for lower, _ in terms.bounds], -math.inf)
@@ -74,18 +68,23 @@ class ModelNumbers:
         Raises
         ------
         ModelError
-            When variables were fixed or unfixed, rows or named expressions got other expressions, rows were added,
-            deleted, replaced, activated or deactivated, or the objective got another sense.
+            When variables were fixed or unfixed or got other domains, rows or named expressions got other expressions,
+            rows were added, deleted, replaced, activated or deactivated, or the objective got another sense.
         InfeasibleConstraintException
             When a row without free variables contradicts itself.
         """
-        self._refuse_other_structure()
+        structure = self._read_structure()
+        if len(structure) != len(self._structure) or any(map(is_not, structure, self._structure)):
+            raise ModelError(
+                f"'{self._terms.model.name}': rows, objectives, named expressions, domains, or what is fixed or active "
+                "have changed since it was prepared. Prepare it again."
+            )
         self._bounds.read()
         self._read_numbers()
 
     def values_of_variables(self) -> FloatArray:
         """Current values of the variables, 0 where one has none."""
-        numbers = list(map(self._value_of, self._variables))
+        numbers = list(map(_VALUE, self._variables))
         if None in numbers:
             numbers = [0.0 if number is None else number for number in numbers]
         return np.array(numbers, dtype=float)
@@ -112,31 +111,20 @@ class ModelNumbers:
         for constraint in self._terms.constant_constraints:
             check_constant(constraint)
 
-    def _refuse_other_structure(self) -> None:
-        terms = self._terms
-        change = None
-        if any(map(_FIXED, self._variables)) or not all(map(_FIXED, self._fixed_variables)):
-            change = "variables were fixed or unfixed"
-        elif any(map(is_not, map(_expression_of, self._constraints), self._expressions)):
-            change = "constraints got other expressions"
-        elif terms.objective is not None and terms.objective.is_minimizing() is not (terms.sign > 0.0):
-            change = "the objective got another sense"
-        elif self._are_other_rows(_rows_of(terms.model)):
-            change = "constraints or objectives were added, deleted, replaced, activated or deactivated"
-        elif any(
-            named.args[0] is not expression
-            for collected in (terms.rows, terms.cost)
-            for named, expression in collected.named_expressions.values()
-        ) or any(node.__class__ is not SumByRule for node in (*terms.rows.sums_by_rule, *terms.cost.sums_by_rule)):
-            change = "named expressions got other contents"
-        elif any(map(is_not, map(_DOMAIN, self._variables), self._domains)):
-            change = "variables got other domains"
-        if change is not None:
-            raise ModelError(f"'{terms.model.name}': {change} since it was prepared. Prepare it again.")
-
-    def _are_other_rows(self, rows: list[Any]) -> bool:
-        same = len(rows) == len(self._rows) and not any(map(is_not, rows, self._rows))
-        return not same or list(map(_ACTIVE, rows)) != self._activity
+    def _read_structure(self) -> list[Any]:
+        """Objects that stay the same ones as long as nothing but numbers changes."""
+        terms, rows = self._terms, _rows_of(self._terms.model)
+        collected = terms.rows, terms.cost
+        return [
+            *map(_FIXED, [*self._variables, *self._fixed_variables]),
+            *map(_DOMAIN, self._variables),
+            *map(_expression_of, self._constraints),
+            *rows,
+            *map(_ACTIVE, rows),
+            None if terms.objective is None else terms.objective.is_minimizing(),
+            *(named.args[0] for terms in collected for named in terms.named_expressions.values()),
+            *(node.__class__ for terms in collected for node in terms.sums_by_rule),
+        ]
 
 
 def _row_bounds(bounds: list[Any], unbounded: float) -> tuple[FloatArray, list[tuple[int, Any]]]:

@@ -15,6 +15,7 @@ from pyomo.core.base.objective import ObjectiveData
 from pyomo.core.base.var import VarData
 from pyomo.core.expr.numeric_expr import ExternalFunctionExpression, MonomialTermExpression
 
+from pyrobocop_pyomo.complementarity.preconditions import only_objective
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_nodes import CONSTANT, DIVISION, LEAF, NAMED, NEGATION, PRODUCT, SUMMATION
 from pyrobocop_pyomo.modeling.functions import is_function_call
@@ -22,7 +23,7 @@ from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, RowByRule, SumByR
 from pyrobocop_pyomo.modeling.shared_nodes import topmost_nodes
 
 from .function_calls import FunctionCalls
-from .model_checks import check_variables, external_function_refused, single_objective
+from .model_checks import check_variables, external_function_refused
 from .nonlinear_program import IndexArray
 from .term_groups import FACTORS, SCALED_SUM, Columns, NodeKinds, NonlinearTerm, TermGroups, not_vectorised, repetitions
 
@@ -48,7 +49,8 @@ class Terms:
         Triplets; a column ``-1 - i`` is the parameter i.
     constants : dict of row to float
     groups : TermGroups
-    named_expressions : dict of id to pair of named expression and what it stood for at the time of the walk
+    named_expressions : dict of id to named expression
+        Those that were met; what stands behind them may be changed.
     sums_by_rule : list of SumByRule
     """
 
@@ -58,7 +60,7 @@ class Terms:
         self.linear_columns: list[int] = []
         self.linear_coefficients: list[float] = []
         self.constants: dict[int, float] = {}
-        self.named_expressions: dict[int, tuple[Any, Any]] = {}
+        self.named_expressions: dict[int, Any] = {}
         self.sums_by_rule: list[Any] = []
         self._kinds = NodeKinds()
         self.groups = TermGroups(columns, self._kinds, self._content)
@@ -210,9 +212,8 @@ class Terms:
                     raise ModelError(f"an expression {external_function_refused(named._fcn.name)}")
                 raise not_vectorised(type(named))
             return self._calls.replacement(named)
-        expression = named.args[0]
-        self.named_expressions[id(named)] = (named, expression)
-        return expression
+        self.named_expressions[id(named)] = named
+        return named.args[0]
 
 
 def _product(factors: tuple[Any, ...], node: Any, scale: float) -> NonlinearTerm:
@@ -283,7 +284,7 @@ def collect_terms(model: BlockData) -> ModelTerms:
         When the model has several objectives, no free variables or discrete ones, or an expression that vectorised
         functions cannot evaluate.
     """
-    objective = single_objective(model)
+    objective = only_objective(model)
     columns, calls = Columns(), FunctionCalls()
     sign = 1.0 if objective is None or objective.is_minimizing() else -1.0
     of_rows, cost, arguments = (Terms(columns, calls) for _ in range(3))
@@ -297,7 +298,7 @@ def collect_terms(model: BlockData) -> ModelTerms:
                     _add_row(found, row)
         if objective is not None:
             found.cost.add(0, objective.expr, found.sign, keep_constant=True)
-            found.cost.named_expressions[id(objective)] = (objective, objective.args[0])
+            found.cost.named_expressions[id(objective)] = objective
         found.rows.group()
         found.cost.group()
         for leaf in calls.given:

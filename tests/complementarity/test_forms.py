@@ -99,60 +99,6 @@ def test_an_equality_holds_and_leaves_the_other_side_free(f, h):
         assert met(form) == (f == 2)
 
 
-WITH_ITSELF = {
-    "a bound": (lambda m: (m.f >= m.lo, m.f >= m.lo), lambda f, h: f == -1),
-    "an upper bound": (lambda m: (m.f <= 1, m.f <= 1), lambda f, h: f == 1),
-    "a variable's own bound": (lambda m: (m.own, m.own >= -2), lambda f, h: f == -2),
-    "one expression": (lambda m: (m.sum >= 1, m.sum >= 1), lambda f, h: 2 * f + h == 1),
-    "an expression written twice": (
-        lambda m: (m.f * m.h + m.f >= 1, m.f * m.h + m.f >= 1),
-        lambda f, h: f * h + f == 1,
-    ),
-    "a bound written twice": (lambda m: (m.f >= 1 + m.lo, m.f >= 1 + m.lo), lambda f, h: f == 0),
-    "variables on either side": (lambda m: (m.f >= m.h, m.f >= m.h), lambda f, h: f == h),
-    "the tighter of two bounds": (lambda m: (m.f >= 0, m.f >= 1), lambda f, h: f == 1),
-    "the tighter of two upper bounds": (lambda m: (m.f <= 0, m.f <= 1), lambda f, h: f == 0),
-}
-
-
-@BOTH
-@pytest.mark.parametrize("name", WITH_ITSELF)
-@given(f=whole, h=whole)
-def test_a_side_that_is_paired_with_itself_is_at_its_bound(component, name, f, h):
-    """Zero is the only number that is complementary to itself: the pair is decided, and one row says so."""
-    sides, holds = WITH_ITSELF[name]
-    m = two_variables(f, h)
-    m.own = pyo.Var(bounds=(-2, None), initialize=f)
-    m.sum = pyo.Expression(expr=2 * m.f + m.h)
-    m.cc = component(expr=mpec.complements(*sides(m)) if component is mpec.Complementarity else complements(*sides(m)))
-    form = canonical_form(m.cc)
-    assert (len(form.pairs), len(form.rows)) == (0, 1)
-    assert met(form) == holds(f, h)
-
-
-@given(f=whole, other=whole)
-def test_two_parameters_may_move_apart_and_stay_two_bounds_of_a_variable(f, other):
-    m = two_variables(f)
-    m.cc = Complementarity(expr=complements(m.f >= m.lo, m.f >= m.up))
-    m.lo.set_value(other)
-    assert len(canonical_form(m.cc).pairs) == 1
-    assert met(canonical_form(m.cc)) == (f == max(other, 2))
-
-
-@pytest.mark.parametrize("grouping", ["pair", "element"])
-def test_a_decided_pair_is_relaxed_to_its_row_and_reverted(grouping):
-    m = two_variables(1, 1)
-    m.itself = Complementarity(expr=complements(m.f >= 0, m.f >= 0))
-    m.pair = Complementarity(expr=complements(m.f + 1 >= 0, m.h >= 0))
-    before = state(m)
-    token = RELAX.apply_to(m, grouping=grouping)
-    (row,) = RELAX.rows_of(m.itself)
-    assert (row.body, row.lower, row.upper) == (m.f, 0, 0)
-    assert len(RELAX.relaxation_rows_of(m)) == 1
-    RELAX.revert(m, token)
-    assert state(m) == before
-
-
 @given(f=whole, h=whole)
 def test_a_plain_variable_between_two_bounds_is_a_range(f, h):
     m = two_variables(f, h)

@@ -9,11 +9,9 @@ from pyomo.dae import ContinuousSet, DerivativeVar
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.complementarity import (
-    AllPairs,
     Complementarity,
     Crossed,
     KanzowSchwartz,
-    PerPhase,
     active_pairs,
     complements,
 )
@@ -38,16 +36,6 @@ def test_a_crossed_row_comes_from_the_pairs_of_both_sides():
     names = {tuple(source.index() for source in RELAX.sources_of(row)) for row in RELAX.shifted_rows_of(m)}
     assert names == {((i, j), (i, k)) if j != k else ((i, j),) for i in (0, 1) for j in (0, 1) for k in (0, 1)}
     assert len(RELAX.rows_of(m.cc[0, 0])) == 3
-
-
-def test_all_pairs_share_one_row_and_those_of_a_block_one_each():
-    m = stages()
-    m.part = pyo.Block()
-    m.part.cc = Complementarity(expr=complements(m.a[0, 0], m.b[1, 1]))
-    groups = {type(g): [[p.name for p in ps] for _, ps in g.groups(active_pairs(m))] for g in (AllPairs(), PerPhase())}
-    own = [f"cc[{i},{k}]" for i in (0, 1) for k in (0, 1)]
-    assert groups[AllPairs] == [[*own, "part.cc"]]
-    assert groups[PerPhase] == [own, ["part.cc"]]
 
 
 def test_an_unknown_way_to_begin_is_refused():
@@ -161,7 +149,7 @@ def test_the_family_of_a_pair_over_a_continuous_set_is_the_rest_of_its_index():
 
 def test_products_without_a_shift_are_bounded_by_themselves():
     m = stages()
-    RELAX.apply_to(m, grouping="all", relaxation=KanzowSchwartz(), delta=0.4)
+    RELAX.apply_to(m, grouping="element", relaxation=KanzowSchwartz(), delta=0.4)
     alone = stages()
     RELAX.apply_to(alone, relaxation=KanzowSchwartz(), delta=0.4)
     assert [str(row.expr) for row in RELAX.relaxation_rows_of(m)] == [

@@ -10,7 +10,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.complementarity import AllPairs, Elastic, PerElement
+from pyrobocop_pyomo.complementarity import Elastic, PerElement
 
 from .code_blocks import ROOT
 
@@ -85,8 +85,8 @@ def test_prices(a, b, delta):
         (found,) = m.component_data_objects(pyo.Objective, active=True)
         return pyo.value(found)
 
-    assert objective(pair(relaxation="l1", delta=delta)) == pytest.approx(a + 0.5 * a * b / delta)
-    m = pair(relaxation="linf", delta=delta)
+    assert objective(pair(relaxation="penalty", delta=delta)) == pytest.approx(a + 0.5 * a * b / delta)
+    m = pair(relaxation="elastic", delta=delta)
     t = m.relaxed_complementarity.excess
     t.set_value(0.7)
     assert objective(m) == pytest.approx(a + 0.7 / delta)
@@ -115,7 +115,6 @@ def test_sums_and_crossed_products(values, delta):
     left_of_a, left_of_b = ([side[0].tolist(), [side[0, 1], *side[1]]] for side in (a, b))
     expected = {
         PerElement(): [a[e] @ b[e] for e in (0, 1)],
-        AllPairs(): [np.sum(a * b)],
         rcp.relaxations.Crossed(): [a[e, i] * b[e, j] for e in (0, 1) for i in (0, 1) for j in (0, 1)],
         rcp.relaxations.Crossed(left_end="first"): [i * j for e in (0, 1) for i in left_of_a[e] for j in b[e]],
         rcp.relaxations.Crossed(left_end="second"): [i * j for e in (0, 1) for i in a[e] for j in left_of_b[e]],

@@ -139,18 +139,10 @@ def test_without_the_solver_nothing_changes_and_asking_for_it_is_refused(monkeyp
 
 
 @pytest.mark.casadi
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [
-        ({"linear_solver": "ma27"}, "libhsl.so"),
-        ({"linear_solver": "ma57", "hsllib": "/nowhere/libours.so"}, "/nowhere/libours.so"),
-        ({"linear_solver": "pardiso"}, "libpardiso.so"),
-    ],
-)
 @pytest.mark.parametrize("backend", ["casadi", pytest.param("executable", marks=pytest.mark.executable)])
-def test_a_linear_solver_whose_library_is_missing_is_named_with_the_library(options, named, backend):
-    with pytest.raises(ModelError, match=f"'{options['linear_solver']}' is in the library '{named}'.*'mumps'"):
-        rcp.solve(hock_schittkowski_71()[0], options=options, backend=backend)
+def test_a_linear_solver_whose_library_is_missing_is_named(backend):
+    with pytest.raises(ModelError, match="'linear_solver': 'pardiso'.*Its log says.*'mumps' and 'ldl'"):
+        rcp.solve(hock_schittkowski_71()[0], options={"linear_solver": "pardiso"}, backend=backend)
 
 
 @with_both

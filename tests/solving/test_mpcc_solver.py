@@ -2,7 +2,6 @@
 
 import io
 import json
-import logging
 import re
 import subprocess
 import sys
@@ -353,9 +352,8 @@ def test_options_of_the_command_go_where_they_belong():
     assert solver.config.solver_options.value() == {"tol": 1e-9, "linear_solver": "mumps"}
 
 
-def test_solution_of_a_discretised_model(caplog):
-    """Every variable has a value at every point; where one has none, Pyomo could not write any, and the log says so."""
-    caplog.set_level(logging.INFO)
+def test_solution_of_a_discretised_model():
+    """Every variable has a value at every point; where one has none, Pyomo could not write any."""
     m = driven_tank((0, 1), initialize=0)
     m.cost = pyo.Objective(expr=m.x[1] ** 2)
     pyo.TransformationFactory("pyrobocop.collocation").apply_to(m, nfe=2)
@@ -369,4 +367,3 @@ def test_solution_of_a_discretised_model(caplog):
     results = pyo.SolverFactory("pyrobocop.mpcc").solve(m)
     m.solutions.store_to(results)
     assert len(results.solution) == 0
-    assert "1 variables have no value, 'unused' among them" in caplog.text
