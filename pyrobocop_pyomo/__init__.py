@@ -88,6 +88,14 @@ _NAMES_ON_DEMAND = {
 }
 _HOMES_ON_DEMAND = {name: home for home, names in _NAMES_ON_DEMAND.items() for name in names.split()}
 
+_removed = errors.removed_names(
+    __name__,
+    {
+        "benchmarks/solve_files.py, which solves problem files, and model.write()": "files",
+        "nothing: results give its objects": "ActiveSide PairReport SafetyReport Diagnosis",
+    },
+)
+
 __all__ = [
     "Algebraic",
     "Complementarity",
@@ -124,8 +132,7 @@ def __getattr__(name: str) -> Any:
     if name in _NAMESPACES_ON_DEMAND:
         return import_module(f"{__name__}.contrib.{name}" if name == "estimation" else f"{__name__}.{name}")
     if name not in _HOMES_ON_DEMAND:
-        hint = _keywords.where_it_is(name, sys.modules[__name__], __all__)
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}{hint}")
+        _removed(name, _keywords.where_it_is(name, sys.modules[__name__], __all__))
     found = globals()[name] = getattr(import_module(f"{__name__}.{_HOMES_ON_DEMAND[name]}"), name)
     return found
 

@@ -7,6 +7,7 @@ competitions publish them. Pictures and animations need Matplotlib.
 from importlib import import_module
 from typing import Any
 
+from pyrobocop_pyomo.errors import removed_names
 from pyrobocop_pyomo.geometry import Pose, signed_distance
 from pyrobocop_pyomo.obstacles import animate_avoidance, draw_avoidance, waypoint_initial_guess
 from pyrobocop_pyomo.plotting import BodyPath, animate_scene, draw_scene
@@ -17,6 +18,18 @@ _OF_CONTRIB = {
     "vehicles": "CarSearch ParkingCar ParkingCase Trailer VehiclesCase hybrid_a_star parking_model plan_vehicles",
 }
 _ON_DEMAND = {name: home for home, names in _OF_CONTRIB.items() for name in names.split()}
+
+_removed = removed_names(
+    __name__,
+    {
+        "between=None, for single points": "Dual Mixed Offset Optimality",
+        "examples/mechanism_pictures.py, or bodies and draw_scene": "draw_linkage draw_planar_pushing",
+        "nothing: what gives its objects is enough": """
+            AnimationFile CarPath CarTiming DescribedRobot SignedDistance VehicleMove VehiclesPlan Formulation
+            Plane TurningPlane
+        """,
+    },
+)
 
 __all__ = [
     "BodyPath",
@@ -34,5 +47,5 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     """A name of `contrib`."""
     if name not in _ON_DEMAND:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        _removed(name)
     return getattr(import_module(f"pyrobocop_pyomo.contrib.{_ON_DEMAND[name]}"), name)

@@ -11,6 +11,7 @@ from pyrobocop_pyomo.distributed.rounds import BarrierPath, Round, TargetedPenal
 from pyrobocop_pyomo.distributed.sova import Sova
 from pyrobocop_pyomo.distributed.team_horizon import TeamHorizon
 from pyrobocop_pyomo.distributed.team_result import TeamResult
+from pyrobocop_pyomo.errors import removed_names
 from pyrobocop_pyomo.execution.dask_engine import DaskEngine
 from pyrobocop_pyomo.execution.engine import Engine
 from pyrobocop_pyomo.execution.engines import SerialEngine
@@ -33,3 +34,19 @@ __all__ = [
     "TeamHorizon",
     "TeamResult",
 ]
+
+__getattr__ = removed_names(
+    __name__,
+    {
+        "BarrierPath(mu, turn=mu, floor=mu)": "ConstantBarrier",
+        "penalties=None": "ConstantPenalties",
+        "closing=Closing(), which ends what rounds do not": "PenaltyRestart",
+        "copy it from benchmarks/rod_teams.py": "SimulatedNetwork",
+        "TargetedPenalties": "BalancedPenalties GrowingPenalties",
+        "nothing, or its home in pyrobocop_pyomo.distributed": """
+            AgentFailure ClosedPlan ConsensusResiduals Coordination HostedProblem HostedSpec LocalProblem
+            MergedModel Method Order PenaltyMatrix PlanScore PlanningStep ProblemFacts ProblemSpec QuantityFacts
+            Report TeamState Physics find_engine fingerprint merge_agents
+        """,
+    },
+)

@@ -109,7 +109,7 @@ def relax(
         sources = active_sources(model, targets)
         refuse_nothing(model, sources, targets)
         refuse_second_delta(model)
-        objective = only_objective(model) if isinstance(chosen, ObjectiveTerm) else None
+        objective = _penalised(model) if isinstance(chosen, ObjectiveTerm) else None
         forms = [canonical_form(source) for source in sources]
         refuse_disjuncts(model, sources)
         refuse_leaves(forms)
@@ -118,6 +118,24 @@ def relax(
         deactivate(sources)
     logger.debug("'%s': relaxed %d complementarity statements", model.name, len(forms))
     return RelaxationToken(model, record.main)
+
+
+def _penalised(model: Any) -> Any:
+    """The objective of a model that a penalty is added to; None where there is none.
+
+    Raises
+    ------
+    ComplementarityError
+        When it is one of the model that this one is a part of.
+    """
+    objective = only_objective(model)
+    above = only_objective(model.model()) if objective is None else None
+    if above is not None:
+        raise ComplementarityError(
+            f"'{model.name}': a penalty is added to the objective, which is '{above.name}' of "
+            f"'{model.model().name}'. Apply it to that model, with targets= the blocks that are meant."
+        )
+    return objective
 
 
 def revert(model: Any, token: RelaxationToken | None = None) -> None:

@@ -36,10 +36,14 @@ class SignedDistance:
         Positive: the distance. Negative: minus the length of the shortest translation that separates them.
     normal : (d,) array
         Unit vector from the second body to the first: the gap along it is the distance.
+    first_point, second_point : (d,) arrays
+        Where the distance is measured: ``first_point - second_point = distance * normal``.
     """
 
     distance: float
     normal: np.ndarray
+    first_point: np.ndarray
+    second_point: np.ndarray
 
 
 def signed_distance(
@@ -74,7 +78,14 @@ def signed_distance(
         raise ObstacleError(
             f"'{first.name}' and '{second.name}' overlap without end: no translation separates them. Bound one of them."
         )
-    return SignedDistance(core.distance - first.radius - second.radius, core.normal)
+    if first.radius == 0.0 and second.radius == 0.0:
+        return core
+    return SignedDistance(
+        core.distance - first.radius - second.radius,
+        core.normal,
+        core.first_point - first.radius * core.normal,
+        core.second_point + second.radius * core.normal,
+    )
 
 
 def distance_of_points(
@@ -94,26 +105,34 @@ def distance_of_points(
     SignedDistance
         Of distance minus infinity if rays leave no direction to separate the sets along.
     """
-    rays = difference_rays(p_rays, q_rays, p.shape[1])
+    rays = None
+    of_first = 0 if p_rays is None else len(p_rays)
+    if of_first or (q_rays is not None and len(q_rays)):
+        rays = difference_rays(p_rays, q_rays, p.shape[1])
     origin = (p[0] + q[0]) * 0.5  # scenes far from the world's origin lose no digits
     p, q = p - origin, q - origin
     scale = max(float(np.abs(p).max()), float(np.abs(q).max())) or 1.0
-    nearest = nearest_difference(p, q, scale, rays)
-    norm = float(np.linalg.norm(nearest))
-    if norm > TOUCHING * scale:
-        return SignedDistance(norm, nearest / norm)
-    directions = _candidate_normals(p, q, rays)
-    is_apart = norm > APART * scale
+    nearest = nearest_difference(p, q, scale, rays, of_first)
+    if nearest.norm > TOUCHING * scale:
+        normal = nearest.point / nearest.norm
+        return SignedDistance(nearest.norm, normal, nearest.first + origin, nearest.second + origin)
+    all_rays = np.zeros((0, p.shape[1])) if rays is None else rays
+    directions = _candidate_normals(p, q, all_rays)
+    is_apart = nearest.norm > APART * scale
     if is_apart:
-        directions = np.vstack([directions, nearest / norm])
-    widths = _gaps(directions, p, q, rays)
+        directions = np.vstack([directions, nearest.point / nearest.norm])
+    widths = _gaps(directions, p, q, all_rays)
     best = int(widths.argmax()) if len(widths) else -1
     if best < 0 or widths[best] == -np.inf:
-        return SignedDistance(-np.inf, np.full(p.shape[1], np.nan))
+        nowhere = np.full(p.shape[1], np.nan)
+        return SignedDistance(-np.inf, nowhere, nowhere, nowhere)
+    normal = directions[best]
     # Two corners this close give no normal that is accurate enough for its gap to be the distance; and a gap far below
     # zero says that rounding alone has kept bodies apart that overlap.
     is_apart = is_apart and bool(widths[-1] > -TOUCHING * scale)
-    return SignedDistance(max(norm if is_apart else -np.inf, float(widths[best])), directions[best])
+    distance = max(nearest.norm if is_apart else -np.inf, float(widths[best]))
+    on_second = _point_of_contact(p, q, rays, of_first, normal, scale) + origin
+    return SignedDistance(distance, normal, on_second + distance * normal, on_second)
 
 
 def distances_of_points(
@@ -148,6 +167,25 @@ def distances_of_points(
         )
         distance[k], normal[k] = alone.distance, alone.normal
     return distance, normal
+
+
+def _point_of_contact(
+    p: np.ndarray, q: np.ndarray, rays: np.ndarray | None, of_first: int, normal: np.ndarray, scale: float
+) -> np.ndarray:
+    """A point of q that p touches when it is moved along the normal until both touch."""
+    along_p, along_q = p @ normal, q @ normal
+    top = float(along_q.max())
+    p_face = p[along_p <= along_p.min() + LEVEL * scale]
+    q_face = q[along_q >= top - LEVEL * scale]
+    is_level = np.zeros(0, dtype=bool) if rays is None else np.abs(rays @ normal) <= LEVEL
+    if len(q_face) == 1 and not is_level[of_first:].any():
+        return q_face[0]
+    if len(p_face) == 1 and not is_level[:of_first].any():
+        return p_face[0] + (top - float(p_face[0] @ normal)) * normal
+    flat = np.eye(len(normal)) - np.outer(normal, normal)
+    level = None if rays is None else rays[is_level] @ flat
+    of_first = int(is_level[:of_first].sum())
+    return nearest_difference(p_face @ flat, q_face @ flat, scale, level, of_first).second + top * normal
 
 
 def _gaps(normals: np.ndarray, p: np.ndarray, q: np.ndarray, rays: np.ndarray) -> np.ndarray:

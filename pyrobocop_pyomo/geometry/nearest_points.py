@@ -36,6 +36,15 @@ Coordinate = Any  # a float, or an array of as many as there are pairs
 Vector = Any  # as many coordinates as there are dimensions: a list, or an array of rows
 
 
+class Nearest(NamedTuple):
+    """``point`` = ``first`` - ``second`` in the two sets, as near to the origin as rounding allows."""
+
+    point: np.ndarray
+    norm: float
+    first: np.ndarray
+    second: np.ndarray
+
+
 class _Kept(NamedTuple):
     """A difference of two points (their rows), or a ray (row -1, and the ray's row)."""
 
@@ -54,8 +63,8 @@ def difference_rays(first: np.ndarray | None, second: np.ndarray | None, dimensi
 
 
 def nearest_difference(
-    first: np.ndarray, second: np.ndarray, scale: float, rays: np.ndarray | None = None
-) -> np.ndarray:
+    first: np.ndarray, second: np.ndarray, scale: float, rays: np.ndarray | None = None, of_first: int = 0
+) -> Nearest:
     """Nearest point to the origin of ``conv(first) - conv(second) + cone(rays)``.
 
     Parameters
@@ -65,6 +74,8 @@ def nearest_difference(
         Size of the coordinates: what zero is compared with.
     rays : (k, d) array, optional
         Unit rows, see `difference_rays`.
+    of_first : int, optional
+        How many of the rays are the first set's.
     """
     direction = first.sum(axis=0) / len(first) - second.sum(axis=0) / len(second)
     kept = [_lowest(first, second, direction)]
@@ -100,7 +111,17 @@ def nearest_difference(
         else:
             idle_rays.clear()
         point, norm = nearer, square**0.5
-    return np.array(point)
+    on_first, on_second = np.zeros(first.shape[1]), np.zeros(first.shape[1])
+    for one, weight in zip(kept, weights, strict=True):
+        i, j = one.rows
+        if i >= 0:
+            on_first += weight * first[i]
+            on_second += weight * second[j]
+        elif j < of_first:
+            on_first += weight * np.array(one.at)
+        else:
+            on_second -= weight * np.array(one.at)
+    return Nearest(np.array(point), norm, on_first, on_second)
 
 
 def nearest_differences(

@@ -195,8 +195,8 @@ def _lines(rays: np.ndarray) -> np.ndarray:
     """Orthonormal rows that span the directions in which the cone of the unit rays extends both ways."""
     # Not by scipy.optimize.nnls, which has been seen to return wrong weights with a residual of zero.
     origin = np.zeros((1, rays.shape[1]))
-    opposite = [nearest_difference(ray[None], origin, 1.0, rays) for ray in rays]
-    return affine_basis(origin, rays[np.linalg.norm(opposite, axis=1) <= NEGLIGIBLE])
+    both = np.array([nearest_difference(ray[None], origin, 1.0, rays).norm <= NEGLIGIBLE for ray in rays], dtype=bool)
+    return affine_basis(np.zeros((1, rays.shape[1])), rays[both])
 
 
 def complement(basis: np.ndarray, dimension: int) -> np.ndarray:

@@ -33,6 +33,7 @@ from .broad_phase import (
     places_of,
 )
 from .clearances import ClearanceRule, asked_at, least_possible, update_estimates, verified_clearances
+from .impossible_gaps import check_gaps
 from .initial_checks import (
     check_fixed_poses,
     check_poses,
@@ -172,6 +173,7 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
         units = record.scene.unit_directions(self._what, given)
         check_poses(snapshot, self.motion)
         check_fixed_poses(snapshot, lambda pair, time: least_possible(asked_at(self, pair, time)))
+        check_gaps(snapshot)
         update_estimates(self)
         record.directions = given
         with PauseGC():

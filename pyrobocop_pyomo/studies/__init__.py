@@ -12,6 +12,7 @@ table. Its members mean the same in all of them:
 ``time_limit`` is for the whole study.
 """
 
+from pyrobocop_pyomo.errors import removed_names
 from pyrobocop_pyomo.solving import PersistentNLP
 
 from .homotopy import homotopy
@@ -28,3 +29,16 @@ __all__ = [
     "multistart",
     "sensitivity",
 ]
+
+__getattr__ = removed_names(
+    __name__,
+    {
+        "rcp.solve(model, mesh_tolerance=1e-6)": "solve_refined RefinementEnd",
+        "rcp.sweep(build, sequences, start_from=None)": "solve_sequences",
+        "nothing: studies give its objects back": """
+            HomotopyResult HomotopyStep MultistartResult RefinedResult RefinementStep Sensitivity
+            SequenceOutcome SequenceRanking StartOutcome StudyResult SweepCase SweepOutcome SweepResult
+            HorizonStep Outcome
+        """,
+    },
+)

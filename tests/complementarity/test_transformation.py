@@ -135,6 +135,11 @@ def test_without_an_objective_the_penalty_is_all_that_is_minimised(model, relaxa
     assert text_without_pairs(model) == text
 
 
+def test_a_penalty_is_not_put_below_the_objective_that_it_belongs_to(model):
+    with pytest.raises(ComplementarityError, match=r"'part\[1\]'.*'cost' of 'unknown'.*targets= the blocks"):
+        RELAX.apply_to(model.part[1], relaxation="penalty")
+
+
 # ---- the way back
 
 

@@ -13,7 +13,6 @@ from scipy.optimize import nnls
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import (
     Polytope,
-    SignedDistance,
     distance_of_points,
     distances_of_points,
     planar_pose,
@@ -183,25 +182,17 @@ def depth_by_enumeration(first: Polytope, second: Polytope) -> float:
     return float(gaps.max())
 
 
-def assert_widest_beside(
-    random: np.random.Generator, found: SignedDistance, first: Polytope, second: Polytope, scale: float = 1.0
-) -> None:
-    """Gaps of bodies that are apart are concave in the direction: what is widest beside it is widest of all."""
-    for size in (1e-3, 0.1) if found.distance > 0.0 else ():
-        beside = found.normal + size * random.normal(size=found.normal.shape)
-        width = gap(beside / np.linalg.norm(beside), first.vertices, second.vertices, first.rays, second.rays)
-        assert width <= found.distance + 1e-9 * scale
-
-
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_the_answer_proves_itself(dimension: int) -> None:
-    """The gap along the normal is the distance, and where bodies are apart no direction beside it has a wider one."""
-    random = np.random.default_rng(dimension)
+    """Points of both bodies bound the distance from above, the gap along the normal from below: they meet."""
     for first, second in pairs(dimension, seed=dimension):
         found = signed_distance(first, second)
         assert np.linalg.norm(found.normal) == pytest.approx(1.0, abs=1e-12)
         assert gap(found.normal, first.vertices, second.vertices) == pytest.approx(found.distance, abs=1e-9)
-        assert_widest_beside(random, found, first, second)
+        assert found.first_point - found.second_point == pytest.approx(found.distance * found.normal, abs=1e-9)
+        for body, place in ((first, found.first_point), (second, found.second_point)):
+            normals, offsets = body.halfspaces
+            assert (normals @ place - offsets).max() <= 1e-9
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
@@ -263,7 +254,10 @@ def test_bodies_without_end(seed: int, dimension: int, turned_around: bool) -> N
     scale = max(1.0, float(np.abs(wedge.vertices).max()))  # corners of flat angles are far away
     proven = gap(found.normal, first.vertices, second.vertices, first.rays, second.rays)
     assert proven == pytest.approx(found.distance, abs=1e-9 * scale)
-    assert_widest_beside(random, found, first, second, scale)
+    assert found.first_point - found.second_point == pytest.approx(found.distance * found.normal, abs=1e-9 * scale)
+    for one, place in ((first, found.first_point), (second, found.second_point)):
+        normals, offsets = one.halfspaces
+        assert (normals @ place - offsets).max() <= 1e-9 * scale
     if found.distance <= 0.0:
         assert found.distance == pytest.approx(widest_gap(first, second), abs=1e-9 * scale)
 
@@ -276,6 +270,7 @@ def test_flat_bodies_on_a_coarse_grid(seed: int, dimension: int, corners: tuple[
     found = distance_of_points(p, q)
     assert np.linalg.norm(found.normal) == pytest.approx(1.0, abs=1e-12)
     assert gap(found.normal, p, q) == pytest.approx(found.distance, abs=1e-9)
+    assert found.first_point - found.second_point == pytest.approx(found.distance * found.normal, abs=1e-9)
     swapped = distance_of_points(q, p)
     assert swapped.distance == pytest.approx(found.distance, abs=1e-12)
 
@@ -291,6 +286,7 @@ def test_padding_takes_its_radius_off_the_distance(seed: int, dimension: int, ra
     )
     assert padded.distance == pytest.approx(sharp.distance - sum(radii), abs=1e-12)
     assert padded.normal == pytest.approx(sharp.normal)
+    assert padded.first_point - padded.second_point == pytest.approx(padded.distance * padded.normal, abs=1e-9)
 
 
 @given(seed=seeds, dimension=dimensions)
@@ -317,7 +313,7 @@ def test_units_of_length_do_not_matter(seed: int, dimension: int, size: float) -
 def test_answers_are_the_same_each_time() -> None:
     box, pose = Polytope.box(1, 1, 1), spatial_pose((0.2, 0.2, 0.2))
     found = [signed_distance(box, box, pose) for _ in range(3)]
-    assert len({(one.distance, *one.normal) for one in found}) == 1
+    assert len({(one.distance, *one.normal, *one.first_point) for one in found}) == 1
 
 
 def test_bodies_that_have_no_distance_are_named() -> None:
