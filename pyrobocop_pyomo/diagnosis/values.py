@@ -20,6 +20,7 @@ from pyrobocop_pyomo.continuous.discretisation import discretisations_on
 from pyrobocop_pyomo.modeling.row_violations import bound_violation, number_or_nan, relation_violation
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.modeling.undefined_values import UndefinedPart, moved_into_domain, undefined_part
+from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.phases.boundary_conditions import KINDS, EndViolation, end_violations, values_given, violations_of
 from pyrobocop_pyomo.phases.horizon import real_grid
@@ -147,9 +148,6 @@ def _and_more(count: int, noun: str) -> str:
     return "" if count == 1 else f", and at {count - 1} more {plural}"
 
 
-TOLERANCE = 1e-6
-
-
 def boundary_findings(phase: Any, remarks: list[str]) -> Iterator[Finding]:
     """Fixed start or end values that violate what is stated, the worst row of each rule."""
     record = phase.record
@@ -165,7 +163,7 @@ def boundary_findings(phase: Any, remarks: list[str]) -> Iterator[Finding]:
             return  # the horizon has no values yet
         worst: dict[str, EndViolation] = {}
         for found in end_violations(formulas, time, values, statements, remarks):
-            if found.amount > max(TOLERANCE, worst[found.statement].amount if found.statement in worst else 0.0):
+            if found.amount > max(MET, worst[found.statement].amount if found.statement in worst else 0.0):
                 worst[found.statement] = found
         for found in worst.values():
             sides_hold = f" {SIDES_HOLD}" if found.kind == "complementarity" else ""
@@ -205,7 +203,7 @@ def discretised_start_findings(block: Any) -> Iterator[Finding]:
         for data in discretisation.deactivated:
             pair = data.parent_component().ctype in PAIR_TYPES
             for relation, gap in violations_of(canonical_form(data) if pair else data.expr):
-                if gap > TOLERANCE and next(variables_in(relation, include_fixed=False), None) is None:
+                if gap > MET and next(variables_in(relation, include_fixed=False), None) is None:
                     yield error_about(
                         f"the given values violate {'a side of the pair ' if pair else ''}'{data.name}' by {gap:.3g}.",
                         (data.parent_component().name,),
@@ -219,7 +217,7 @@ def bound_findings(block: Any) -> Iterator[Finding]:
         outside, crossed = [], []
         for data in component.values():
             lower, upper = data.bounds
-            if data.fixed and data.value is not None and bound_violation(data.value, lower, upper) > TOLERANCE:
+            if data.fixed and data.value is not None and bound_violation(data.value, lower, upper) > MET:
                 outside.append(f"'{data.name}' is fixed to {data.value:g}, outside its bounds ({lower}, {upper})")
             elif not data.fixed and lower is not None and upper is not None and lower > upper:
                 crossed.append(f"'{data.name}' has the lower bound {lower:g} above the upper {upper:g}")
@@ -234,7 +232,7 @@ def decided_findings(block: Any) -> Iterator[Finding]:
     for row in block.component_data_objects(Constraint, active=True, descend_into=Block):
         if next(variables_in(row.body, include_fixed=False), None) is None:
             gap = relation_violation(row.expr, unknown=0.0)
-            if gap > TOLERANCE:
+            if gap > MET:
                 yield error_about(
                     f"'{row.name}' holds no variable that may move and is violated by {gap:.3g}.",
                     (row.name,),

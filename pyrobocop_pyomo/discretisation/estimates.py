@@ -12,7 +12,7 @@ import numpy as np
 from pyrobocop_pyomo.numerics import Array, Mesh
 from pyrobocop_pyomo.numerics.remeshing import remesh
 from pyrobocop_pyomo.phases.bounds_between_points import WORTH_A_SENTENCE
-from pyrobocop_pyomo.presentation import Presented, percent
+from pyrobocop_pyomo.presentation import MOST_CHARACTERS, Presented, percent
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .jump_times import jump_fractions
@@ -26,8 +26,6 @@ _MOTION = SMALL_MOTION_ERROR / SMALL_OBJECTIVE_ERROR
 CANCELLED = 0.2
 # An objective below this is zero, but for the tolerance of the solver; its error is compared with this instead.
 ZERO_OBJECTIVE = 1e-8
-# Why an error is not known is said in so many; `remarks` say all.
-MOST_CHARACTERS = 200
 # What would take more elements than this is not advised.
 _MOST_ADVISED = 10_000
 

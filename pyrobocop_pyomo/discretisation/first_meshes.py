@@ -18,6 +18,7 @@ from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS, RELATION
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.mesh import mesh_of_delays, mesh_with
+from pyrobocop_pyomo.numerics.rounding import ROUNDING
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.phases.bounds_between_points import changing_places, stated_formulas
 from pyrobocop_pyomo.phases.declarations import FunctionOfTime
@@ -29,9 +30,8 @@ logger = logging.getLogger(__name__)
 
 # Elements of a first mesh: so many times the user's, and at most so many in a model.
 MOST_TIMES, MOST_ELEMENTS = 8, 1000
-# Instants at which conditions on the time are compared with zero; a boundary is so near to a jump, both as parts of
-# the horizon.
-_INSTANTS, _BESIDE = 4000, 1e-12
+# Instants at which conditions on the time are compared with zero.
+_INSTANTS = 4000
 
 
 def mesh_from_statement(phases: Sequence[Any]) -> list[str]:
@@ -102,7 +102,7 @@ def _times_stated(phase: Any) -> tuple[list[float], list[float]]:
             jumps.update(_sign_changes(difference, times))
     # The element that ends at a jump has a point there, which belongs to the values before it; or one that starts.
     side = 1.0 if scheme.starts_on_a_stage and not scheme.stiffly_accurate else -1.0
-    beside = side * _BESIDE * (indices[-1] - indices[0])
+    beside = side * ROUNDING * (indices[-1] - indices[0])
     per_index = grid.mesh.boundaries[-1] - grid.mesh.boundaries[0] if record.normalised else 1.0
     delays = {delay / per_index for _, delay in formulas.delays}
     return [jump + beside for jump in sorted(jumps)], sorted(delay for delay in delays if delay > 0.0)

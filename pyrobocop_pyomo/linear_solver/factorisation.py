@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import enum
 import functools
 from dataclasses import dataclass
 from typing import Any
@@ -16,13 +17,19 @@ from .library import required_linear_solver
 FloatArray = np.ndarray[Any, np.dtype[np.float64]]
 IntArray = np.ndarray[Any, np.dtype[np.int32]]
 
-# Flags of MA27's convention.
-_SHORT_INTEGERS, _SHORT_REALS, _SINGULAR = -3, -4, -5
 # Where the caller says whether negative eigenvalues are to be told even of a singular matrix, as Ipopt likes it.
 _COUNT_FIRST = 29
 _LARGEST = np.iinfo(np.int32).max
 # As Ipopt does it: proposed lengths are multiplied by five, lengths that were too short at least by two.
 _SPARE, _GROWTH = 5, 2
+
+
+class _Flag(enum.IntEnum):
+    """How a factorisation ended, in MA27's convention."""
+
+    SHORT_INTEGERS = -3
+    SHORT_REALS = -4
+    SINGULAR = -5
 
 
 @dataclass(frozen=True)
@@ -165,14 +172,14 @@ class SymmetricFactorisation:
                 self._options, self._tolerances, self._info,
             )  # fmt: skip
             flag, detail = int(self._info[0]), int(self._info[1])
-            if flag == _SINGULAR:
+            if flag == _Flag.SINGULAR:
                 raise EvaluationError(
                     f"the matrix with {self.n} rows is singular to working precision, or an entry is not finite."
                 )
-            if flag not in (_SHORT_INTEGERS, _SHORT_REALS):
+            if flag not in (_Flag.SHORT_INTEGERS, _Flag.SHORT_REALS):
                 break
             grown = [_GROWTH * self._integers.size, _GROWTH * self._reals.size]
-            short = 0 if flag == _SHORT_INTEGERS else 1
+            short = 0 if flag == _Flag.SHORT_INTEGERS else 1
             grown[short] = max(grown[short], detail)
             self._allocate(*grown)
         if flag != 0:

@@ -20,9 +20,6 @@ from .problem import Branch, ComplementarityProgram, Linearisation, Sides, branc
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-# A side this small counts as zero: HiGHS meets rows with integers no better.
-ZERO_SIDE = 1e-6
-
 
 @dataclass(frozen=True, eq=False)
 class Descent:

@@ -13,12 +13,12 @@ import numpy as np
 
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
 from pyrobocop_pyomo.numerics import BoolArray
+from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoint
 from pyrobocop_pyomo.programs.stationarity import stationarity
 
 from .linear_programs import LinearProgram, LinearStatus, Rows
-from .lpec import ZERO_SIDE
 from .problem import Branch, ComplementarityProgram, Linearisation, Sides, restricted
 from .stationarity import Multipliers, Stationarity
 
@@ -66,7 +66,7 @@ class MultiplierProblem:
         self._program, self._point = program, point
         nlp, eye = point.nlp, scipy.sparse.eye_array(point.nlp.n, format="csr")
         a, b = program.a.values(point.x), program.b.values(point.x)
-        a_zero, b_zero = a <= ZERO_SIDE, b <= ZERO_SIDE
+        a_zero, b_zero = a <= MET, b <= MET
         self._a_pairs = np.flatnonzero(a_zero & ~program.a.constant)
         self._b_pairs = np.flatnonzero(b_zero & ~program.b.constant)
         biactive = np.flatnonzero(a_zero & b_zero & ~program.a.constant & ~program.b.constant)
@@ -215,7 +215,7 @@ def strong_multipliers(
         # Of many pairs all steps together: what a linear program would find.
         if np.minimum(held_multipliers[held & (partner <= reach)], 0.0).sum() < -STATIONARY * point.slope:
             return None
-        found.append(np.where(held, held_multipliers, np.where(sides.values(point.x) <= ZERO_SIDE, of_bounds, 0.0)))
+        found.append(np.where(held, held_multipliers, np.where(sides.values(point.x) <= MET, of_bounds, 0.0)))
     return Multipliers(Stationarity.S, found[0], found[1], rows, 0.0)
 
 

@@ -15,7 +15,7 @@ from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
 from pyrobocop_pyomo.modeling.activity import deactivate
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, BranchPoint, Limits
-from pyrobocop_pyomo.mpcc.lpec import ZERO_SIDE
+from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
 
@@ -121,7 +121,7 @@ class ExactPairs:
             outcome = replace(runs[-1], status=failed)
         else:
             outcome = ends[id(found)][1]
-            better = search.exchange(found, ZERO_SIDE) if outcome.status.solved else found
+            better = search.exchange(found, MET) if outcome.status.solved else found
             if ends[id(better)][1].status.solved:
                 found, outcome = ends[id(better)]
         multipliers: FloatArray = np.zeros(compiled.nlp.m)

@@ -14,6 +14,7 @@ from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.modeling.keywords import check_keywords
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers
+from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.presentation import Presented
 
 _OF_PAIRS = ", and every pair is complementary"
@@ -94,9 +95,9 @@ class Tolerances:
         Largest residual of first-order conditions, relative to what has to balance in them.
     """
 
-    feasibility: float = 1e-6
+    feasibility: float = MET
     complementarity: float = 1e-7
-    natural: float = 1e-6
+    natural: float = MET
     stationarity: float = 1e-5
 
 

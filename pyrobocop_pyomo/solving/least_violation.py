@@ -21,6 +21,7 @@ from pyrobocop_pyomo.modeling.row_violations import largest_violation, number_or
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.modeling.variable_values import put_values, values_restored, within_bounds
 from pyrobocop_pyomo.mpcc.linear_programs import LinearProgram, LinearStatus
+from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 
@@ -34,9 +35,6 @@ STATIONARY = 1e-3
 SUFFICIENT = 0.1
 # So many are named in a sentence.
 SHOWN = 5
-# What linear programs leave of zero: of violations and their sums, of sides and distances from bounds in their sizes,
-# and of multipliers beside the largest possible one.
-MET = 1e-6
 # Relaxing one of them may not be enough: its multiplier only says that the violation falls.
 STANDS_AGAINST = "What stands against it, of which at least one must give way:"
 

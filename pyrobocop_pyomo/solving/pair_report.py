@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from pyrobocop_pyomo.complementarity import PairResidual
 from pyrobocop_pyomo.complementarity.canonical import PAIR_ROLES
-from pyrobocop_pyomo.mpcc.lpec import ZERO_SIDE
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
+from pyrobocop_pyomo.numerics.rounding import MET
 
 _NAME = rf"(.*?)(?:\[([^[]*)\])?( \((?:{'|'.join(PAIR_ROLES)})\))?"
 
@@ -70,9 +70,9 @@ class PairReport:
     @property
     def active(self) -> ActiveSide:
         """Which side is zero, up to 1e-6."""
-        if abs(self.natural) > ZERO_SIDE:
+        if abs(self.natural) > MET:
             return ActiveSide.NEITHER
-        if max(self.first, self.second) <= ZERO_SIDE:
+        if max(self.first, self.second) <= MET:
             return ActiveSide.BIACTIVE
         return ActiveSide.FIRST if self.first < self.second else ActiveSide.SECOND
 

@@ -26,8 +26,8 @@ from pyrobocop_pyomo.complementarity import (
 from pyrobocop_pyomo.errors import EvaluationError, ModelError
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.shared_nodes import NodeReplacement
-from pyrobocop_pyomo.mpcc.lpec import ZERO_SIDE
 from pyrobocop_pyomo.mpcc.sensitivity import derivatives
+from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
@@ -349,7 +349,7 @@ class ParametricModel:
 
     def _add_pairs(self, forms: Sequence[CanonicalForm]) -> None:
         pairs = [pair for form in forms for pair in form.pairs]
-        biactive = [pair.name for pair in pairs if max(side_values(pair)) <= ZERO_SIDE]
+        biactive = [pair.name for pair in pairs if max(side_values(pair)) <= MET]
         if biactive:
             raise EvaluationError(
                 f"'{self._source.name}': {len(biactive)} pairs are biactive (both sides zero): {_listed(biactive)}. "
@@ -362,7 +362,7 @@ class ParametricModel:
                 self._add_row(row.to_bounded_expression(), relation, f"row {number + 1} of '{form.source.name}'")
             for pair in (pair for pair in form.pairs if pair.a_part is SidePart.WHOLE):
                 a, b = side_values(pair)
-                if min(abs(a), abs(b)) > ZERO_SIDE:
+                if min(abs(a), abs(b)) > MET:
                     raise EvaluationError(
                         f"'{pair.name}': the sides are {a:g} and {b:g}, so neither is zero. Solve with "
                         "polish=True, and do not change values afterwards."

@@ -9,14 +9,12 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.presentation import Presented, table
 
 from .fit_remarks import RARE, remarks_on_outlier, remarks_on_outputs
 from .problem import EstimationProblem
-
-# An unknown this near to a bound, relative to its size or to the step that the data ask for, is held by it.
-_AT_BOUND = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +146,7 @@ def _is_at_bound(variable: Any, step: float) -> bool:
     """Whether a bound holds an unknown: it is as good as there, by its size or by the step that the data ask for."""
     number = variable.value
     return any(
-        bound is not None and abs(number - bound) <= _AT_BOUND * max(abs(number), abs(bound), towards * step)
+        bound is not None and abs(number - bound) <= MET * max(abs(number), abs(bound), towards * step)
         for bound, towards in zip(variable.bounds, (-1.0, 1.0), strict=True)
     )
 

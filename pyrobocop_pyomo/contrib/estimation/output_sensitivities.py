@@ -13,9 +13,9 @@ from pyomo.core.base.PyomoModel import ConcreteModel
 from pyrobocop_pyomo.complementarity import SidePart, active_sources, canonical_form, side_values, sides_at_zero
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
-from pyrobocop_pyomo.mpcc.lpec import ZERO_SIDE
 from pyrobocop_pyomo.mpcc.problem import Linearisation
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 
@@ -80,7 +80,7 @@ class OutputSensitivities:
         jacobian = Linearisation.at(compiled.nlp, compiled.current_point()).jacobian
         zero = [self._sides[id(side)] for form in self._forms for _, side, _ in sides_at_zero(form)]
         stated = (pair for form in self._forms for pair in form.pairs if pair.a_part is SidePart.WHOLE)
-        biactive = [pair.name for pair in stated if max(side_values(pair)) <= ZERO_SIDE]
+        biactive = [pair.name for pair in stated if max(side_values(pair)) <= MET]
         row_of = compiled.row_of
         chosen = [row_of[row] for row in (*self._equations, *zero) if row is not None and row in row_of]
         place = {id(variable): i for i, variable in enumerate(compiled.variables)}

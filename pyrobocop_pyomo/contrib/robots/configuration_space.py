@@ -23,6 +23,7 @@ from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array, BoolArray
+from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.obstacles.avoidance_block import ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.obstacles.rerouting import InnerAndOuterBall
 from pyrobocop_pyomo.obstacles.scene import ConvexPart
@@ -31,8 +32,6 @@ from pyrobocop_pyomo.obstacles.scene import ConvexPart
 SAMPLES, CANDIDATES, MOST_ENDS = 64, 300, 8
 # First from afar, then to the last digits.
 DAMPINGS = 1e-2, 1e-8
-# Rows and clearances at an end hold to this, relative to their size and that of the scene.
-ACCEPTED = 1e-6
 # Corners of unbounded shapes are that many times the size of the scene away.
 FAR = 1e3
 TURN = 2.0 * np.pi
@@ -61,7 +60,7 @@ class EndRows:
     def hold(self, points: Array) -> BoolArray:
         """At which of the points (k, n) all rows hold, (k,)."""
         size = np.maximum(1.0, np.where(np.isfinite(self.low), np.abs(self.low), np.abs(self.high)))
-        return np.asarray((np.abs(self.violations(points)) <= ACCEPTED * size).all(axis=1))
+        return np.asarray((np.abs(self.violations(points)) <= MET * size).all(axis=1))
 
 
 class ConfigurationSpace:
@@ -320,7 +319,7 @@ class ConfigurationSpace:
         """How many clearances to keep; a pair that has less room at one of the ends (k, n) keeps what it has there."""
         radii = self._radii[self._pairs].sum(axis=1)
         wanted = radii + clearances * (self._clearances - radii)
-        room = self._apart(ends, np.zeros(len(wanted)), wanted).min(axis=0) - ACCEPTED * self._extent
+        room = self._apart(ends, np.zeros(len(wanted)), wanted).min(axis=0) - MET * self._extent
         self._asked = np.minimum(wanted, room)
 
     # ---------------------------------------------------------------- ends
@@ -386,7 +385,7 @@ class ConfigurationSpace:
         return f"at best, {', '.join(dict.fromkeys(pairs))} are too close there"
 
     def _are_clear_as_asked(self, points: Array) -> BoolArray:
-        self._asked = self._clearances - ACCEPTED * self._extent
+        self._asked = self._clearances - MET * self._extent
         return self.are_clear(points)
 
     def _solved(self, rows: EndRows, points: Array, free: BoolArray, low: Array, high: Array) -> Array:
