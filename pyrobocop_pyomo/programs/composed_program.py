@@ -8,8 +8,8 @@ levels, so that as many repetitions as there are levels make derivatives and adj
 
     [I; Y]' (Hessian of f + lambda' g + mu' u by (x, y)) [I; Y]  +  sum over the calls  U' (nu' F_uu) U
 
-Each evaluation calls each function once, for all points of a level together. The products are those of sparse matrices;
-their entries are found once, from matrices whose entries are all one.
+Each evaluation calls each function once, for all points of a level together. The products are those of sparse matrices
+whose entries stay where they are.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import count, groupby
 from operator import attrgetter
-from typing import Any
 
 import numpy as np
 from pyomo.core.base.constraint import ConstraintData
@@ -27,7 +26,6 @@ from pyomo.core.base.var import VarData
 
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.modeling.functions import Function
-from pyrobocop_pyomo.optional_imports import scipy
 
 from .function_calls import FunctionCall
 from .model_terms import ModelTerms
@@ -98,29 +96,54 @@ def _points(calls: Sequence[FunctionCall], place_of: dict[int, int]) -> list[Poi
     return found
 
 
-def _matrix(values: FloatArray, entries: Any, shape: tuple[int, int]) -> Any:
-    return scipy.sparse.csr_array((values, tuple(entries)), shape=shape)
+class _Product:
+    """The product of two sparse matrices whose entries stay where they are: which of them meet is found once.
+
+    Parameters
+    ----------
+    left, right : int arrays, shape (2, entries)
+        Rows and columns of their entries.
+
+    Attributes
+    ----------
+    structure : int array, shape (2, entries)
+        Rows and columns of the entries of the product, row by row.
+    """
+
+    def __init__(self, left: np.ndarray, right: np.ndarray) -> None:
+        order = np.argsort(right[0], kind="stable")
+        first, after = (np.searchsorted(right[0][order], left[1], side) for side in ("left", "right"))
+        counts = after - first
+        self._left = np.repeat(np.arange(counts.size), counts)
+        place = np.arange(self._left.size) - np.repeat(np.cumsum(counts) - counts, counts)
+        self._right = order[first[self._left] + place]
+        self.structure, self._target = _merged(np.stack([left[0][self._left], right[1][self._right]]))
+
+    def values(self, left: FloatArray, right: FloatArray) -> FloatArray:
+        """The entries of the product, from those of both."""
+        return _sums(self._target, left[self._left] * right[self._right], self.structure.shape[1])
 
 
-def _sorted(matrix: Any) -> Any:
-    """A matrix whose entries stand row by row, in the order of the columns: places in it are found by bisection."""
-    matrix = matrix.tocsr()
-    matrix.sort_indices()
-    return matrix
+def _merged(entries: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The different ones of some entries, row by row, and which of these each of them is."""
+    width = int(entries[1].max(initial=0)) + 1
+    keys, number = np.unique(entries[0] * width + entries[1], return_inverse=True)
+    return np.stack([keys // width, keys % width]), number
 
 
-def _structure(pattern: Any) -> tuple[IndexArray, IndexArray]:
-    """Rows and columns of the entries of a matrix without zeros."""
-    rows, columns = _sorted(pattern).tocoo().coords
-    return rows.astype(np.int32), columns.astype(np.int32)
+def _transposed_times(entries: np.ndarray, values: FloatArray, vector: FloatArray, size: int) -> FloatArray:
+    """The product of a transposed matrix with a vector."""
+    return _sums(entries[1], values * vector[entries[0]], size)
 
 
-def _values_at(structure: tuple[IndexArray, IndexArray], matrix: Any) -> FloatArray:
-    """The values of a matrix at some places; products drop the zeros among them."""
-    values = np.zeros(structure[0].size)
-    if values.size:  # SciPy has another answer for none
-        values[:] = _sorted(matrix)[structure]
-    return values
+def _sums(places: np.ndarray, values: FloatArray, size: int) -> FloatArray:
+    """What is added up at each place."""
+    return np.bincount(places, values, minlength=size).astype(float, copy=False)
+
+
+def _structure(entries: np.ndarray) -> tuple[IndexArray, IndexArray]:
+    rows, columns = entries.astype(np.int32)
+    return rows, columns
 
 
 class ComposedProgram:
@@ -145,21 +168,32 @@ class ComposedProgram:
         self._levels = [list(several) for _, several in groupby(points, attrgetter("level"))]
         self.n, self.m, self._size = n, main.m, n + outputs
         self._main_entries, self._argument_entries = (
-            (rows, columns[by]) for rows, by in (main.jacobian_structure, main.arguments.structure)
+            np.stack([rows, columns[by]]) for rows, by in (main.jacobian_structure, main.arguments.structure)
         )
         self._used, slopes, inputs = zip(*(each.entries() for each in points), strict=True)
-        self._slopes = np.concatenate(slopes), np.concatenate(inputs)
+        self._slopes = np.stack([np.concatenate(slopes), np.concatenate(inputs)])
+        # Derivatives of x by x, and of y by x: as many repetitions as there are levels have all of their entries.
+        of_x = np.arange(n)
+        by_x = np.stack([of_x, of_x])
+        for _ in range(len(self._levels) + 1):
+            self._to_arguments = _Product(self._argument_entries, by_x)
+            self._to_outputs = _Product(self._slopes, self._to_arguments.structure)
+            by_x = np.concatenate([[of_x, of_x], self._to_outputs.structure], axis=1)
+        self._by_x_entries, self._to_rows = by_x, _Product(self._main_entries, by_x)
         pairs = [np.broadcast_arrays(each.rows[:, :, None], each.rows[:, None, :]) for each in points]
-        self._pairs = np.concatenate([np.reshape(both, (2, -1)) for both in pairs], axis=1)
-        triangles = main.hessian_structure, main.arguments.hessian_structure
-        self._triangle = columns[np.concatenate(triangles, axis=1)]
+        triangle = columns[np.concatenate([main.hessian_structure, main.arguments.hessian_structure], axis=1)]
         # Both triangles are made of the lower one, in which the diagonal stands for itself twice.
-        self._halves = np.where(self._triangle[0] == self._triangle[1], 0.5, 1.0)
-        sizes = (entries[0].size for entries in (self._argument_entries, self._slopes, self._triangle, self._pairs))
-        arguments, functions, triangle, of_pairs = map(np.ones, sizes)
-        self._eliminate(arguments, functions)
-        self.jacobian_structure = _structure(self._main_jacobian(np.ones(self._main_entries[0].size)) @ self._by_x)
-        self.hessian_structure = _structure(self._second(triangle, of_pairs))
+        self._halves = np.where(triangle[0] == triangle[1], 0.5, 1.0)
+        self._curvatures = [
+            _Curvature(triangle, by_x),
+            _Curvature(
+                np.concatenate([np.reshape(both, (2, -1)) for both in pairs], axis=1), self._to_arguments.structure
+            ),
+        ]
+        self.jacobian_structure = _structure(self._to_rows.structure)
+        lower = np.concatenate([each.lower for each in self._curvatures], axis=1)
+        structure, self._place_in_hessian = _merged(lower)
+        self.hessian_structure = _structure(structure)
         self._z_at: FloatArray | None = None
         self._differentiated_at: FloatArray | None = None
         self.derivatives = _described(main.derivatives, [each.function for each in points])
@@ -222,16 +256,12 @@ class ComposedProgram:
 
     def _eliminate(self, arguments: FloatArray, functions: FloatArray) -> None:
         """Know derivatives of the arguments by x and y, of y by the arguments, and from these ``[I; Y]`` and U."""
-        shape = self._main.arguments.rows, self._size
-        self._by_z = _matrix(arguments, self._argument_entries, shape)
-        self._by_arguments = _matrix(functions, self._slopes, shape[::-1])
-        self._by_x = of_x = scipy.sparse.eye_array(self._size, self.n, format="csr")
+        self._by_z, self._by_arguments = arguments, functions
+        self._by_x = np.zeros(self._by_x_entries.shape[1])
+        self._by_x[: self.n] = 1.0
         for _ in self._levels:
-            self._of_arguments = self._by_z @ self._by_x
-            self._by_x = of_x + self._by_arguments @ self._of_arguments
-
-    def _main_jacobian(self, values: FloatArray) -> Any:
-        return _matrix(values, self._main_entries, (self.m, self._size))
+            self._of_arguments = self._to_arguments.values(arguments, self._by_x)
+            self._by_x[self.n :] = self._to_outputs.values(functions, self._of_arguments)
 
     def objective(self, x: FloatArray) -> float:
         """Value of f."""
@@ -239,8 +269,9 @@ class ComposedProgram:
 
     def gradient(self, x: FloatArray) -> FloatArray:
         """Gradient of f."""
-        gradient = self._main.gradient(self._differentiate(x))
-        return np.asarray(gradient @ self._by_x[self._columns])
+        by_z = np.zeros(self._size)
+        by_z[self._columns] = self._main.gradient(self._differentiate(x))
+        return _transposed_times(self._by_x_entries, self._by_x, by_z, self.n)
 
     def constraints(self, x: FloatArray) -> FloatArray:
         """Values of g."""
@@ -249,34 +280,60 @@ class ComposedProgram:
     def jacobian(self, x: FloatArray) -> FloatArray:
         """Values of the Jacobian of g."""
         jacobian = self._main.jacobian(self._differentiate(x))
-        return _values_at(self.jacobian_structure, self._main_jacobian(jacobian) @ self._by_x)
+        return self._to_rows.values(jacobian, self._by_x)
 
     def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
         """Values of the Hessian of the Lagrangian."""
         main = self._differentiate(x)
-        own = self._main_jacobian(self._main.jacobian(main)).T @ multipliers
+        own = _transposed_times(self._main_entries, self._main.jacobian(main), multipliers, self._size)
         own[self._columns] += objective_factor * self._main.gradient(main)
         adjoint = own
         for _ in self._levels:
-            of_rows = self._by_arguments.T @ adjoint
-            adjoint = own + self._by_z.T @ of_rows
+            of_rows = _transposed_times(self._slopes, self._by_arguments, adjoint, self._main.arguments.rows)
+            adjoint = own + _transposed_times(self._argument_entries, self._by_z, of_rows, self._size)
         blocks = []
         for points, X in zip(self._points, self._inputs, strict=True):
             weights = np.where(points.outputs >= 0, adjoint[points.outputs], 0.0)
             blocks.append(np.einsum("po,poij->pij", weights, points.function.hessians(X)).ravel())
-        values = np.zeros(self._triangle[0].size)
+        values = np.zeros(self._halves.size)
         of_main, of_arguments = np.split(values, [self._main.hessian_structure[0].size])
         of_main[:] = self._main.hessian(main, objective_factor, multipliers)
         self._main.arguments.add_hessian(main, of_rows, of_arguments)
         finite(of_arguments, "CasADi", "Hessian of the arguments of a Python function")
-        return _values_at(self.hessian_structure, self._second(values, np.concatenate(blocks)))
+        of_expressions, of_functions = self._curvatures
+        terms = (
+            of_expressions.values(self._halves * values, self._by_x),
+            of_functions.values(0.5 * np.concatenate(blocks), self._of_arguments),
+        )
+        return _sums(self._place_in_hessian, np.concatenate(terms), self.hessian_structure[0].size)
 
-    def _second(self, values: FloatArray, functions: FloatArray) -> Any:
-        """The lower triangle of all second derivatives by x, from those of the expressions and of the functions."""
-        by_x, slopes, rows = self._by_x, self._of_arguments, self._main.arguments.rows
-        found = by_x.T @ _matrix(self._halves * values, self._triangle, (self._size, self._size)) @ by_x
-        found = found + slopes.T @ _matrix(0.5 * functions, self._pairs, (rows, rows)) @ slopes
-        return scipy.sparse.tril(found + found.T)
+
+class _Curvature:
+    """The lower triangle of ``S' (H + H') S``, for matrices H and S whose entries stay where they are.
+
+    Parameters
+    ----------
+    of : int array, shape (2, entries)
+        Rows and columns of H.
+    by_x : int array, shape (2, entries)
+        Rows and columns of S.
+
+    Attributes
+    ----------
+    lower : int array, shape (2, entries)
+        Rows and columns of the triangle's entries, some of them in two parts.
+    """
+
+    def __init__(self, of: np.ndarray, by_x: np.ndarray) -> None:
+        self._first = _Product(of, by_x)
+        self._second = _Product(by_x[::-1], self._first.structure)
+        structure = self._second.structure
+        self.lower = np.stack([structure.max(axis=0), structure.min(axis=0)])
+        self._times = np.where(structure[0] == structure[1], 2.0, 1.0)
+
+    def values(self, of: FloatArray, by_x: FloatArray) -> FloatArray:
+        """The entries, in the order of `lower`."""
+        return self._times * self._second.values(by_x, self._first.values(of, by_x))
 
 
 def _described(derivatives: str, functions: Sequence[Function]) -> str:
