@@ -92,7 +92,6 @@ _removed = errors.removed_names(
     __name__,
     {
         "benchmarks/solve_files.py, which solves problem files, and model.write()": "files",
-        "nothing: results give its objects": "ActiveSide PairReport SafetyReport Diagnosis",
     },
 )
 

@@ -24,10 +24,6 @@ _removed = removed_names(
     {
         "between=None, for single points": "Dual Mixed Offset Optimality",
         "examples/mechanism_pictures.py, or bodies and draw_scene": "draw_linkage draw_planar_pushing",
-        "nothing: what gives its objects is enough": """
-            AnimationFile CarPath CarTiming DescribedRobot SignedDistance VehicleMove VehiclesPlan Formulation
-            Plane TurningPlane
-        """,
     },
 )
 

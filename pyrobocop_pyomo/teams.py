@@ -43,10 +43,5 @@ __getattr__ = removed_names(
         "closing=Closing(), which ends what rounds do not": "PenaltyRestart",
         "copy it from benchmarks/rod_teams.py": "SimulatedNetwork",
         "TargetedPenalties": "BalancedPenalties GrowingPenalties",
-        "nothing, or its home in pyrobocop_pyomo.distributed": """
-            AgentFailure ClosedPlan ConsensusResiduals Coordination HostedProblem HostedSpec LocalProblem
-            MergedModel Method Order PenaltyMatrix PlanScore PlanningStep ProblemFacts ProblemSpec QuantityFacts
-            Report TeamState Physics find_engine fingerprint merge_agents
-        """,
     },
 )

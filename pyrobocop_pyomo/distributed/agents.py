@@ -165,20 +165,40 @@ class KeepApart:
         """Whether no two robots are too near in their plans, as far as all have one."""
         return self.least_distance(plans, robots) >= TOO_NEAR * self.distance
 
-    def constrain(self, model: Any, parts: Sequence[Any]) -> None:
-        """Add rows that keep the robots of one model apart, ``keep_apart``.
+    def constrain(self, model: Any, parts: Sequence[Any], within: float = np.inf) -> int:
+        """Add rows that keep the robots of one model apart, beside those that it has.
 
         Parameters
         ----------
         model : ConcreteModel
         parts : sequence of blocks
             One for each robot, in which the coordinates have their names.
+        within : float, optional
+            Only where two robots are nearer than this now, and at the times beside, metres.
+
+        Returns
+        -------
+        int
+            How many rows are new.
         """
         positions = [[part.find_component(name) for name in self.components] for part in parts]
         keys = [key for key in positions[0][0] if any(not p[0][key].fixed for p in positions)]
-        model.keep_apart = Constraint(AnyIndex)
-        for (i, one), (j, other) in combinations(enumerate(positions), 2):
-            for key in keys:
-                apart = sum((a[key] - b[key]) ** 2 for a, b in zip(one, other, strict=True))
+        rows = model.component("keep_apart")
+        if rows is None:
+            rows = model.keep_apart = Constraint(AnyIndex)
+        known = len(rows)
+        for i, j in combinations(range(len(parts)), 2):
+            for key in self._near(positions[i], positions[j], keys, within):
                 index = (i, j, *(key if isinstance(key, tuple) else (key,)))
-                model.keep_apart[index] = apart >= self.distance**2
+                if index not in rows:
+                    apart = sum((a[key] - b[key]) ** 2 for a, b in zip(positions[i], positions[j], strict=True))
+                    rows[index] = apart >= self.distance**2
+        return len(rows) - known
+
+    def _near(self, first: Sequence[Any], second: Sequence[Any], keys: Sequence[Any], within: float) -> list[Any]:
+        if not np.isfinite(within):
+            return list(keys)
+        gaps = np.array([[a[key].value - b[key].value for key in keys] for a, b in zip(first, second, strict=True)])
+        near = np.linalg.norm(gaps, axis=0) < within
+        near = np.convolve(near, (1, 1, 1), "same") > 0  # at the times beside as well
+        return [key for key, is_near in zip(keys, near, strict=True) if is_near]

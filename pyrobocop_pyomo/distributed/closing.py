@@ -13,10 +13,12 @@ from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.solving.persistent_nlp import PersistentNLP
 
+from .agents import TOO_NEAR
 from .local_problem import DELTA, IPOPT_OPTIONS
 from .merging import MergedModel
 from .rounds import PlanScore, Round
 
+_NEAR = 1.6  # times the distance to keep: couples of robots that the first problem keeps apart
 _DEARER = 0.01
 
 
@@ -28,6 +30,8 @@ class Closing:
     is exact only where everybody holds the very same values. A model of all agents has them by construction: its
     barrier problems, started from the combined plan, need few iterations. It takes the agents' models in one place; a
     team whose models have to stay where they are goes without it (``closing=None``).
+
+    Robots are kept apart in pairs that are near each other in the plan; pairs that come near by it are added.
 
     Attributes
     ----------
@@ -86,16 +90,19 @@ class Closing:
             The best on the path, whatever it is worth: look at its score.
         """
         started = time.process_time()
-        merged = team.central()
+        merged = team.central(keep_apart=False)
         merged.put_on(values)
+        _keep_apart(team, merged, _NEAR)
         has_pairs = bool(active_sources(merged.model))
         if has_pairs:
             relax(merged.model, delta=1.0)
         nlp = PersistentNLP(merged.model, IPOPT_OPTIONS, barrier=DELTA if has_pairs else None, go_on_after_limit=True)
         plan = ClosedPlan(plans={}, score=None, objective=float("nan"))
-        for mu in self.path:
+        position, warm = 0, False
+        while position < len(self.path):
+            mu = self.path[position]
             options = {"tol": max(1e-6, mu), "max_iter": self.iterations}
-            outcome = nlp.solve(options, warm=mu != self.path[0], mu=mu, mu_target=mu)
+            outcome = nlp.solve(options, warm=warm, mu=mu, mu_target=mu)
             plan.iterations += outcome.iterations
             plan.status = outcome.status.name
             if outcome.status is IpoptStatus.INTERRUPTED:
@@ -104,6 +111,11 @@ class Closing:
             if not nlp.goes_on_from_last_point:
                 break
             plan.take(team, merged)
+            warm = not _keep_apart(team, merged, TOO_NEAR)
+            if warm:
+                position += 1
+            else:  # the same again, with couples that have come near
+                nlp.prepare()
         plan.cpu_seconds = time.process_time() - started
         return plan
 
@@ -144,3 +156,13 @@ class ClosedPlan:
             if worth < before or (worth == before and objective > self.objective + _DEARER * abs(self.objective)):
                 return
         self.plans, self.score, self.objective = plans, score, objective
+
+
+def _keep_apart(team: Any, merged: MergedModel, reach: float) -> bool:
+    """Keep those apart that are nearer than so many times their distance; whether there are new ones."""
+    rule, robots = team.keep_apart, [merged.parts[name] for name in team.names]
+    if rule is None or len(robots) < 2 or not rule.constrain(merged.model, robots, reach * rule.distance):
+        return False
+    # Whoever came near once may do so a little elsewhere next time.
+    rule.constrain(merged.model, robots, _NEAR * rule.distance)
+    return True

@@ -186,8 +186,13 @@ class Team:
                 entries.append((number, shared, shared.names_for(robot)))
         return tuple(entries)
 
-    def central(self) -> MergedModel:
+    def central(self, *, keep_apart: bool = True) -> MergedModel:
         """One model of the whole team, from the same builders: what a single planner that knows everything solves.
+
+        Parameters
+        ----------
+        keep_apart : bool
+            Whether the model has the distances of `keep_apart`.
 
         Returns
         -------
@@ -197,7 +202,7 @@ class Team:
         """
         agents = [*([self.hub] if self.hub is not None else []), *self.robots]
         merged = merge_agents(agents, [name for _, _, names in self._shared_by(self.names) for name in names])
-        if self.keep_apart is not None and len(self.robots) > 1:
+        if keep_apart and self.keep_apart is not None and len(self.robots) > 1:
             self.keep_apart.constrain(merged.model, [merged.parts[name] for name in self.names])
         return merged
 

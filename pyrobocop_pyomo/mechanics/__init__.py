@@ -29,7 +29,6 @@ __all__ = [
 __getattr__ = removed_names(
     __name__,
     {
-        "nothing: scores give its objects": "PhysicalScore",
         "it as Maximum(s - upper, 0) less Maximum(lower - s, 0)": "DeadZone",
         "SquareSlider has one; of another outline, state the velocity in the ode": "LimitSurface",
         "score.misses('strict') or score.misses('practical')": "ScoreLimits",

@@ -19,8 +19,6 @@ from .pair_report import ActiveSide, PairReport
 MOST_LINES = 8
 # Of a line that is shown; `report()` has all of it.
 MOST_CHARACTERS = 400
-# So many violated components are named, and `SHOWN` together with what stands against a solution.
-SHOWN_VIOLATIONS = 2
 IN_THE_WAY = "What stands against a solution near the best point found:"
 FAR = " If you know that there is a solution, start nearer to it: try another initial guess."
 KEPT_MESH = "The mesh stays as it is"
@@ -158,7 +156,7 @@ def _failure(result: Any) -> Iterable[str]:
     least = result.least_violation
     overlaps = _is_in_the_way(result)
     unmet = [one for one in result.violations if not (overlaps and one.where.startswith("clearance between"))]
-    for violation in (unmet := unmet[:SHOWN_VIOLATIONS]):
+    for violation in (unmet := unmet[: SHOWN // 2]):  # with what stands against a solution
         yield f"not met: {violation}"
     if least is not None and least.obstructions:
         yield STANDS_AGAINST if least.is_proof else f"Not proven to be impossible. {IN_THE_WAY}"

@@ -35,10 +35,5 @@ __getattr__ = removed_names(
     {
         "rcp.solve(model, mesh_tolerance=1e-6)": "solve_refined RefinementEnd",
         "rcp.sweep(build, sequences, start_from=None)": "solve_sequences",
-        "nothing: studies give its objects back": """
-            HomotopyResult HomotopyStep MultistartResult RefinedResult RefinementStep Sensitivity
-            SequenceOutcome SequenceRanking StartOutcome StudyResult SweepCase SweepOutcome SweepResult
-            HorizonStep Outcome
-        """,
     },
 )

@@ -105,7 +105,6 @@ def test_a_public_name_has_one_home() -> None:
         (rcp.errors, "TeamFailed", "SolveFailed"),
         (rcp.scenes, "draw_linkage", "mechanism_pictures"),
         (rcp.relaxations, "Elastic", "'elastic'"),
-        (rcp.studies, "SweepCase", "nothing"),
     ],
 )
 def test_a_removed_name_says_what_to_write(home: ModuleType, name: str, said: str) -> None:
