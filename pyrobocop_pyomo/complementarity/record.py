@@ -61,6 +61,8 @@ class RelaxationRecord(AutoSlots.Mixin):
         delta moves the bounds of the rows and nothing else of the model.
     products : list of lists of Product
         Those that share one bound each.
+    bounds : list of ConstraintData
+        The rows that bound them.
     statements : ComponentMap
         From the source to its `RelaxedStatement`.
     origins : dict
@@ -76,6 +78,7 @@ class RelaxationRecord(AutoSlots.Mixin):
         self.lift = False
         self.objective: Any = None
         self.products: list[list[Any]] = []
+        self.bounds: list[Any] = []
         self.statements = ComponentMap()
         self.origins: dict[tuple[str, int], list[Any]] = {}
 

@@ -277,7 +277,7 @@ def _as_variable(side: Any) -> SideVariable:
 def _rows_seen(record: RelaxationRecord, model: Any) -> Iterator[Any]:
     """The active rows of products, where a solver sees their generated block."""
     seen = model.active and outermost_inactive(record.main, model) is None
-    return (row for row in record.main.rows.values() if seen and row.active)
+    return (row for row in record.bounds if seen and row.active)
 
 
 def _record_of_row(row: Any) -> RelaxationRecord | None:

@@ -124,11 +124,12 @@ def _put_bounds(record: RelaxationRecord, shared: list[Product]) -> None:
         # quicker to write, and delta moves inside a solve by moving one bound.
         residuals = [relaxation.residual(product.a, product.b, 0) for product in shared]
         body = residuals[0] if len(residuals) == 1 else quicksum(residuals)
-        record.put_row("rows", body <= shift, _sources(shared))
+        record.bounds.append(record.put_row("rows", body <= shift, _sources(shared)))
         return
     # Residuals without a shift cannot be added up: each product is bounded by itself.
     for product in shared:
-        record.put_row("rows", relaxation.residual(product.a, product.b, bound) <= 0, _sources([product]))
+        row = relaxation.residual(product.a, product.b, bound) <= 0
+        record.bounds.append(record.put_row("rows", row, _sources([product])))
 
 
 def _sources(shared: list[Product]) -> list[Any]:

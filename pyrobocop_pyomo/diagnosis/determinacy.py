@@ -162,9 +162,10 @@ def left_null_vector(matrix: Any) -> Array | None:
         _, vectors = scipy.sparse.linalg.eigsh(augmented, k=1, sigma=-1e-14, v0=start)
     except RuntimeError:  # exactly singular, as the shift was lost in rounding; or no eigenvalue is near zero
         return None
-    vector = vectors[columns:, 0] / np.linalg.norm(vectors[columns:, 0])
+    vector = vectors[columns:, 0]
+    size = np.linalg.norm(vector)
     # Well above rounding, well below what a long horizon or an unstable motion leaves of independent equations.
-    return vector if np.linalg.norm(matrix.T @ vector) < 1e-9 else None
+    return vector / size if np.linalg.norm(matrix.T @ vector) < 1e-9 * size else None
 
 
 def _components(rows: Any) -> tuple[str, ...]:

@@ -1,10 +1,6 @@
 """Finding Ipopt and running it: the executable, and the library in this process."""
 
-from pyrobocop_pyomo.errors import removed_names
-
 from .backends import Backend, available_backends, configure_ipopt_executable
 from .linear_solvers import linear_solver_options
 
 __all__ = ["Backend", "available_backends", "configure_ipopt_executable", "linear_solver_options"]
-
-__getattr__ = removed_names(__name__, {"pyo.SolverFactory('pyrobocop.ipopt')": "InProcessIpopt"})

@@ -44,7 +44,8 @@ def report() -> tuple[str, bool]:
     )
     works = any(fine for fine, _ in backends)
     lines += [line for _, examined in (*backends, solver) for line in examined]
-    lines += ["", f"At least one backend to Ipopt works. {WAYS_TO_IPOPT}" if works else NO_IPOPT]
+    others = "" if all(fine for fine, _ in backends) else f" {WAYS_TO_IPOPT}"
+    lines += ["", f"At least one backend to Ipopt works.{others}" if works else NO_IPOPT]
     return "\n".join(lines), works
 
 

@@ -18,6 +18,7 @@ from pyomo.contrib.solver.common.results import Results, SolutionStatus, Termina
 from pyomo.contrib.solver.common.solution_loader import NoSolutionSolutionLoader
 from pyomo.contrib.solver.common.util import NoOptimalSolutionError, NoSolutionError
 from pyomo.core.base.block import BlockData
+from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.PyomoModel import ModelSolution
 from pyomo.core.base.suffix import Suffix
 from pyomo.core.base.var import Var
@@ -237,6 +238,10 @@ class OlderInterface(LegacySolverWrapper):
     def _map_results(self, model: Any, results: Any) -> tuple[Any, Any]:
         older, solution = super()._map_results(model, results)
         older.problem.name = model.name
+        variables = model.component_data_objects(Var, descend_into=True)
+        older.problem.number_of_variables = sum(not variable.fixed for variable in variables)
+        rows = model.component_data_objects(Constraint, active=True, descend_into=True)
+        older.problem.number_of_constraints = len(list(rows))
         older.solver.name = self.name
         for name in ("Message", "Termination message"):
             dict.__setitem__(older.solver[0], name, _Text(results.extra_info.solver_message))

@@ -143,6 +143,9 @@ class _Definedness(NodesOnce):
     def of_operation(self, node: Any, found: list[Any]) -> Any:
         if isinstance(node, Expr_ifExpression) and isinstance(found[0], (bool, float)):
             return found[1] if found[0] else found[2]  # the other side need not have a value
+        constants = (each for each in found if each.__class__ in native_numeric_types and not math.isfinite(each))
+        for number in constants:  # as values they would have been told of where they arise
+            return UndefinedPart(f"the number {number:g}", number, number)
         undefined = next((each for each in found if isinstance(each, UndefinedPart)), None)
         if undefined is not None or None in found:
             return undefined

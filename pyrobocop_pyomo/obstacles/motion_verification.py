@@ -95,6 +95,11 @@ def verify_motion(
             )
         motion = motion_along_trajectory(path)
     else:
+        if hasattr(path, "ctype") or hasattr(path, "time_at"):
+            raise ObstacleError(
+                f"{_WHAT}: '{path.name}' is part of a model. Give a phase's trajectory, phase.trajectory(), and one "
+                "call for each phase; or an array of times and poses."
+            )
         times = increasing_numbers(path, f"{_WHAT}: the times", ObstacleError)
         paths = {
             name: _path_of(name, rows, times, {**beside, **moving}, quaternion_order) for name, rows in by_name.items()

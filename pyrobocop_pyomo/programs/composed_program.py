@@ -141,11 +141,6 @@ def _sums(places: np.ndarray, values: FloatArray, size: int) -> FloatArray:
     return np.bincount(places, values, minlength=size).astype(float, copy=False)
 
 
-def _structure(entries: np.ndarray) -> tuple[IndexArray, IndexArray]:
-    rows, columns = entries.astype(np.int32)
-    return rows, columns
-
-
 class ComposedProgram:
     """See the module; a `NonlinearProgram` in x.
 
@@ -190,10 +185,10 @@ class ComposedProgram:
                 np.concatenate([np.reshape(both, (2, -1)) for both in pairs], axis=1), self._to_arguments.structure
             ),
         ]
-        self.jacobian_structure = _structure(self._to_rows.structure)
+        self.jacobian_structure: tuple[IndexArray, IndexArray] = tuple(self._to_rows.structure.astype(np.int32))
         lower = np.concatenate([each.lower for each in self._curvatures], axis=1)
         structure, self._place_in_hessian = _merged(lower)
-        self.hessian_structure = _structure(structure)
+        self.hessian_structure: tuple[IndexArray, IndexArray] = tuple(structure.astype(np.int32))
         self._z_at: FloatArray | None = None
         self._differentiated_at: FloatArray | None = None
         self.derivatives = _described(main.derivatives, [each.function for each in points])

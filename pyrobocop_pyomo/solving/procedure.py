@@ -14,6 +14,7 @@ from typing import Any
 from pyomo.common.errors import InfeasibleConstraintException
 from pyomo.core.base.constraint import Constraint
 
+from pyrobocop_pyomo.complementarity import Geometric
 from pyrobocop_pyomo.diagnosis import Finding, Severity
 from pyrobocop_pyomo.diagnosis.statements import form_findings
 from pyrobocop_pyomo.diagnosis.values import boundary_findings, decided_findings
@@ -165,8 +166,9 @@ class _Procedure(Runner):
                 continue
             if row is OWN_UNITS and (self.places.last is None or self.places.last.session.scaling is None):
                 continue  # how the first run went
+            is_several = self.has_pairs and isinstance(row.schedule, Geometric)  # runs, each of which may take as many
             if record.is_followed_by(row, is_chosen=row is first):
-                yield row if is_alone else replace(row, options={"max_iter": limit, **row.options})
+                yield row if is_alone or is_several else replace(row, options={"max_iter": limit, **row.options})
             if row is first:
                 record.first = record.best
                 most = most if self.has_pairs else record.iterations + LATER_ITERATIONS
