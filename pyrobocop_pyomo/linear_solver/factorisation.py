@@ -17,19 +17,13 @@ from .library import required_linear_solver
 FloatArray = np.ndarray[Any, np.dtype[np.float64]]
 IntArray = np.ndarray[Any, np.dtype[np.int32]]
 
+# How a factorisation ended, in MA27's convention.
+_Flag = enum.IntEnum("_Flag", {"SHORT_INTEGERS": -3, "SHORT_REALS": -4, "SINGULAR": -5})
 # Where the caller says whether negative eigenvalues are to be told even of a singular matrix, as Ipopt likes it.
 _COUNT_FIRST = 29
 _LARGEST = np.iinfo(np.int32).max
 # As Ipopt does it: proposed lengths are multiplied by five, lengths that were too short at least by two.
 _SPARE, _GROWTH = 5, 2
-
-
-class _Flag(enum.IntEnum):
-    """How a factorisation ended, in MA27's convention."""
-
-    SHORT_INTEGERS = -3
-    SHORT_REALS = -4
-    SINGULAR = -5
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.motion.safety_report import BodyPairSafety, SafetyReport
 
-from .avoidance_record import MotionSegment
 from .broad_phase import places_of
 from .containment import ContainmentData
 
@@ -64,7 +63,8 @@ def _tighten_separations(block: Any, report: SafetyReport, *, split: bool) -> di
             more = MISSING_FACTOR if split else 1.0  # margins make paths longer: the least is tried first
             margin = value(block.margin[segment.index]) + more * _missing(pair)[interval]
             # Planes of shorter segments bring the motion of the equations no nearer.
-            if split and interval not in pair.plan_only and _is_long(segment):
+            is_long = segment.fractions[-1] - segment.fractions[0] > SMALLEST_PART
+            if split and interval not in pair.plan_only and is_long:
                 done["separations split"] += 1
                 for half in block.split(*segment.index):
                     block.set_margin(*half, margin / 4.0)  # so much less does it deviate from its chord
@@ -101,7 +101,3 @@ def _restore_at_points(block: Any, report: SafetyReport) -> dict[str, int]:
             times = motion.intervals[place] if motion.intervals else (motion.points[place],)
             missed += [(pair.first, pair.second, time) for time in times]
     return {"separations restored": len(block.restore_near(missed))}
-
-
-def _is_long(segment: MotionSegment) -> bool:
-    return segment.fractions[-1] - segment.fractions[0] > SMALLEST_PART

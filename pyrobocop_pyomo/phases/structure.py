@@ -8,6 +8,7 @@ far as the structure goes.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from functools import cached_property
 from itertools import islice
@@ -64,10 +65,10 @@ def _check_counts(block: Any, structure: PointStructure) -> None:
     record: PhaseRecord = block.record
     surplus = len(structure.rows) - len(structure.unknowns)
     # A pair may determine an algebraic, or just restrict the controls; the user's own equality constraints likewise.
-    # They count only when something is missing.
-    helpers = len(structure.helpers) if surplus < 0 else 0
-    if surplus + helpers < 0:  # a rule may skip the middle
-        helpers = max(len(PointStructure(block, time).helpers) for time in record.grid.points)
+    # They count only when something is missing; all rows are looked through where the pairs are not enough.
+    helpers = len(structure.pairs) if surplus < 0 else 0
+    if surplus + helpers < 0:
+        helpers = _most_helpers(block)
     if surplus <= 0 <= surplus + helpers:
         return
     states, algebraics = len(record.names_of_states), len(record.names(Algebraic))
@@ -91,15 +92,6 @@ def _check_counts(block: Any, structure: PointStructure) -> None:
 def counted(number: int, noun: str) -> str:
     """A number of things, in words: "1 state", "2 states"."""
     return f"{number} {noun}{'s' * (number != 1)}"
-
-
-def _active_constraints(block: Any) -> list[Any]:
-    # Not component_objects(active=True): that finds nothing in a phase which is itself deactivated.
-    return [component for component in block.component_map(Constraint).values() if component.active]
-
-
-def _per_point(component: Any, points: int) -> int:
-    return -(-len(component) // points)
 
 
 def _check_each_variable_appears(block: Any) -> None:
@@ -128,13 +120,15 @@ def _variables(block: Any, name: str) -> Any:
 
 def _expressions(block: Any) -> Any:
     # Rows of one point of each of the phase's own components first: nearly always everything is found there.
-    own, points = _active_constraints(block), len(block.record.grid.points)
+    # Not component_objects(active=True): that finds nothing in a phase which is itself deactivated.
+    own = [component for component in block.component_map(Constraint).values() if component.active]
+    points = len(block.record.grid.points)
     for component in own:
-        yield from (as_read(row).body for row in islice(component.values(), _per_point(component, points)))
+        yield from map(content_of, islice(component.values(), -(-len(component) // points)))
     for data in block.component_data_objects(PAIR_TYPES, descend_into=False):
         yield from sides_of(data)
     for component in own:
-        yield from (as_read(row).body for row in component.values())
+        yield from map(content_of, component.values())
     for data in block.model().component_data_objects((Constraint, Objective), active=True):
         yield from sides_of(data)
 
@@ -159,36 +153,27 @@ class PointStructure:
     """
 
     def __init__(self, block: Any, time: float) -> None:
-        record: PhaseRecord = block.record
-        self._block, self._record = block, record
-        self.time = time
+        self._block, self.time = block, time
         self.rows = _rows(block, time)
         self._contents = [(content_of(row),) for row in self.rows.values()]
-        kept = [name for name in record.names_of_states if name in record.kept_derivatives]
-        self.unknowns = {f"derivative of {name}": block.component(f"{name}_derivative")[time] for name in kept}
-        self.unknowns.update((name, block.component(name)[time]) for name in record.names(Algebraic))
-        self.choices = {
-            name: block.component(name)[time]
-            for name, declaration in record.declarations.items()
-            if isinstance(declaration, Control) and declaration.parametrization == "collocated"
-        }
+        self.unknowns = _unknowns(block, time)
+        controls = ((name, of) for name, of in block.record.declarations.items() if isinstance(of, Control))
+        collocated = [name for name, of in controls if of.parametrization == "collocated"]
+        self.choices = {name: block.component(name)[time] for name in collocated}
+
+    @property
+    def pairs(self) -> dict[str, tuple[Any, ...]]:
+        """Both sides of the pairs at this point, by name."""
+        found: dict[str, tuple[Any, ...]] = {}
+        for component in self._block.component_objects(PAIR_TYPES, descend_into=Block):
+            found.update((name, sides_of(data)) for name, data in _at(component, self.time).items())
+        return found
 
     @cached_property
     def helpers(self) -> dict[str, tuple[Any, ...]]:
         """What may determine an algebraic, but need not, by name: pairs, and equality constraints of the user's own."""
-        found: dict[str, tuple[Any, ...]] = {}
-        for component in self._block.component_objects(PAIR_TYPES, descend_into=Block):
-            found.update((name, sides_of(data)) for name, data in _at(component, self.time).items())
-        # An equality of the user's own may stand anywhere and carry any index: what it holds decides.
-        ids = {id(variable) for variable in self.unknowns.values()}
-        stated = {statement.name for statement in self._record.statements} | self._record.generated_rows
-        for row in self._block.model().component_data_objects(Constraint, active=True) if ids else ():
-            own = row.parent_block() is self._block and row.parent_component().local_name in stated
-            if not own and is_equality(row):
-                body = content_of(row)
-                if any(id(variable) in ids for variable in _variables_in((body,))):
-                    found[row.name] = (body,)
-        return found
+        times = {id(variable): self.time for variable in self.unknowns.values()}
+        return {**self.pairs, **{row.name: (content_of(row),) for _, row in _own_equalities(self._block, times)}}
 
     @cached_property
     def of_rows(self) -> Matching:
@@ -245,6 +230,41 @@ def middle_point(record: PhaseRecord) -> float:
     """A collocation point away from both ends, where nothing is special."""
     points = record.grid.points
     return points[len(points) // 2]
+
+
+def _unknowns(block: Any, time: float) -> dict[str, Any]:
+    kept = [name for name in block.record.names_of_states if name in block.record.kept_derivatives]
+    derivatives = {f"derivative of {name}": block.component(f"{name}_derivative")[time] for name in kept}
+    return {**derivatives, **{name: block.component(name)[time] for name in block.record.names(Algebraic)}}
+
+
+def _own_equalities(block: Any, times: dict[int, float]) -> Iterator[tuple[float, Any]]:
+    """Equality constraints of the user's own that hold unknowns, each after the time of these.
+
+    They may stand anywhere and carry any index.
+
+    Parameters
+    ----------
+    block : PhaseBlock
+    times : dict of id to float
+        Of each unknown.
+    """
+    stated = {statement.name for statement in block.record.statements} | block.record.generated_rows
+    for row in block.model().component_data_objects(Constraint, active=True) if times else ():
+        own = row.parent_block() is block and row.parent_component().local_name in stated
+        if not own and is_equality(row):
+            held = {times[id(variable)] for variable in _variables_in((content_of(row),)) if id(variable) in times}
+            yield from ((time, row) for time in held)
+
+
+def _most_helpers(block: Any) -> int:
+    """How many pairs and equalities the collocation point has that has most of them: a rule may skip some points."""
+    points = block.record.grid.points
+    times = {id(variable): time for time in points for variable in _unknowns(block, time).values()}
+    found = Counter(time for time, _ in _own_equalities(block, times))
+    for component in block.component_objects(PAIR_TYPES, descend_into=Block):
+        found.update(index[0] if isinstance(index, tuple) else index for index in component)
+    return max((found[time] for time in points), default=0)
 
 
 def _rows(block: Any, time: float) -> dict[str, Any]:

@@ -168,12 +168,11 @@ class ComposedProgram:
         self._used, slopes, inputs = zip(*(each.entries() for each in points), strict=True)
         self._slopes = np.stack([np.concatenate(slopes), np.concatenate(inputs)])
         # Derivatives of x by x, and of y by x: as many repetitions as there are levels have all of their entries.
-        of_x = np.arange(n)
-        by_x = np.stack([of_x, of_x])
+        by_x = of_x = np.stack([np.arange(n)] * 2)
         for _ in range(len(self._levels) + 1):
             self._to_arguments = _Product(self._argument_entries, by_x)
             self._to_outputs = _Product(self._slopes, self._to_arguments.structure)
-            by_x = np.concatenate([[of_x, of_x], self._to_outputs.structure], axis=1)
+            by_x = np.concatenate([of_x, self._to_outputs.structure], axis=1)
         self._by_x_entries, self._to_rows = by_x, _Product(self._main_entries, by_x)
         pairs = [np.broadcast_arrays(each.rows[:, :, None], each.rows[:, None, :]) for each in points]
         triangle = columns[np.concatenate([main.hessian_structure, main.arguments.hessian_structure], axis=1)]

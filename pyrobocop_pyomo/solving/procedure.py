@@ -21,6 +21,7 @@ from pyrobocop_pyomo.diagnosis.values import boundary_findings, decided_findings
 from pyrobocop_pyomo.discretisation import DiscretisationProbe
 from pyrobocop_pyomo.errors import ComplementarityError, ContradictionError
 from pyrobocop_pyomo.modeling.failures import undone_on_failure
+from pyrobocop_pyomo.modeling.rows_by_rule import content_of
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
 from pyrobocop_pyomo.phases import phases_of
@@ -310,7 +311,7 @@ class _Procedure(Runner):
 
     def _is_linear(self) -> bool:
         """Whether all rows and sides of pairs are."""
-        rows = (row.body for row in self.model.component_data_objects(Constraint, active=True))
+        rows = (content_of(row) for row in self.model.component_data_objects(Constraint, active=True))
         sides = (side for pair in self.record.pairs for side in (pair.a, pair.b))
         return all(expression.polynomial_degree() in (0, 1) for expression in chain(sides, rows))
 

@@ -244,3 +244,16 @@ def test_an_equation_that_determines_a_control_passes() -> None:
     structure = PointStructure(b, middle_point(b.record))
     assert structure.leftover_rows == ["feedback"]
     assert not structure.has_higher_index
+
+
+@pytest.mark.parametrize("way", ["pair", "equality"])
+def test_what_determines_an_algebraic_may_skip_the_middle(way: str) -> None:
+    _, b = one_phase(elements=4, x=rcp.State(initial=1), force=rcp.Algebraic(bounds=(0, None)))
+    b.ode(lambda b, t: {b.x: b.force[t] - b.x[t]})
+    middle = middle_point(b.record)
+    kept = [t for t in b.points if t != middle]
+    if way == "equality":
+        b.beside = pyo.Constraint(kept, rule=lambda b, t: b.force[t] == b.x[t])
+    else:
+        b.complementarity(lambda b, t: [] if t == middle else rcp.complements(b.force[t] >= 0, b.x[t] >= 0))
+    b.check()
