@@ -158,9 +158,9 @@ def text(model: Any) -> str:
 
 
 def contents(model: Any) -> list[str]:
-    """Every component below a model by name, and every row."""
+    """Every component below a model and every row, by names that are the same when the model above is collected."""
     return [
-        f"{data.name}: {type(data).__name__}"
+        f"{data.getname(fully_qualified=True, relative_to=model)}: {type(data).__name__}"
         for block in model.block_data_objects()
         for component in block.component_map().values()
         for data in (component, *(component.values() if component.ctype is pyo.Constraint else ()))
