@@ -29,13 +29,13 @@ from nonsmooth_problems import PROBLEMS
 from table import Table, show_progress
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.complementarity.relaxed_model import relaxed_model
 from pyrobocop_pyomo.ipopt.backends import Backend
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE
 from pyrobocop_pyomo.solving.executable_session import ExecutableSession
 from pyrobocop_pyomo.solving.in_process_session import InProcessSession
 from pyrobocop_pyomo.solving.ipopt_options import IpoptOptions, warm_continuation
 from pyrobocop_pyomo.solving.iterates import Iterate
-from pyrobocop_pyomo.solving.relaxed_model import relaxed_model
 from pyrobocop_pyomo.solving.settings import Settings
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))

@@ -27,7 +27,7 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.contrib.export import export_controller
 from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
 from pyrobocop_pyomo.native.shared_library import FLAGS, find_compiler
-from pyrobocop_pyomo.solving import PersistentNLP
+from pyrobocop_pyomo.studies import PersistentNLP
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 

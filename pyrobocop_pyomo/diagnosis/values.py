@@ -16,6 +16,7 @@ from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.complementarity import canonical_form, generating_pairs, pairs_of
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
+from pyrobocop_pyomo.complementarity.relaxed_model import SIDES_HOLD
 from pyrobocop_pyomo.continuous.discretisation import discretisations_on
 from pyrobocop_pyomo.modeling.row_violations import bound_violation, number_or_nan, relation_violation
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
@@ -177,10 +178,6 @@ def boundary_findings(phase: Any, remarks: list[str]) -> Iterator[Finding]:
             )
 
 
-SIDES_HOLD = (
-    "Both sides of a pair are >= 0 at all times: what acts only where a gap is closed is "
-    "complements(gap >= 0, force >= 0)."
-)
 _KINDS = {"complementarity": "a side of the pair", "bounds": "the bounds of"}
 
 

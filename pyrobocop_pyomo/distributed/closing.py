@@ -11,7 +11,7 @@ from pyrobocop_pyomo.complementarity import active_sources, relax
 from pyrobocop_pyomo.errors import TeamError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.solving.persistent_nlp import PersistentNLP
+from pyrobocop_pyomo.studies.persistent_nlp import PersistentNLP
 
 from .agents import TOO_NEAR
 from .local_problem import DELTA, IPOPT_OPTIONS

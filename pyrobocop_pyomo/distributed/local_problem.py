@@ -20,7 +20,7 @@ from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 from pyrobocop_pyomo.programs.quadratic_cost import QuadraticCost
-from pyrobocop_pyomo.solving.persistent_nlp import PersistentNLP
+from pyrobocop_pyomo.studies.persistent_nlp import PersistentNLP
 
 from .agents import Agent, KeepApart, Shared
 from .merging import merge_agents, variable_numbers, variables_behind

@@ -15,7 +15,7 @@ from pyrobocop_pyomo.execution.engine import Engine
 from pyrobocop_pyomo.execution.engines import find_engine
 from pyrobocop_pyomo.execution.fingerprints import fingerprint
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.solving.progress import Progress
+from pyrobocop_pyomo.presentation.progress import Progress
 
 from .agents import Agent, KeepApart, Shared
 from .checkpoint import Checkpoint

@@ -15,16 +15,16 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from types import FrameType
-from typing import Any, NamedTuple, TextIO
+from typing import Any, TextIO
 
 import numpy as np
 
 from pyrobocop_pyomo.errors import EvaluationError, ModelError
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
-from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
+from pyrobocop_pyomo.native.c_output import c_output_captured, c_output_sent_to, flush_c_streams
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint, ProblemScaling
 from pyrobocop_pyomo.programs.vectorised_program import EVALUATIONS, compiled_functions_of
 
-from .c_output import c_output_captured, c_output_sent_to, flush_c_streams
 from .ipopt_library import EvalF, EvalG, EvalGradF, EvalH, EvalJacG, Intermediate, IpoptLibrary, load_ipopt_library
 from .ipopt_outcome import IpoptOutcome, IpoptStatus, IterationRecord
 from .linear_solvers import FALL_BACK, IN_DOUBT, OWN_SOLVER, SAID_OF_OWN_SOLVER, refused_options, with_linear_solver
@@ -259,14 +259,6 @@ class KeptProblem:
 
 
 logger = logging.getLogger(__name__)
-
-
-class ProblemScaling(NamedTuple):
-    """Factors for the objective, the variables and the rows."""
-
-    objective: float
-    x: FloatArray
-    g: FloatArray
 
 
 def run_ipopt(

@@ -26,10 +26,9 @@ from pyomo.core.base.var import VarData
 
 from pyrobocop_pyomo.discretisation import RowMultipliers
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoint
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoint, ProblemScaling
 
 from .ipopt_outcome import IpoptOutcome
-from .ipopt_run import ProblemScaling
 
 # Components, and their numbers; arrays are read when somebody asks.
 Entries = tuple[Sequence[Any], Sequence[Any] | FloatArray]

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
 from pyrobocop_pyomo.numerics import BoolArray
+from pyrobocop_pyomo.numerics.linear_programs import LinearProgram, LinearStatus, Rows
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 
-from .linear_programs import LinearProgram, LinearStatus, Rows
 from .problem import Branch, ComplementarityProgram, Linearisation, Sides, branch_with
 
 if TYPE_CHECKING:

@@ -13,12 +13,12 @@ import numpy as np
 
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
 from pyrobocop_pyomo.numerics import BoolArray
+from pyrobocop_pyomo.numerics.linear_programs import LinearProgram, LinearStatus, Rows
 from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoint
 from pyrobocop_pyomo.programs.stationarity import stationarity
 
-from .linear_programs import LinearProgram, LinearStatus, Rows
 from .problem import Branch, ComplementarityProgram, Linearisation, Sides, restricted
 from .stationarity import Multipliers, Stationarity
 

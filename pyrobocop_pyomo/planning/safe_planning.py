@@ -25,11 +25,11 @@ from pyrobocop_pyomo.obstacles import avoidance_blocks, containments
 from pyrobocop_pyomo.obstacles.broad_phase import ran_through_what_was_left_out
 from pyrobocop_pyomo.obstacles.pictures import scene_of
 from pyrobocop_pyomo.obstacles.tightening import tighten
+from pyrobocop_pyomo.presentation.progress import Progress
 from pyrobocop_pyomo.programs.compiled_model import KeptProgram
 from pyrobocop_pyomo.solving.ipopt_options import NEARLY_SAFE, NEARLY_THERE, SIDE_ITERATIONS
 from pyrobocop_pyomo.solving.iterates import Quality, StopReason
 from pyrobocop_pyomo.solving.procedure import solve_model
-from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult, with_steps_of_all
 from pyrobocop_pyomo.solving.starts import EXPLORED_ELEMENTS, coarser_copy, elements_of, take_values_of_copy

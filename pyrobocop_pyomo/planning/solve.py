@@ -10,24 +10,24 @@ from typing import Any, TextIO
 
 from pyrobocop_pyomo.diagnosis.diagnose import doubts_before_solve, is_renamed
 from pyrobocop_pyomo.diagnosis.findings import Finding, Severity
+from pyrobocop_pyomo.diagnosis.least_violation import least_violation
 from pyrobocop_pyomo.diagnosis.statements import refuse_no_model
 from pyrobocop_pyomo.discretisation.first_meshes import mesh_from_statement
 from pyrobocop_pyomo.discretisation.probe import stepped_over
 from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import Backend, available_backends, best_backend
-from pyrobocop_pyomo.ipopt.c_output import standard_output
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.keywords import keywords_checked
 from pyrobocop_pyomo.modeling.rare_collections import rare_collections
 from pyrobocop_pyomo.modeling.variable_values import checksum_of_model
+from pyrobocop_pyomo.native.c_output import standard_output
 from pyrobocop_pyomo.obstacles import avoidance_blocks, containments
 from pyrobocop_pyomo.obstacles.initial_checks import check_block, check_clocks, check_region
 from pyrobocop_pyomo.phases import note_outcome, phases_of
+from pyrobocop_pyomo.presentation.progress import Progress
 from pyrobocop_pyomo.solving.ipopt_options import IpoptOptions
 from pyrobocop_pyomo.solving.iterates import Quality, checked_tolerances
-from pyrobocop_pyomo.solving.least_violation import least_violation
 from pyrobocop_pyomo.solving.procedure import solve_model
-from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 from pyrobocop_pyomo.solving.strategies import Choices, settings_of

@@ -23,10 +23,10 @@ from pyrobocop_pyomo.numerics import Array, Mesh
 from pyrobocop_pyomo.numerics.remeshing import halves_of
 from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.phases.remeshing import free_element_widths, put_on_meshes
+from pyrobocop_pyomo.presentation.progress import Progress
 from pyrobocop_pyomo.solving.ipopt_options import NEARLY_THERE
 from pyrobocop_pyomo.solving.iterates import Quality
 from pyrobocop_pyomo.solving.procedure import solve_model
-from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult, with_steps_of_all
 from pyrobocop_pyomo.solving.starts import take_values_of_copy

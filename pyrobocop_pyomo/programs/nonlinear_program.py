@@ -7,7 +7,7 @@ one's own code) is exchangeable and can be wrapped, as `ShiftedRows` does.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,6 +130,14 @@ class PrimalDualPoint:
         lower = np.ones(nlp.n) if self.lower_multipliers is None else self.lower_multipliers
         upper = np.ones(nlp.n) if self.upper_multipliers is None else self.upper_multipliers
         return rows, lower, upper
+
+
+class ProblemScaling(NamedTuple):
+    """Factors for the objective, the variables and the rows."""
+
+    objective: float
+    x: FloatArray
+    g: FloatArray
 
 
 @dataclass(frozen=True, eq=False)

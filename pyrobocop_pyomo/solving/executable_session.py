@@ -22,6 +22,7 @@ from pyomo.core.base.block import Block
 from pyomo.core.base.suffix import Suffix
 
 from pyrobocop_pyomo.complementarity import BarrierSchedule
+from pyrobocop_pyomo.complementarity.relaxed_model import RelaxedModel
 from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import NO_IPOPT, find_ipopt_executable, ipopt_executable_version
 from pyrobocop_pyomo.ipopt.in_process import CONDITIONS
@@ -36,7 +37,6 @@ from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint, Scales
 
 from .ipopt_options import IPOPT_MU_INIT, IPOPT_TOLERANCE, SCALED, IpoptOptions, warm_start
 from .iterates import Iterate
-from .relaxed_model import RelaxedModel
 from .session import Session
 from .settings import Settings
 

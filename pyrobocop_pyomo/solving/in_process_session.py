@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.complementarity import BarrierSchedule
+from pyrobocop_pyomo.complementarity.relaxed_model import RelaxedModel
 from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus, IterationRecord
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
@@ -17,15 +18,14 @@ from pyrobocop_pyomo.ipopt.linear_solvers import FELL_BACK
 from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader, scaling_factors, starting_point
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE, ROUNDING
+from pyrobocop_pyomo.presentation.progress import Progress
+from pyrobocop_pyomo.programs.automatic_scaling import objective_slope
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, PrimalDualPoint
 from pyrobocop_pyomo.programs.wrapped_programs import ElasticRows, ScaledProgram, ShiftedRows
 
-from .automatic_scaling import objective_slope
 from .ipopt_options import IPOPT_TOLERANCE, IpoptOptions
 from .iterates import Iterate
-from .progress import Progress
-from .relaxed_model import RelaxedModel
 from .session import DeltaFollowsBarrier, OnIteration, Session
 from .settings import Settings
 

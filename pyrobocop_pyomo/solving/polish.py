@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from pyrobocop_pyomo.complementarity.relaxed_model import RelaxedModel
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
@@ -20,16 +21,15 @@ from pyrobocop_pyomo.mpcc.multipliers import STATIONARY, MultiplierProblem, clas
 from pyrobocop_pyomo.mpcc.problem import Linearisation, nearest_branch, restricted
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
 from pyrobocop_pyomo.optional_imports import scipy
+from pyrobocop_pyomo.programs.automatic_scaling import objective_slope, variable_sizes
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
 from pyrobocop_pyomo.programs.stationarity import stationarity
 
-from .automatic_scaling import objective_slope, variable_sizes
 from .ipopt_options import OVERDETERMINED, POLISH
 from .iterates import Iterate, Quality, StopReason
 from .numeric_pairs import numeric_pairs, without_crossed
 from .record import Record
-from .relaxed_model import RelaxedModel
 from .session import Session
 from .settings import Settings
 

@@ -15,6 +15,7 @@ from pyomo.common.errors import InfeasibleConstraintException
 from pyomo.core.base.constraint import Constraint
 
 from pyrobocop_pyomo.complementarity import Geometric
+from pyrobocop_pyomo.complementarity.relaxed_model import forget_removed
 from pyrobocop_pyomo.diagnosis import Finding, Severity
 from pyrobocop_pyomo.diagnosis.statements import form_findings
 from pyrobocop_pyomo.diagnosis.values import boundary_findings, decided_findings
@@ -31,7 +32,6 @@ from .ipopt_options import ITERATIONS_OF_ONE
 from .iterates import Iterate, Quality, StopReason
 from .model_check import SMALLEST_SIZE
 from .record import EXPLORED_WORK
-from .relaxed_model import forget_removed
 from .runner import Runner
 from .settings import Settings
 from .solve_result import SolveResult

@@ -8,12 +8,12 @@ from collections.abc import Iterable, Sequence
 from textwrap import shorten
 from typing import Any
 
+from pyrobocop_pyomo.diagnosis.least_violation import SHOWN, STANDS_AGAINST, Least
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.presentation import aligned
 
 from .iterates import Quality, StopReason
-from .least_violation import SHOWN, STANDS_AGAINST, Least
 from .pair_report import ActiveSide, PairReport
 
 MOST_LINES = 8

@@ -21,6 +21,7 @@ from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.modeling.variable_values import Values, VariableValues
 from pyrobocop_pyomo.mpcc.active_set import Certificate
+from pyrobocop_pyomo.presentation.progress import Progress
 from pyrobocop_pyomo.programs.nonlinear_program import Scales
 from pyrobocop_pyomo.programs.wrapped_programs import ScaledProgram
 
@@ -29,7 +30,6 @@ from .initial_guess import InitialGuess
 from .ipopt_options import ITERATIONS_OF_ONE, inexact, warm_continuation
 from .iterates import Iterate, StopReason
 from .polish import Polish
-from .progress import Progress
 from .record import Record
 from .session import Session
 from .settings import Settings

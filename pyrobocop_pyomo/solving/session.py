@@ -11,19 +11,24 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.complementarity import BarrierSchedule
+from pyrobocop_pyomo.complementarity.relaxed_model import RelaxedModel
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IterationRecord
 from pyrobocop_pyomo.ipopt.suffixes import scaling_factors
 from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.programs.automatic_scaling import (
+    AutomaticScaling,
+    automatic_scaling,
+    objective_slope,
+    variable_sizes,
+)
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, PrimalDualPoint, Scales, missing_rank
 from pyrobocop_pyomo.programs.stationarity import stationarity
 from pyrobocop_pyomo.programs.wrapped_programs import ShiftedRows
 
-from .automatic_scaling import AutomaticScaling, automatic_scaling, objective_slope, variable_sizes
 from .ipopt_options import IPOPT_MU_INIT, SCALED, IpoptOptions
 from .iterates import Iterate
-from .relaxed_model import RelaxedModel
 from .settings import Settings
 
 OnIteration = Callable[[IterationRecord], Any]

@@ -8,11 +8,11 @@ from typing import Any, TextIO
 
 from pyrobocop_pyomo.ipopt.backends import Backend
 from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.presentation.progress import Progress
 from pyrobocop_pyomo.programs.compiled_model import KeptProgram
 
 from .ipopt_options import IpoptOptions
 from .iterates import Tolerances
-from .progress import Progress
 from .strategies import Strategy
 
 

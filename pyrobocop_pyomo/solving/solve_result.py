@@ -10,6 +10,7 @@ from typing import Any
 
 from pyrobocop_pyomo.complementarity import PairResidual
 from pyrobocop_pyomo.diagnosis import Diagnosis, Finding, Severity, diagnose
+from pyrobocop_pyomo.diagnosis.least_violation import LeastViolation
 from pyrobocop_pyomo.discretisation import DiscretisationEstimate, DiscretisationProbe
 from pyrobocop_pyomo.errors import SolveFailed
 from pyrobocop_pyomo.modeling.variable_values import checksum_of_model
@@ -19,11 +20,10 @@ from pyrobocop_pyomo.mpcc.stationarity import Multipliers
 from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.plotting import plot_result
 from pyrobocop_pyomo.presentation import Presented, disclosed_text, paragraph
+from pyrobocop_pyomo.programs.automatic_scaling import ScalingRecord
 from pyrobocop_pyomo.trajectories.trajectory import SOLVED
 
-from .automatic_scaling import ScalingRecord
 from .iterates import Iterate, Quality, Standing, StopReason, step_header
-from .least_violation import LeastViolation
 from .pair_report import ActiveSide, PairReport, pair_reports
 from .result_text import first_line, long_report, pair_table, short_text, verdict
 from .violations import Violation

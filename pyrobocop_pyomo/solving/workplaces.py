@@ -7,6 +7,7 @@ import logging
 from dataclasses import dataclass
 from typing import Any
 
+from pyrobocop_pyomo.complementarity.relaxed_model import RelaxedModel, relaxed_model
 from pyrobocop_pyomo.errors import EvaluationError, FunctionError, ModelError
 from pyrobocop_pyomo.ipopt.backends import Backend
 from pyrobocop_pyomo.modeling.variable_values import Values, VariableValues
@@ -16,7 +17,6 @@ from .in_process_session import InProcessSession
 from .initial_guess import InitialGuess
 from .ipopt_options import DEFAULT_WITH_PAIRS, IpoptOptions
 from .iterates import step_header
-from .relaxed_model import RelaxedModel, relaxed_model
 from .session import Session
 from .settings import Settings
 from .strategies import Strategy

@@ -13,10 +13,10 @@ table. Its members mean the same in all of them:
 """
 
 from pyrobocop_pyomo.errors import removed_names
-from pyrobocop_pyomo.solving import PersistentNLP
 
 from .homotopy import homotopy
 from .multistart import multistart
+from .persistent_nlp import PersistentNLP
 from .receding_horizon import RecedingHorizon
 from .sensitivity import sensitivity
 from .sweep_cases import mode_sequences

@@ -13,8 +13,8 @@ from pyrobocop_pyomo.errors import ModelError, PyRobocopError, SolveFailed, Solv
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.failures import undone_on_failure
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
+from pyrobocop_pyomo.presentation.progress import Progress
 from pyrobocop_pyomo.solving import Quality
-from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.strategies import in_order
 
 from .named_data import by_component, finite_number, fixed_members, member_values

@@ -25,13 +25,13 @@ from pyrobocop_pyomo.phases import PhaseBlockData
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
 from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoint
-from pyrobocop_pyomo.solving.exact_pairs import ExactPairs
 from pyrobocop_pyomo.solving.ipopt_options import ROUGH
-from pyrobocop_pyomo.solving.persistent_nlp import PersistentNLP
 from pyrobocop_pyomo.solving.starts import defined_start
 from pyrobocop_pyomo.trajectories import Trajectory
 
+from .exact_pairs import ExactPairs
 from .outcomes import seconds_left
+from .persistent_nlp import PersistentNLP
 from .shifted_warm_start import PlaceInProgram, ShiftedPlan
 
 logger = logging.getLogger(__name__)

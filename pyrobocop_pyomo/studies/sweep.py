@@ -23,8 +23,8 @@ from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.rule_slips import takes_arguments
 from pyrobocop_pyomo.modeling.variable_values import Values
 from pyrobocop_pyomo.phases import note_outcome
+from pyrobocop_pyomo.presentation.progress import Progress
 from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason
-from pyrobocop_pyomo.solving.progress import Progress
 
 from .case_solver import CaseSolver, Put, Read, SweepOutcome
 from .outcome_file import OutcomeFile, result_from_json, result_to_json

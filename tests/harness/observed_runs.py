@@ -11,8 +11,8 @@ from pyomo.contrib.solver.solvers.ipopt import Ipopt
 
 from pyrobocop_pyomo.ipopt import ipopt_run
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.mpcc import linear_programs
 from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch
+from pyrobocop_pyomo.numerics import linear_programs
 
 Options = dict[str, Any]
 

@@ -14,10 +14,10 @@ from harness.small_problems import hock_schittkowski_71
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError, SolverNotFoundError
 from pyrobocop_pyomo.ipopt import ipopt_run, linear_solver_options, linear_solvers
-from pyrobocop_pyomo.ipopt.c_output import c_output_sent_to, standard_output
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.ipopt.linear_solvers import predicted_factor, suits, with_linear_solver
 from pyrobocop_pyomo.linear_solver import SymmetricFactorisation, find_linear_solver
+from pyrobocop_pyomo.native.c_output import c_output_sent_to, standard_output
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 
 needs_the_solver = pytest.mark.skipif(find_linear_solver() is None, reason="there is no C compiler")
@@ -211,7 +211,7 @@ def test_threads_leave_standard_output_and_answers_as_they_are(words: str) -> No
 def test_a_forked_process_does_not_wait_for_a_thread_that_it_does_not_have() -> None:
     script = """
 import os, threading
-from pyrobocop_pyomo.ipopt.c_output import c_output_captured, c_output_sent_to
+from pyrobocop_pyomo.native.c_output import c_output_captured, c_output_sent_to
 import sys
 held, free = threading.Event(), threading.Event()
 def hold():

@@ -15,7 +15,6 @@ from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE
 from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, BranchPoint, Certificate
-from pyrobocop_pyomo.mpcc.linear_programs import LinearProgram, LinearStatus
 from pyrobocop_pyomo.mpcc.lpec import steepest_branch
 from pyrobocop_pyomo.mpcc.multipliers import MultiplierProblem, classify, strong_multipliers
 from pyrobocop_pyomo.mpcc.problem import (
@@ -29,6 +28,7 @@ from pyrobocop_pyomo.mpcc.problem import (
 )
 from pyrobocop_pyomo.mpcc.sensitivity import derivatives
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
+from pyrobocop_pyomo.numerics.linear_programs import LinearProgram, LinearStatus
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 
 TWO_MULTIPLIERS = st.tuples(st.sampled_from([-2.0, 0.0, 3.0]), st.sampled_from([-1.0, 0.0, 1.0]))

@@ -13,10 +13,10 @@ from pyomo.mpec import Complementarity, complements
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.complementarity import PairResidual
+from pyrobocop_pyomo.diagnosis.least_violation import Least
 from pyrobocop_pyomo.errors import ContradictionError, SolveFailed
 from pyrobocop_pyomo.solving import initial_guess
 from pyrobocop_pyomo.solving.iterates import Quality, Standing, StopReason, Tolerances
-from pyrobocop_pyomo.solving.least_violation import Least
 from pyrobocop_pyomo.solving.violations import violations_of_pairs, worst_of_each_component
 
 pytestmark = pytest.mark.ipopt

@@ -18,9 +18,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.diagnosis.least_violation import Least, LeastViolation, least_violation
 from pyrobocop_pyomo.modeling import deadline as deadlines
 from pyrobocop_pyomo.presentation import percent
-from pyrobocop_pyomo.solving.least_violation import Least, LeastViolation, least_violation
 from pyrobocop_pyomo.solving.result_text import CLEAR_START, MOST_CHARACTERS, MOST_LINES
 
 pytestmark = pytest.mark.ipopt

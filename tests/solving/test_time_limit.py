@@ -25,10 +25,11 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.ipopt.backends import Backend
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.solving import PersistentNLP, runner
+from pyrobocop_pyomo.solving import runner
 from pyrobocop_pyomo.solving.procedure import solve_model
 from pyrobocop_pyomo.solving.runner import Runner
 from pyrobocop_pyomo.solving.settings import Settings
+from pyrobocop_pyomo.studies import PersistentNLP
 
 pytestmark = pytest.mark.casadi
 

@@ -18,7 +18,7 @@ from pyrobocop_pyomo.errors import EvaluationError, ModelError, SolveFailed
 from pyrobocop_pyomo.execution import tasks
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.motion import SafetyReport
-from pyrobocop_pyomo.solving.progress import Progress
+from pyrobocop_pyomo.presentation.progress import Progress
 from pyrobocop_pyomo.solving.starts import RandomStarts
 from pyrobocop_pyomo.studies.multistart import spreads
 

@@ -14,7 +14,7 @@ from pyrobocop_pyomo.diagnosis import Diagnosis
 from pyrobocop_pyomo.errors import EstimationError
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
-from pyrobocop_pyomo.solving.progress import Progress
+from pyrobocop_pyomo.presentation.progress import Progress
 from pyrobocop_pyomo.studies.outcomes import seconds_left, solve_as_given
 
 from .estimation_result import EstimationResult

@@ -7,8 +7,8 @@ import pytest
 from harness.small_problems import corner
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.complementarity.relaxed_model import fixed_at_zero, presolve
 from pyrobocop_pyomo.errors import ComplementarityError
-from pyrobocop_pyomo.solving.relaxed_model import fixed_at_zero, presolve
 
 RELAX = pyo.TransformationFactory("pyrobocop.relax_complementarity")
 

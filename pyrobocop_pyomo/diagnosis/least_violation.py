@@ -14,16 +14,17 @@ from pyomo.core.base.constraint import Constraint
 
 from pyrobocop_pyomo.complementarity import CanonicalPair, SidePart, pairs_of
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
-from pyrobocop_pyomo.diagnosis.linearised_rows import LinearisedRows
-from pyrobocop_pyomo.diagnosis.places import is_equation_of_a_phase, place_in_words, separation_of, time_of
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
 from pyrobocop_pyomo.modeling.row_violations import largest_violation, number_or_nan
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.modeling.variable_values import put_values, values_restored, within_bounds
-from pyrobocop_pyomo.mpcc.linear_programs import LinearProgram, LinearStatus
+from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.numerics.linear_programs import LinearProgram, LinearStatus
 from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.optional_imports import scipy
-from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
+
+from .linearised_rows import LinearisedRows
+from .places import is_equation_of_a_phase, place_in_words, separation_of, time_of
 
 # Each round differentiates every row. Models with more rows are left alone; with so many there are three rounds, which
 # linear rows need at most. Time itself depends on what else runs.
@@ -160,7 +161,7 @@ class ViolatedRows(LinearisedRows):
         Whether all rows have a value and derivatives.
     """
 
-    def __init__(self, rows: Sequence[StatedRow], weights: FloatArray | None = None) -> None:
+    def __init__(self, rows: Sequence[StatedRow], weights: Array | None = None) -> None:
         super().__init__(rows, include_fixed=True)
         self._x = np.array([variable.value for variable in self.variables], dtype=float)
         fixed = np.array([variable.fixed for variable in self.variables], dtype=bool)
@@ -185,7 +186,7 @@ class ViolatedRows(LinearisedRows):
         self.weights = weights
         self.total = float(weights @ (np.maximum(self._to_lower[:m], 0.0) + np.maximum(-self._to_upper[:m], 0.0)))
 
-    def step(self, radius: float, deadline: Deadline) -> tuple[FloatArray, float, FloatArray] | None:
+    def step(self, radius: float, deadline: Deadline) -> tuple[Array, float, Array] | None:
         """The step within the bounds and a trust region, in sizes, after which the rows are violated least.
 
         Returns
@@ -238,12 +239,12 @@ class ViolatedRows(LinearisedRows):
             return float("inf")
         return None if answer.x is None else float(answer.x[-1])
 
-    def put(self, change: FloatArray | float = 0.0) -> None:
+    def put(self, change: Array | float = 0.0) -> None:
         """Write the values to the model, changed within the bounds."""
         n = self._x.size
         put_values(self.variables, (self._x + np.clip(change, self._to_lower[-n:], self._to_upper[-n:])).tolist())
 
-    def obstructing(self, multipliers: FloatArray) -> Iterator[ObstructingData]:
+    def obstructing(self, multipliers: Array) -> Iterator[ObstructingData]:
         """What has a multiplier: rows, bounds, and values that are fixed."""
         sides = {id(row.body) for row in self.rows if row.data.parent_component().ctype in PAIR_TYPES}
         influences = np.abs(multipliers) * np.concatenate([1.0 / self.weights, self.sizes])

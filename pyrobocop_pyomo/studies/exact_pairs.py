@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pyrobocop_pyomo.complementarity.relaxed_model import RelaxedModel
 from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
@@ -18,10 +19,8 @@ from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, BranchPoint, Limits
 from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
-
-from .ipopt_options import DEFAULT_WITH_PAIRS, POLISH, IpoptOptions
-from .numeric_pairs import numeric_pairs
-from .relaxed_model import RelaxedModel
+from pyrobocop_pyomo.solving.ipopt_options import DEFAULT_WITH_PAIRS, POLISH, IpoptOptions
+from pyrobocop_pyomo.solving.numeric_pairs import numeric_pairs
 
 # A branch takes 5 to 15 iterations near its solution; one without a solution is left soon.
 LIMITS = Limits(exchanges=3, polishing_iterations=100)

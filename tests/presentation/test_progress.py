@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from pyrobocop_pyomo.solving import progress
-from pyrobocop_pyomo.solving.progress import Progress
+from pyrobocop_pyomo.presentation import progress
+from pyrobocop_pyomo.presentation.progress import Progress
 
 
 @pytest.mark.parametrize("columns", [20, 80])

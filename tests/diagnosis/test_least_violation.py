@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.diagnosis.least_violation import Least, LeastViolation, least_violation
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.solving.least_violation import Least, LeastViolation, least_violation
 
 
 def least_of(m) -> LeastViolation:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pyrobocop_pyomo.errors import ComplementarityError, ModelError
 from pyrobocop_pyomo.programs.quadratic_cost import QuadraticCost
 from pyrobocop_pyomo.relaxations import FollowBarrier
-from pyrobocop_pyomo.solving import PersistentNLP
+from pyrobocop_pyomo.studies import PersistentNLP
 
 pytestmark = pytest.mark.casadi
 

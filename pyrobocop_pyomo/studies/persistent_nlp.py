@@ -11,18 +11,17 @@ from pyomo.core.base.block import BlockData
 
 from pyrobocop_pyomo.complementarity import BarrierSchedule, delta_of, shifted_rows_of
 from pyrobocop_pyomo.errors import ComplementarityError
-from pyrobocop_pyomo.ipopt.c_output import standard_output
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
 from pyrobocop_pyomo.ipopt.ipopt_run import KeptProblem, run_ipopt
 from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader
 from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.native.c_output import standard_output
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
 from pyrobocop_pyomo.programs.quadratic_cost import AddedQuadraticCost, QuadraticCost
 from pyrobocop_pyomo.programs.wrapped_programs import ShiftedRows
-
-from .ipopt_options import warm_start
-from .session import DeltaFollowsBarrier, OnIteration
+from pyrobocop_pyomo.solving.ipopt_options import warm_start
+from pyrobocop_pyomo.solving.session import DeltaFollowsBarrier, OnIteration
 
 
 class PersistentNLP:
@@ -74,7 +73,7 @@ class PersistentNLP:
     Examples
     --------
     >>> import pyomo.environ as pyo
-    >>> from pyrobocop_pyomo.solving import PersistentNLP
+    >>> from pyrobocop_pyomo.studies import PersistentNLP
     >>> m = pyo.ConcreteModel()
     >>> m.start, m.x = pyo.Param(initialize=1.0, mutable=True), pyo.Var(initialize=0.0)
     >>> m.cost = pyo.Objective(expr=(m.x - m.start) ** 2)

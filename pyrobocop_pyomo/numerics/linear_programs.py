@@ -9,14 +9,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pyrobocop_pyomo.ipopt.c_output import c_output_muted
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.numerics import BoolArray
-from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
+from pyrobocop_pyomo.native.c_output import c_output_muted
 from pyrobocop_pyomo.optional_imports import scipy
-from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 
-Rows = tuple[Any, FloatArray | float, FloatArray | float]
+from .arrays import Array, BoolArray
+from .rounding import NEGLIGIBLE
+
+Rows = tuple[Any, Array | float, Array | float]
 
 
 class LinearStatus(enum.Enum):
@@ -40,7 +40,7 @@ class LinearAnswer(NamedTuple):
     """
 
     status: LinearStatus
-    x: FloatArray | None
+    x: Array | None
     nodes: int = 1
 
 
@@ -57,9 +57,9 @@ class LinearProgram:
         Which variables are integers.
     """
 
-    cost: FloatArray
-    lower: FloatArray
-    upper: FloatArray
+    cost: Array
+    lower: Array
+    upper: Array
     rows: Sequence[Rows] = ()
     integer: BoolArray | None = None
 
@@ -113,7 +113,7 @@ class LinearProgram:
         is_point = status is LinearStatus.SOLVED or self.integer is not None
         return LinearAnswer(status, result.x if is_point else None, max(1, int(result.mip_node_count or 0)))
 
-    def solve_with_duals(self, deadline: Deadline) -> tuple[FloatArray, FloatArray] | None:
+    def solve_with_duals(self, deadline: Deadline) -> tuple[Array, Array] | None:
         """Solve it without integers.
 
         Returns

@@ -10,12 +10,13 @@ from typing import Any
 from pyomo.core.base.suffix import Suffix
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.complementarity import (
-    CanonicalPair,
-    LiftedPair,
-    SidePart,
-    SideVariable,
-    active_sources,
+from pyrobocop_pyomo.errors import ComplementarityError
+from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
+
+from .canonical import CanonicalPair, SidePart
+from .lifting import LiftedPair, SideVariable
+from .pairs import active_sources
+from .relaxing import (
     crossed_pairs_of,
     delta_of,
     has_penalty,
@@ -25,11 +26,13 @@ from pyrobocop_pyomo.complementarity import (
     relaxation_rows_of,
     revert,
     shifted_rows_of,
-    side_values,
 )
-from pyrobocop_pyomo.diagnosis.values import SIDES_HOLD
-from pyrobocop_pyomo.errors import ComplementarityError
-from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
+from .residuals import side_values
+
+SIDES_HOLD = (
+    "Both sides of a pair are >= 0 at all times: what acts only where a gap is closed is "
+    "complements(gap >= 0, force >= 0)."
+)
 
 
 def presolve(pairs: Sequence[LiftedPair], tolerance: float = 1e-7) -> list[SideVariable]:
