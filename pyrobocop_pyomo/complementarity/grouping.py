@@ -79,8 +79,9 @@ class Crossed:
 
     Attributes
     ----------
-    left_end : {None, "first", "second"}
-        Which side, if any, counts at the left end of an element as well: its value at the last pair of the element
+    left_end : {None, "first", "second"} or callable
+        Which side, if any, counts at the left end of an element as well, or a function that tells which of a pair:
+        its value at the last pair of the element
         before stands beside those of the element's own stages. It has to be the side that is continuous in time (a
         distance, not the force that jumps), and the last stage has to be the end of the element, as it is for Radau
         and Lobatto. So no element can begin on one side of a switch and end on the other, and with moving boundaries
@@ -93,11 +94,11 @@ class Crossed:
     nonsmooth systems, doi:10.1007/s00211-024-01412-z
     """
 
-    left_end: str | None = None
+    left_end: str | Callable[[CanonicalPair], str | None] | None = None
 
     def __post_init__(self) -> None:
         """Refuse unknown values."""
-        if self.left_end not in (None, "first", "second"):
+        if not callable(self.left_end) and self.left_end not in (None, "first", "second"):
             raise ComplementarityError(f"{self}: left_end is None, 'first' or 'second'.")
 
     def groups(self, pairs: Sequence[CanonicalPair]) -> list[tuple[Hashable | None, list[CanonicalPair]]]:
@@ -110,7 +111,7 @@ class Crossed:
         def family(pair: CanonicalPair) -> Hashable:
             if pair.group is None:
                 key: tuple[Hashable, ...] = ("index", pair.source.index())
-            elif self.left_end is None:
+            elif self._left_end_of(pair) is None:
                 key = ("group", pair.group, pair.source.family)
             else:
                 self._check_number(pair)
@@ -121,7 +122,8 @@ class Crossed:
 
     def products(self, pairs: Sequence[CanonicalPair]) -> list[tuple[CanonicalPair, CanonicalPair]]:
         """The products of a family, element by element."""
-        if self.left_end is None or pairs[0].group is None:
+        left_end = self._left_end_of(pairs[0])
+        if left_end is None or pairs[0].group is None:
             return list(itertools.product(pairs, pairs))
         # Targets come in any order: back to the order in which the component has them.
         positions = {index: n for n, index in enumerate(pairs[0].source.parent_component().keys())}
@@ -131,8 +133,11 @@ class Crossed:
         found: list[tuple[CanonicalPair, CanonicalPair]] = []
         for number, members in elements.items():
             longer = [*elements.get(number - 1, [])[-1:], *members]
-            found += itertools.product(*((longer, members) if self.left_end == "first" else (members, longer)))
+            found += itertools.product(*((longer, members) if left_end == "first" else (members, longer)))
         return found
+
+    def _left_end_of(self, pair: CanonicalPair) -> str | None:
+        return self.left_end(pair) if callable(self.left_end) else self.left_end
 
     def _check_number(self, pair: CanonicalPair) -> None:
         if not isinstance(pair.group, int):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -56,32 +56,6 @@ MOST_MESHES = 3
 EQUAL_WIDTHS = "equal_widths_between_switches"
 
 Family = tuple[str, Hashable, str]
-
-
-@dataclass(frozen=True)
-class CrossedBySides:
-    """`Crossed`, with the left end of each family on the side that is continuous in time.
-
-    Attributes
-    ----------
-    left_ends : mapping of family to {"first", "second", None}
-    """
-
-    left_ends: dict[Family, str | None] = field(hash=False)
-
-    def groups(self, pairs: Sequence[CanonicalPair]) -> list[tuple[Hashable | None, list[CanonicalPair]]]:
-        """Those of `Crossed`, for the families of each side."""
-        sides: dict[str | None, list[CanonicalPair]] = {}
-        for pair in pairs:
-            sides.setdefault(self._left_end(pair), []).append(pair)
-        return [group for end, members in sides.items() for group in Crossed(end).groups(members)]
-
-    def products(self, pairs: Sequence[CanonicalPair]) -> list[tuple[CanonicalPair, CanonicalPair]]:
-        """Those of `Crossed`."""
-        return Crossed(self._left_end(pairs[0])).products(pairs)
-
-    def _left_end(self, pair: CanonicalPair) -> str | None:
-        return self.left_ends.get(_family(pair), "first")
 
 
 class SwitchesAtBoundaries:
@@ -168,7 +142,8 @@ class SwitchesAtBoundaries:
         copy = self._model.clone()
         twins = [copy.find_component(phase) for phase in self._phases]
         free_element_widths(twins, FACTORS)
-        grouping = CrossedBySides({family: sides.left_end for family, sides in self._families.items()})
+        left_ends = {family: sides.left_end for family, sides in self._families.items()}
+        grouping = Crossed(left_end=lambda pair: left_ends.get(_family(pair), "first"))
         settings = replace(self._settings, grouping=grouping, exploration=0.0)
         results, change = [self._solved(copy, settings)], np.inf
         while change > SMALL_OBJECTIVE_ERROR:
