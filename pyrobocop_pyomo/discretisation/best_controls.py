@@ -8,7 +8,7 @@ that they can meet.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,36 +33,33 @@ class _Model(NamedTuple):
     curvature: list[list[Any]]
 
 
-def least_integrand(instants: Any, here: Values, starts: Sequence[Values]) -> Array:
-    """The least integrand inside the bounds that is found from some values of the controls.
+def least_integrand(instants: Any, starts: Values) -> Array:
+    """The least integrand inside the bounds that is found from some values of the controls, shape ``(q, N)``.
 
     Parameters
     ----------
     instants : ElementInstants
         With the integrand and the limits of controls, and without rows that these can meet.
-    here : dict of name to array, shape (q, N)
-        Controls of the answer.
-    starts : sequence of the same
-        Where else to look from: what is no quadratic function has more than one valley.
+    starts : dict of name to array, shape (S, q, N)
+        Where to look from, those of the answer first: what is no quadratic function has more than one valley. All are
+        evaluated together.
     """
-    limits = {name: instants.limits(name) for name in here}
-    best = np.full(next(iter(here.values())).shape, np.inf)
-    for start in (here, *starts):
-        # Between the stages a polynomial may leave its bounds; what it gains there is no gain.
-        values = {name: np.clip(of, *limits[name]) for name, of in start.items()}
-        level = instants.integrand(values)
-        for _ in range(_STEPS):
-            change = _least_change(instants, values, _model(instants, values, apart=False), [])
-            candidates = []
-            for part in (1.0, 0.25):
-                tried = {name: values[name] + part * of for name, of in zip(values, change, strict=True)}
-                candidates.append((instants.integrand(tried), tried))
-            for found, tried in candidates:
-                better = np.isfinite(found) & (found < level)
-                level = np.where(better, found, level)
-                values = {name: np.where(better, tried[name], of) for name, of in values.items()}
-        best = np.where(np.isfinite(level) & (level < best), level, best)
-    return np.where(np.isfinite(best), best, instants.integrand(here))
+    limits = {name: instants.limits(name) for name in starts}
+    # Between the stages a polynomial may leave its bounds; what it gains there is no gain.
+    values = {name: np.clip(of, *limits[name]) for name, of in starts.items()}
+    level = instants.integrand(values)
+    for _ in range(_STEPS):
+        change = _least_change(instants, values, _model(instants, values, apart=False), [])
+        candidates = []
+        for part in (1.0, 0.25):
+            tried = {name: values[name] + part * of for name, of in zip(values, change, strict=True)}
+            candidates.append((instants.integrand(tried), tried))
+        for found, tried in candidates:
+            better = np.isfinite(found) & (found < level)
+            level = np.where(better, found, level)
+            values = {name: np.where(better, tried[name], of) for name, of in values.items()}
+    best = np.where(np.isfinite(level), level, np.inf).min(axis=0)
+    return np.where(np.isfinite(best), best, instants.integrand({name: of[0] for name, of in starts.items()}))
 
 
 def least_integrand_within_rows(instants: Any, here: Values) -> Array:

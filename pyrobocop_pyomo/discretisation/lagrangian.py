@@ -245,17 +245,18 @@ class _Instants(ElementInstants):
         rates = [of._rates[name] for name in self._costates]
         stated = [*(integrand for _, integrand in of._integrands), *rates, *sides]
         known = iter(self.evaluated(stated, values))
-        total = np.zeros(self.index.shape)
+        total: Array = np.zeros(self.index.shape)
+        # Several values at once stand along a first axis, which the sums have then too.
         for weight, _ in of._integrands:
-            total += weight * next(known)
+            total = total + weight * next(known)
         for name, costate in self._costates.items():
-            total += costate * (next(known) - self.slopes[name])
+            total = total + costate * (next(known) - self.slopes[name])
         for i, (_, density) in enumerate(self._densities):
             body, lower, upper = next(known), next(known), next(known)
             if not (apart and i in of.apart):
-                total -= density * _beyond(body, lower, upper, of._sign * density)
+                total = total - density * _beyond(body, lower, upper, of._sign * density)
         for name, bound, density in self._bounds:
-            total -= density * np.where(density == 0.0, 0.0, values[name] - bound)
+            total = total - density * np.where(density == 0.0, 0.0, values[name] - bound)
         return of._sign * total
 
     def passed(self) -> Array:
@@ -291,8 +292,12 @@ class _Instants(ElementInstants):
         every = {name: of._signals[name].ravel() for name in of.free}
         extremes = {int(place) for values in every.values() for place in (values.argmin(), values.argmax())}
         starts += [{name: values[place] for name, values in every.items()} for place in sorted(extremes)]
-        starts = [{name: np.broadcast_to(of, self.index.shape) for name, of in start.items()} for start in starts]
-        return least_integrand(self, {name: self.values_of(name) for name in of.free}, starts)
+        here = {name: self.values_of(name) for name in of.free}
+        alike = {
+            name: np.stack([at, *(np.broadcast_to(start[name], at.shape) for start in starts)])
+            for name, at in here.items()
+        }
+        return least_integrand(self, alike)
 
     def values_of(self, name: str) -> Array:
         """A control at the instants."""

@@ -283,12 +283,14 @@ def repetitions(table: IndexArray) -> Iterator[tuple[IndexArray, dict[int, Index
     yield from ((np.array([place], dtype=np.int32), {}) for place in np.flatnonzero(same))
     is_fixed = table < 0
     has_fixed = is_fixed.any(axis=0)
-    kinds = np.full(table.shape[1], -1)
-    kinds[has_fixed] = np.unique(is_fixed[:, has_fixed], axis=1, return_inverse=True)[1].ravel()
-    for kind in range(-1, kinds.max(initial=-1) + 1):
-        places = np.flatnonzero((kinds == kind) & ~same).astype(np.int32)
+    groups = [np.flatnonzero(~has_fixed & ~same)]
+    by_pattern: dict[bytes, list[int]] = {}
+    for place in np.flatnonzero(has_fixed & ~same).tolist():
+        by_pattern.setdefault(is_fixed[:, place].tobytes(), []).append(place)
+    groups += map(np.array, by_pattern.values())
+    for places in groups:
         if places.size:
-            yield places, {int(columns[places[0]]): columns[places] for columns in table}
+            yield places.astype(np.int32), {int(columns[places[0]]): columns[places] for columns in table}
 
 
 class NonlinearTerm(NamedTuple):
