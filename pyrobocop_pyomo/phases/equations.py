@@ -36,7 +36,7 @@ RUN_AGAIN = "(A notebook's cell that is run again states it again: run those fro
 Rule = Callable[..., Any]
 
 
-def add_ode(block: Any, statement: Statement) -> None:
+def _add_ode(block: Any, statement: Statement) -> None:
     """Rows for the states whose derivatives a rule gives."""
     record: PhaseRecord = block.record
     points = record.grid.points
@@ -52,7 +52,7 @@ def add_ode(block: Any, statement: Statement) -> None:
         record.equation_of[name] = statement.name
 
 
-def add_step(block: Any, statement: Statement) -> None:
+def _add_step(block: Any, statement: Statement) -> None:
     """Rows for the states whose values an element later a rule gives."""
     record: PhaseRecord = block.record
     what, grid = statement.label(block), record.grid
@@ -163,7 +163,7 @@ def _add_collocation(block: Any, name: str, rates: Mapping[float, Any], is_read_
         new_row(rows, time, rule(block, time))
 
 
-def add_residual(block: Any, statement: Statement) -> None:
+def _add_residual(block: Any, statement: Statement) -> None:
     """Rows for implicit and algebraic equations."""
     what = statement.label(block)
     results, is_read_later = _collect(block, statement)
@@ -195,7 +195,7 @@ def add_expression(block: Any, statement: Statement) -> None:
         block.record.restating.keep_expressions(statement.name)
 
 
-def add_constraint(block: Any, statement: Statement) -> None:
+def _add_constraint(block: Any, statement: Statement) -> None:
     """Rows for path constraints, at the points or at element boundaries."""
     label = statement.label(block)
     results, is_read_later = _collect(block, statement)
@@ -218,7 +218,7 @@ def _shown(returned: Any) -> str:
     return f"the formula {returned}" if hasattr(returned, "is_expression_type") else repr(returned)
 
 
-def add_complementarity(block: Any, statement: Statement) -> None:
+def _add_complementarity(block: Any, statement: Statement) -> None:
     """A Complementarity component whose pairs know their element and their quadrature weight."""
     name = statement.name
     results, _ = _collect(block, statement)
@@ -232,6 +232,26 @@ def add_complementarity(block: Any, statement: Statement) -> None:
         weight={index: block.record.grid.quadrature_weights[time] for index, time in times.items()},
     )
     place(block, name, component)
+
+
+_ADD: dict[str, Callable[[Any, Statement], None]] = {
+    "ode": _add_ode,
+    "step map": _add_step,
+    "residual": _add_residual,
+    "constraint": _add_constraint,
+    AT_BOUNDARIES: _add_constraint,
+    "complementarity": _add_complementarity,
+    "expression": add_expression,
+}
+
+
+def add_statement(block: Any, statement: Statement) -> None:
+    """Add what a rule states. What the rule makes meanwhile is made anew with it."""
+    block.record.asking = True
+    try:
+        _ADD[statement.kind](block, statement)
+    finally:
+        block.record.asking = False
 
 
 def asked(block: Any, statement: Statement, time: float, expected: str, *more: PreviousStates) -> Any:
