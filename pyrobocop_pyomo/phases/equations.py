@@ -191,8 +191,6 @@ def add_expression(block: Any, statement: Statement) -> None:
     place(block, statement.name, Expression(block.points, rule=statement))
     if block.record.restating is None:
         block.record.expressions.append(statement)
-    else:
-        block.record.restating.keep_expressions(statement.name)
 
 
 def _add_constraint(block: Any, statement: Statement) -> None:

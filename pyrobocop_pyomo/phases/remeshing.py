@@ -438,7 +438,14 @@ class PhaseOnGrid:
             self._block.add_component(name, component)
             return component
         self._placed.append(standing)
-        return state_anew(standing, component)
+        before = self._changes.parts_before(standing)
+        state_anew(standing, component)
+        # Members of an expression at times that stay are the objects that they were.
+        for index, member in list(standing.items()) if standing.ctype is Expression else ():
+            if index in before:
+                before[index].set_value(member.expr)
+                put_part(standing, index, before[index])
+        return standing
 
     def keep(self, name: str, nodes: Nodes, declared: Callable[[Nodes], Sequence[Bounds]]) -> None:
         """Let variables at times that stay be what they were; give the others bounds and domains.
@@ -464,15 +471,6 @@ class PhaseOnGrid:
                 variable.setlb(pattern.lower)
                 variable.setub(pattern.upper)
                 variable.fixed = pattern.fixed
-
-    def keep_expressions(self, name: str) -> None:
-        """Let members of an expression at times that stay be the objects that they were."""
-        component = self._block.component(name)
-        before = self._changes.parts_before(component)
-        for index, member in list(component.items()):
-            if index in before:
-                before[index].set_value(member.expr)
-                put_part(component, index, before[index])
 
     def keep_boundaries(self) -> None:
         """Let element boundaries that stay be the variables that they were; others lie on a line between these."""

@@ -260,15 +260,15 @@ class _TrajectoryCheck:
         # Rules are evaluated at time indices, which are normalised where something of the horizon was to be found.
         self.on_grid = is_of_grid(record, trajectory.grid)
         self.indices = record.grid if self.on_grid else indices_of(record, trajectory.grid)
-        self.coupled = coupled_phases_of(block, trajectory.grid, beside)
-        self.formulas = RuleFormulas(block, trajectory.grid, self.coupled)
+        coupled = coupled_phases_of(block, trajectory.grid, beside)
+        self.formulas = RuleFormulas(block, trajectory.grid, coupled)
         self.formulas.set_bounds(self.indices.times[0])
         self.states = {name: trajectory.element_states(name) for name in trajectory.states}
         self.signals = {name: trajectory.element_signals(name) for name in trajectory.signals}
         self.slopes = {name: self._slopes(name) for name in self.states}
         self.remarks: list[str] = []
         others = other_phases(block)
-        known = [(other.phase, other.trajectory) for other in self.coupled if other.trajectory is not None]
+        known = [(phase, given) for phase, given in coupled.items() if given is not None]
         self.values_of_phases = [(block, trajectory), *known]
         self.statements = list(record.statements)
         if others and not is_on_model(block, trajectory):
