@@ -173,24 +173,17 @@ class Declaration:
             bounds = number_at(bounds, time, f"{name}: bounds", ModelError)
         return check_bounds(bounds, name, "bounds")
 
-    @property
-    def asks_bounds_by_point(self) -> bool:
-        """Whether the bounds are a function that has to know the time as a number."""
-        return isinstance(self.bounds, FunctionOfTime) and self.bounds.is_asked_by_point
-
-    def knows_bounds_at(self, time: float) -> bool:
-        """Whether nothing of the user's has to be called for the bounds at a time."""
-        return not isinstance(self.bounds, FunctionOfTime) or self.bounds.knows(time)
+    def known_bounds_at(self, time: float, name: str) -> Bounds:
+        """Bounds at one time; none where a function of the user's would have to be called for them."""
+        is_known = not isinstance(self.bounds, FunctionOfTime) or self.bounds.knows(time)
+        return self.bounds_at(time, name) if is_known else UNBOUNDED
 
     def bounds_over(self, times: Any, name: str) -> tuple[Array, Array]:
         """Bounds at many times as numbers of the same shape, or one for all; infinite where none is, or none known."""
         if not callable(self.bounds):
             lower, upper = np.array(in_infinities(self.bounds_at(0.0, name)))
             return lower, upper
-        known = [
-            in_infinities(self.bounds_at(time, name) if self.knows_bounds_at(time) else UNBOUNDED)
-            for time in np.ravel(times).tolist()
-        ]
+        known = [in_infinities(self.known_bounds_at(time, name)) for time in np.ravel(times).tolist()]
         lower, upper = np.reshape(np.transpose(known), (2, *np.shape(times)))
         return lower, upper
 

@@ -30,7 +30,6 @@ from pyrobocop_pyomo.trajectories import Trajectory
 
 from .asked_by_point import known_history, refuse_asked_by_point
 from .coupled_phases import indices_of, values_in_elements
-from .declarations import UNBOUNDED
 from .delays import SAME_TIME, Delayed, Past, ValueAt, delay_as_number, history_value
 from .families import equations_by_component
 from .phase_values import PhaseValues
@@ -187,7 +186,7 @@ class RuleFormulas:
     def set_bounds(self, time: float) -> None:
         """Give the variables the bounds of a time: pairs may mean a variable's own bound."""
         for name, declaration in self.record.declarations.items():
-            lower, upper = declaration.bounds_at(time, name) if declaration.knows_bounds_at(time) else UNBOUNDED
+            lower, upper = declaration.known_bounds_at(time, name)
             self.at_instant[name].setlb(lower)
             self.at_instant[name].setub(upper)
 

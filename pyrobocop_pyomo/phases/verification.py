@@ -34,7 +34,7 @@ from .coupled_phases import (
     other_phases,
     put_on_model,
 )
-from .declarations import Algebraic, Control, Duration, Parameter, State, in_infinities
+from .declarations import Algebraic, Control, Duration, FunctionOfTime, Parameter, State, in_infinities
 from .element_instants import ElementInstants
 from .record import AT_BOUNDARIES, PhaseRecord, Statement
 from .reintegration import Reintegration, reintegrate
@@ -327,7 +327,7 @@ class _TrajectoryCheck:
 
     def at_collocation_points(self) -> tuple[float, float, float, float]:
         """Violations of rates and step maps, of equations, and of pairs by smaller side and by product."""
-        at = self._instants(self.grid.scheme.c)
+        at = ElementInstants(self.formulas, self.trajectory, self.grid.scheme.c)
         # Not the polynomials, but the values at the stages themselves.
         at.values |= {name: self._at_stages(of).T for name, of in self.states.items()}
         at.values |= {name: of.T for name, of in self.signals.items()}
@@ -344,12 +344,9 @@ class _TrajectoryCheck:
                 found = self._violations(statement, at)
                 equations, natural, product = map(max, (equations, natural, product), found)
         at_boundaries = self._stated(AT_BOUNDARIES)
-        ends = self._instants(np.array([0.0, 1.0]))
+        ends = ElementInstants(self.formulas, self.trajectory, np.array([0.0, 1.0]))
         equations = max([equations, *(self._violations(statement, ends)[0] for statement in at_boundaries)])
         return max(of_steps, self._defect(rates)), equations, natural, product
-
-    def _instants(self, fractions: Array) -> ElementInstants:
-        return ElementInstants(self.formulas, self.trajectory, fractions)
 
     def _values_by_state(self, statement: Statement, at: ElementInstants) -> dict[str, Array]:
         """What an ode or a step map gives at the points, by the names of the states."""
@@ -458,7 +455,7 @@ class _TrajectoryCheck:
             if levels is not None:
                 violations += [min(abs(number - level) for level in levels) for number in numbers]
             violations.append(_beyond(numbers, *declaration.bounds_over(times, name)))
-            if declaration.asks_bounds_by_point:
+            if isinstance(declaration.bounds, FunctionOfTime) and declaration.bounds.is_asked_by_point:
                 self.remarks.append(
                     f"the bounds of '{name}' (declared at {declaration.declared_at}) are known where their function "
                     "was asked while the phase was built, and not looked at elsewhere: it needs the time as a number."
