@@ -47,8 +47,15 @@ def _add_ode(block: Any, statement: Statement) -> None:
         given |= {time: _given_for_states(block, statement, time) for time in points[2:]}
     ode = Ode(block, statement, given)
     for name in _states_given(block, statement, given):
-        record.odes[name], record.rates[name] = ode, Rates(block, name)
-        _add_state_equation(block, name, record.rates[name], is_read_later)
+        declaration: Any = record.declarations[name]
+        record.odes[name], rates = ode, Rates(block, name)
+        if declaration.derivative_bounds is None and name not in record.kept_derivatives:
+            record.rates[name] = rates
+            _add_collocation(block, name, rates, is_read_later)
+        else:
+            kept = block.derivative(name)
+            rows = ((time, (kept[time] - rate, 0)) for time, rate in rates.items())
+            add_generated_rows(block, f"{name}_equation", block.points, rows)
         record.equation_of[name] = statement.name
 
 
@@ -121,18 +128,6 @@ def _states_given(block: Any, statement: Statement, given: Mapping[float, dict[s
             again = f" {RUN_AGAIN}" if first == statement.name else ""
             raise ModelError(f"{label} gives a second equation for state '{name}'; '{first}' has given one.{again}")
         yield name
-
-
-def _add_state_equation(block: Any, name: str, rates: Rates, is_read_later: bool) -> None:
-    declaration = block.record.declarations[name]
-    assert isinstance(declaration, State)
-    if declaration.derivative_bounds is None and name not in block.record.kept_derivatives:
-        _add_collocation(block, name, rates, is_read_later)
-        return
-    del block.record.rates[name]  # its derivative is a variable
-    kept = block.derivative(name)
-    rows = ((time, (kept[time] - rate, 0)) for time, rate in rates.items())
-    add_generated_rows(block, f"{name}_equation", block.points, rows)
 
 
 def add_derivative(block: Any, name: str) -> Any:
