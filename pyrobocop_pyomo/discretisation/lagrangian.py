@@ -189,7 +189,7 @@ class _Instants(ElementInstants):
         }
         self._densities = [(excess, at_stages @ density.T) for excess, density in phase._rows]
         self._bounds = [
-            (name, self.bound(name, side), at_stages @ density.T) for name, side, density in multipliers.bounds
+            (name, self.bounds(name)[side], at_stages @ density.T) for name, side, density in multipliers.bounds
         ]
 
     def limits(self, name: str) -> tuple[Array, Array]:
@@ -221,7 +221,7 @@ class _Instants(ElementInstants):
         none = np.zeros((self.index.shape[1], of._stages))
         for name in of._states:
             density = sum((of for known, _, of in self._of._multipliers.bounds if known == name), none)
-            found.append((shape + self.values[name], *(shape + self.bound(name, side) for side in (0, 1)), density))
+            found.append((shape + self.values[name], *(shape + side for side in self.bounds(name)), density))
         return found
 
     def rates(self) -> dict[str, Array]:

@@ -16,7 +16,7 @@ from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.numerics.rounding import ROUNDING
 from pyrobocop_pyomo.phases import Algebraic, Control, State
-from pyrobocop_pyomo.phases.declarations import UNBOUNDED
+from pyrobocop_pyomo.phases.declarations import in_infinities
 from pyrobocop_pyomo.phases.nodes import StageNodes
 from pyrobocop_pyomo.phases.record import Statement
 
@@ -141,33 +141,25 @@ def _bounds(phase: Any, found: RowMultipliers, grid: Grid, weights: Array) -> li
     for kind in (State, Algebraic):
         for name in phase.record.names(kind):
             variables = phase.component(name)
-            declaration = phase.record.declarations[name]
-            ends = getattr(declaration, "final", None) is not None
-            identities = {time: id(variables[time]) for time in grid.points}
-            sample = variables[grid.points[0]]
+            ends = getattr(phase.record.declarations[name], "final", None) is not None
+            identities = [id(variables[time]) for time in grid.points]
             for side, known in enumerate((found.lower, found.upper)):
-                if declaration.bounds == UNBOUNDED and (sample.lb, sample.ub)[side] is None:
-                    continue
-                by_time = {time: known.get(identity, 0.0) for time, identity in identities.items()}
+                numbers = np.array([known.get(identity, 0.0) for identity in identities])
                 if ends:
-                    by_time[grid.points[-1]] = 0.0  # what is required at the end restrains nothing before
+                    numbers[-1] = 0.0  # what is required at the end restrains nothing before
                 # Multipliers of a solved program that restrain nothing are of the size of the barrier parameter.
-                if any(abs(number) > ROUNDING for number in by_time.values()):
-                    entries.append((name, side, _at_points(grid, by_time) / weights))
+                if (np.abs(numbers) > ROUNDING).any():
+                    entries.append((name, side, numbers[grid.stage_positions] / weights))
     return entries
 
 
 def _room(phase: Any, name: str, grid: Grid) -> tuple[Array, Array]:
     """Between which values a control may be at the stages."""
-    if isinstance(phase.record.nodes(name), StageNodes):
-        variables = phase.component(name)
-        pairs = {
-            time: (variable.value, variable.value) if variable.fixed else (variable.lb, variable.ub)
-            for time, variable in ((time, variables[time]) for time in grid.points)
-        }
+    nodes = phase.record.nodes(name)
+    if isinstance(nodes, StageNodes):
+        pairs = [(of.value, of.value) if of.fixed else (of.lb, of.ub) for of in nodes.variables(phase)]
+        lower, upper = np.transpose([in_infinities(pair) for pair in pairs])
     else:
-        declaration = phase.record.declarations[name]
-        pairs = {time: declaration.bounds_at(time, name) for time in grid.points}
-    lower = {time: -np.inf if pair[0] is None else float(pair[0]) for time, pair in pairs.items()}
-    upper = {time: np.inf if pair[1] is None else float(pair[1]) for time, pair in pairs.items()}
-    return _at_points(grid, lower), _at_points(grid, upper)
+        sides = phase.record.declarations[name].bounds_over(grid.points, name)
+        lower, upper = (np.broadcast_to(side, len(grid.points)) for side in sides)
+    return lower[grid.stage_positions], upper[grid.stage_positions]

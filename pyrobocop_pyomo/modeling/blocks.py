@@ -113,7 +113,7 @@ class BuiltBlockData(Presented, BlockData):
     def _all_or_nothing(self) -> Iterator[None]:
         """On any error, remove what was added since: nothing half-built stays on the user's model."""
         components = set(self.component_map())
-        record = None if self._record is None else self._record.snapshot()
+        record = None if self._record is None else snapshot_of(self._record)
 
         def remove_what_was_added() -> None:
             for name in [name for name in self.component_map() if name not in components]:

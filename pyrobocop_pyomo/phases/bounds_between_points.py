@@ -36,7 +36,7 @@ from pyrobocop_pyomo.numerics.taylor_functions import TAYLOR_FUNCTIONS
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .coupled_phases import values_in_elements
-from .declarations import UNBOUNDED, Control, State
+from .declarations import UNBOUNDED, Control, State, in_infinities
 from .element_instants import ElementInstants
 from .nodes import StageNodes, StateNodes
 from .record import PhaseRecord, Statement
@@ -97,12 +97,12 @@ def bounds_passed(formulas: RuleFormulas, trajectory: Trajectory) -> dict[str, B
         declaration: Any = record.declarations[name]
         is_control = name in trajectory.signals
         if declaration.bounds != UNBOUNDED and name not in record.discrete_states:
-            sides = [(at.values[name], at.bound(name, 0), at.bound(name, 1)) for at in instants]
+            sides = [(at.values[name], *at.bounds(name)) for at in instants]
             found |= _passed(name, instants[0].clock, sides, is_control)
         rates = declaration.rate_bounds if is_control else declaration.derivative_bounds
         # From knot to knot a rate is what its rows say.
         if rates is not None and isinstance(record.nodes(name), (StageNodes, StateNodes)):
-            lower, upper = (none if of is None else of for of, none in zip(rates, (-np.inf, np.inf), strict=True))
+            lower, upper = in_infinities(rates)
             slopes = [at.slopes.get(name) for at in instants]
             if is_control:
                 at_stages = trajectory.element_signals(name).T / widths

@@ -28,30 +28,6 @@ from .phase_values import PhaseValues
 from .record import PhaseRecord
 
 
-class CoupledPhase:
-    """Another phase of the model with the same element boundaries in its time indices.
-
-    Parameters
-    ----------
-    phase : PhaseBlock
-    trajectory : Trajectory, optional
-        Its values; by default those on the model, when they are first asked for.
-
-    """
-
-    def __init__(self, phase: Any, trajectory: Trajectory | None = None) -> None:
-        self.phase, self.trajectory = phase, trajectory
-
-    def values_at(self, fractions: Array) -> dict[str, Array]:
-        """Values at places of all elements, shape ``(N, k)``, by name; none where the model has none."""
-        if self.trajectory is None:
-            try:
-                self.trajectory = PhaseValues(self.phase).trajectory(evaluate=False)
-            except TrajectoryError:
-                return {}
-        return values_in_elements(self.trajectory, fractions)
-
-
 def values_in_elements(trajectory: Trajectory, fractions: Array) -> dict[str, Array]:
     """States, algebraics and controls at places of all elements, shape ``(N, k)``, by name."""
     grid = trajectory.grid
@@ -72,7 +48,7 @@ def other_phases(block: Any) -> list[Any]:
     ]
 
 
-def coupled_phases_of(block: Any, grid: Grid, beside: Iterable[Trajectory] = ()) -> list[CoupledPhase]:
+def coupled_phases_of(block: Any, grid: Grid, beside: Iterable[Trajectory] = ()) -> dict[Any, Trajectory | None]:
     """The other phases of the model that share the element boundaries of a phase, in time indices.
 
     Parameters
@@ -82,6 +58,11 @@ def coupled_phases_of(block: Any, grid: Grid, beside: Iterable[Trajectory] = ())
         Of the trajectory that is checked, in real time.
     beside : iterable of Trajectory
         Values of other phases; for the others those on the model are taken.
+
+    Returns
+    -------
+    dict of PhaseBlock to Trajectory
+        None where it is to be read from the model.
 
     Raises
     ------
@@ -100,11 +81,11 @@ def coupled_phases_of(block: Any, grid: Grid, beside: Iterable[Trajectory] = ())
                 f"{', '.join(phase.name for phase in found.values()) or 'none'}, with {len(boundaries) - 1} elements."
             )
         given[of[0]] = trajectory
-    return [
-        CoupledPhase(phase, given.get(key))
+    return {
+        phase: given.get(key)
         for key, phase in found.items()
         if key in given or _same(phase.record.grid.mesh.boundaries, boundaries)
-    ]
+    }
 
 
 def _same(first: Any, second: Any) -> bool:

@@ -16,11 +16,13 @@ from inspect import signature
 from pathlib import Path
 from typing import Any, Union
 
+import numpy as np
+
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.keywords import check_keywords
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 from pyrobocop_pyomo.modeling.rule_slips import number_at
-from pyrobocop_pyomo.numerics import Grid
+from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.templates.template import Template
 from pyrobocop_pyomo.transcription import InitialGuess
 
@@ -171,14 +173,19 @@ class Declaration:
             bounds = number_at(bounds, time, f"{name}: bounds", ModelError)
         return check_bounds(bounds, name, "bounds")
 
-    @property
-    def asks_bounds_by_point(self) -> bool:
-        """Whether the bounds are a function that has to know the time as a number."""
-        return isinstance(self.bounds, FunctionOfTime) and self.bounds.is_asked_by_point
+    def known_bounds_at(self, time: float, name: str) -> Bounds:
+        """Bounds at one time; none where a function of the user's would have to be called for them."""
+        is_known = not isinstance(self.bounds, FunctionOfTime) or self.bounds.knows(time)
+        return self.bounds_at(time, name) if is_known else UNBOUNDED
 
-    def knows_bounds_at(self, time: float) -> bool:
-        """Whether nothing of the user's has to be called for the bounds at a time."""
-        return not isinstance(self.bounds, FunctionOfTime) or self.bounds.knows(time)
+    def bounds_over(self, times: Any, name: str) -> tuple[Array, Array]:
+        """Bounds at many times as numbers of the same shape, or one for all; infinite where none is, or none known."""
+        if not callable(self.bounds):
+            lower, upper = np.array(in_infinities(self.bounds_at(0.0, name)))
+            return lower, upper
+        known = [in_infinities(self.known_bounds_at(time, name)) for time in np.ravel(times).tolist()]
+        lower, upper = np.reshape(np.transpose(known), (2, *np.shape(times)))
+        return lower, upper
 
     def nodes(self, name: str, grid: Grid, label: str) -> Nodes:
         """Where the values of a variable over time live, that is declared so under a name.
@@ -411,6 +418,12 @@ def check_bounds(bounds: object, name: str, label: str) -> Bounds:
     if lower is not None and upper is not None and lower > upper:
         raise ModelError(f"{name}: the lower of its {label}, {lower:g}, exceeds the upper, {upper:g}. Swap them.")
     return lower, upper
+
+
+def in_infinities(bounds: Bounds | None) -> tuple[float, float]:
+    """Bounds as two numbers, of which infinite ones bound nothing."""
+    lower, upper = bounds or UNBOUNDED
+    return -math.inf if lower is None else lower, math.inf if upper is None else upper
 
 
 def within(value: float, bounds: Bounds | None) -> float:

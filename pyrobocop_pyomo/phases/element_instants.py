@@ -103,14 +103,6 @@ class ElementInstants:
             )
         return found
 
-    def bound(self, name: str, side: int) -> Any:
-        """A declared bound, infinite where there is none; side 0 is the lower one."""
-        declaration = self._formulas.record.declarations[name]
-        none = (-np.inf, np.inf)[side]
-        if not callable(declaration.bounds):
-            bound = declaration.bounds_at(0.0, name)[side]
-            return none if bound is None else float(bound)
-        if declaration.asks_bounds_by_point:
-            return none  # as the verification remarks
-        found = [declaration.bounds_at(time, name)[side] for time in self.index.ravel().tolist()]
-        return np.array([none if bound is None else bound for bound in found], dtype=float).reshape(self.index.shape)
+    def bounds(self, name: str) -> tuple[Array, Array]:
+        """Declared bounds, infinite where there are none."""
+        return self._formulas.record.declarations[name].bounds_over(self.index, name)

@@ -36,7 +36,7 @@ RUN_AGAIN = "(A notebook's cell that is run again states it again: run those fro
 Rule = Callable[..., Any]
 
 
-def add_ode(block: Any, statement: Statement) -> None:
+def _add_ode(block: Any, statement: Statement) -> None:
     """Rows for the states whose derivatives a rule gives."""
     record: PhaseRecord = block.record
     points = record.grid.points
@@ -47,12 +47,19 @@ def add_ode(block: Any, statement: Statement) -> None:
         given |= {time: _given_for_states(block, statement, time) for time in points[2:]}
     ode = Ode(block, statement, given)
     for name in _states_given(block, statement, given):
-        record.odes[name], record.rates[name] = ode, Rates(block, name)
-        _add_state_equation(block, name, record.rates[name], is_read_later)
+        declaration: Any = record.declarations[name]
+        record.odes[name], rates = ode, Rates(block, name)
+        if declaration.derivative_bounds is None and name not in record.kept_derivatives:
+            record.rates[name] = rates
+            _add_collocation(block, name, rates, is_read_later)
+        else:
+            kept = block.derivative(name)
+            rows = ((time, (kept[time] - rate, 0)) for time, rate in rates.items())
+            add_generated_rows(block, f"{name}_equation", block.points, rows)
         record.equation_of[name] = statement.name
 
 
-def add_step(block: Any, statement: Statement) -> None:
+def _add_step(block: Any, statement: Statement) -> None:
     """Rows for the states whose values an element later a rule gives."""
     record: PhaseRecord = block.record
     what, grid = statement.label(block), record.grid
@@ -123,18 +130,6 @@ def _states_given(block: Any, statement: Statement, given: Mapping[float, dict[s
         yield name
 
 
-def _add_state_equation(block: Any, name: str, rates: Rates, is_read_later: bool) -> None:
-    declaration = block.record.declarations[name]
-    assert isinstance(declaration, State)
-    if declaration.derivative_bounds is None and name not in block.record.kept_derivatives:
-        _add_collocation(block, name, rates, is_read_later)
-        return
-    del block.record.rates[name]  # its derivative is a variable
-    kept = block.derivative(name)
-    rows = ((time, (kept[time] - rate, 0)) for time, rate in rates.items())
-    add_generated_rows(block, f"{name}_equation", block.points, rows)
-
-
 def add_derivative(block: Any, name: str) -> Any:
     """The derivative of a state as a variable of its own, tied to the state by linear collocation rows."""
     record: PhaseRecord = block.record
@@ -163,7 +158,7 @@ def _add_collocation(block: Any, name: str, rates: Mapping[float, Any], is_read_
         new_row(rows, time, rule(block, time))
 
 
-def add_residual(block: Any, statement: Statement) -> None:
+def _add_residual(block: Any, statement: Statement) -> None:
     """Rows for implicit and algebraic equations."""
     what = statement.label(block)
     results, is_read_later = _collect(block, statement)
@@ -191,11 +186,9 @@ def add_expression(block: Any, statement: Statement) -> None:
     place(block, statement.name, Expression(block.points, rule=statement))
     if block.record.restating is None:
         block.record.expressions.append(statement)
-    else:
-        block.record.restating.keep_expressions(statement.name)
 
 
-def add_constraint(block: Any, statement: Statement) -> None:
+def _add_constraint(block: Any, statement: Statement) -> None:
     """Rows for path constraints, at the points or at element boundaries."""
     label = statement.label(block)
     results, is_read_later = _collect(block, statement)
@@ -218,7 +211,7 @@ def _shown(returned: Any) -> str:
     return f"the formula {returned}" if hasattr(returned, "is_expression_type") else repr(returned)
 
 
-def add_complementarity(block: Any, statement: Statement) -> None:
+def _add_complementarity(block: Any, statement: Statement) -> None:
     """A Complementarity component whose pairs know their element and their quadrature weight."""
     name = statement.name
     results, _ = _collect(block, statement)
@@ -232,6 +225,26 @@ def add_complementarity(block: Any, statement: Statement) -> None:
         weight={index: block.record.grid.quadrature_weights[time] for index, time in times.items()},
     )
     place(block, name, component)
+
+
+_ADD: dict[str, Callable[[Any, Statement], None]] = {
+    "ode": _add_ode,
+    "step map": _add_step,
+    "residual": _add_residual,
+    "constraint": _add_constraint,
+    AT_BOUNDARIES: _add_constraint,
+    "complementarity": _add_complementarity,
+    "expression": add_expression,
+}
+
+
+def add_statement(block: Any, statement: Statement) -> None:
+    """Add what a rule states. What the rule makes meanwhile is made anew with it."""
+    block.record.asking = True
+    try:
+        _ADD[statement.kind](block, statement)
+    finally:
+        block.record.asking = False
 
 
 def asked(block: Any, statement: Statement, time: float, expected: str, *more: PreviousStates) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from difflib import get_close_matches
@@ -29,16 +29,7 @@ from pyrobocop_pyomo.transcription import InitialGuess
 
 from .coupled_phases import put_on_model
 from .declarations import Bounds, Control, Declaration, Duration, Law
-from .equations import (
-    RUN_AGAIN,
-    add_complementarity,
-    add_constraint,
-    add_derivative,
-    add_ode,
-    add_residual,
-    add_step,
-    name_of_rows,
-)
+from .equations import RUN_AGAIN, add_derivative, add_statement, name_of_rows
 from .families import OneOf, component_declarations, family_names, name_of
 from .horizon import add_horizon, checked_duration, make_mesh, real_time
 from .initial_guesses import set_guesses, set_straight_lines, set_trajectory
@@ -199,7 +190,7 @@ class PhaseBlockData(BuiltBlockData):
         ModelError
             When a key is no state, a state gets a second equation, or an array has another length than the state.
         """
-        return self._state("ode", rule, name, add_ode)
+        return self._state("ode", rule, name)
 
     def step_map(self, rule: Rule, name: str | None = None) -> Rule:
         """State a map from element to element: ``rule(phase, t, previous)`` returns ``{state: value at the end}``.
@@ -220,7 +211,7 @@ class PhaseBlockData(BuiltBlockData):
             When the scheme has more than one stage, or one inside the element; when a key is no state, a state gets a
             second equation, or its derivative is in use.
         """
-        return self._state("step map", rule, name, add_step)
+        return self._state("step map", rule, name)
 
     def residual(self, rule: Rule, name: str | None = None) -> Rule:
         """State implicit or algebraic equations: ``rule(phase, t)`` returns one or several equalities.
@@ -233,7 +224,7 @@ class PhaseBlockData(BuiltBlockData):
         ModelError
             When a result is no equality.
         """
-        return self._state("residual", rule, name, add_residual)
+        return self._state("residual", rule, name)
 
     def constraint(self, rule: Rule, name: str | None = None) -> Rule:
         """State path constraints: ``rule(phase, t)`` returns one or several relations.
@@ -248,7 +239,7 @@ class PhaseBlockData(BuiltBlockData):
         ModelError
             When a result is no relation.
         """
-        return self._state("constraint", rule, name, add_constraint)
+        return self._state("constraint", rule, name)
 
     def constraint_at_boundaries(self, rule: Rule, name: str | None = None) -> Rule:
         """State path constraints on the states at every element boundary, start and end included.
@@ -261,7 +252,7 @@ class PhaseBlockData(BuiltBlockData):
         ModelError
             When a result is no relation, or the rule reads what has no value at a boundary, such as a control.
         """
-        return self._state(AT_BOUNDARIES, rule, name, add_constraint)
+        return self._state(AT_BOUNDARIES, rule, name)
 
     def complementarity(self, rule: Rule, name: str | None = None) -> Rule:
         """State complementarity: ``rule(phase, t)`` returns ``complements(a >= 0, b >= 0)``, or a list of such.
@@ -269,7 +260,7 @@ class PhaseBlockData(BuiltBlockData):
         Usable as a decorator. The component carries the element of each pair, so that
         relaxations can be grouped per element.
         """
-        return self._state("complementarity", rule, name, add_complementarity)
+        return self._state("complementarity", rule, name)
 
     def derivative(self, state: Any) -> Mapping[float, Any]:
         """The time derivative of a state at each collocation point.
@@ -681,15 +672,10 @@ class PhaseBlockData(BuiltBlockData):
 
     # ---------------------------------------------------------------- construction
 
-    def _state(self, kind: str, rule: Rule, name: str | None, add: Callable[..., None]) -> Rule:
-        name = name_of_rows(self, kind, rule, name)
+    def _state(self, kind: str, rule: Rule, name: str | None) -> Rule:
+        statement = Statement(kind, name_of_rows(self, kind, rule, name), Template(rule))
         with self._all_or_nothing(), PauseGC():
-            self.record.asking = True
-            statement = Statement(kind, name, Template(rule))
-            try:
-                add(self, statement)
-            finally:
-                self.record.asking = False
+            add_statement(self, statement)
             self.record.statements.append(statement)
         return rule
 

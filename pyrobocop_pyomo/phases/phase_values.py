@@ -119,23 +119,29 @@ class PhaseValues:
         TrajectoryError
             When a variable has no value.
         """
-        phase, record = self._phase, self._record
-        outcome = None
+        phase, record, outcome, grid = self._phase, self._record, None, real_grid(self._phase)
         if values is None:
             values = self.read()
             outcome = self._outcome_of(values)
-        return make_trajectory(
-            phase,
-            real_grid(phase),
+        kept = {name: values[f"{name}_derivative"] for name in record.kept_derivatives}
+        controls = {name: self.nodes[name] for name in record.names(Control)}
+        return Trajectory(
+            name=phase.name,
+            grid=grid,
             states={name: values[name] for name in record.names_of_states},
             signals={name: self.nodes[name].at_points(values[name]) for name in record.names_of_signals},
             parameters={name: float(value(phase.component(name))) for name in record.names(Parameter)},
             pairs=pairs_of_phase(phase, self._grid) if evaluate else {},
-            rates=self._rates()
-            if evaluate
-            else {name: values[f"{name}_derivative"] for name in record.kept_derivatives},
+            rates=self._rates() if evaluate else kept,
+            piecewise_linear={
+                name: np.array([np.interp(of.times, self._grid.mesh.boundaries, grid.mesh.boundaries), values[name]])
+                for name, of in controls.items()
+                if isinstance(of, KnotNodes)
+            },
+            piecewise_constant=frozenset(name for name, of in controls.items() if isinstance(of, IntervalNodes)),
+            families=record.families,
             expressions=expression_values(phase) if evaluate else {},
-            knot_values=values,
+            phase=phase,
             outcome=outcome,
         )
 
@@ -161,44 +167,6 @@ class PhaseValues:
     def note_outcome(self, words: str) -> None:
         """Keep how the solve ended that has left the values."""
         self._record.outcome = (words, self._fingerprint(self.read()))
-
-
-def make_trajectory(
-    phase: Any, grid: Grid, *, signals: Mapping[str, Array], knot_values: Mapping[str, Array], **facts: Any
-) -> Trajectory:
-    """A trajectory of a phase, whose piecewise controls are known as such.
-
-    Parameters
-    ----------
-    phase : PhaseBlock
-    grid : Grid
-        In real time; of the first elements of the phase, or of all.
-    signals : mapping of name to array
-        At the collocation points.
-    knot_values : mapping of name to array
-        Values of the piecewise linear controls at their knots.
-    **facts
-        The other attributes of a `Trajectory`.
-    """
-    record: PhaseRecord = phase.record
-    nodes = {name: record.nodes(name) for name in record.names(Control)}
-    whole = grid.mesh.elements == record.grid.mesh.elements
-    linear = {
-        name: np.array([np.interp(of.times, record.grid.mesh.boundaries, grid.mesh.boundaries), knot_values[name]])
-        for name, of in nodes.items()
-        if whole and isinstance(of, KnotNodes)
-    }
-    constant = frozenset(name for name, of in nodes.items() if isinstance(of, IntervalNodes))
-    return Trajectory(
-        name=phase.name,
-        grid=grid,
-        signals=signals,
-        piecewise_linear=linear,
-        piecewise_constant=constant,
-        families=record.families,
-        phase=phase,
-        **facts,
-    )
 
 
 def expressions_over_time(phase: Any) -> dict[str, Any]:

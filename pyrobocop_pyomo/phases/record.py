@@ -10,7 +10,6 @@ from pyomo.core.expr.relational_expr import RelationalExpression
 
 from pyrobocop_pyomo.complementarity import Complementarity, form_of
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.modeling.blocks import snapshot_of
 from pyrobocop_pyomo.modeling.expression_arrays import array, plain_expressions
 from pyrobocop_pyomo.modeling.time_index import TimeIndex
 from pyrobocop_pyomo.modeling.variable_families import FamilyNames
@@ -183,10 +182,6 @@ class PhaseRecord:
     def rules(self) -> list[Statement]:
         """Every rule over the points, in the order in which another mesh takes them."""
         return [*self.expressions, *self.statements, *self.integrals]
-
-    def snapshot(self) -> PhaseRecord:
-        """A copy that later additions to this record do not reach."""
-        return snapshot_of(self)
 
 
 def place(block: Any, name: str, component: Any) -> Any:

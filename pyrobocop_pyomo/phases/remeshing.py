@@ -36,31 +36,14 @@ from pyrobocop_pyomo.trajectories import Trajectory
 from .asked_by_point import asked_by_point
 from .declarations import Bounds, Control, within
 from .delays import restate_values_at_times
-from .equations import (
-    add_complementarity,
-    add_constraint,
-    add_derivative,
-    add_expression,
-    add_ode,
-    add_residual,
-    add_step,
-)
+from .equations import add_derivative, add_statement
 from .horizon import add_boundaries, make_mesh
 from .integrals import restate_integrals
 from .nodes import IntervalNodes, KnotNodes, Nodes, StateNodes
 from .phase_values import PhaseValues
-from .record import AT_BOUNDARIES, PhaseRecord
+from .record import PhaseRecord
 from .variables import add_variables
 
-_ADD: dict[str, Callable[..., None]] = {
-    "ode": add_ode,
-    "step map": add_step,
-    "residual": add_residual,
-    "constraint": add_constraint,
-    AT_BOUNDARIES: add_constraint,
-    "complementarity": add_complementarity,
-    "expression": add_expression,
-}
 _REMEDY = (
     "State it on the phase (phase.constraint, phase.integral), give data over time as an rcp.Table, and read what "
     "follows the mesh: x.at(time), x.at_start, x.at_end."
@@ -427,17 +410,14 @@ class PhaseOnGrid:
             When one cannot be stated on the new mesh.
         """
         for statement in (*self._record.expressions, *self._record.statements):
-            self._record.asking = True
             try:
-                _ADD[statement.kind](self._block, statement)
+                add_statement(self._block, statement)
             except (LookupError, ValueError, TypeError, ArithmeticError, AttributeError) as error:
                 raise ModelError(
                     f"phase '{self._block.name}': its {statement.kind} '{statement.name}' cannot be stated on the new "
                     f"mesh ({type(error).__name__}: {error}). If it reads another phase, give both their meshes at "
                     "once: remesh_phases({...})."
                 ) from error
-            finally:
-                self._record.asking = False
 
     def finish(self) -> None:
         """Give integrals their sums, and deactivated rows no part again."""
@@ -458,7 +438,14 @@ class PhaseOnGrid:
             self._block.add_component(name, component)
             return component
         self._placed.append(standing)
-        return state_anew(standing, component)
+        before = self._changes.parts_before(standing)
+        state_anew(standing, component)
+        # Members of an expression at times that stay are the objects that they were.
+        for index, member in list(standing.items()) if standing.ctype is Expression else ():
+            if index in before:
+                before[index].set_value(member.expr)
+                put_part(standing, index, before[index])
+        return standing
 
     def keep(self, name: str, nodes: Nodes, declared: Callable[[Nodes], Sequence[Bounds]]) -> None:
         """Let variables at times that stay be what they were; give the others bounds and domains.
@@ -484,15 +471,6 @@ class PhaseOnGrid:
                 variable.setlb(pattern.lower)
                 variable.setub(pattern.upper)
                 variable.fixed = pattern.fixed
-
-    def keep_expressions(self, name: str) -> None:
-        """Let members of an expression at times that stay be the objects that they were."""
-        component = self._block.component(name)
-        before = self._changes.parts_before(component)
-        for index, member in list(component.items()):
-            if index in before:
-                before[index].set_value(member.expr)
-                put_part(component, index, before[index])
 
     def keep_boundaries(self) -> None:
         """Let element boundaries that stay be the variables that they were; others lie on a line between these."""

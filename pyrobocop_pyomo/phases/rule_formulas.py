@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -25,12 +26,13 @@ from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.modeling.undefined_values import undefined_part
 from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.templates.slots import Always, Clock, Derivative, Item, NamedItem, Place, Slot, Time
+from pyrobocop_pyomo.trajectories import Trajectory
 
 from .asked_by_point import known_history, refuse_asked_by_point
-from .coupled_phases import CoupledPhase, indices_of
-from .declarations import UNBOUNDED
+from .coupled_phases import indices_of, values_in_elements
 from .delays import SAME_TIME, Delayed, Past, ValueAt, delay_as_number, history_value
 from .families import equations_by_component
+from .phase_values import PhaseValues
 from .record import PhaseRecord, Previous, PreviousStates, Statement
 
 
@@ -47,8 +49,8 @@ class RuleFormulas:
     block : PhaseBlock
     grid : Grid
         Of a trajectory, in real time.
-    coupled : sequence of CoupledPhase
-        Other phases, which rules may read at the same instant.
+    coupled : mapping of PhaseBlock to Trajectory or None
+        Other phases, which rules may read at the same instant; see `coupled_phases_of`.
 
     Attributes
     ----------
@@ -63,9 +65,9 @@ class RuleFormulas:
     record : PhaseRecord
     """
 
-    def __init__(self, block: Any, grid: Grid, coupled: Sequence[CoupledPhase] = ()) -> None:
+    def __init__(self, block: Any, grid: Grid, coupled: Mapping[Any, Trajectory | None] | None = None) -> None:
         record: PhaseRecord = block.record
-        self.block, self.record, self.coupled = block, record, tuple(coupled)
+        self.block, self.record, self.coupled = block, record, dict(coupled or {})
         self._scratch = scratch = ConcreteModel()  # Pyomo holds parents by weak references: keep the owner alive
         # Made when read: of delayed values and other phases they say what rules have read.
         for kind in ("declared", "derivatives", "previous", "delayed", "beside", "times"):
@@ -106,9 +108,9 @@ class RuleFormulas:
         if isinstance(slot, Item) and slot.rest == (None,):
             if id(component) in self._standing_for:
                 return self._standing_for[id(component)]
-            for place, other in enumerate(self.coupled):
-                if component.parent_block() is other.phase and component.local_name in other.phase.record.declarations:
-                    return self._scratch.beside[place, component.local_name]
+            phases, home = [*self.coupled], component.parent_block()
+            if home in phases and component.local_name in home.record.declarations:
+                return self._scratch.beside[phases.index(home), component.local_name]
         if isinstance(slot, Delayed) and component.parent_block() is self.block:
             number = delay_as_number(slot.rest[0], f"'{component.name}'")
             own = self._standing_for[id(component)]
@@ -184,7 +186,7 @@ class RuleFormulas:
     def set_bounds(self, time: float) -> None:
         """Give the variables the bounds of a time: pairs may mean a variable's own bound."""
         for name, declaration in self.record.declarations.items():
-            lower, upper = declaration.bounds_at(time, name) if declaration.knows_bounds_at(time) else UNBOUNDED
+            lower, upper = declaration.known_bounds_at(time, name)
             self.at_instant[name].setlb(lower)
             self.at_instant[name].setub(upper)
 
@@ -244,7 +246,12 @@ class RuleFormulas:
         """What other phases that rules have read are at local fractions, shape ``(q, N)``, by what stands for it."""
         found: dict[int, Array] = {}
         for number in dict.fromkeys(number for number, _ in self._scratch.beside):
-            values = self.coupled[number].values_at(fractions)
+            phase = [*self.coupled][number]
+            if self.coupled[phase] is None:
+                with suppress(TrajectoryError):  # nothing is known where the model has no values
+                    self.coupled[phase] = PhaseValues(phase).trajectory(evaluate=False)
+            trajectory = self.coupled[phase]
+            values = {} if trajectory is None else values_in_elements(trajectory, fractions)
             named = {name: variable for (of, name), variable in self._scratch.beside.items() if of == number}
             found |= {id(variable): values[name].T for name, variable in named.items() if name in values}
         return found

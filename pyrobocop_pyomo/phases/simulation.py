@@ -27,13 +27,13 @@ from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import InitialGuess, can_step, initial_number
 
 from .coupled_phases import coupled_phases_of, put_on_model
-from .declarations import Algebraic, Control, Parameter
+from .declarations import Algebraic, Control
 from .delays import MotionSoFar
 from .families import guesses_by_component, names_by_component
 from .horizon import real_grid
 from .impacts import Impacts
 from .implicit_steps import FormulaStep, RowStep, StepSystem
-from .phase_values import PhaseValues, make_trajectory, pairs_of_phase, read_values
+from .phase_values import PhaseValues, pairs_of_phase, read_values
 from .record import PhaseRecord
 from .right_hand_sides import RightHandSides, TooManyEvaluations, known_equations
 from .rule_formulas import RuleFormulas
@@ -129,7 +129,6 @@ class _Run:
         self.grid, names = real_grid(block), record.names_of_states
         self._unknown, self.contact = find_unknowns(block, controls, options.unknown)
         self._given = given_values(block, controls, self._unknown)
-        self._parameters = {name: float(block.component(name).value) for name in record.names(Parameter)}
         self._start = initial_states(block, initial)
         if options.restitution and not can_step(record.grid.scheme):
             raise InitialGuessError(
@@ -144,17 +143,16 @@ class _Run:
         implicit = set(names) - record.equation_of.keys()
         self._is_stepped = options.method == "scheme" or bool(self._unknown or implicit or record.discrete_states)
         self._derivatives = {name: f"{name}_derivative" for name in names}
-        kept = [self._derivatives[name] for name in names if name in record.kept_derivatives]
-        self._variables = {name: record.nodes(name).variables(block) for name in (*names, *self._unknown, *kept)}
+        self._values = PhaseValues(block)
+        self._variables = self._values.variables
         for name in self._unknown:
             if len(self._variables[name]) != len(record.grid.points):
                 raise InitialGuessError(
                     f"phase '{block.name}': '{name}' has {len(self._variables[name])} values, and a simulation finds "
                     f"one at each of {len(record.grid.points)} points. Give it in controls={{...}}."
                 )
-        points = (*self._unknown, *self._derivatives.values())
-        self._found = {name: np.full(len(record.grid.times), np.nan) for name in names}
-        self._found |= {name: np.full(len(record.grid.points), np.nan) for name in points}
+        self._found = {name: np.full(len(record.grid.points), np.nan) for name in self._derivatives.values()}
+        self._found |= {name: np.full(len(of), np.nan) for name, of in self._variables.items()} | self._given
         self._ends = np.searchsorted(record.grid.times, record.grid.mesh.boundaries)
         # What unknowns were last, where the search for them starts.
         self._last = {
@@ -173,7 +171,7 @@ class _Run:
             for variable in chain.from_iterable(self._variables.values()):
                 variable.set_value(None, skip_validation=True)
             for name, values in self._given.items():
-                put_values(record.nodes(name).variables(block), values.tolist())
+                put_values(self._variables[name], values.tolist())
             for name, number in zip(record.names_of_states, self._start.tolist(), strict=True):
                 self._variables[name][0].set_value(number, skip_validation=True)
             self._state_equations()
@@ -304,22 +302,17 @@ class _Run:
 
     def trajectory(self, elements: int, pairs: Mapping[str, Array] | None = None) -> Trajectory:
         """The first elements as a trajectory."""
-        record, found = self._record, self._found
+        whole = self._values.trajectory(self._found, evaluate=False)
         grid = Grid(self.grid.scheme, Mesh(self.grid.mesh.boundaries[: elements + 1]))
-        signals = {
-            name: found[name] if name in found else record.nodes(name).at_points(self._given[name])
-            for name in record.names_of_signals
-        }
-        names = [name for name in record.names_of_states if name not in record.discrete_states]
-        return make_trajectory(
-            self._block,
-            grid,
-            states={name: found[name][: len(grid.times)] for name in record.names_of_states},
-            signals={name: values[: len(grid.points)] for name, values in signals.items()},
-            parameters=self._parameters,
+        points, names = len(grid.points), self._derivatives.keys() - self._record.discrete_states
+        return replace(
+            whole,
+            grid=grid,
+            states={name: values[: len(grid.times)] for name, values in whole.states.items()},
+            signals={name: values[:points] for name, values in whole.signals.items()},
             pairs=pairs or {},
-            rates={name: found[self._derivatives[name]][: len(grid.points)] for name in names},
-            knot_values=self._given,
+            rates={name: self._found[self._derivatives[name]][:points] for name in whole.states if name in names},
+            piecewise_linear=whole.piecewise_linear if grid.mesh == self.grid.mesh else {},
         )
 
 

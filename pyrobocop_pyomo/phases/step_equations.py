@@ -23,6 +23,7 @@ from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.mixed_complementarity import ComplementarityValues, MixedComplementarity
 
 from .record import PhaseRecord, Statement
+from .row_rules import Rates
 from .rule_formulas import RuleFormulas
 
 
@@ -173,21 +174,19 @@ def by_points(block: Any, unknown: Sequence[str], contact: bool) -> list[StepEqu
     record: PhaseRecord = block.record
     kept, grid = sorted(record.kept_derivatives), record.grid
     derivatives = {name: block.component(f"{name}_derivative") for name in kept}
-    rates = {**record.rates, **derivatives}
-    for name in record.discrete_states:
-        state, steps = block.component(name), block.component(f"{name}_step")
-        rates[name] = {t: state[grid.node_times[grid.element_of[t]][-1]] - row.body for t, row in steps.items()}
+    names = record.names_of_states
+    rates = {name: derivatives[name] if name in kept else given_at_points(block, name) for name in names}
     signals = {name: dict(zip(grid.points, record.nodes(name).variables(block), strict=True)) for name in unknown}
-    names = [f"{name}_equation" for name in kept if name in record.equation_of]
-    names += [statement.name for statement in record.statements_of("residual")]
+    rows = [f"{name}_equation" for name in kept if name in record.equation_of]
+    rows += [statement.name for statement in record.statements_of("residual")]
     found = {
         t: StepEquations(
-            [rates[name][t] for name in record.names_of_states],
+            [of[t] for of in rates.values()],
             {f"d {name}": of[t] for name, of in derivatives.items()} | {name: of[t] for name, of in signals.items()},
         )
         for t in grid.points
     }
-    for index, row in ((index, row) for name in names for index, row in block.component(name).items() if row.active):
+    for index, row in ((index, row) for name in rows for index, row in block.component(name).items() if row.active):
         found[index[0] if isinstance(index, tuple) else index].add(row.name, [row.body - row.upper])
     for index, data in pairs_on_model(block) if contact else ():
         t, *labels = as_tuple(index)
@@ -195,6 +194,17 @@ def by_points(block: Any, unknown: Sequence[str], contact: bool) -> list[StepEqu
             name = labelled(data.parent_component().local_name, tuple(labels))
             found[t].add(name, *statements_of(name, canonical_form(data)))
     return list(found.values())
+
+
+def given_at_points(block: Any, name: str) -> Mapping[float, Any]:
+    """What an ode or a step map gives for a state at the points of the mesh."""
+    record: PhaseRecord = block.record
+    if name not in record.discrete_states:
+        return Rates(block, name)
+    # Rows of a step: the state at the end of the element less what is stated.
+    state, steps = block.component(name), block.component(f"{name}_step")
+    ends = {t: record.grid.node_times[i][-1] for t, i in record.grid.element_of.items()}
+    return {t: state[ends[t]] - row.body for t, row in steps.items()}
 
 
 def pairs_on_model(block: Any) -> list[tuple[Any, Any]]:

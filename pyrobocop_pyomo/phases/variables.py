@@ -104,11 +104,8 @@ def _show_at_points(block: Any, name: str, nodes: IntervalNodes | KnotNodes, val
         seen = [values[i] for i in nodes.of_points.tolist()]
         place(block, name, signal_reference(dict(zip(grid.points, seen, strict=True))))
         return
-    component = place(block, name, SignalExpression(block.points))
-    for time in grid.points:
-        component.add(time, value_at(block, nodes, time, after=False))
-    if block.record.restating is not None:
-        block.record.restating.keep_expressions(name)
+    between = {time: value_at(block, nodes, time, after=False) for time in grid.points}
+    place(block, name, SignalExpression(block.points, initialize=between))
 
 
 def _add_ends(block: Any, name: str, state: State, variable: Any, label: str) -> None:

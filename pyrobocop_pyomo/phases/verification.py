@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 from pyomo.core.base.constraint import Constraint
-from pyomo.core.expr.numvalue import NumericValue, value
+from pyomo.core.expr.numvalue import NumericValue
 
-from pyrobocop_pyomo.complementarity import CanonicalForm, Complementarity, canonical_form, side_values
+from pyrobocop_pyomo.complementarity import CanonicalForm, Complementarity, canonical_form
 from pyrobocop_pyomo.complementarity.residuals import part_of_side
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.failures import failures_as
 from pyrobocop_pyomo.modeling.foreign_variables import foreign_read, foreign_variable
-from pyrobocop_pyomo.modeling.row_violations import bound_violation, relation_violation, sides_of_row
-from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
+from pyrobocop_pyomo.modeling.row_violations import bound_violation, sides_of_row
+from pyrobocop_pyomo.modeling.shared_nodes import shared_value, variables_in_any
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.presentation import Presented, facts_table, paragraph
 from pyrobocop_pyomo.trajectories import Trajectory
@@ -34,12 +34,13 @@ from .coupled_phases import (
     other_phases,
     put_on_model,
 )
-from .declarations import UNBOUNDED, Algebraic, Control, Duration, Parameter, State
+from .declarations import Algebraic, Control, Duration, FunctionOfTime, Parameter, State, in_infinities
 from .element_instants import ElementInstants
 from .record import AT_BOUNDARIES, PhaseRecord, Statement
 from .reintegration import Reintegration, reintegrate
 from .rule_formulas import RuleFormulas
 from .stated_numbers import moving_end, rows_of_ends
+from .step_equations import given_at_points
 
 # What is violated by more than this does not hold; an error of an element above this, in sizes of the states, is a
 # coarse mesh; errors of the horizon are said to grow where they exceed the sum of those of the elements so many times.
@@ -259,15 +260,15 @@ class _TrajectoryCheck:
         # Rules are evaluated at time indices, which are normalised where something of the horizon was to be found.
         self.on_grid = is_of_grid(record, trajectory.grid)
         self.indices = record.grid if self.on_grid else indices_of(record, trajectory.grid)
-        self.coupled = coupled_phases_of(block, trajectory.grid, beside)
-        self.formulas = RuleFormulas(block, trajectory.grid, self.coupled)
+        coupled = coupled_phases_of(block, trajectory.grid, beside)
+        self.formulas = RuleFormulas(block, trajectory.grid, coupled)
         self.formulas.set_bounds(self.indices.times[0])
         self.states = {name: trajectory.element_states(name) for name in trajectory.states}
         self.signals = {name: trajectory.element_signals(name) for name in trajectory.signals}
         self.slopes = {name: self._slopes(name) for name in self.states}
         self.remarks: list[str] = []
         others = other_phases(block)
-        known = [(other.phase, other.trajectory) for other in self.coupled if other.trajectory is not None]
+        known = [(phase, given) for phase, given in coupled.items() if given is not None]
         self.values_of_phases = [(block, trajectory), *known]
         self.statements = list(record.statements)
         if others and not is_on_model(block, trajectory):
@@ -326,7 +327,7 @@ class _TrajectoryCheck:
 
     def at_collocation_points(self) -> tuple[float, float, float, float]:
         """Violations of rates and step maps, of equations, and of pairs by smaller side and by product."""
-        at = self._instants(self.grid.scheme.c)
+        at = ElementInstants(self.formulas, self.trajectory, self.grid.scheme.c)
         # Not the polynomials, but the values at the stages themselves.
         at.values |= {name: self._at_stages(of).T for name, of in self.states.items()}
         at.values |= {name: of.T for name, of in self.signals.items()}
@@ -343,12 +344,9 @@ class _TrajectoryCheck:
                 found = self._violations(statement, at)
                 equations, natural, product = map(max, (equations, natural, product), found)
         at_boundaries = self._stated(AT_BOUNDARIES)
-        ends = self._instants(np.array([0.0, 1.0]))
+        ends = ElementInstants(self.formulas, self.trajectory, np.array([0.0, 1.0]))
         equations = max([equations, *(self._violations(statement, ends)[0] for statement in at_boundaries)])
         return max(of_steps, self._defect(rates)), equations, natural, product
-
-    def _instants(self, fractions: Array) -> ElementInstants:
-        return ElementInstants(self.formulas, self.trajectory, fractions)
 
     def _values_by_state(self, statement: Statement, at: ElementInstants) -> dict[str, Array]:
         """What an ode or a step map gives at the points, by the names of the states."""
@@ -357,53 +355,40 @@ class _TrajectoryCheck:
             return dict(zip(stated, at.values_stated([*stated.values()], statement), strict=True))
         found = {}
         for name in (name for name, of in self.record.equation_of.items() if of == statement.name):
-            given = self.record.rates.get(name)
-            if given is None:
-                # Rows of a step, or of a derivative that is kept: what they are about less what is stated.
-                steps = name in self.record.discrete_states
-                left = self.block.component(name if steps else f"{name}_derivative")
-                rows = self.block.component(f"{name}_step" if steps else f"{name}_equation")
-                given = {t: left[t] - row.body for t, row in rows.items()}
-            with failures_as(TrajectoryError, f"{statement.label(self.block)} has no value on the trajectory"):
-                found[name] = np.array(
-                    [[float(value(given[t])) for t in times] for times in self.indices.stage_times]
-                ).T
+            given = given_at_points(self.block, name)
+            in_order = [given[t] for times in self.indices.stage_times for t in times]
+            found[name] = self._values_on_model(in_order, statement).reshape(-1, self.grid.scheme.stages).T
         return found
 
     def _violations(self, statement: Statement, at: ElementInstants) -> tuple[float, float, float]:
         """Largest violations of what a statement makes: of rows, and of pairs by smaller side and by product."""
-        if self._asks_rows(statement):
-            return self._violations_of_rows(statement)
+        asks_rows = self._asks_rows(statement)
+        if asks_rows:
+            data = self.block.component(statement.name).values()
+            said = [canonical_form(of) if statement.kind == "complementarity" else of.expr for of in data]
+        else:
+            said = [*self.formulas.formulas_of(statement, statement.rows).values()]
         rows: list[Any] = []
         pairs: list[Any] = []
-        for row in self.formulas.formulas_of(statement, statement.rows).values():
-            if isinstance(row, CanonicalForm):
-                rows += map(sides_of_row, row.rows)
-                pairs += row.pairs
-            else:
-                rows.append(sides_of_row(row))
+        for row in said:
+            is_pair = isinstance(row, CanonicalForm)
+            rows += map(sides_of_row, row.rows if is_pair else [row])
+            pairs += row.pairs if is_pair else []
         of_rows, natural, product = [0.0], [0.0], [0.0]
         sides = [*chain.from_iterable(rows), *(side for pair in pairs for side in (pair.a, pair.b))]
-        values = iter(at.values_stated(sides, statement))
+        values = iter(self._values_on_model(sides, statement) if asks_rows else at.values_stated(sides, statement))
         for _ in rows:
-            body, lower, upper = next(values), next(values), next(values)
-            of_rows.append(float(np.maximum(lower - body, body - upper).max()))
+            of_rows.append(_beyond(next(values), next(values), next(values)))
         for pair in pairs:
             a, b = part_of_side(next(values), pair.a_part), part_of_side(next(values), pair.b_part)
             natural.append(float(np.abs(np.minimum(a, b)).max()))
             product.append(float(np.abs(a * b).max()))
         return max(of_rows), max(natural), max(product)
 
-    def _violations_of_rows(self, statement: Statement) -> tuple[float, float, float]:
-        """The same of the rows on the model, which has the values of the trajectory meanwhile."""
-        where = f"{statement.label(self.block)} has no value on the trajectory"
-        of_rows, sides = [0.0], [(0.0, 0.0)]
-        with failures_as(TrajectoryError, where):
-            for data in self.block.component(statement.name).values():
-                form = canonical_form(data) if statement.kind == "complementarity" else None
-                of_rows += map(relation_violation, [data.expr] if form is None else form.rows)
-                sides += [] if form is None else map(side_values, form.pairs)
-        return max(of_rows), max(abs(min(a, b)) for a, b in sides), max(abs(a * b) for a, b in sides)
+    def _values_on_model(self, expressions: Iterable[Any], statement: Statement) -> Array:
+        """Values on the model, which has those of the trajectory meanwhile."""
+        with failures_as(TrajectoryError, f"{statement.label(self.block)} has no value on the trajectory"):
+            return np.array([float(shared_value(expression)) for expression in expressions])
 
     def _asks_rows(self, statement: Statement) -> bool:
         """Whether a rule, or a bound that a pair means, is known at the points of this grid alone."""
@@ -459,24 +444,18 @@ class _TrajectoryCheck:
         if isinstance(self.record.duration, Duration):
             violations.append(bound_violation(trajectory.duration, *self.record.duration.bounds_at(0.0, "duration")))
         for name, declaration in self.record.declarations.items():
-            numbers: Any = trajectory.signals.get(name, ())
-            times = self.indices.points
+            times, numbers = self.indices.points, trajectory.signals.get(name, np.zeros(0))
             if name in trajectory.parameters:
-                times, numbers = (0.0,), (trajectory.parameters[name],)
+                times, numbers = (0.0,), np.array([trajectory.parameters[name]])
             elif isinstance(declaration, State):
                 times, numbers = self.indices.times, trajectory.states[name]
                 violations += self._of_ends(name, declaration, numbers)
-                violations += _beyond(self.slopes[name], *(declaration.derivative_bounds or UNBOUNDED))
+                violations.append(_beyond(self.slopes[name], *in_infinities(declaration.derivative_bounds)))
             levels = getattr(declaration, "levels", None)
             if levels is not None:
                 violations += [min(abs(number - level) for level in levels) for number in numbers]
-            if not callable(declaration.bounds):
-                violations += _beyond(numbers, *declaration.bounds_at(0.0, name))
-                continue
-            for time, number in zip(times, numbers, strict=True):
-                if declaration.knows_bounds_at(time):
-                    violations.append(bound_violation(number, *declaration.bounds_at(time, name)))
-            if declaration.asks_bounds_by_point:
+            violations.append(_beyond(numbers, *declaration.bounds_over(times, name)))
+            if isinstance(declaration.bounds, FunctionOfTime) and declaration.bounds.is_asked_by_point:
                 self.remarks.append(
                     f"the bounds of '{name}' (declared at {declaration.declared_at}) are known where their function "
                     "was asked while the phase was built, and not looked at elsewhere: it needs the time as a number."
@@ -542,7 +521,7 @@ class _TrajectoryCheck:
         return found
 
 
-def _beyond(numbers: Array, lower: float | None, upper: float | None) -> list[float]:
-    """How far the lowest and the highest of some numbers are from an interval."""
-    ends = [np.min(numbers), np.max(numbers)] if np.size(numbers) else []
-    return [bound_violation(float(end), lower, upper) for end in ends]
+def _beyond(numbers: Array, lower: Any, upper: Any) -> float:
+    """How far the farthest of some numbers is from its interval; infinite where one is none."""
+    beyond = np.maximum(lower - numbers, numbers - upper)
+    return math.inf if np.isnan(beyond).any() else float(beyond.max(initial=0.0))

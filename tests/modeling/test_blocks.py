@@ -23,9 +23,6 @@ class Springs:
     def __init__(self, stiffness: float) -> None:
         self.stiffness = stiffness
 
-    def snapshot(self) -> Springs:
-        return Springs(self.stiffness)
-
 
 class SpringsData(BuiltBlockData):
     """A minimal kind of block."""
