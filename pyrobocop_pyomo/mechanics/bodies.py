@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import Any, ClassVar, NamedTuple
+from typing import Any
 
 import numpy as np
 from pyomo.core.base.constraint import Constraint
@@ -18,6 +18,7 @@ from pyomo.core.base.expression import Expression
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.geometry.poses import dot
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases import Algebraic, Control, State
 
@@ -25,57 +26,17 @@ from .rotations import (
     Matrix,
     Vector,
     cross_product,
-    inner_product,
     rotation_matrix,
     rotation_rows,
     rotation_vector,
     turn_matrix,
     turn_quaternion,
 )
-from .shapes import Disc, PlanarShape, SpatialShape, Sphere, root
+from .shapes import PLANE, SPACE, Disc, PlanarShape, SpatialShape, Sphere, root
 
 Place = Sequence[Any]
 
 
-class Names(NamedTuple):
-    """What phases call the motion of bodies and robots, in the plane or in space.
-
-    Attributes
-    ----------
-    axes : tuple of str
-        Coordinates of a robot; its velocity and its driving force are named after them.
-    position, orientation : tuple of str
-        Of a body. Its orientation is an angle, or the entries of a rotation matrix by rows.
-    twist, wrench : tuple of str
-        Velocity and angular velocity; force and moment.
-    tangential : tuple of str
-        Forces of a contact along its tangents, then against them.
-    """
-
-    axes: tuple[str, ...]
-    position: tuple[str, ...]
-    orientation: tuple[str, ...]
-    twist: tuple[str, ...]
-    wrench: tuple[str, ...]
-    tangential: tuple[str, ...]
-
-
-PLANE = Names(
-    axes=("x", "y"),
-    position=("qx", "qy"),
-    orientation=("qth",),
-    twist=("ux", "uy", "uth"),
-    wrench=("fx", "fy", "mz"),
-    tangential=("alpha_plus", "alpha_minus"),
-)
-SPACE = Names(
-    axes=("x", "y", "z"),
-    position=("qx", "qy", "qz"),
-    orientation=tuple(f"R{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3)),
-    twist=("ux", "uy", "uz", "wx", "wy", "wz"),
-    wrench=("fx", "fy", "fz", "mx", "my", "mz"),
-    tangential=("alpha_1", "alpha_2", "alpha_3", "alpha_4"),
-)
 _QUATERNION = ("turn_w", "turn_x", "turn_y", "turn_z")
 _RULES = ("newton_euler", "kinematic_copy", "turn_over_element", "goal_rotation")
 
@@ -84,7 +45,6 @@ class RigidBody(ABC):
     """What `PlanarBody` and `SpatialBody` state of their motion."""
 
     shape: Any
-    names: ClassVar[Names]
 
     def state_wrench(self, phase: Any, *index: Any, as_expressions: bool = False) -> None:
         """Declare a wrench on this body: what one robot does to it. Serves as the rule of an indexed phase.
@@ -97,7 +57,7 @@ class RigidBody(ABC):
         as_expressions : bool
             Expressions that a contact fills in, in place of variables with a row each.
         """
-        for name in self.names.wrench:
+        for name in self.shape.names.wrench:
             if as_expressions:
                 phase.add_component(name, Expression(phase.points, initialize=0.0))
             else:
@@ -142,7 +102,7 @@ class RigidBody(ABC):
         therefore stated by three equations, ``vee(G'R - R'G) = 0``, and ``trace(G'R) >= 2.99``, which leaves out the
         half turns that satisfy these too. Nine equations would be dependent.
         """
-        names, wrenches = self.names, list(wrenches)
+        names, wrenches = self.shape.names, list(wrenches)
         for wrench in wrenches:
             check_has(wrench, phase, *names.wrench)
         turn, guesses = self._state_coordinates(phase, start, goal, is_final=True)
@@ -183,30 +143,30 @@ class RigidBody(ABC):
             When a name is taken, or, in space, the phase has a free duration.
         """
         turn, guesses = self._state_coordinates(phase, start, goal, is_final=False)
-        for name, guess in zip(self.names.twist, guesses, strict=True):
+        for name, guess in zip(self.shape.names.twist, guesses, strict=True):
             phase.declare(name, Control(initial_guess=guess))
         if turn is not None and not self.shape.is_round:
             turn.state(phase)
 
         @phase.ode
         def kinematic_copy(b: Any, t: float) -> dict[Any, Any]:
-            followed = zip(self._coordinates, self.names.twist, strict=False)
+            followed = zip(self._coordinates, self.shape.names.twist, strict=False)
             return {getattr(b, name): getattr(b, speed)[t] for name, speed in followed}
 
     @property
     def _coordinates(self) -> tuple[str, ...]:
         """The states whose rates are the first velocities: in space the rotation follows the others by a map."""
-        return (*self.names.position, *self.names.orientation)[:3]
+        return (*self.shape.names.position, *self.shape.names.orientation)[:3]
 
     def _state_coordinates(
         self, phase: Any, start: Place, goal: Place | None, is_final: bool
     ) -> tuple[_Turn | None, list[float]]:
         """Declare the pose but for a rotation in space; that, and a guess of all velocities."""
-        names = self.names
+        names = self.shape.names
         check_free(phase, *names.position, *names.orientation, *names.twist, *_QUATERNION, *_RULES)
         for what, pose in (("start", start), ("goal", goal)):
             if pose is not None and len(pose) != len(names.twist):
-                angle = "an angle" if self.names is PLANE else "a rotation vector"
+                angle = "an angle" if self.shape.names is PLANE else "a rotation vector"
                 raise ModelError(
                     f"phase '{phase.name}': {what} = {pose!r}; expected {len(names.twist)} entries, a position and "
                     f"{angle}."
@@ -316,10 +276,13 @@ class PlanarBody(RigidBody):
     inertia: float
     resistance: GroundFriction | ViscousDrag | None = None
 
-    names = PLANE
-
     def __post_init__(self) -> None:
         check_positive(self, "mass", "inertia")
+
+    @property
+    def moments(self) -> tuple[float, ...]:
+        """The one moment of inertia."""
+        return (self.inertia,)
 
     def _acceleration(self, wrench: Vector, twist: Vector, orientation: Vector) -> list[Any]:
         inertia = (self.mass, self.mass, self.inertia)
@@ -366,8 +329,6 @@ class SpatialBody(RigidBody):
     inertia: float | tuple[float, float, float]
     gravity: float = 9.81
 
-    names = SPACE
-
     def __post_init__(self) -> None:
         check_positive(self, "mass")
         moments = np.atleast_1d(np.asarray(self.inertia, dtype=float))
@@ -383,10 +344,9 @@ class SpatialBody(RigidBody):
             raise ModelError(f"SpatialBody: gravity = {self.gravity!r}; expected a number.")
 
     @property
-    def moments(self) -> tuple[float, float, float]:
+    def moments(self) -> tuple[float, ...]:
         """The three principal moments."""
-        first, second, third = np.broadcast_to(np.asarray(self.inertia, dtype=float), 3).tolist()
-        return first, second, third
+        return tuple(np.broadcast_to(np.asarray(self.inertia, dtype=float), 3).tolist())
 
     def angular_acceleration(self, moment: Vector, spin: Vector, rotation: Matrix) -> list[Any]:
         """Euler's equations in the directions of the world: ``R J^-1 (R'm - R'w x J R'w)``.
@@ -402,10 +362,10 @@ class SpatialBody(RigidBody):
         if len(set(moments)) == 1:
             return [m / moments[0] for m in moment]
         columns = list(zip(*rotation, strict=True))
-        turned = [inner_product(column, spin) for column in columns]
+        turned = [dot(column, spin) for column in columns]
         gyroscopic = cross_product(turned, [j * w for j, w in zip(moments, turned, strict=True)])
-        in_body = [(inner_product(c, moment) - g) / j for c, g, j in zip(columns, gyroscopic, moments, strict=True)]
-        return [inner_product(row, in_body) for row in rotation]
+        in_body = [(dot(c, moment) - g) / j for c, g, j in zip(columns, gyroscopic, moments, strict=True)]
+        return [dot(row, in_body) for row in rotation]
 
     def _acceleration(self, wrench: Vector, twist: Vector, orientation: Vector) -> list[Any]:
         weight = (0.0, 0.0, -self.gravity)
@@ -475,7 +435,7 @@ class _Turn:
                 return dict.fromkeys(("x", "y", "z", "trace"), Constraint.Skip)
             rotation = rotation_rows(entries_at(b, SPACE.orientation, t))
             # Row i and column j of G'R: column i of the goal with column j of the rotation.
-            reached = [[inner_product(g, r) for r in zip(*rotation, strict=True)] for g in columns]
+            reached = [[dot(g, r) for r in zip(*rotation, strict=True)] for g in columns]
             return {
                 "x": reached[2][1] - reached[1][2] == 0,
                 "y": reached[0][2] - reached[2][0] == 0,
@@ -487,10 +447,10 @@ class _Turn:
 class DrivenRobot(ABC):
     """A double integrator that is driven by a force along each axis of the world."""
 
+    shape: Any
     mass: float
     speed_limit: float
-
-    names: ClassVar[Names]
+    gravity = 0.0
 
     @property
     @abstractmethod
@@ -500,7 +460,9 @@ class DrivenRobot(ABC):
     @property
     def falling(self) -> Array:
         """Acceleration by gravity along each axis, metres per second squared; shape (d,)."""
-        return np.zeros(len(self.names.axes))
+        falling = np.zeros(len(self.shape.names.axes))
+        falling[-1] = -self.gravity
+        return falling
 
     @property
     def hovering_force(self) -> Array:
@@ -538,10 +500,10 @@ class DrivenRobot(ABC):
             When a name is taken, the push lacks a component, the grids differ, or it starts outside of where it has
             to stay.
         """
-        axes = self.names.axes
+        axes = self.shape.names.axes
         velocity, force = [f"v{axis}" for axis in axes], [f"tau_{axis}" for axis in axes]
         check_free(phase, *axes, *velocity, *force, "double_integrator")
-        check_has(push, phase, *self.names.wrench)
+        check_has(push, phase, *self.shape.names.wrench)
         boxes = [(None, None)] * len(axes) if within is None else within
         for name, place, (low, high) in zip(axes, start, boxes, strict=True):
             phase.declare(name, State(initial=float(place), bounds=(low, high), initial_guess=float(place)))
@@ -583,8 +545,6 @@ class DiscRobot(DrivenRobot):
     force_limit: float
     speed_limit: float
 
-    names = PLANE
-
     def __post_init__(self) -> None:
         check_positive(self, "mass", "force_limit", "speed_limit")
 
@@ -620,8 +580,6 @@ class SphereRobot(DrivenRobot):
     speed_limit: float
     gravity: float = 9.81
 
-    names = SPACE
-
     def __post_init__(self) -> None:
         check_positive(self, "mass", "speed_limit")
         limits = np.asarray(self.force_limits, dtype=float)
@@ -634,11 +592,6 @@ class SphereRobot(DrivenRobot):
     def driving_limits(self) -> Array:
         """Lowest and highest driving force along each axis, newtons."""
         return np.array(self.force_limits, dtype=float).T
-
-    @property
-    def falling(self) -> Array:
-        """Acceleration by gravity along each axis, metres per second squared."""
-        return np.array([0.0, 0.0, -self.gravity])
 
 
 _OVERLAP = 0.01  # metres: what a start may be measured to be inside a body

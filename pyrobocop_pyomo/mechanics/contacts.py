@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from pyomo.core.base.expression import Expression
 
 from pyrobocop_pyomo.complementarity import complements
 from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.geometry.poses import dot
 from pyrobocop_pyomo.phases import Algebraic, Control
 
 from .bodies import (
-    PLANE,
-    SPACE,
-    Names,
     PhaseNumbers,
     check_free,
     check_has,
@@ -24,7 +22,7 @@ from .bodies import (
     check_positive,
     entries_at,
 )
-from .rotations import Matrix, Vector, cross_product, inner_product, rotation_rows, tangents_across
+from .rotations import Matrix, Vector, cross_product, rotation_rows, tangents_across
 from .shapes import Disc, Gap, PlanarShape, SpatialShape, Sphere
 
 # A small positive start: at zero, a pair's product has no slope.
@@ -52,8 +50,6 @@ class RobotContact(ABC):
     force_limit: float = 60.0
     tolerance: float = 0.01
 
-    names: ClassVar[Names]
-
     def __post_init__(self) -> None:
         check_positive(self, "friction", "force_limit", "tolerance")
 
@@ -76,7 +72,7 @@ class RobotContact(ABC):
             When a name is taken, a phase lacks a component, grids differ, or the robot starts more than a centimetre
             inside the body.
         """
-        names = self.names
+        names = self.body.names
         kept = self._lifted
         rows = ("contact_kinematics", "contact_wrench", "contact", "no_separation")
         check_free(phase, "c", *names.tangential, "slip", *kept, *rows)
@@ -144,36 +140,36 @@ class RobotContact(ABC):
         """Of the robot relative to the body at the contact point: along the normal, and along each tangent."""
         carried = cross_product(twist[len(robot) :], at.point)
         apart = [v - (u + w) for v, u, w in zip(robot, twist, carried, strict=False)]
-        return [inner_product(axis, apart) for axis in (at.normal, *self.tangents(at))]
+        return [dot(axis, apart) for axis in (at.normal, *self.tangents(at))]
 
     @property
     def _speeds(self) -> list[str]:
-        return [f"v{axis}" for axis in self.names.axes]
+        return [f"v{axis}" for axis in self.body.names.axes]
 
     @property
     def _lifted(self) -> list[str]:
         """Names of the entries of a gap that are variables: the contact point of a round body follows its normal."""
         vectors = ("normal",) if self.body.is_round else ("normal", "point")
-        return ["gap", *(f"{vector}_{axis}" for vector in vectors for axis in self.names.axes)]
+        return ["gap", *(f"{vector}_{axis}" for vector in vectors for axis in self.body.names.axes)]
 
     @property
     def _pose(self) -> tuple[str, ...]:
         """Names of what the gap reads of the body."""
-        return self.names.position + (() if self.body.is_round else self.names.orientation)
+        return self.body.names.position + (() if self.body.is_round else self.body.names.orientation)
 
     def _gap_formulas(self, phase: Any, body: Any, t: float) -> Gap:
-        names = self.names
+        names = self.body.names
         rotation = None if self.body.is_round else rotation_rows(entries_at(body, names.orientation, t))
         return self.gap(entries_at(phase, names.axes, t), entries_at(body, names.position, t), rotation)
 
     def _lifted_gap(self, phase: Any, t: float) -> Gap:
         """The gap in its variables."""
         gap, *others = entries_at(phase, self._lifted, t)
-        normal = others[: len(self.names.axes)]
+        normal = others[: len(self.body.names.axes)]
         return Gap(gap, normal, others[len(normal) :] or [self.body.radius * n for n in normal])
 
     def _velocity_at(self, phase: Any, body: Any, t: float, at: Gap) -> list[Any]:
-        return self.velocity(at, entries_at(phase, self._speeds, t), entries_at(body, self.names.twist, t))
+        return self.velocity(at, entries_at(phase, self._speeds, t), entries_at(body, self.body.names.twist, t))
 
     def _formulas(self, phase: Any, body: Any, t: float) -> list[Any]:
         """Of the lifted variables."""
@@ -181,7 +177,7 @@ class RobotContact(ABC):
         return [at.gap, *at.normal, *at.point][: len(self._lifted)]
 
     def _set_wrench(self, phase: Any, push: Any) -> None:
-        names = self.names
+        names = self.body.names
         axes = len(names.axes)
 
         def wrench_on_body(b: Any, t: float) -> list[Any]:
@@ -247,8 +243,6 @@ class PlanarContact(RobotContact):
     body: PlanarShape
     robot: Disc
 
-    names = PLANE
-
     def tangents(self, at: Gap) -> list[Vector]:
         """The normal turned left."""
         return [[-at.normal[1], at.normal[0]]]
@@ -303,8 +297,6 @@ class SpatialContact(RobotContact):
     body: SpatialShape
     robot: Sphere
     never_normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
-
-    names = SPACE
 
     def __post_init__(self) -> None:
         super().__post_init__()

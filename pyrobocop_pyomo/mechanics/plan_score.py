@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import combinations
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.plotting import AnimationFile, BodyPath, animate_scene
 from pyrobocop_pyomo.presentation import Presented
 
-from .bodies import PLANE, SPACE, DiscRobot, Names, PlanarBody, SpatialBody, SphereRobot, check_positive
+from .bodies import DiscRobot, PlanarBody, SpatialBody, SphereRobot, check_positive
 from .contacts import PlanarContact, RobotContact, SpatialContact
 from .rotations import rotation_matrix, rotation_rows, rotation_vector
 from .shapes import Gap
@@ -231,21 +231,19 @@ class CombinedPlanScore(ABC):
     rest_at_end: bool = True
     bounds: Mapping[str, Mapping[str, tuple[float | None, float | None]]] = field(default_factory=dict)
 
-    names: ClassVar[Names]
-
     def __post_init__(self) -> None:
         check_positive(self, "friction", "step")
 
     @property
     def robot_components(self) -> tuple[str, ...]:
         """What is read of a robot's plan."""
-        motion = [f"me.{kind}{axis}" for kind in ("", "v", "tau_") for axis in self.names.axes]
-        return (*motion, "me.c", *(f"me.{name}" for name in self.names.tangential))
+        motion = [f"me.{kind}{axis}" for kind in ("", "v", "tau_") for axis in self.body.shape.names.axes]
+        return (*motion, "me.c", *(f"me.{name}" for name in self.body.shape.names.tangential))
 
     @property
     def hub_components(self) -> tuple[str, ...]:
         """What is read of the object's plan; where the object has no agent of its own, of each robot's copy."""
-        names = self.names
+        names = self.body.shape.names
         return tuple(f"body.{name}" for name in (*names.position, *names.orientation, *names.twist))
 
     def __call__(self, plans: Mapping[str, Mapping[str, Array]]) -> PhysicalScore:
@@ -333,7 +331,7 @@ class CombinedPlanScore(ABC):
         wrench : array, shape (T, 3) or (T, 6)
             Force and moment over each step: newtons, newton metres.
         """
-        axes, twist = len(self.names.axes), body.twist_at_start
+        axes, twist = len(self.body.shape.names.axes), body.twist_at_start
         positions, rotations = [body.position[0]], [body.rotation[0]]
         for pushed in wrench:
             twist = self._implicit_step(twist, rotations[-1], pushed)
@@ -356,7 +354,7 @@ class CombinedPlanScore(ABC):
 
     def _of_plan(self, body: PlannedBody, robots: Mapping[str, PlannedRobot]) -> PhysicalScore:
         """Score one combined plan."""
-        axes, every, twist = len(self.names.axes), _stacked(robots), body.twist(self.step)
+        axes, every, twist = len(self.body.shape.names.axes), _stacked(robots), body.twist(self.step)
         moves = np.diff(every.position, axis=1) / self.step
         velocity = np.concatenate([every.velocity[:, :1], moves], axis=1)
         at = self._gap(every, body)
@@ -400,17 +398,18 @@ class CombinedPlanScore(ABC):
         )
 
     def _robot_of(self, name: str, plan: Mapping[str, Array]) -> PlannedRobot:
-        axes = self.names.axes
+        axes = self.body.shape.names.axes
         position, velocity, force, tangential = (
             _columns(name, plan, [f"me.{each}" for each in names])
-            for names in (axes, [f"v{a}" for a in axes], [f"tau_{a}" for a in axes], self.names.tangential)
+            for names in (axes, [f"v{a}" for a in axes], [f"tau_{a}" for a in axes], self.body.shape.names.tangential)
         )
         return PlannedRobot(position, velocity, force, _component(name, plan, "me.c"), tangential)
 
     def _body_of(self, name: str, plan: Mapping[str, Array]) -> PlannedBody:
+        own = self.body.shape.names
         position, orientation, twist = (
             _columns(name, plan, [f"body.{each}" for each in names])
-            for names in (self.names.position, self.names.orientation, self.names.twist)
+            for names in (own.position, own.orientation, own.twist)
         )
         # Copies are kinematic: their velocities live on elements, so that the start of the object is taken as rest.
         start = twist[0] if len(twist) == len(position) else np.zeros(twist.shape[1])
@@ -429,7 +428,7 @@ class CombinedPlanScore(ABC):
 
     def _from_goal(self, body: PlannedBody) -> tuple[float, float]:
         """Distance and angle of the object at the end from its goal: metres, degrees."""
-        axes = len(self.names.axes)
+        axes = len(self.body.shape.names.axes)
         position, turn = list(self.goal)[:axes], [angle for angle in self.goal[axes:] if angle is not None]
         off = [_distance_outside(float(at), wanted) for at, wanted in zip(body.position[-1], position, strict=True)]
         if not turn:
@@ -445,9 +444,9 @@ class CombinedPlanScore(ABC):
         """Of a robot with the object."""
 
     @property
-    @abstractmethod
     def _inertia(self) -> Array:
         """Of the object along each velocity, in the directions of its frame."""
+        return np.array([*len(self.body.shape.names.axes) * [self.body.mass], *self.body.moments])
 
     @abstractmethod
     def _needed_wrench(self, rotation: Array, twist: Array, rates: Array) -> Array:
@@ -475,16 +474,10 @@ class PlanarScore(CombinedPlanScore):
     body: PlanarBody
     robot: DiscRobot
 
-    names = PLANE
-
     @property
     def contact(self) -> PlanarContact:
         """Of a robot with the object."""
         return PlanarContact(self.body.shape, self.robot.shape, self.friction)
-
-    @property
-    def _inertia(self) -> Array:
-        return np.array([self.body.mass, self.body.mass, self.body.inertia])
 
     def _needed_wrench(self, rotation: Array, twist: Array, rates: Array) -> Array:
         needed: Array = self._inertia * rates
@@ -511,16 +504,10 @@ class SpatialScore(CombinedPlanScore):
     robot: SphereRobot
     never_normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
 
-    names = SPACE
-
     @property
     def contact(self) -> SpatialContact:
         """Of a robot with the object."""
         return SpatialContact(self.body.shape, self.robot.shape, self.friction, never_normal=self.never_normal)
-
-    @property
-    def _inertia(self) -> Array:
-        return np.array([*3 * [self.body.mass], *self.body.moments])
 
     def _needed_wrench(self, rotation: Array, twist: Array, rates: Array) -> Array:
         force = self.body.mass * (rates[:, :3] + np.array([0.0, 0.0, self.body.gravity]))

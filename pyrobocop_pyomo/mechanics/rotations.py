@@ -14,6 +14,7 @@ from pyomo.core.expr import cos as expression_cos
 from pyomo.core.expr import sin as expression_sin
 
 from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.geometry.poses import dot
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import scipy
 
@@ -81,14 +82,6 @@ def cross_product(a: Vector, b: Vector) -> list[Any]:
     return [a[0] * b[1] - a[1] * b[0]] if len(a) == 2 else [-a[0] * b[1], a[0] * b[0]]
 
 
-def inner_product(a: Vector, b: Vector) -> Any:
-    """``a' b`` of as many entries each."""
-    product = a[0] * b[0]
-    for first, second in zip(a[1:], b[1:], strict=True):
-        product = product + first * second
-    return product
-
-
 def rotation_rows(entries: Vector) -> list[list[Any]]:
     """Rows of the rotation matrix with nine entries, or of that of one angle in the plane."""
     if len(entries) == 1:
@@ -123,9 +116,9 @@ def tangents_across(normal: Vector, singular: Vector) -> list[list[Any]]:
     first = np.cross(pole, np.eye(3)[np.abs(pole).argmin()])
     first /= np.linalg.norm(first)
     frame = []
-    nearness = 1 + inner_product(pole.tolist(), normal)
+    nearness = 1 + dot(pole.tolist(), normal)
     for axis in (first, np.cross(pole, first)):
-        share = inner_product(axis.tolist(), normal) / nearness
+        share = dot(axis.tolist(), normal) / nearness
         frame.append([float(a) - share * (float(p) + n) for a, p, n in zip(axis, pole, normal, strict=True)])
     return frame
 

@@ -13,8 +13,50 @@ from pyomo.core.expr import sqrt as expression_sqrt
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope
+from pyrobocop_pyomo.geometry.poses import dot
 
-from .rotations import Matrix, Vector, inner_product, rotation_rows
+from .rotations import Matrix, Vector, rotation_rows
+
+
+class Names(NamedTuple):
+    """What phases call the motion of bodies and robots, in the plane or in space.
+
+    Attributes
+    ----------
+    axes : tuple of str
+        Coordinates of a robot; its velocity and its driving force are named after them.
+    position, orientation : tuple of str
+        Of a body. Its orientation is an angle, or the entries of a rotation matrix by rows.
+    twist, wrench : tuple of str
+        Velocity and angular velocity; force and moment.
+    tangential : tuple of str
+        Forces of a contact along its tangents, then against them.
+    """
+
+    axes: tuple[str, ...]
+    position: tuple[str, ...]
+    orientation: tuple[str, ...]
+    twist: tuple[str, ...]
+    wrench: tuple[str, ...]
+    tangential: tuple[str, ...]
+
+
+PLANE = Names(
+    axes=("x", "y"),
+    position=("qx", "qy"),
+    orientation=("qth",),
+    twist=("ux", "uy", "uth"),
+    wrench=("fx", "fy", "mz"),
+    tangential=("alpha_plus", "alpha_minus"),
+)
+SPACE = Names(
+    axes=("x", "y", "z"),
+    position=("qx", "qy", "qz"),
+    orientation=tuple(f"R{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3)),
+    twist=("ux", "uy", "uz", "wx", "wy", "wz"),
+    wrench=("fx", "fy", "fz", "mx", "my", "mz"),
+    tangential=("alpha_1", "alpha_2", "alpha_3", "alpha_4"),
+)
 
 
 class Gap(NamedTuple):
@@ -35,6 +77,7 @@ class Gap(NamedTuple):
     point: Vector
 
 
+@dataclass(frozen=True)
 class RoundedShape:
     """A core, a point or a segment or a box, padded by a radius.
 
@@ -48,12 +91,12 @@ class RoundedShape:
         Padding of the core, metres.
     """
 
-    dimension: ClassVar[int]
+    names: ClassVar[Names]
     # Added to squared lengths before their root is taken, square metres: a length of zero would have no derivative.
     _small_area: ClassVar[float]
 
     radius: float
-    smoothing: float
+    smoothing = 0.0
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -63,8 +106,8 @@ class RoundedShape:
     @property
     def core(self) -> tuple[float, ...]:
         """Half the length of the core along each axis of the body, metres; 0 along those that a shape does not name."""
-        names = ("half_length", "half_width", "half_height")[: self.dimension]
-        return tuple(getattr(self, name, 0.0) for name in names)
+        names = ("half_length", "half_width", "half_height")
+        return tuple(getattr(self, name, 0.0) for name, _ in zip(names, self.names.axes, strict=False))
 
     @property
     def is_round(self) -> bool:
@@ -90,18 +133,18 @@ class RoundedShape:
         Gap
         """
         apart = [c - q for c, q in zip(centre, position, strict=True)]
-        core: Vector = (0.0,) * self.dimension
+        core: Vector = (0.0,) * len(apart)
         if not self.is_round:
             if rotation is None:
                 raise ObstacleError(f"{type(self).__name__}: its gap needs the rotation of the body.")
             # The point of the core that is nearest, in the frame of the body.
-            along = [inner_product(column, apart) for column in zip(*rotation, strict=True)]
+            along = [dot(column, apart) for column in zip(*rotation, strict=True)]
             in_frame = [
                 limited(x, half, self.smoothing) if half else 0.0 for x, half in zip(along, self.core, strict=True)
             ]
-            core = [inner_product(row, in_frame) for row in rotation]
+            core = [dot(row, in_frame) for row in rotation]
             apart = [d - k for d, k in zip(apart, core, strict=True)]
-        length = root(inner_product(apart, apart) + self._small_area)
+        length = root(dot(apart, apart) + self._small_area)
         normal = [d / length for d in apart]
         return Gap(
             length - self.radius - radius, normal, [k + self.radius * n for k, n in zip(core, normal, strict=True)]
@@ -128,14 +171,11 @@ def root(value: Any) -> Any:
     return np.sqrt(value) if isinstance(value, np.ndarray) else expression_sqrt(value)
 
 
-@dataclass(frozen=True)
 class PlanarShape(RoundedShape):
     """A shape in the plane; see `RoundedShape`."""
 
-    dimension = 2
+    names = PLANE
     _small_area = 1e-6
-
-    radius: float
 
     def gap_to_disc(self, disc_radius: float, x: Any, y: Any, pose: Vector = (0.0, 0.0, 0.0)) -> Gap:
         """The gap to a disc.
@@ -157,19 +197,15 @@ class PlanarShape(RoundedShape):
         return self.gap_to_ball(disc_radius, (x, y), pose[:2], rotation_rows(pose[2:]))
 
 
-@dataclass(frozen=True)
 class SpatialShape(RoundedShape):
     """A shape in space; see `RoundedShape`."""
 
-    dimension = 3
+    names = SPACE
     _small_area = 1e-12
-
-    radius: float
 
     gap_to_sphere = RoundedShape.gap_to_ball
 
 
-@dataclass(frozen=True)
 class Disc(PlanarShape):
     """A disc around the origin of the body's frame."""
 
@@ -214,7 +250,6 @@ class RoundedBox(PlanarShape):
     smoothing: float = 0.01
 
 
-@dataclass(frozen=True)
 class Sphere(SpatialShape):
     """A sphere around the origin of the body's frame."""
 

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from pyomo.core.expr.calculus.derivatives import Modes, differentiate
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.mechanics.rotations import cross_product, inner_product, rotation_matrix, rotation_rows
+from pyrobocop_pyomo.geometry.poses import dot
+from pyrobocop_pyomo.mechanics.rotations import cross_product, rotation_matrix, rotation_rows
 
 planar, spatial = rcp.mechanics.planar, rcp.mechanics.spatial
 SHAPES = [
@@ -27,7 +28,7 @@ SHAPES = [
 
 def gap_at(shape: Any, point: Any) -> Any:
     """To a ball of 0.1 m; a point holds its centre, and of the shape the position and what says its orientation."""
-    d = shape.dimension
+    d = len(shape.core)
     return shape.gap_to_ball(0.1, point[:d], point[d : 2 * d], rotation_rows(point[2 * d :]))
 
 
@@ -35,7 +36,7 @@ def gap_at(shape: Any, point: Any) -> Any:
 def scenes(draw: Any) -> tuple[Any, list[float]]:
     """A shape and a point, at which the ball is far enough from the core to be a state of motion."""
     shape = draw(st.sampled_from(SHAPES))
-    d = shape.dimension
+    d = len(shape.core)
     place, position = (draw(st.tuples(*d * [st.floats(-most, most)])) for most in (2, 1))
     turn = draw(st.tuples(*3 * [st.floats(-1.5, 1.5)]))
     point = [*place, *position, *([2 * turn[0]] if d == 2 else rotation_matrix(turn).ravel().tolist())]
@@ -47,7 +48,7 @@ def scenes(draw: Any) -> tuple[Any, list[float]]:
 @given(scene=scenes())
 def test_the_smooth_gap_is_the_distance_of_the_shapes(scene: tuple[Any, list[float]]) -> None:
     shape, point = scene
-    d, gap = shape.dimension, gap_at(*scene).gap
+    d, gap = len(shape.core), gap_at(*scene).gap
     if gap < 0 and d == 3:
         return
     pose = rcp.planar_pose(*point[2:]) if d == 2 else rcp.spatial_pose(point[3:6], matrix=rotation_rows(point[6:]))
@@ -60,7 +61,7 @@ def test_the_smooth_gap_is_the_distance_of_the_shapes(scene: tuple[Any, list[flo
 def test_numbers_arrays_and_expressions_agree_and_derivatives_are_exact(scene: tuple[Any, list[float]]) -> None:
     """In the centre, the position and the orientation; away from the ends of the core the normal is the gradient."""
     shape, point = scene
-    d, h = shape.dimension, 1e-6
+    d, h = len(shape.core), 1e-6
     m = pyo.ConcreteModel()
     m.v = pyo.Var(range(len(point)), initialize=dict(enumerate(point)))
     variables, at = list(m.v.values()), gap_at(*scene)
@@ -90,7 +91,7 @@ def test_numbers_arrays_and_expressions_agree_and_derivatives_are_exact(scene: t
 def test_action_is_reaction_and_power_is_force_times_slip(scene: Any, force: Any, twist: Any) -> None:
     """Forces cancel, and so do their moments, since they act at one point."""
     shape, at = scene[0], gap_at(*scene)
-    d = shape.dimension
+    d = len(shape.core)
     force, velocity, twist = force[:d], (0.3, -0.7, 0.2)[:d], twist[: 3 * (d - 1)]
     contact = (
         planar.Contact(shape, planar.Disc(0.1), 0.7) if d == 2 else spatial.Contact(shape, spatial.Sphere(0.1), 0.7)
@@ -99,11 +100,11 @@ def test_action_is_reaction_and_power_is_force_times_slip(scene: Any, force: Any
     tangents = contact.tangents(at)
     assert d == 3 or tangents == [[-at.normal[1], at.normal[0]]]
     wrench = contact.wrench_on_body(at, force[0], force[1:])
-    on_robot = [inner_product(force, column) for column in zip(at.normal, *tangents, strict=True)]
+    on_robot = [dot(force, column) for column in zip(at.normal, *tangents, strict=True)]
     np.testing.assert_allclose(np.add(wrench[:d], on_robot), 0.0, atol=1e-12)
     np.testing.assert_allclose(np.subtract(wrench[d:], cross_product(at.point, wrench[:d])), 0.0, atol=1e-12)
-    power = inner_product(on_robot, velocity) + inner_product(wrench, twist)
-    assert power == pytest.approx(inner_product(force, contact.velocity(at, velocity, twist)), abs=1e-9)
+    power = dot(on_robot, velocity) + dot(wrench, twist)
+    assert power == pytest.approx(dot(force, contact.velocity(at, velocity, twist)), abs=1e-9)
 
 
 def test_shapes_travel() -> None:

@@ -12,9 +12,9 @@ from pyomo.core.expr.calculus.derivatives import Modes, differentiate
 from scipy.linalg import expm
 
 from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.geometry.poses import dot
 from pyrobocop_pyomo.mechanics.rotations import (
     cross_product,
-    inner_product,
     rotation_matrix,
     rotation_vector,
     tangents_across,
@@ -109,10 +109,8 @@ def test_tangents_are_a_right_handed_frame_and_turn_smoothly(normal: np.ndarray,
     if away < 0.02:
         return
     first, second = np.array(tangents_across(normal, singular))
-    np.testing.assert_allclose([inner_product(first, first), inner_product(second, second)], 1.0, atol=1e-12)
-    np.testing.assert_allclose(
-        [inner_product(first, normal), inner_product(second, normal), inner_product(first, second)], 0.0, atol=1e-12
-    )
+    np.testing.assert_allclose([dot(first, first), dot(second, second)], 1.0, atol=1e-12)
+    np.testing.assert_allclose([dot(first, normal), dot(second, normal), dot(first, second)], 0.0, atol=1e-12)
     np.testing.assert_allclose(cross_product(first, second), normal, atol=1e-12)
     h = 1e-5
     nearby = normal + h * first

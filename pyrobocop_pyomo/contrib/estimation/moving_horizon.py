@@ -306,12 +306,8 @@ class MovingHorizon:
 
     def _columns(self) -> NDArray[np.intp]:
         """Where the variables of the cost stand in the program."""
-        columns = np.empty(self._moments.size, dtype=np.intp)
-        for column, variable in enumerate(self._program.compiled.variables):
-            place = self._place.get(id(variable))
-            if place is not None:
-                columns[place] = column
-        return columns
+        column_of = {id(variable): column for column, variable in enumerate(self._program.compiled.variables)}
+        return np.array([column_of[id(variable)] for variable in self._cost.variables], dtype=np.intp)
 
     def _rows_ahead(self) -> NDArray[np.bool_]:
         """Which rows of the program read what is later than the last sample."""

@@ -14,12 +14,10 @@ import numpy as np
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.contrib.robots.least_squares import damped_least_squares
 from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.geometry.distance import TOUCHING
 from pyrobocop_pyomo.geometry.nearest_points import nearest_differences
 from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
-from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array, BoolArray
@@ -28,13 +26,15 @@ from pyrobocop_pyomo.obstacles.avoidance_block import ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.obstacles.rerouting import InnerAndOuterBall
 from pyrobocop_pyomo.obstacles.scene import ConvexPart
 
+from .inverse_dynamics import columns_of, names_read
+from .least_squares import damped_least_squares
+
 # Random configurations: for the size of a coordinate, and for solutions of rows at one end of the phase.
 SAMPLES, CANDIDATES, MOST_ENDS = 64, 300, 8
 # First from afar, then to the last digits.
 DAMPINGS = 1e-2, 1e-8
 # Corners of unbounded shapes are that many times the size of the scene away.
 FAR = 1e3
-TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True)
@@ -123,15 +123,8 @@ class ConfigurationSpace:
 
     def _states_read(self) -> list[str]:
         t = self._times[0]
-        read = {
-            id(variable)
-            for pose in self._poses(t).values()
-            for entry in pose.entries
-            if hasattr(entry, "is_expression_type")
-            for variable in variables_in(entry, include_fixed=True)
-        }
-        names = self.phase.record.names_of_states
-        return [name for name in names if id(self.phase.component(name)[t]) in read]
+        states = {name: self.phase.component(name)[t] for name in self.phase.record.names_of_states}
+        return names_read([entry for pose in self._poses(t).values() for entry in pose.entries], states)
 
     def _place_shapes(self) -> None:
         """Functions for the poses, corners of all shapes as one array, and the pairs of shapes that are kept apart.
@@ -177,26 +170,22 @@ class ConfigurationSpace:
         self._pairs = np.array([[number[a], number[b]] for a, b in pairs])
         self._clearances = np.array(clearances)
         self._radii = np.array([part.shape.radius for _, part in self._parts])
-        self._extent = self._size_of_scene()
-        count = max(len(part.shape.vertices) * (2 if len(part.shape.rays) else 1) for _, part in self._parts)
-        self._corners = np.array([self._padded(part, count) for _, part in self._parts])
+        vertices = np.vstack([part.shape.vertices for _, part in self._parts])
+        self._extent = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+        corners = [self._corners_of(part) for _, part in self._parts]
+        count = max(map(len, corners))
+        # All shapes get as many: the first corner is repeated.
+        self._corners = np.array([np.vstack([each, *[each[:1]] * (count - len(each))]) for each in corners])
         self._balls = 0.5 * (self._corners.min(axis=1) + self._corners.max(axis=1))
         self._outer = np.linalg.norm(self._corners - self._balls[:, None], axis=2).max(axis=1)
         order = {body: position for position, body in enumerate(self._bodies)}
         self._body_of = np.array([order.get((k, part.body), -1) for k, part in self._parts])
 
-    def _size_of_scene(self) -> float:
-        corners = np.vstack([part.shape.vertices for _, part in self._parts])
-        return float(np.linalg.norm(np.ptp(corners, axis=0)))
-
-    def _padded(self, part: ConvexPart, count: int) -> Array:
-        """Corners of a shape, far ones for its rays, the first repeated so that all shapes have as many."""
-        corners = part.shape.vertices
-        if len(part.shape.rays):
-            away = part.shape.rays.sum(axis=0)
-            ends = [corners[:1] + FAR * self._extent * ray for ray in (*part.shape.rays, away)]
-            corners = np.vstack([corners, *ends])[: max(count, len(corners) + len(ends))]
-        return np.vstack([corners, np.repeat(corners[:1], max(count - len(corners), 0), axis=0)])
+    def _corners_of(self, part: ConvexPart) -> Array:
+        """Corners of a shape, and far ones for its rays."""
+        corners, rays = part.shape.vertices, part.shape.rays
+        away = (*rays, rays.sum(axis=0)) if len(rays) else ()
+        return np.vstack([corners, *(corners[:1] + FAR * self._extent * ray for ray in away)])
 
     def _region(self) -> tuple[Array, Array]:
         """Bounds of the coordinates; where there are none, a turn around the ends or as far as the scene is large."""
@@ -214,7 +203,7 @@ class ConfigurationSpace:
         """Whether a full turn of a coordinate changes no pose."""
         points = np.random.default_rng(1).uniform(-1.0, 1.0, (3, len(self.names)))
         turned = points.copy()
-        turned[:, k] += TURN
+        turned[:, k] += 2.0 * np.pi
         return bool(np.allclose(self._line(points), self._line(turned), atol=1e-9))
 
     def guess(self) -> Array:
@@ -407,11 +396,4 @@ class ConfigurationSpace:
 def _columns_of(expressions: Sequence[Any], variables: Sequence[Any]) -> Callable[[Array], Array]:
     """Expressions as a function of points (k, n) that gives their values, (k, m)."""
     steps = ExpressionSteps(expressions)
-
-    def columns(points: Array) -> Array:
-        found = steps.evaluate_at(dict(zip(map(id, variables), points.T, strict=True)), ARRAY_FUNCTIONS)
-        return (
-            np.array([np.broadcast_to(entry, len(points)) for entry in found], dtype=float).reshape(-1, len(points)).T
-        )
-
-    return columns
+    return lambda points: columns_of(steps, dict(zip(map(id, variables), points.T, strict=True)), len(points))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -48,21 +48,10 @@ class InverseDynamics:
         }
         names = [*record.names_of_states, *record.names_of_signals]
         self.variables = {name: phase.component(name)[time] for name in names}
-        self._name = {id(variable): name for name, variable in self.variables.items()}
-
-    def name_of(self, entry: Any) -> str | None:
-        """Name of an entry that is one of the variables; None for all others."""
-        return self._name.get(id(entry)) if getattr(entry, "is_variable_type", bool)() else None
 
     def read(self, expressions: Sequence[Any]) -> list[str]:
         """Names of what expressions read of the phase, in the order of declaration."""
-        found = {
-            id(variable)
-            for expression in expressions
-            if hasattr(expression, "is_expression_type")
-            for variable in variables_in(expression, include_fixed=True)
-        }
-        return [name for name, variable in self.variables.items() if id(variable) in found]
+        return names_read(expressions, self.variables)
 
     def inputs(self, states: Sequence[str]) -> list[str]:
         """What the rates of some states read."""
@@ -71,8 +60,7 @@ class InverseDynamics:
     def evaluated(self, expressions: Sequence[Any], values: Columns, count: int) -> Array:
         """Values of expressions, ``(count, len(expressions))``."""
         leaves = {id(self.variables[name]): column for name, column in values.items()}
-        found = ExpressionSteps(expressions).evaluate_at(leaves, ARRAY_FUNCTIONS)
-        return np.array([np.broadcast_to(each, count) for each in found], dtype=float).T
+        return columns_of(ExpressionSteps(expressions), leaves, count)
 
     def sampled(self, states: Sequence[str], generator: np.random.Generator) -> Columns:
         """Random values of states and of all that their rates read, the latter often at their bounds."""
@@ -134,3 +122,20 @@ class InverseDynamics:
         """A value to start from: off zero, where a car at rest would not feel its steering."""
         low, high = self.variables[name].bounds
         return within_bounds(0.0, self.variables[name]) if low is None or high is None else 0.6 * high + 0.4 * low
+
+
+def names_read(expressions: Sequence[Any], variables: Mapping[str, Any]) -> list[str]:
+    """Names of the variables that expressions read, in the order of the variables."""
+    read = {
+        id(variable)
+        for expression in expressions
+        if hasattr(expression, "is_expression_type")
+        for variable in variables_in(expression, include_fixed=True)
+    }
+    return [name for name, variable in variables.items() if id(variable) in read]
+
+
+def columns_of(steps: ExpressionSteps, leaves: Mapping[int, Array], count: int) -> Array:
+    """Values of expressions, ``(count, expressions)``, from those of their variables, ``(count,)``, by identity."""
+    values = steps.evaluate_at(leaves, ARRAY_FUNCTIONS)
+    return np.array([np.broadcast_to(each, count) for each in values], dtype=float).reshape(-1, count).T

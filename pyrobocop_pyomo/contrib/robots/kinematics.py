@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +10,8 @@ import numpy as np
 from pyomo.core.expr import cos, sin
 
 from pyrobocop_pyomo.geometry import Pose
+from pyrobocop_pyomo.geometry.poses import dot
+from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.rounding import ROUNDING
 
 TURNING = ("revolute", "continuous")
@@ -23,7 +25,7 @@ class Joint:
 
     Attributes
     ----------
-    name, kind, parent, child : str
+    name, kind, parent : str
     origin : array, shape (4, 4)
     axis : array, shape (3,)
         Unit vector in the frame of the joint.
@@ -36,7 +38,6 @@ class Joint:
     name: str
     kind: str
     parent: str
-    child: str
     origin: np.ndarray
     axis: np.ndarray
     limits: tuple[float, float]
@@ -47,6 +48,11 @@ class Joint:
         """Whether its child moves relative to its parent."""
         return self.kind != "fixed"
 
+    @property
+    def leader(self) -> str:
+        """The joint whose coordinate moves it: another one, where it mimics that."""
+        return self.name if self.mimics is None else self.mimics[0]
+
     def pose(self, coordinate: Any) -> Pose:
         """Pose of the child in the frame of the parent; a joint without one coordinate is given the pose itself."""
         fixed = constant_pose(self.origin)
@@ -55,42 +61,30 @@ class Joint:
         if self.kind in WITH_A_POSE:
             return fixed @ coordinate
         if self.kind == "prismatic":
-            return fixed @ Pose(Pose.identity(3).rotation, tuple(_times(float(a), coordinate) for a in self.axis))
+            return fixed @ Pose(Pose.identity(3).rotation, tuple(dot((float(a),), (coordinate,)) for a in self.axis))
         return fixed @ _turn_about(self.axis, coordinate)
 
 
 def constant_pose(matrix: np.ndarray) -> Pose:
-    """A pose of numbers from a homogeneous matrix; zeros and ones are exact, so that products with them vanish."""
-    rotation = np.array(matrix[:3, :3], dtype=float)
-    for exact in (-1.0, 0.0, 1.0):  # sin(pi) and the like are meant to be
-        rotation[np.abs(rotation - exact) <= ROUNDING] = exact
-    return Pose(tuple(map(tuple, rotation.tolist())), tuple(np.asarray(matrix[:3, 3], dtype=float).tolist()))
+    """A pose of numbers from a homogeneous matrix."""
+    return Pose(_rounded(matrix[:3, :3]).tolist(), np.asarray(matrix[:3, 3], dtype=float).tolist())
 
 
-def _times(factor: float, coordinate: Any) -> Any:
-    if factor in (0.0, 1.0):
-        return coordinate if factor == 1.0 else 0.0
-    return factor * coordinate
+def _rounded(factors: Array) -> Array:
+    """Numbers of which zeros and ones are exact, as sin(pi) and the like are meant: products with them vanish."""
+    rounded = np.array(factors, dtype=float)
+    for exact in (-1.0, 0.0, 1.0):
+        rounded[np.abs(rounded - exact) <= ROUNDING] = exact
+    return rounded
 
 
 def _turn_about(axis: np.ndarray, angle: Any) -> Pose:
     """Rodrigues' formula ``u u' + (I - u u') cos(angle) + [u] sin(angle)``."""
     along = np.outer(axis, axis)
     crossed = np.cross(axis, np.eye(3), axisb=1).T  # columns: axis x unit vector
-    cosine, sine = cos(angle), sin(angle)
-    rows = []
-    for i in range(3):
-        row: list[Any] = []
-        for j in range(3):
-            entry: Any = 0.0
-            factors = (along[i, j], float(i == j) - along[i, j], crossed[i, j])
-            for factor, term in zip(factors, (1.0, cosine, sine), strict=True):
-                if abs(factor) > ROUNDING:
-                    part = term if abs(factor - 1.0) <= ROUNDING else float(factor) * term
-                    entry = part if isinstance(entry, float) and entry == 0.0 else entry + part
-            row.append(entry)
-        rows.append(tuple(row))
-    return Pose(tuple(rows), (0.0, 0.0, 0.0))
+    factors = _rounded(np.stack([along, np.eye(3) - along, crossed], axis=2))
+    terms = (1.0, cos(angle), sin(angle))
+    return Pose(tuple(tuple(dot(entry, terms) for entry in row) for row in factors.tolist()), (0.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,13 +109,16 @@ class KinematicTree:
             link = found[-1].parent
         return found[::-1]
 
-    def pose(self, link: str, coordinates: Mapping[str, Any], base: Pose | None) -> Pose:
-        """Pose of a link in the world, from coordinates (numbers, expressions, poses) by the name of the joint."""
+    def pose(self, link: str, coordinate_of: Callable[[str], Any], base: Pose) -> Pose:
+        """Pose of a link in the world, from the coordinate (number, expression, pose) by the name of a joint."""
         pose = base
         for joint in self.chain(link):
-            step = joint.pose(coordinates.get(joint.name))
-            pose = step if pose is None else pose @ step
-        return Pose.identity(3) if pose is None else pose
+            coordinate: Any = coordinate_of(joint.leader) if joint.moves else None
+            if joint.moves and joint.mimics is not None:
+                _, factor, offset = joint.mimics
+                coordinate = factor * coordinate + offset
+            pose = pose @ joint.pose(coordinate)
+        return pose
 
     def rigid_group(self, link: str) -> str:
         """The link nearest to the root that a link is fixed to: both never move relative to each other."""

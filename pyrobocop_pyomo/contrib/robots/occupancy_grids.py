@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.geometry import planar_pose
 from pyrobocop_pyomo.geometry.polyhedra import convex_hull
 from pyrobocop_pyomo.geometry.polytope import Polytope
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
@@ -130,8 +131,8 @@ def _read_origin(origin: Any, dimension: int, name: str) -> tuple[np.ndarray, np
         raise ObstacleError(f"'{name}': origin {origin!r}; expected {expected}.")
     if dimension == 3 or len(numbers) == 2:
         return numbers, np.eye(dimension)
-    cosine, sine = math.cos(numbers[2]), math.sin(numbers[2])
-    return numbers[:2], np.array([[cosine, -sine], [sine, cosine]])
+    turn, start = planar_pose(*numbers.tolist()).numbers()
+    return start, turn
 
 
 # --------------------------------------------------------------------------------------------------------------- boxes

@@ -54,7 +54,8 @@ def cover_point_cloud(points: Any, tolerance: float, *, radius: float = 0.0, nam
         raise ObstacleError(f"'{name}': tolerance {tolerance!r}; expected a positive length.")
     cloud = np.unique(cloud, axis=0)
     cover = _Cover(cloud, float(tolerance))
-    parts = cover.joined(cover.split(np.arange(len(cloud))))
+    # Neighbours are joined while the hull of both is near enough.
+    parts = joined(cover.split(), lambda part: cloud[part], 2.0 * float(tolerance), cover.join)
     labels = [name] if len(parts) == 1 else [f"{name}[{k}]" for k in range(1, len(parts) + 1)]
     return [
         Polytope.hull(cloud[part], radius=radius, allow_flat=True, name=label)
@@ -69,9 +70,9 @@ class _Cover:
         self.cloud, self.tolerance = cloud, tolerance
         self.tree = scipy.spatial.cKDTree(cloud)
 
-    def split(self, part: np.ndarray) -> list[np.ndarray]:
-        """Halve a set across its longest direction until every hull is near enough."""
-        done, waiting = [], [part]
+    def split(self) -> list[np.ndarray]:
+        """Halve the cloud across its longest direction until every hull is near enough."""
+        done, waiting = [], [np.arange(len(self.cloud))]
         while waiting:
             part = waiting.pop()
             if len(part) == 1 or self._is_near(self.cloud[part]):
@@ -88,11 +89,8 @@ class _Cover:
             waiting += [part[order[:cut]], part[order[cut:]]]
         return done
 
-    def joined(self, parts: list[np.ndarray]) -> list[np.ndarray]:
-        """Join neighbours while the hull of both is near enough."""
-        return joined(parts, lambda part: self.cloud[part], 2.0 * self.tolerance, self._join)
-
-    def _join(self, one: np.ndarray, other: np.ndarray) -> np.ndarray | None:
+    def join(self, one: np.ndarray, other: np.ndarray) -> np.ndarray | None:
+        """Two sets as one; None where its hull would not be near enough."""
         both = np.concatenate([one, other])
         return both if self._is_near(self.cloud[both]) else None
 

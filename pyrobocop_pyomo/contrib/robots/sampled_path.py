@@ -75,11 +75,6 @@ def sampled_path(
         arm.initialize(rcp.scenes.sampled_path(arm))
     """
     space = ConfigurationSpace(phase)
-    return _timed(phase, space, path_in(space, clearances, samples, seed))
-
-
-def path_in(space: ConfigurationSpace, clearances: float, samples: int, seed: int) -> Array:
-    """Configurations (k, n) along a clear path, evenly spaced in lengths; see `sampled_path`."""
     generator = np.random.default_rng(seed)
     starts = space.ends(False, space.guess()[-1], generator)
     goals = space.ends(True, starts[0], generator)
@@ -101,7 +96,7 @@ def path_in(space: ConfigurationSpace, clearances: float, samples: int, seed: in
         )
     path = shortened(path, are_clear, spacing=space.spacing, tries=SHORTCUTS, generator=generator)
     logger.info("%s: a path of %d lines after %d samples.", space.label, len(path) - 1, used)
-    return np.asarray(_rounded(path, are_clear, space.spacing) / lengths)
+    return _timed(phase, space, _rounded(path, are_clear, space.spacing) / lengths)
 
 
 def _rounded(path: Array, are_clear: Callable[[Array], Any], spacing: float) -> Array:

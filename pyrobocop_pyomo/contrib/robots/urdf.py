@@ -25,8 +25,6 @@ from .kinematics import WITH_A_POSE, WITH_ONE_COORDINATE, Joint, KinematicTree
 
 logger = logging.getLogger(__name__)
 
-Follows = tuple[str, float, float]  # a joint that moves by itself, and the factor and offset of its coordinate
-
 
 @dataclass(frozen=True, eq=False)
 class DescribedRobot(Presented):
@@ -51,7 +49,6 @@ class DescribedRobot(Presented):
     limits: Mapping[str, tuple[float, float]]
     pose_rules: Mapping[str, Callable[[Any, Any], Pose]] = field(repr=False)
     _tree: KinematicTree = field(repr=False)
-    _mimics: Mapping[str, Follows] = field(repr=False)
 
     def poses(self, coordinates: Mapping[str, Any], base: Pose | None = None) -> dict[str, Pose]:
         """Poses of all links from coordinates (numbers, expressions, or poses) by the name of the joint.
@@ -61,11 +58,12 @@ class DescribedRobot(Presented):
         ObstacleError
             Where the coordinate of a joint is missing.
         """
-        known = _with_mimics(coordinates, self._mimics)
-        missing = [joint.name for joint in self._tree.joints.values() if joint.moves and joint.name not in known]
+        joints = [joint for joint in self._tree.joints.values() if joint.moves]
+        missing = [joint.name for joint in joints if joint.leader not in coordinates]
         if missing:
             raise ObstacleError(f"robot '{self.name}': no coordinate of {', '.join(map(repr, missing))}.")
-        return {link: self._tree.pose(link, known, base) for link in self.pose_rules}
+        base = Pose.identity(3) if base is None else base
+        return {link: self._tree.pose(link, coordinates.__getitem__, base) for link in self.pose_rules}
 
     def _summary(self) -> str:
         return f"'{self.name}': {len(self.bodies)} bodies, {len(self.limits)} joints: {', '.join(self.limits)}"
@@ -122,12 +120,12 @@ def from_urdf(
         raise ObstacleError(f"from_urdf: meshes={meshes!r}; expected one of {', '.join(map(repr, MESHES))}.")
     robot, folder = _read(description)
     tree = _tree_of(robot)
-    mimics = _followed(tree)
-    rules = _coordinate_rules(robot.name, tree, joints, mimics)
+    rules = _coordinate_rules(robot.name, tree, joints)
+    base = Pose.identity(3) if base is None else base
     of_base = _rule_of_base(base)
     folders = {"": folder, **{name: Path(path) for name, path in (packages or {}).items()}}
     links = {link.name: link for link in robot.links}
-    pose_rules = {name: _pose_rule(tree, name, rules, mimics, of_base) for name in links}
+    pose_rules = {name: _pose_rule(tree, name, rules, of_base) for name in links}
     shapes = {name: shapes_of_link(link, sides, meshes, folders) for name, link in links.items()}
     bodies: dict[str, Body] = {}
     for name, link in links.items():
@@ -140,8 +138,8 @@ def from_urdf(
                     name,
                 )
             continue
-        if tree.rigid_group(name) == tree.root and (base is None or isinstance(base, Pose)):
-            bodies[name] = Body([shape.placed(tree.pose(name, {}, base)) for shape in shapes[name]])
+        if tree.rigid_group(name) == tree.root and isinstance(base, Pose):
+            bodies[name] = Body([shape.placed(pose_rules[name](None, None)) for shape in shapes[name]])
         else:
             bodies[name] = Body(shapes[name], pose_rules[name])
     if not bodies:
@@ -152,7 +150,7 @@ def from_urdf(
         if joint.kind in WITH_ONE_COORDINATE and joint.mimics is None
     }
     exclude = _excluded(tree, list(bodies), _disabled(srdf))
-    return DescribedRobot(robot.name, bodies, exclude, limits, pose_rules, tree, mimics)
+    return DescribedRobot(robot.name, bodies, exclude, limits, pose_rules, tree)
 
 
 def _read(description: str | Path) -> tuple[Any, Path]:
@@ -208,13 +206,16 @@ def _joint(given: Any) -> Joint:
         factor, offset = given.mimic.multiplier, given.mimic.offset
         mimics = (given.mimic.joint, 1.0 if factor is None else float(factor), 0.0 if offset is None else float(offset))
     origin = np.eye(4) if given.origin is None else np.asarray(given.origin, dtype=float)
-    return Joint(given.name, given.type, given.parent, given.child, origin, axis / (length or 1.0), limits, mimics)
+    return Joint(given.name, given.type, given.parent, origin, axis / (length or 1.0), limits, mimics)
 
 
 def _coordinate_rules(
-    name: str, tree: KinematicTree, joints: Mapping[str, Any], mimics: Mapping[str, Any]
+    name: str, tree: KinematicTree, joints: Mapping[str, Any]
 ) -> dict[str, Callable[[Any, Any], Any]]:
-    movable = {joint.name: joint for joint in tree.joints.values() if joint.moves and joint.name not in mimics}
+    movable = {joint.name: joint for joint in tree.joints.values() if joint.moves and joint.mimics is None}
+    for joint in tree.joints.values():
+        if joint.leader not in movable and joint.mimics is not None:
+            raise ObstacleError(f"joint '{joint.name}' mimics '{joint.leader}', which does not move by itself.")
     unknown = [joint for joint in joints if joint not in movable]
     missing = [joint for joint in movable if joint not in joints]
     if unknown or missing:
@@ -239,47 +240,22 @@ def _coordinate_rule(joint: str, given: Any, kind: str) -> Callable[[Any, Any], 
     return lambda block, t: given
 
 
-def _rule_of_base(base: Any) -> Callable[[Any, Any], Pose | None]:
-    if base is None or isinstance(base, Pose):
+def _rule_of_base(base: Any) -> Callable[[Any, Any], Pose]:
+    if isinstance(base, Pose):
         return lambda block, t: base
     if not callable(base):
         raise ObstacleError(f"from_urdf: base={base!r}; expected a Pose or a rule(block, t) that returns one.")
     return base
 
 
-def _followed(tree: KinematicTree) -> dict[str, Follows]:
-    """Of every mimicking joint, the one that it follows."""
-    found = {joint.name: joint.mimics for joint in tree.joints.values() if joint.mimics is not None}
-    free = {joint.name for joint in tree.joints.values() if joint.moves} - set(found)
-    for joint, (followed, _, _) in found.items():
-        if followed not in free:
-            raise ObstacleError(f"joint '{joint}' mimics '{followed}', which does not move by itself.")
-    return found
-
-
-def _with_mimics(coordinates: Mapping[str, Any], mimics: Mapping[str, Follows]) -> dict[str, Any]:
-    following = {
-        joint: factor * coordinates[followed] + offset
-        for joint, (followed, factor, offset) in mimics.items()
-        if followed in coordinates
-    }
-    return {**coordinates, **following}
-
-
 def _pose_rule(
     tree: KinematicTree,
     link: str,
     rules: Mapping[str, Callable[[Any, Any], Any]],
-    mimics: Mapping[str, Follows],
-    of_base: Callable[[Any, Any], Pose | None],
+    of_base: Callable[[Any, Any], Pose],
 ) -> Callable[[Any, Any], Pose]:
-    names = [joint.name for joint in tree.chain(link) if joint.moves]
-    needed = {name: rules[name] for name in (mimics[name][0] if name in mimics else name for name in names)}
-    following = {name: mimics[name] for name in names if name in mimics}
-
     def pose(block: Any, t: Any) -> Pose:
-        coordinates = {name: rule(block, t) for name, rule in needed.items()}
-        return tree.pose(link, _with_mimics(coordinates, following), of_base(block, t))
+        return tree.pose(link, lambda joint: rules[joint](block, t), of_base(block, t))
 
     return pose
 

@@ -95,15 +95,7 @@ def follow_arc(poses: Array, lengths: Array, curvatures: Array, trailer: Trailer
         Curvature is positive to the left, ``tan(steering) / wheelbase``.
     trailer : Trailer, optional
     """
-    half = 0.5 * lengths * curvatures
-    chord = lengths * np.sinc(half / np.pi)
-    middle = poses[..., 2] + half
-    after = [
-        poses[..., 0] + chord * np.cos(middle), poses[..., 1] + chord * np.sin(middle), poses[..., 2] + 2.0 * half,
-    ]  # fmt: skip
-    if trailer is not None:
-        after.append(trailer.turned(poses[..., 3], lengths, curvatures))
-    return np.stack(after, -1)
+    return follow_arcs(poses, lengths[..., None], curvatures[..., None], trailer)[..., 1, :]
 
 
 def follow_arcs(poses: Array, lengths: Array, curvatures: Array, trailer: Trailer | None = None) -> Array:
@@ -126,6 +118,13 @@ def follow_arcs(poses: Array, lengths: Array, curvatures: Array, trailer: Traile
     for k in range(chord.shape[-1]):
         angles.append(np.broadcast_to(trailer.turned(angles[-1], lengths[..., k], curvatures[..., k]), shape))
     return np.concatenate([along, np.stack(angles, -1)[..., None]], -1)
+
+
+def placed(poses: Array, points: Array) -> Array:
+    """Points ``(v, 2)`` of a frame in the world where it is at poses ``(..., 3)``: ``(..., v, 2)``."""
+    cosine, sine = np.cos(poses[..., 2, None]), np.sin(poses[..., 2, None])
+    x, y = points.T
+    return np.stack([poses[..., 0, None] + cosine * x - sine * y, poses[..., 1, None] + sine * x + cosine * y], -1)
 
 
 def relative_pose(poses: Array, target: Array) -> Array:

@@ -124,7 +124,43 @@ class CarPath(Presented):
         InitialGuessError
             When names do not fit, and when the heading is fixed at the end whole turns away from that of the path.
         """
-        return _initial_guess(self, phase, speed, acceleration, names)
+        known = _names(phase, names)
+        moments, poses, steering, velocities, accelerations, duration = self.over_phase(
+            phase, self.timed(speed, acceleration)
+        )
+        if "steering_rate" in known:
+            window = 2 * int(0.5 * BLEND * FINE) + 1
+            steering = np.asarray(scipy.ndimage.uniform_filter1d(steering, window, mode="nearest"))
+        of_path = {
+            "x": poses[:, 0],
+            "y": poses[:, 1],
+            "theta": poses[:, 2] + _whole_turns(self, phase, known.get("theta")),
+            "v": velocities,
+            "steering": steering,
+            "acceleration": accelerations,
+            "steering_rate": np.gradient(steering, moments),
+        }
+        return courses(phase, {name: of_path[quantity] for quantity, name in known.items()}) | duration
+
+    def over_phase(self, phase: Any, timing: CarTiming) -> tuple[Array, Array, Array, Array, Array, dict[str, Any]]:
+        """The path over the duration of a phase; a free duration becomes that of the timing, moved into its bounds.
+
+        Returns
+        -------
+        times, poses, steering, velocities, accelerations : arrays
+            At moments that are evenly spaced.
+        duration : dict
+            Its guess, where it is free.
+        """
+        free = phase.component("duration")
+        is_free = free is not None and free.ctype is Var and not free.fixed
+        duration = within_bounds(timing.duration, free) if is_free else float(value(phase.duration))
+        faster = timing.duration / duration
+        times = np.linspace(0.0, timing.duration, FINE + 1)
+        lengths = timing.arc_length_at(times)
+        velocities, accelerations = faster * timing.velocity_at(times), faster**2 * timing.acceleration_at(times)
+        steering, guess = self.steering[self.arc_at(lengths)], {"duration": duration} if is_free else {}
+        return times / faster, self.poses_at(lengths), steering, velocities, accelerations, guess
 
     def arc_at(self, distances: ArrayLike) -> Indices:
         """Number of the arc on which the car is after driving so far."""
@@ -226,35 +262,6 @@ class CarTiming(Presented):
 
     def _summary(self) -> str:
         return f"{len(self.times)} times, {self.times[-1]:.4g} s, length {self.arc_lengths[-1]:.4g}"
-
-
-def _initial_guess(
-    path: CarPath, phase: Any, speed: float, acceleration: float | None, names: Mapping[str, str] | None
-) -> dict[str, Function | float]:
-    """What `CarPath.initial_guess` returns."""
-    known = _names(phase, names)
-    timing = path.timed(speed, acceleration)
-    free = phase.component("duration")
-    free = free if free is not None and free.ctype is Var and not free.fixed else None
-    duration = timing.duration if free is None else within_bounds(timing.duration, free)
-    time_scaling = timing.duration / (duration if free is not None else float(value(phase.duration)))
-    times = np.linspace(0.0, timing.duration, FINE + 1)
-    driven = timing.arc_length_at(times)
-    poses, steering = path.poses_at(driven), path.steering[path.arc_at(driven)]
-    if "steering_rate" in known:
-        window = 2 * int(0.5 * BLEND * FINE) + 1
-        steering = np.asarray(scipy.ndimage.uniform_filter1d(steering, window, mode="nearest"))
-    of_path = {
-        "x": poses[:, 0],
-        "y": poses[:, 1],
-        "theta": poses[:, 2] + _whole_turns(path, phase, known.get("theta")),
-        "v": time_scaling * timing.velocity_at(times),
-        "steering": steering,
-        "acceleration": time_scaling**2 * timing.acceleration_at(times),
-        "steering_rate": time_scaling * np.gradient(steering, times),
-    }
-    guesses = courses(phase, {name: of_path[quantity] for quantity, name in known.items()})
-    return guesses if free is None else guesses | {"duration": duration}
 
 
 def _names(phase: Any, names: Mapping[str, str] | None) -> dict[str, str]:

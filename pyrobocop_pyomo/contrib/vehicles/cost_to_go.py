@@ -82,6 +82,12 @@ class CostToGo:
         return np.asarray(np.maximum(self.car[i[:, 0], i[:, 1], turn], self.disc_path_length(poses)))
 
 
+def bounds_around(points: Array, beyond: float) -> Bounds:
+    """The box around points ``(n, 2)``, and so much more to all sides."""
+    low, high = (points.min(axis=0) - beyond).tolist(), (points.max(axis=0) + beyond).tolist()
+    return (low[0], high[0]), (low[1], high[1])
+
+
 def free_cells_of_disc(
     bounds: Bounds, cell: float, body: Polytope, obstacles: list[Polytope], clearance: float, scene: float
 ) -> BoolArray:

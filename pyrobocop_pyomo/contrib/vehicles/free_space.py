@@ -26,7 +26,7 @@ from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.numerics import Array, BoolArray, Indices
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
-from .car_kinematics import Trailer
+from .car_kinematics import Trailer, placed
 
 # An unbounded shape is cut off at this many scene sizes, for its corners only.
 FAR = 1e4
@@ -170,12 +170,12 @@ class FreeSpace:
         """Whether the grid proves that bodies keep their clearances when all points move by so much, ``(n,)``."""
         if self.grid is None:
             return np.zeros(len(poses), dtype=bool)
-        places = self._placed(poses, self.discs)
+        places = placed(poses, self.discs)
         return np.asarray((self.grid.at(places) >= (self.disc_radius + moved + NEGLIGIBLE)[:, None]).all(axis=1))
 
     def _near(self, poses: Array, moved: Array) -> tuple[Indices, Indices]:
         """Pairs of a pose and an obstacle that the discs around the body do not keep apart."""
-        places = self._placed(poses, self.discs).reshape(-1, 2).T
+        places = placed(poses, self.discs).reshape(-1, 2).T
         pose, obstacle = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
         for k, needed in enumerate(self.needed.tolist()):
             gaps = (self.normals[k] @ places - self.offsets[k][:, None]).max(axis=0).reshape(-1, len(self.discs))
@@ -193,7 +193,7 @@ class FreeSpace:
         of_origin = ratio / np.maximum(curvatures, 1e-12)
         deviation = of_origin + ratio * self.corners_reach
         needed, other = self.needed[obstacle] - NEGLIGIBLE, self.points[obstacle]
-        start, end = self._placed(before, self.corners), self._placed(after, self.corners)
+        start, end = placed(before, self.corners), placed(after, self.corners)
         gaps = np.minimum(self._from_obstacles(start, obstacle), self._from_obstacles(end, obstacle)).max(axis=1)
         clear = np.asarray(gaps - deviation >= needed)
         gaps = np.minimum(*(self._from_body(poses, other, ratio) for poses in (before, after))).max(axis=1)
@@ -213,15 +213,9 @@ class FreeSpace:
 
     def gaps_of_two(self, first: Array, second: Array) -> Array:
         """Widest gap, ``(p,)``, along normals of two such bodies at poses ``(p, 3)``: at most their distance."""
-        ones, others = self._placed(first, self.corners), self._placed(second, self.corners)
+        ones, others = placed(first, self.corners), placed(second, self.corners)
         gaps = [self._from_body(first, others).max(axis=1), self._from_body(second, ones).max(axis=1)]
         return np.asarray(np.maximum(*gaps))
-
-    def _placed(self, poses: Array, points: Array) -> Array:
-        """Points of the body in the world, ``(n, v, 2)``."""
-        cosine, sine = np.cos(poses[..., 2, None]), np.sin(poses[..., 2, None])
-        x, y = points.T
-        return np.stack([poses[..., 0, None] + cosine * x - sine * y, poses[..., 1, None] + sine * x + cosine * y], -1)
 
     def _from_obstacles(self, corners: Array, obstacle: Indices) -> Array:
         """Gap along the normal of each side of an obstacle, ``(p, f)``."""

@@ -154,12 +154,11 @@ def hybrid_a_star(
                 current.before += current.search.expansions
                 current.search = begin(which, current.search.cost_to_go, current.level)
                 end = run(current)
-            if end is SearchEnd.FOUND:
-                arcs = with_shortcuts(current.search, *current.search.arcs())
-                return _path(ends["start"], ends["goal"], *arcs, wheelbase, trailer, backwards=which == "goal")
-            joined = _joined_arcs(current.search, searches[1 - k].search) if len(searches) == 2 else None
-            if joined is not None:
-                arcs = with_shortcuts(current.search, *joined)
+            arcs = current.search.arcs() if end is SearchEnd.FOUND else None
+            if arcs is None and len(searches) == 2:
+                arcs = _joined_arcs(current.search, searches[1 - k].search)
+            if arcs is not None:
+                arcs = with_shortcuts(current.search, *arcs)
                 return _path(ends["start"], ends["goal"], *arcs, wheelbase, trailer, backwards=which == "goal")
             if end is SearchEnd.EXHAUSTED:
                 raise PathNotFound(

@@ -45,7 +45,8 @@ class InverseKinematics(InverseDynamics):
             block.motion.pose_at_node(block.record.scene.bodies[body].pose, self.time, name=body) for body in bodies
         ]
         self.pose_states = self.read([entry for pose in self.poses for entry in pose.entries])
-        self.place = [self.name_of(entry) for entry in self.poses[0].translation]
+        names = {id(variable): name for name, variable in self.variables.items()}
+        self.place = [names.get(id(entry)) for entry in self.poses[0].translation]
         self.headings = [heading_of(pose) for pose in self.poses]
         self._numbers = [entry for pose in self.poses for entry in (*pose.translation, heading_of(pose))]
 

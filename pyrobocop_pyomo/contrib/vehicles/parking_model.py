@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from pyrobocop_pyomo.obstacles.avoidance_block import ObstacleAvoidanceBlock
 from pyrobocop_pyomo.phases import Control, Duration, PhaseBlock, State
 
 from .car_path import CarPath
+from .cost_to_go import bounds_around
 from .motion_primitives import CarSearch
 from .parking_case import ParkingCar, ParkingCase
 from .staged_search import CLEARANCES, ROOM, staged_search
@@ -80,17 +80,35 @@ def parking_model(
     """
     car = ParkingCar() if car is None else car
     clearance, reductions = _possible_clearance(case, car, clearance)
+    ends, wanted = np.array([case.start[:2], case.goal[:2]]), clearance
+    regions = [bounds_around(ends, room * car.length) for room in ROOM]
     path: CarPath | None
     try:
-        shares = (1.0,) if needs_path else CLEARANCES
-        path, bounds, clearance = _path(case, car, clearance, shares, search, time_limit)
+        path, clearance, bounds = staged_search(
+            tuple(case.start),
+            tuple(case.goal),
+            body=car.shape,
+            obstacles=case.parts,
+            wheelbase=car.wheelbase,
+            steering_limit=car.steering,
+            regions=regions,
+            clearance=wanted,
+            shares=(1.0,) if needs_path else CLEARANCES,
+            search=search,
+            time_limit=time_limit,
+        )
+        if clearance < wanted:
+            logger.warning(
+                "parking case '%s': no path with a clearance of %.4g was found; %.4g is required.",
+                case.name, wanted, clearance,
+            )  # fmt: skip
     except InitialGuessError as error:
         if needs_path:
             raise
         logger.warning(
             "parking case '%s': no path was found; the initial guess is a straight line. %s", case.name, error
         )
-        path, bounds = None, _regions(case, car)[-1]
+        path, bounds = None, regions[-1]
     for reduction in reductions:  # of a case that is refused nothing is required
         logger.warning("%s", reduction)
     duration = 30.0 if path is None else path.timed(0.6 * car.speed, 0.5 * car.acceleration).duration
@@ -169,39 +187,3 @@ def _possible_clearance(case: ParkingCase, car: ParkingCar, clearance: float) ->
                 )
                 clearance = SHARE_OF_AVAILABLE * distance
     return clearance, reductions
-
-
-def _regions(case: ParkingCase, car: ParkingCar) -> list[Any]:
-    """Where the rear axle may be, the smallest first."""
-    ends = np.array([case.start[:2], case.goal[:2]])
-    regions = []
-    for room in ROOM:
-        low, high = ends.min(axis=0) - room * car.length, ends.max(axis=0) + room * car.length
-        regions.append(tuple(zip(low.tolist(), high.tolist(), strict=True)))
-    return regions
-
-
-def _path(
-    case: ParkingCase, car: ParkingCar, clearance: float, shares: Sequence[float], search: CarSearch | None,
-    time_limit: float | None,
-) -> tuple[CarPath, Any, float]:  # fmt: skip
-    """A path, the region that it was searched in, and the clearance that it keeps."""
-    found = staged_search(
-        tuple(case.start),
-        tuple(case.goal),
-        body=car.shape,
-        obstacles=case.parts,
-        wheelbase=car.wheelbase,
-        steering_limit=car.steering,
-        regions=_regions(case, car),
-        clearance=clearance,
-        shares=shares,
-        search=search,
-        time_limit=time_limit,
-    )
-    if found.clearance < clearance:
-        logger.warning(
-            "parking case '%s': no path with a clearance of %.4g was found; %.4g is required.",
-            case.name, clearance, found.clearance,
-        )  # fmt: skip
-    return found.path, found.bounds, found.clearance

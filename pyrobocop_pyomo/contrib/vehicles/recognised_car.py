@@ -20,10 +20,9 @@ from typing import Any
 
 import numpy as np
 from pyomo.core.base.constraint import ConstraintData
-from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.contrib.robots.sampled_path import FINE, courses
+from pyrobocop_pyomo.contrib.robots.sampled_path import courses
 from pyrobocop_pyomo.errors import InitialGuessError, ObstacleError, PyRobocopError
 from pyrobocop_pyomo.geometry import Polytope, Pose, planar_pose, signed_distance
 from pyrobocop_pyomo.modeling.deadline import Deadline
@@ -31,8 +30,9 @@ from pyrobocop_pyomo.modeling.variable_values import within_bounds
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases import PhaseBlockData, phases_of
 
-from .car_kinematics import Trailer
+from .car_kinematics import Trailer, placed
 from .car_path import CarPath
+from .cost_to_go import bounds_around
 from .inverse_kinematics import InverseKinematics, heading_of
 from .motion_primitives import CarSearch
 from .staged_search import ROOM, staged_search
@@ -116,7 +116,7 @@ class RecognisedCar:
         deadline = Deadline.after(time_limit)
 
         def found(*, whole_turns: bool) -> CarPath:
-            return staged_search(
+            path, _, _ = staged_search(
                 tuple(ends[0]),
                 tuple(ends[1]),
                 body=self.shape,
@@ -128,7 +128,8 @@ class RecognisedCar:
                 search=CarSearch(whole_turns=whole_turns),
                 time_limit=deadline.left,
                 trailer=self.trailer,
-            ).path
+            )
+            return path
 
         path = found(whole_turns=False)
         last = (self.phase.component(name)[times[-1]] for name in self._equations.pose_states)
@@ -142,8 +143,7 @@ class RecognisedCar:
         """Around start and goal, within the bounds of variables that are the body's place."""
         points = np.array(ends)[:, :2]
         behind = 0.0 if self.trailer is None else self.trailer.length
-        beyond = room * self.shape.reach + 2.0 * (self.turning_radius + behind)
-        low, high = points.min(axis=0) - beyond, points.max(axis=0) + beyond
+        low, high = np.array(bounds_around(points, room * self.shape.reach + 2.0 * (self.turning_radius + behind))).T
         offset = math.hypot(*self.frames[0][:2])
         for axis, name in enumerate(self._equations.place):
             if name is None:
@@ -162,27 +162,21 @@ class RecognisedCar:
         bool
             False where the equations cannot follow; nothing is changed then.
         """
-        phase, equations = self.phase, self._equations
-        free = phase.component("duration")
-        free = free if free is not None and free.ctype is Var and not free.fixed else None
+        phase = self.phase
         timing = path.timed(self.speed if self.speed is not None else 1.0)
         if self.speed is None:
             timing = path.timed(timing.duration / float(value(phase.duration)))
-        duration = within_bounds(timing.duration, free) if free is not None else float(value(phase.duration))
-        slower = timing.duration / duration
-        times = np.linspace(0.0, timing.duration, FINE + 1)
-        driven = timing.arc_length_at(times)
-        poses, velocities = path.poses_at(driven), slower * timing.velocity_at(times)
-        turns = velocities * np.tan(path.steering[path.arc_at(driven)]) / self.turning_radius
+        times, poses, steering, velocities, _, duration = path.over_phase(phase, timing)
+        turns = velocities * np.tan(steering) / self.turning_radius
         motions = [_of_body(poses, velocities, turns, self.frames[0])]
         if self.trailer is not None:
             of_trailer = self.trailer.velocities(poses[:, 3], velocities, turns)
             motions.append(_of_body(self.trailer.poses(poses), *of_trailer, self.frames[1]))
         target, rates = (np.concatenate(columns, axis=1) for columns in zip(*motions, strict=True))
-        found = equations.states_and_controls(target, rates, times / slower)
+        found = self._equations.states_and_controls(target, rates, times)
         if found is None or self._ends_elsewhere(found):
             return False
-        phase.initialize(courses(phase, found) | ({} if free is None else {"duration": duration}))
+        phase.initialize(courses(phase, found) | duration)
         return True
 
     def _ends_elsewhere(self, found: dict[str, Array]) -> bool:
@@ -312,10 +306,9 @@ def _hitched(frames: list[Frame], poses: Array) -> tuple[list[Frame], float, flo
         When no point of one is a point of the other in all poses.
     """
     rows, places = [], []
-    for (x, y, angle), (px, py, heading) in zip(frames, (poses[:, :3].T, poses[:, 3:].T), strict=True):
-        cosine, sine = np.cos(heading), np.sin(heading)
-        places.append(np.concatenate([px + cosine * x - sine * y, py + sine * x + cosine * y]))
-        cosine, sine = np.cos(heading + angle), np.sin(heading + angle)
+    for (*place, angle), own in zip(frames, (poses[:, :3], poses[:, 3:]), strict=True):
+        places.append(placed(own, np.array([place]))[:, 0].T.ravel())
+        cosine, sine = np.cos(own[:, 2] + angle), np.sin(own[:, 2] + angle)
         rows.append(np.concatenate([np.column_stack([cosine, -sine]), np.column_stack([sine, cosine])]))
     matrix, wanted = np.hstack([rows[0], -rows[1]]), places[1] - places[0]
     found = np.linalg.lstsq(matrix, wanted, rcond=None)[0]
@@ -369,10 +362,7 @@ def _of_body(poses: Array, ahead: Array, turns: Array, frame: Frame) -> tuple[Ar
     own = np.array([-(math.cos(angle) * x + math.sin(angle) * y), math.sin(angle) * x - math.cos(angle) * y])
     cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     ahead, aside = ahead - turns * own[1], turns * own[0]
-    target = np.column_stack([
-        poses[:, 0] + cosine * own[0] - sine * own[1], poses[:, 1] + sine * own[0] + cosine * own[1],
-        poses[:, 2] - angle,
-    ])  # fmt: skip
+    target = np.column_stack([placed(poses, own[None])[:, 0], poses[:, 2] - angle])
     return target, np.column_stack([cosine * ahead - sine * aside, sine * ahead + cosine * aside, turns])
 
 

@@ -7,6 +7,7 @@ poses.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -35,23 +36,21 @@ def reeds_shepp_paths(x: Array, y: Array, heading: Array) -> Iterator[tuple[Arra
     exists : (n,) bool array
     """
     for formula, types, arranged, both_ends in FORMULAS:
-        for time in (1.0, -1.0):
-            for mirror in (1.0, -1.0):
-                for swapped in (False, True)[: 1 + both_ends]:
-                    # Three symmetries: driven in reverse, seen in a mirror, and from the other end.
-                    ahead = x * np.cos(heading) + y * np.sin(heading) if swapped else x
-                    aside = x * np.sin(heading) - y * np.cos(heading) if swapped else y
-                    first, middle, last, exists = formula(time * ahead, mirror * aside, time * mirror * heading)
-                    segments = [time * length for length in arranged(first, middle, last)]
-                    names = types[::-1] if swapped else types
-                    # Each segment's lengths side by side in memory, where all that follows reads them.
-                    lengths = np.zeros((SEGMENTS, len(x))).T
-                    for k, segment in enumerate(segments[::-1] if swapped else segments):
-                        lengths[:, k] = segment
-                    turns = np.zeros(SEGMENTS)
-                    turns[: len(names)] = [mirror * TURNS[name] for name in names]
-                    lengths[~exists] = 0.0
-                    yield turns, lengths, exists
+        # Three symmetries: driven in reverse, seen in a mirror, and from the other end.
+        for time, mirror, swapped in itertools.product((1.0, -1.0), (1.0, -1.0), (False, True)[: 1 + both_ends]):
+            ahead = x * np.cos(heading) + y * np.sin(heading) if swapped else x
+            aside = x * np.sin(heading) - y * np.cos(heading) if swapped else y
+            first, middle, last, exists = formula(time * ahead, mirror * aside, time * mirror * heading)
+            segments = [time * length for length in arranged(first, middle, last)]
+            names = types[::-1] if swapped else types
+            # Each segment's lengths side by side in memory, where all that follows reads them.
+            lengths = np.zeros((SEGMENTS, len(x))).T
+            for k, segment in enumerate(segments[::-1] if swapped else segments):
+                lengths[:, k] = segment
+            turns = np.zeros(SEGMENTS)
+            turns[: len(names)] = [mirror * TURNS[name] for name in names]
+            lengths[~exists] = 0.0
+            yield turns, lengths, exists
 
 
 def _wrapped(angle: Array) -> Array:

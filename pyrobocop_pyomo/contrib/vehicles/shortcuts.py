@@ -47,8 +47,8 @@ class _Edges:
         Directions in which an edge begins and ends.
     lengths, turns : (e, 5) arrays
         Of the segments of a Reeds-Shepp path.
-    own : (e,) int array
-        Number of the piece of the path itself that an edge is, or -1.
+    own : (e,) array
+        Whether an edge is a piece of the path itself.
     """
 
     start: Indices
@@ -58,7 +58,7 @@ class _Edges:
     last: Array
     lengths: Array
     turns: Array
-    own: Indices
+    own: BoolArray
 
 
 def with_shortcuts(search: BestFirstSearch, lengths: Array, curvatures: Array) -> tuple[Array, Array]:
@@ -85,10 +85,10 @@ def _shortened(search: BestFirstSearch, lengths: Array, curvatures: Array) -> tu
     moves = np.abs(lengths) > 0.0
     lengths, curvatures = lengths[moves], curvatures[moves]
     poses = search.primitives.follow(search.root, lengths, curvatures)
-    places, kept = _nodes(search, poses, lengths, curvatures)
-    edges = _edges(search, places, kept, lengths)
+    places, number, on_path = _nodes(search, poses, lengths, curvatures)
+    edges = _edges(search, places, number, on_path, lengths)
     cusp = CUSP_FACTOR * search.primitives.cusp_cost
-    clear = edges.own >= 0
+    clear = edges.own.copy()
     banned = np.zeros(len(clear), dtype=bool)
     least = LEAST_SAVING * search.primitives.turning_radius
     best, way, _ = _cheapest_way(edges, clear, len(places), cusp)
@@ -103,22 +103,23 @@ def _shortened(search: BestFirstSearch, lengths: Array, curvatures: Array) -> tu
         clear[chosen[good]], banned[chosen[~good]] = True, True
         if good.any():
             best, way, _ = _cheapest_way(edges, clear, len(places), cusp)
-    return _arcs_of(search, places, edges, way, kept, lengths, curvatures) if best < before - least else None
+    return _arcs_of(search, places, edges, way, number, lengths, curvatures) if best < before - least else None
 
 
 def _nodes(
     search: BestFirstSearch, poses: Array, lengths: Array, curvatures: Array
-) -> tuple[Array, list[tuple[int, int]]]:
-    """Poses in the order of the path, ``(n, 3)``, and for each its number on the path, or that of its cusp and -1."""
+) -> tuple[Array, Indices, BoolArray]:
+    """Poses in the order of the path, ``(n, 3)``; of each its number on the path or its cusp's, and which of both."""
     driven = np.concatenate([[0.0], np.cumsum(np.abs(lengths))])
     even = np.searchsorted(driven, np.linspace(0.0, driven[-1], NODES))
     cusps = np.flatnonzero(np.diff(np.sign(lengths))) + 1
     chosen = np.unique(np.clip([*even, *cusps, 0, len(lengths)], 0, len(lengths)))
-    places, kept = [], []
+    places, number, on_path = [], [], []
     radius = search.primitives.turning_radius
     for k in chosen.tolist():
         places.append(poses[k])
-        kept.append((k, k))
+        number.append(k)
+        on_path.append(True)
         if k in cusps:
             sign = np.sign(lengths[k - 1])
             for bend in dict.fromkeys((float(curvatures[k - 1]), 0.0, 1.0 / radius, -1.0 / radius)):
@@ -127,18 +128,17 @@ def _nodes(
                 free = are_free(search.space, beyond) & search.within(beyond[None])
                 clear = beyond[np.logical_and.accumulate(free)]
                 places += list(clear)
-                kept += [(k, -1)] * len(clear)
-    return np.array(places), kept
+                number += [k] * len(clear)
+                on_path += [False] * len(clear)
+    return np.array(places), np.array(number), np.array(on_path)
 
 
-def _edges(search: BestFirstSearch, places: Array, kept: list[tuple[int, int]], lengths: Array) -> _Edges:
+def _edges(search: BestFirstSearch, places: Array, number: Indices, on_path: BoolArray, lengths: Array) -> _Edges:
     """All pieces of the path from node to node, and the cheapest Reeds-Shepp paths that are cheaper than these."""
     primitives, cusp = search.primitives, CUSP_FACTOR * search.primitives.cusp_cost
     count = len(places)
     driven = np.concatenate([[0.0], np.cumsum(np.abs(lengths))])
     turned = np.concatenate([[0.0, 0.0], np.cumsum(np.diff(np.sign(lengths)) != 0.0)])
-    number = np.array([k for k, _ in kept])
-    on_path = np.array([own >= 0 for _, own in kept])
     start, end = np.triu_indices(count, 1)
     found, words, turns = primitives.paths_to(places[start], places[end])
     costs = np.abs(words).sum(axis=2) + cusp * count_cusps(words)
@@ -149,21 +149,17 @@ def _edges(search: BestFirstSearch, places: Array, kept: list[tuple[int, int]], 
     useful = costs[best, pair] < here[pair] + 2.0 * cusp + primitives.turning_radius
     word, pair = best[useful], pair[useful]
     segments = words[word, pair]
-    own_nodes = np.flatnonzero(on_path)
-    pieces = list(zip(own_nodes[:-1].tolist(), own_nodes[1:].tolist(), strict=True))
-    own = [(a, b, kept[a][0]) for a, b in pieces]
-    of_path = np.array([(a, b, k) for a, b, k in own], dtype=np.int64).reshape(-1, 3)
-    signs = np.sign(lengths[of_path[:, 2]])
-    spans = driven[number[of_path[:, 1]]] - driven[number[of_path[:, 0]]]
+    nodes = np.flatnonzero(on_path)
+    signs, spans = np.sign(lengths[number[nodes[:-1]]]), np.diff(driven[number[nodes]])
     return _Edges(
-        np.concatenate([of_path[:, 0], start[pair]]),
-        np.concatenate([of_path[:, 1], end[pair]]),
+        np.concatenate([nodes[:-1], start[pair]]),
+        np.concatenate([nodes[1:], end[pair]]),
         np.concatenate([spans, costs[word, pair]]),
         np.concatenate([signs, np.sign(first_nonzero(segments))]),
         np.concatenate([signs, np.sign(first_nonzero(segments[:, ::-1]))]),
         np.concatenate([np.zeros((len(signs), segments.shape[1])), segments]),
         np.concatenate([np.zeros((len(signs), segments.shape[1])), turns[word]]),
-        np.concatenate([np.arange(len(signs)), np.full(len(word), -1)]),
+        np.arange(len(signs) + len(word)) < len(signs),
     )
 
 
@@ -207,13 +203,13 @@ def _connecting_arcs(
 
 
 def _arcs_of(
-    search: BestFirstSearch, places: Array, edges: _Edges, way: list[int], kept: list[tuple[int, int]],
+    search: BestFirstSearch, places: Array, edges: _Edges, way: list[int], number: Indices,
     lengths: Array, curvatures: Array,
 ) -> tuple[Array, Array]:  # fmt: skip
     found_lengths, found_curvatures = [], []
     for edge in way:
-        if edges.own[edge] >= 0:
-            piece = slice(kept[edges.start[edge]][0], kept[edges.end[edge]][0])
+        if edges.own[edge]:
+            piece = slice(number[edges.start[edge]], number[edges.end[edge]])
             found_lengths.append(lengths[piece])
             found_curvatures.append(curvatures[piece])
         else:

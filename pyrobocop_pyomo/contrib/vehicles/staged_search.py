@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from pyrobocop_pyomo.errors import InitialGuessError, PathNotFound
@@ -33,23 +33,6 @@ SHARE, LITTLE = 0.4, 0.15
 FEW_CUSPS, CUSP = 4, 2.0
 
 
-@dataclass(frozen=True, eq=False)
-class StagedPath:
-    """A path, and what it was found with.
-
-    Attributes
-    ----------
-    path : CarPath
-    clearance : float
-        That it keeps.
-    bounds : ((x_min, x_max), (y_min, y_max))
-    """
-
-    path: CarPath
-    clearance: float
-    bounds: Bounds
-
-
 def staged_search(
     start: Sequence[float],
     goal: Sequence[float],
@@ -60,7 +43,7 @@ def staged_search(
     search: CarSearch | None = None,
     time_limit: float | None = None,
     **car: Any,
-) -> StagedPath:
+) -> tuple[CarPath, float, Bounds]:
     """A path with as much of the clearance as possible, and the first one found unless it has many cusps.
 
     Parameters
@@ -77,6 +60,14 @@ def staged_search(
     **car
         The others are those of `hybrid_a_star`.
 
+    Returns
+    -------
+    path : CarPath
+    clearance : float
+        That it keeps.
+    bounds : ((x_min, x_max), (y_min, y_max))
+        In which it was searched.
+
     Raises
     ------
     InitialGuessError
@@ -87,7 +78,7 @@ def staged_search(
     expansions, deadline = given.max_expansions, Deadline.after(time_limit)
     first: InitialGuessError | None = None
 
-    def attempt(needed: float, bounds: Bounds, coarser: float, part: float) -> StagedPath | None:
+    def attempt(needed: float, bounds: Bounds, coarser: float, part: float) -> tuple[CarPath, float, Bounds] | None:
         nonlocal expansions, first
         if first is not None and (expansions <= 0 or deadline.has_passed):
             return None
@@ -97,7 +88,7 @@ def staged_search(
         search = replace(given, cell=coarser * cell, headings=max(8, round(headings / coarser)), max_expansions=most)
         try:
             path = hybrid_a_star(start, goal, bounds=bounds, clearance=needed, search=search, time_limit=limit, **car)
-            return StagedPath(path, needed, bounds)
+            return path, needed, bounds
         except InitialGuessError as error:
             logger.info("a clearance of %.4g, cells %g times as large: %s", needed, coarser, error)
             first = error if first is None else first
@@ -106,11 +97,11 @@ def staged_search(
 
     for needed in (share * clearance for share in shares):
         near = attempt(needed, regions[0], 1.0, LITTLE)
-        if near is not None and near.path.cusps <= FEW_CUSPS:
+        if near is not None and near[0].cusps <= FEW_CUSPS:
             return near
         found = [path for path in (near, attempt(needed, regions[-1], COARSER, LITTLE)) if path is not None]
         if found:
-            return min(found, key=lambda one: one.path.length + CUSP * radius * one.path.cusps)
+            return min(found, key=lambda one: one[0].length + CUSP * radius * one[0].cusps)
         last = attempt(needed, regions[-1], 1.0, SHARE)
         if last is not None:
             return last

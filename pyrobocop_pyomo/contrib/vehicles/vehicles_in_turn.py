@@ -34,7 +34,7 @@ from pyrobocop_pyomo.plotting import AnimationFile, BodyPath, animate_scene
 from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .cost_to_go import free_cells_of_disc
+from .cost_to_go import bounds_around, free_cells_of_disc
 from .free_space import FreeSpace, are_free
 from .hybrid_a_star import MOST_CELLS
 from .motion_primitives import CarSearch
@@ -351,10 +351,8 @@ def _discs_have_ways(case: VehiclesCase, car: ParkingCar, standing: Array, vehic
     Where it has none, no search finds one for the vehicle.
     """
     shapes = [*_parts(case), *(car.shape.placed(planar_pose(*pose)) for pose in standing.tolist())]
-    room = ROOM[-1] * car.length
-    points = np.concatenate([case.starts, case.goals])[:, :2]
-    low, high = points.min(axis=0) - room, points.max(axis=0) + room
-    bounds = (float(low[0]), float(high[0])), (float(low[1]), float(high[1]))
+    bounds = bounds_around(np.concatenate([case.starts, case.goals])[:, :2], ROOM[-1] * car.length)
+    low, high = np.array(bounds).T
     cell = max(CELL * car.width, float((high - low).max()) / MOST_CELLS)
     free = free_cells_of_disc(bounds, cell, car.shape, shapes, 0.0, float(np.abs([low, high]).max()))
     connected = scipy.ndimage.label(free, np.ones((3, 3)))[0]

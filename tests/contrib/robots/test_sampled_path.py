@@ -76,6 +76,16 @@ def distances(m: pyo.ConcreteModel, q: Any, box: rcp.Polytope = BOX) -> float:
     return min(rcp.scenes.signed_distance(bodies[name].shape, box, pose).distance for name, pose in poses.items())
 
 
+def test_configurations_are_clear_of_a_wedge_without_end() -> None:
+    """Its corner and the far ones of its rays are more than the corners of the links."""
+    wedge = rcp.Polytope.from_halfspaces([[-1, 0], [0, 1]], [-0.6, -0.2], bounded=False)
+    m = arm(box=wedge)
+    points = np.random.default_rng(0).uniform(-2.8, 2.8, (40, 2))
+    clear = ConfigurationSpace(m.reach).are_clear(points)
+    assert clear.tolist() == [distances(m, q, wedge) >= CLEARANCE for q in points]
+    assert 0 < clear.sum() < len(clear)
+
+
 @given(seed=st.integers(0, 10**6))
 @settings(deadline=None, max_examples=15)
 def test_a_path_is_clear_within_bounds_and_leads_from_start_to_goal(seed: int) -> None:
