@@ -41,7 +41,6 @@ from .structure import PAIRS, Spot, axis_on
 # on demand by Pyomo.
 ORDER = (Param, Var, DerivativeVar, Block, Expression, Constraint, Complementarity, MpecComplementarity)
 LEFT_ALONE = (Integral, Set, SetOf, Suffix)
-ATTRIBUTES = ("lower", "upper", "domain")
 ATTRIBUTE_NAMES = {"lower": "lower bounds", "upper": "upper bounds", "domain": "domains"}
 
 
@@ -198,7 +197,7 @@ class Family:
         if not self.old or not self.new:
             return
         declared = [self.new[0][1] if self.is_in_blocks else _as_declared(data) for _, data in self.old]
-        for attribute in ATTRIBUTES:
+        for attribute in ATTRIBUTE_NAMES:
             self._inherit(attribute, declared, domain)
         initial = [data.value for data in declared]
         self._interpolate_values(initial)
