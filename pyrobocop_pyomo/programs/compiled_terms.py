@@ -83,9 +83,7 @@ def evaluation_library() -> ctypes.CDLL | None:
 def how_terms_are_evaluated() -> str:
     """One line for people: the compiled evaluation and its file, or CasADi and why."""
     if evaluation_library() is None:
-        return (
-            f"evaluated by CasADi: {SWITCH_VARIABLE} is 'off', or run python -m pyrobocop_pyomo build-native"
-        )
+        return f"evaluated by CasADi: {SWITCH_VARIABLE} is 'off', or run python -m pyrobocop_pyomo build-native"
     return f"evaluated by compiled code: {library_file(TERM_EVALUATION)}"
 
 

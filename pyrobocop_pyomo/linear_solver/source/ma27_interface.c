@@ -8,6 +8,8 @@
  *            array is too short, it says so and keeps the order in IKEEP, which the caller does not throw away.
  *   ma27cd   solves
  *
+ * Ipopt looks for the names with and without the underscore that most compilers of Fortran add.
+ *
  * IKEEP: state, times that the order was given up, order (~row where the next row is tied to it), and what the plan has as
  * `used`, and what a factorisation cost whose order was given up.  IW: the plan, then the records of the fronts.  A: the entries, then the factor.
  *
@@ -237,27 +239,4 @@ PUBLIC int pyrobocop_factor_size(int n, int nz, const int *irn, const int *icn, 
     free(order);
     free(tied);
     return (int)answer;
-}
-
-/* Compilers of Fortran differ in the names that they give; Ipopt tries several. */
-PUBLIC void ma27id(int *icntl, double *cntl) { ma27id_(icntl, cntl); }
-
-PUBLIC void ma27ad(const int *n, const int *nz, const int *irn, const int *icn, int *iw, const int *liw, int *ikeep,
-                   int *iw1, int *nsteps, const int *iflag, const int *icntl, const double *cntl, int *info,
-                   double *ops)
-{
-    ma27ad_(n, nz, irn, icn, iw, liw, ikeep, iw1, nsteps, iflag, icntl, cntl, info, ops);
-}
-
-PUBLIC void ma27bd(const int *n, const int *nz, const int *irn, const int *icn, double *a, const int *la, int *iw,
-                   const int *liw, int *ikeep, const int *nsteps, int *maxfrt, int *iw1, const int *icntl,
-                   const double *cntl, int *info)
-{
-    ma27bd_(n, nz, irn, icn, a, la, iw, liw, ikeep, nsteps, maxfrt, iw1, icntl, cntl, info);
-}
-
-PUBLIC void ma27cd(const int *n, const double *a, const int *la, int *iw, const int *liw, double *w,
-                   const int *maxfrt, double *rhs, int *iw1, const int *nsteps, const int *icntl, const double *cntl)
-{
-    ma27cd_(n, a, la, iw, liw, w, maxfrt, rhs, iw1, nsteps, icntl, cntl);
 }
