@@ -31,8 +31,8 @@ static int place_of_used(int n) { return n > 1 ? KEEP_ORDER + n : KEEP_ORDER; }
 /* ICNTL(30) */
 enum { COUNT_FIRST = 29 };
 
-/* MA27's INFO(1), and places in INFO. */
-enum { FINE = 0, BAD_SIZE = -1, BAD_ENTRIES = -2, SHORT_IW = -3, SHORT_A = -4, SINGULAR_MATRIX = -5, FAILED = -20 };
+/* What MA27's INFO(1) says of the arguments, and places in INFO. */
+enum { BAD_SIZE = -1, BAD_ENTRIES = -2 };
 enum { FLAG = 0, DETAIL = 1, REALS = 4, INTEGERS = 5, BLOCKS = 13, NEGATIVE = 14 };
 
 /* Delayed pivots that cost this much more than planned make the order be given up, at most so many times, where the order
@@ -64,7 +64,7 @@ PUBLIC void ma27ad_(const int *n, const int *nz, const int *irn, const int *icn,
     *ops = 0.0;
     if (*n < 1) info[FLAG] = BAD_SIZE;
     else if (*nz < 0) info[FLAG] = BAD_ENTRIES;
-    if (info[FLAG] != FINE) return;
+    if (info[FLAG] != DONE) return;
     for (int k = 0; k < *nz; k++)
         if (irn[k] < 1 || irn[k] > *n || icn[k] < 1 || icn[k] > *n) {
             info[FLAG] = 1; /* ignored, as the convention has it */
@@ -180,8 +180,9 @@ PUBLIC void ma27bd_(const int *n, const int *nz, const int *irn, const int *icn,
         if (ikeep[STATE] == PLANNED) ikeep[STATE] = *n > 1 ? ORDERED : UNKNOWN;
         if ((answer == SHORT_INTEGERS ? *liw : *la) == INT_MAX) answer = TOO_LARGE;
     }
-    switch (answer) {
-    case DONE:
+    info[FLAG] = answer;
+    if (answer == SHORT_INTEGERS || answer == SHORT_REALS) info[DETAIL] = clipped(wanted);
+    if (answer == DONE) {
         *maxfrt = stride_of(told.largest); /* the room that solving needs */
         info[BLOCKS] = told.blocks;
         info[NEGATIVE] = told.negative;
@@ -192,21 +193,6 @@ PUBLIC void ma27bd_(const int *n, const int *nz, const int *irn, const int *icn,
             ikeep[STATE] = TOO_DEAR;
             memcpy(place_of_cost(ikeep, *n), &told.operations, sizeof told.operations);
         }
-        break;
-    case SHORT_INTEGERS:
-        info[FLAG] = SHORT_IW;
-        info[DETAIL] = clipped(wanted);
-        break;
-    case SHORT_REALS:
-        info[FLAG] = SHORT_A;
-        info[DETAIL] = clipped(wanted);
-        break;
-    case SINGULAR:
-        info[FLAG] = SINGULAR_MATRIX;
-        break;
-    default:
-        info[FLAG] = FAILED;
-        info[DETAIL] = (int)answer;
     }
 }
 

@@ -18,14 +18,14 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* What a function of the solver may answer. */
+/* What a function of the solver may answer: as MA27 says it in INFO(1), which knows nothing of the last two. */
 enum outcome {
     DONE = 0,
-    OUT_OF_MEMORY = 1,   /* malloc gave nothing */
-    TOO_LARGE = 2,       /* more entries than an int can count */
-    SHORT_INTEGERS = 3,  /* the caller's integer array is too short */
-    SHORT_REALS = 4,     /* the caller's real array is too short */
-    SINGULAR = 5         /* a pivot is missing, or a number is not finite */
+    SHORT_INTEGERS = -3,  /* the caller's integer array is too short */
+    SHORT_REALS = -4,     /* the caller's real array is too short */
+    SINGULAR = -5,        /* a pivot is missing, or a number is not finite */
+    OUT_OF_MEMORY = -20,  /* malloc gave nothing */
+    TOO_LARGE = -21       /* more entries than an int can count */
 };
 
 /* Rows of a dense front are updated in steps of so many; its columns are stored at distances that are multiples of it. */
