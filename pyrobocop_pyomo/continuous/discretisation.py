@@ -184,10 +184,9 @@ def _inherit(found: list[Spot], discretisation: Discretisation) -> None:
     ]
     for _, is_state, along in families(found, discretisation):
         component = next(iter(along.values())).parent_component()
-        family = Family(is_state, axis_on(component, discretisation.domain) is None, points)
-        for time, data in along.items():
-            (family.old if time in old else family.new).append((time, data))
-        family.inherit(discretisation.domain)
+        is_in_blocks = axis_on(component, discretisation.domain) is None
+        of_old, of_new = ([(t, data) for t, data in along.items() if (t in old) is is_old] for is_old in (True, False))
+        Family(is_state, is_in_blocks, points, of_old, of_new).inherit(discretisation.domain)
 
 
 def _mark_pairs(found: list[Spot], discretisation: Discretisation) -> None:
@@ -239,7 +238,10 @@ def finalise(discretisation: Discretisation) -> None:
             if component.ctype is DerivativeVar and component.is_fully_discretized():
                 component.parent_block().reclassify_component_type(component, Var)
     for integral in integrals_along(found, domain):
-        become_expression(integral)
+        if integral.ctype is Integral:  # pyomo.dae makes it an expression as well
+            integral.parent_block().reclassify_component_type(integral, Expression)
+        # The wrapped rule is not needed any more, and no pickle can hold it.
+        integral._rule = None
 
 
 def integrals_along(spots: list[Spot], domain: Any) -> list[Any]:
@@ -283,11 +285,3 @@ def integrate(integral: Any, discretisation: Discretisation) -> None:
             integral._data[index].set_value(value)
         else:
             integral._setitem_when_not_present(index, value)
-
-
-def become_expression(integral: Any) -> None:
-    """Make an integral whose set is discretised a plain expression, as pyomo.dae does."""
-    if integral.ctype is Integral:
-        integral.parent_block().reclassify_component_type(integral, Expression)
-    # The wrapped rule is not needed any more, and no pickle can hold it.
-    integral._rule = None

@@ -13,7 +13,7 @@ rules, for each variable with its other indices:
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -183,8 +183,8 @@ class Family:
     is_state: bool
     is_in_blocks: bool
     points: frozenset[float]
-    old: list[tuple[float, Any]] = field(default_factory=list)
-    new: list[tuple[float, Any]] = field(default_factory=list)
+    old: list[tuple[float, Any]]
+    new: list[tuple[float, Any]]
 
     def inherit(self, domain: Any) -> None:
         """Give the new points what the old ones have.

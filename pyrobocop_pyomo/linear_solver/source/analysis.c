@@ -379,15 +379,14 @@ static void find_places(plan *p, const int *row, const int *column, const int *p
     }
 }
 
-enum outcome make_plan(int n, int nz, const int *row, const int *column, const int *order, const char *tied,
-                       plan *made)
+enum outcome make_plan(int n, int nz, const int *row, const int *column, const int *order, plan *made)
 {
     graph g = {0, NULL, NULL};
     const size_t rows = (size_t)n + 1;
     made->first = NULL;
     enum outcome answer = matrix_graph(n, nz, row, column, NULL, &g, NULL, NULL);
     if (answer != DONE) return answer;
-    int *memory = malloc(sizeof(int) * 13 * rows);
+    int *memory = malloc(sizeof(int) * 14 * rows);
     double *nonzero = malloc(sizeof(double) * rows);
     char *together = malloc(2 * rows);
     if (memory == NULL || nonzero == NULL || together == NULL) {
@@ -397,22 +396,23 @@ enum outcome make_plan(int n, int nz, const int *row, const int *column, const i
     int *position = memory, *parent = position + rows, *count = parent + rows, *walked = count + rows;
     int *sorted = walked + rows, *member = sorted + rows, *above = member + rows, *columns = above + rows;
     int *size = columns + rows, *into = size + rows, *child = into + rows, *sibling = child + rows;
-    int *number = sibling + rows;
+    int *number = sibling + rows, *plain = number + rows;
     char *forced = together + rows;
     expense sum;
 
     /* the order given, then the same with every subtree in one piece */
-    for (int k = 0; k < n; k++) position[order[k]] = k;
-    answer = elimination_tree(&g, order, position, parent, count, &sum);
+    for (int k = 0; k < n; k++) plain[k] = order[k] < 0 ? ~order[k] : order[k];
+    for (int k = 0; k < n; k++) position[plain[k]] = k;
+    answer = elimination_tree(&g, plain, position, parent, count, &sum);
     if (answer == DONE) answer = postorder(n, parent, walked);
     if (answer != DONE) goto end;
     for (int k = 0; k < n; k++) number[walked[k]] = k;
     for (int k = 0; k < n; k++) {
-        sorted[k] = order[walked[k]];
+        sorted[k] = plain[walked[k]];
         into[k] = parent[walked[k]] < 0 ? -1 : number[parent[walked[k]]];
         child[k] = count[walked[k]];
         /* the partner of a tied row is its parent, unless they share no entry any more */
-        together[k] = tied[walked[k]] && parent[walked[k]] == walked[k] + 1;
+        together[k] = order[walked[k]] < 0 && parent[walked[k]] == walked[k] + 1;
     }
     memcpy(parent, into, sizeof(int) * (size_t)n);
     memcpy(count, child, sizeof(int) * (size_t)n);
@@ -452,7 +452,6 @@ enum outcome make_plan(int n, int nz, const int *row, const int *column, const i
     if (answer != DONE) goto end;
     made->below = (int)below;
     made->taken = (int)taken;
-    made->expected = sum;
     int *arrays = malloc(sizeof(int) * (size_t)array_length(made));
     if (arrays == NULL) {
         answer = OUT_OF_MEMORY;

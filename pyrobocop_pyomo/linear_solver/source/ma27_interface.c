@@ -80,17 +80,17 @@ PUBLIC void ma27ad_(const int *n, const int *nz, const int *irn, const int *icn,
 
 /* Order and plan by the values. */
 static enum outcome plan_anew(int n, int nz, const int *irn, const int *icn, const double *a, int may_leave, int *order,
-                              char *tied, plan *made)
+                              plan *made)
 {
     graph g = {0, NULL, NULL};
     int *partner = malloc(sizeof(int) * ((size_t)n + 1));
     if (partner == NULL) return OUT_OF_MEMORY;
     enum outcome answer = tie_matrix(n, nz, irn, icn, a, &g, partner);
     const origin from = {n, nz, may_leave, irn, icn, partner};
-    if (answer == DONE && !find_plan(&from, order, tied, made)) {
-        answer = order_tied(&g, partner, may_leave, order, tied);
-        if (answer == DONE) answer = make_plan(n, nz, irn, icn, order, tied, made);
-        if (answer == DONE) keep_plan(&from, order, tied, made);
+    if (answer == DONE && !find_plan(&from, order, made)) {
+        answer = order_tied(&g, partner, may_leave, order);
+        if (answer == DONE) answer = make_plan(n, nz, irn, icn, order, made);
+        if (answer == DONE) keep_plan(&from, order, made);
     }
     free_graph(&g);
     free(partner);
@@ -104,12 +104,11 @@ static enum outcome plan_into(int n, int nz, const int *irn, const int *icn, con
     plan made;
     enum outcome answer = OUT_OF_MEMORY;
     int *order = malloc(sizeof(int) * (size_t)n);
-    char *tied = malloc((size_t)n);
     made.first = NULL;
-    if (order == NULL || tied == NULL) goto end;
+    if (order == NULL) goto end;
     const int state = ikeep[STATE];
     if (state != ORDERED) {
-        answer = plan_anew(n, nz, irn, icn, a, state != TOO_DEAR, order, tied, &made);
+        answer = plan_anew(n, nz, irn, icn, a, state != TOO_DEAR, order, &made);
         if (answer != DONE) goto end;
         if (state == TOO_DEAR) {
             double cost;
@@ -122,15 +121,10 @@ static enum outcome plan_into(int n, int nz, const int *irn, const int *icn, con
         }
     }
     if (ikeep[STATE] == ORDERED) {
-        for (int k = 0; k < n; k++) {
-            const int kept = ikeep[KEEP_ORDER + k];
-            tied[k] = kept < 0;
-            order[k] = kept < 0 ? ~kept : kept;
-        }
-        answer = make_plan(n, nz, irn, icn, order, tied, &made);
+        answer = make_plan(n, nz, irn, icn, ikeep + KEEP_ORDER, &made);
         if (answer != DONE) goto end;
     } else if (n > 1) { /* IKEEP has 3 n entries */
-        for (int k = 0; k < n; k++) ikeep[KEEP_ORDER + k] = tied[k] ? ~order[k] : order[k];
+        memcpy(ikeep + KEEP_ORDER, order, sizeof(int) * (size_t)n);
         ikeep[STATE] = ORDERED;
     }
     const int64_t length = plan_length(&made);
@@ -145,7 +139,6 @@ static enum outcome plan_into(int n, int nz, const int *irn, const int *icn, con
 end:
     free_plan(&made);
     free(order);
-    free(tied);
     return answer;
 }
 
@@ -212,10 +205,9 @@ PUBLIC int pyrobocop_factor_size(int n, int nz, const int *irn, const int *icn, 
 {
     plan made;
     int *order = malloc(sizeof(int) * ((size_t)n + 1));
-    char *tied = malloc((size_t)n + 1);
-    enum outcome answer = order == NULL || tied == NULL ? OUT_OF_MEMORY : DONE;
+    enum outcome answer = order == NULL ? OUT_OF_MEMORY : DONE;
     made.first = NULL;
-    if (answer == DONE) answer = plan_anew(n, nz, irn, icn, a, 1, order, tied, &made);
+    if (answer == DONE) answer = plan_anew(n, nz, irn, icn, a, 1, order, &made);
     if (answer == DONE) {
         found[0] = made.expected.entries;
         found[1] = made.expected.operations;
@@ -223,6 +215,5 @@ PUBLIC int pyrobocop_factor_size(int n, int nz, const int *irn, const int *icn, 
         free_plan(&made);
     }
     free(order);
-    free(tied);
     return (int)answer;
 }

@@ -46,9 +46,9 @@ enum outcome order_by_degree(const graph *g, const int *weight, int *order);
  * The graph is the caller's to free. */
 enum outcome tie_matrix(int n, int nz, const int *row, const int *column, const double *value, graph *g, int *partner);
 
-/* Order of all rows. order[k] is the row that comes k-th; tied[k] is 1 where the k-th and the next are partners, and are to
- * lie in one front. With `may_leave`, an order without such ties is taken where it is clearly cheaper. */
-enum outcome order_tied(const graph *g, const int *partner, int may_leave, int *order, char *tied);
+/* Order of all rows. order[k] is the row that comes k-th, or ~row where it and the next are partners, and are to lie in one
+ * front. With `may_leave`, an order without such ties is taken where it is clearly cheaper. */
+enum outcome order_tied(const graph *g, const int *partner, int may_leave, int *order);
 
 /* Entries of the factor and multiplications that an order leads to. */
 typedef struct {
@@ -87,8 +87,7 @@ typedef struct {
 } plan;
 
 /* Make the plan in memory of its own. */
-enum outcome make_plan(int n, int nz, const int *row, const int *column, const int *order, const char *tied,
-                       plan *made);
+enum outcome make_plan(int n, int nz, const int *row, const int *column, const int *order, plan *made);
 void free_plan(plan *made);
 
 /* The plan in an integer array. */
@@ -105,8 +104,8 @@ typedef struct {
 } origin;
 
 /* The order and the plan of a matrix that was met before, where they are kept. Returns 0 where not. The plan is a copy. */
-int find_plan(const origin *from, int *order, char *tied, plan *made);
-void keep_plan(const origin *from, const int *order, const char *tied, const plan *made);
+int find_plan(const origin *from, int *order, plan *made);
+void keep_plan(const origin *from, const int *order, const plan *made);
 
 /* What a factorisation tells. */
 typedef struct {
