@@ -3,7 +3,7 @@
     python benchmarks/evaluation_costs.py [--quick] [--only EXAMPLE ...] [--rows N]
 
 The first table: CPU milliseconds for the constraints, their Jacobian and the Hessian of the Lagrangian together, near
-one point of the examples' models, by ASL, and by vectorised expressions that NumPy or compiled code evaluates. Each is
+one point of the examples' models, by ASL, and by vectorised expressions that CasADi or compiled code evaluates. Each is
 the least of seven runs of several evaluations. Pairs are relaxed by one product each.
 
 The second: CPU seconds until a model can be evaluated. "alike" are rows of one shape, "different" are as many rows of
@@ -34,7 +34,7 @@ from pyrobocop_pyomo.programs.compiled_terms import evaluation_library
 EXAMPLES = (
     "quadrotor_window", "crossing", "two_link_arm", "cart_pole", "acrobot", "planar_pushing", "stick_slip"
 )  # fmt: skip
-WAYS = {"ASL": "asl", "vectorised, NumPy": "vectorised", "vectorised, compiled": "vectorised"}
+WAYS = {"ASL": "asl", "vectorised, CasADi": "vectorised", "vectorised, compiled": "vectorised"}
 OPERATIONS = (pyo.sin, pyo.cos, pyo.exp, pyo.tanh, pyo.sinh, pyo.atan)
 LEAST_SECONDS = 0.02  # of one run: the clock's steps are a hundredth of it
 
@@ -65,7 +65,7 @@ def ways() -> dict[str, str]:
 
 def compiled(m: pyo.ConcreteModel, way: str) -> CompiledModel:
     """The model as a program by one of the ways."""
-    with native_code(allowed=way != "vectorised, NumPy"):
+    with native_code(allowed=way != "vectorised, CasADi"):
         return CompiledModel(m, WAYS[way])
 
 

@@ -44,7 +44,7 @@ def ways() -> dict[str, Callable[[int, Options], Measured]]:
     chosen: dict[str, Callable[[int, Options], Measured]] = {BY_HAND: by_hand_in_casadi}
     if rcp.ipopt.Backend.IN_PROCESS_ASL in rcp.ipopt.available_backends():
         chosen["phase, ASL"] = lambda n, options: as_phase(n, "asl", options={**mumps, **options})
-    chosen["phase, vectorised, NumPy"] = lambda n, options: _switched("off", n, {**mumps, **options})
+    chosen["phase, vectorised, CasADi"] = lambda n, options: _switched("off", n, {**mumps, **options})
     if evaluation_library() is not None:
         chosen["phase, vectorised, compiled"] = lambda n, options: _switched("on", n, {**mumps, **options})
         if find_linear_solver() is not None:

@@ -227,7 +227,8 @@ def _initialise_rates(states: dict[float, Any], rates: dict[float, Any], discret
 
 def explicit_candidates(discretisation: Discretisation, open_ids: set[int]) -> dict[int, Any]:
     """The derivatives that a right-hand side may replace, by their ids."""
-    candidates = {
+    states = discretisation.state_ids()
+    return {
         id(data): data
         for _, derivative in discretisation.derivatives
         if isinstance(derivative, DerivativeVar) and not derivative.is_reference()
@@ -235,10 +236,8 @@ def explicit_candidates(discretisation: Discretisation, open_ids: set[int]) -> d
         if not any(id(axis.domain) in open_ids for axis in axes_of(derivative))
         for data in derivative.values()
         if data.lower is None and data.upper is None and not (data.fixed and data.value is None)
+        if id(data) not in states
     }
-    for key in discretisation.state_ids():
-        candidates.pop(key, None)
-    return candidates
 
 
 def substitute_derivatives(discretisation: Discretisation, found: list[Spot]) -> None:

@@ -26,11 +26,11 @@ from .derivatives import (
 )
 from .expansion import Family, expand, refuse_what_cannot_grow
 from .holding_rows import HoldingRows, undecided_parts
-from .record import Discretisation, DiscretisationRecord, discretisation_record_of, discretisations_of
+from .record import Discretisation, discretisations_beside, discretisations_of
 from .shown_values import add_shown_values, clear, find_definitions, find_shown_values
 from .structure import Spot, axis_on, continuous_sets, spots
 from .sums_over_sets import check_possible_sum, find_possible_sums
-from .values import PreviousValues
+from .values import PreviousValues, families
 
 DAE_NAMES = {"radau": "LAGRANGE-RADAU", "gauss": "LAGRANGE-LEGENDRE"}
 
@@ -80,13 +80,14 @@ def discretisations_on(root: Any) -> list[Discretisation]:
 def _discretise(
     domain: Any, points: tuple[float, ...], grid: Grid, substitutes: bool, previous: PreviousValues | None
 ) -> Discretisation:
-    root, record = domain.model(), discretisation_record_of(domain)
+    root = domain.model()
     found = list(spots(root))
     refuse_what_cannot_grow(found, domain)
     possible_sums = find_possible_sums(found, domain)
-    remember_integrands(found, record)
     discretisation = Discretisation(domain, grid, points, substitutes)
     integrals = [spot.component for spot in found if isinstance(spot.component, Integral)]
+    for integral in integrals:
+        remember_integrand(integral)
     discretisation.formulas = [(data, data.expr) for integral in integrals for data in integral.values()]
     with undone_on_failure(partial(undo_discretisation, discretisation)):
         domain.update(sorted({*grid.times, *grid.points}.difference(points)))
@@ -94,7 +95,7 @@ def _discretise(
         expand(found, domain)
         found = list(spots(root))
         _inherit(found, discretisation)
-        record.discretisations[domain] = discretisation
+        discretisations_beside(domain)[domain] = discretisation
         everything = discretisations_on(root)
         for one in everything:
             add_collocation(one, found, alone=len(everything) == 1)
@@ -102,7 +103,7 @@ def _discretise(
             previous.give_to(list(spots(root)), discretisation)
         for one in everything:
             for integral in integrals_along(found, one.domain):
-                integrate(integral, one, discretisation_record_of(one.domain))
+                integrate(integral, one)
         for possible_sum in possible_sums:
             check_possible_sum(*possible_sum, domain)
         rows = HoldingRows(list(spots(root)), everything)
@@ -171,7 +172,7 @@ def undo_discretisation(discretisation: Discretisation) -> None:
     for time in [time for time in domain if time not in kept]:
         domain.discard(time)
     domain._fe = sorted(kept)
-    discretisation_record_of(domain).discretisations.pop(domain, None)
+    discretisations_beside(domain).pop(domain, None)
 
 
 def _inherit(found: list[Spot], discretisation: Discretisation) -> None:
@@ -181,20 +182,11 @@ def _inherit(found: list[Spot], discretisation: Discretisation) -> None:
         for variable, by_order in derivatives_along(found, discretisation.domain)
         for state in (variable, *(by_order[order] for order in by_order if order < max(by_order)))
     ]
-    states = discretisation.state_ids()
-    along: dict[Any, Family] = {}
-    for spot in found:
-        component = spot.component
-        if component.ctype not in (Var, DerivativeVar) or component.is_reference():
-            continue
+    for _, is_state, along in families(found, discretisation):
+        component = next(iter(along.values())).parent_component()
         is_in_blocks = axis_on(component, discretisation.domain) is None
-        for key, time, data in spot.members_along(discretisation.domain):
-            family = along.get(key)
-            if family is None:
-                family = along[key] = Family(id(data) in states, is_in_blocks, points)
-            (family.old if time in old else family.new).append((time, data))
-    for family in along.values():
-        family.inherit(discretisation.domain)
+        of_old, of_new = ([(t, data) for t, data in along.items() if (t in old) is is_old] for is_old in (True, False))
+        Family(is_state, is_in_blocks, points, of_old, of_new).inherit(discretisation.domain)
 
 
 def _mark_pairs(found: list[Spot], discretisation: Discretisation) -> None:
@@ -246,7 +238,10 @@ def finalise(discretisation: Discretisation) -> None:
             if component.ctype is DerivativeVar and component.is_fully_discretized():
                 component.parent_block().reclassify_component_type(component, Var)
     for integral in integrals_along(found, domain):
-        become_expression(integral)
+        if integral.ctype is Integral:  # pyomo.dae makes it an expression as well
+            integral.parent_block().reclassify_component_type(integral, Expression)
+        # The wrapped rule is not needed any more, and no pickle can hold it.
+        integral._rule = None
 
 
 def integrals_along(spots: list[Spot], domain: Any) -> list[Any]:
@@ -258,29 +253,25 @@ def integrals_along(spots: list[Spot], domain: Any) -> list[Any]:
     ]
 
 
-def remember_integrands(spots: list[Spot], record: DiscretisationRecord) -> None:
-    """Keep the user's own rules: pyomo.dae wraps them in the trapezoidal rule.
+def remember_integrand(integral: Any) -> None:
+    """Keep the user's own rule as ``integrand`` of the integral: pyomo.dae wraps it in the trapezoidal rule.
 
     Raises
     ------
     ModelError
         When the rule cannot be found.
     """
-    for spot in spots:
-        integral = spot.component
-        if not isinstance(integral, Integral) or integral in record.integrands:
-            continue
+    if not hasattr(integral, "integrand"):
         # pyomo.dae has no public way to the integrand; it lives in the environment of the wrapped rule.
         wrapped = getattr(integral._rule, "_fcn", None)
-        rule = getattr(wrapped, "__globals__", {}).get("rule")
-        if not callable(rule):
-            raise ModelError(f"'{integral.name}': its integrand cannot be read; give it as rule=... a function.")
-        record.integrands[integral] = rule
+        integral.integrand = getattr(wrapped, "__globals__", {}).get("rule")
+    if not callable(integral.integrand):
+        raise ModelError(f"'{integral.name}': its integrand cannot be read; give it as rule=... a function.")
 
 
-def integrate(integral: Any, discretisation: Discretisation, record: DiscretisationRecord) -> None:
+def integrate(integral: Any, discretisation: Discretisation) -> None:
     """Give an integral its value as an expression at the collocation points."""
-    rule, block, place = record.integrands[integral], integral.parent_block(), integral.loc
+    rule, block, place = integral.integrand, integral.parent_block(), integral.loc
     indices = list(integral.index_set()) if integral.is_indexed() else [None]
     for index in indices:
         others = index if isinstance(index, tuple) else () if index is None else (index,)
@@ -294,11 +285,3 @@ def integrate(integral: Any, discretisation: Discretisation, record: Discretisat
             integral._data[index].set_value(value)
         else:
             integral._setitem_when_not_present(index, value)
-
-
-def become_expression(integral: Any) -> None:
-    """Make an integral whose set is discretised a plain expression, as pyomo.dae does."""
-    if integral.ctype is Integral:
-        integral.parent_block().reclassify_component_type(integral, Expression)
-    # The wrapped rule is not needed any more, and no pickle can hold it.
-    integral._rule = None

@@ -13,7 +13,7 @@ rules, for each variable with its other indices:
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -41,7 +41,6 @@ from .structure import PAIRS, Spot, axis_on
 # on demand by Pyomo.
 ORDER = (Param, Var, DerivativeVar, Block, Expression, Constraint, Complementarity, MpecComplementarity)
 LEFT_ALONE = (Integral, Set, SetOf, Suffix)
-ATTRIBUTES = ("lower", "upper", "domain")
 ATTRIBUTE_NAMES = {"lower": "lower bounds", "upper": "upper bounds", "domain": "domains"}
 
 
@@ -184,8 +183,8 @@ class Family:
     is_state: bool
     is_in_blocks: bool
     points: frozenset[float]
-    old: list[tuple[float, Any]] = field(default_factory=list)
-    new: list[tuple[float, Any]] = field(default_factory=list)
+    old: list[tuple[float, Any]]
+    new: list[tuple[float, Any]]
 
     def inherit(self, domain: Any) -> None:
         """Give the new points what the old ones have.
@@ -198,7 +197,7 @@ class Family:
         if not self.old or not self.new:
             return
         declared = [self.new[0][1] if self.is_in_blocks else _as_declared(data) for _, data in self.old]
-        for attribute in ATTRIBUTES:
+        for attribute in ATTRIBUTE_NAMES:
             self._inherit(attribute, declared, domain)
         initial = [data.value for data in declared]
         self._interpolate_values(initial)

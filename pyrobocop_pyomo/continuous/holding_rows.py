@@ -337,9 +337,6 @@ class HoldingRows:
         places = (self.candidates.get(id(variable)) for variable in variables)
         return all(place is None or self.is_first(*place[1:]) for place in places)
 
-    def _is_free_rate(self, data: Any) -> bool:
-        return self._is_rate(data) and not data.fixed and data.lower is None and data.upper is None
-
     def _is_rate(self, data: Any) -> bool:
         component = data.parent_component()
         return any(component is rate for one in self._discretisations.values() for _, rate in one.derivatives)
@@ -370,7 +367,10 @@ class HoldingRows:
         equation need not have a solution for the values that are shown.
         """
         explicit = {id(row) for row in definitions.values()}
-        rates = {key for key in ids - definitions.keys() if self._is_free_rate(self.absent[key][0])}
+        candidates = {key: self.absent[key][0] for key in ids - definitions.keys()}
+        rates = {
+            key for key, v in candidates.items() if self._is_rate(v) and not v.fixed and v.lower is v.upper is None
+        }
         rest = [[id(v) for v in variables_of_row(row) if id(v) in rates] for row in part if id(row) not in explicit]
         is_square = len(rest) == len(rates) == len(columns_that_rows_give(rest, rates))
         return (

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-from pyomo.common.autoslots import AutoSlots
 from pyomo.common.collections import ComponentMap
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
@@ -74,35 +73,18 @@ class Discretisation:
             yield from block.component_map(Constraint).values()
 
 
-class DiscretisationRecord(AutoSlots.Mixin):
-    """Private data of the block on which continuous sets live; follows clones and pickles.
-
-    Attributes
-    ----------
-    discretisations : ComponentMap
-        From a continuous set to its `Discretisation`.
-    integrands : ComponentMap
-        From an integral to the rule of its integrand.
-    """
-
-    __slots__ = ("discretisations", "integrands")
-
-    def __init__(self) -> None:
-        self.discretisations = ComponentMap()
-        self.integrands = ComponentMap()
+# Private data of the block on which continuous sets live; follows clones and pickles.
+Block.register_private_data_initializer(ComponentMap)
 
 
-Block.register_private_data_initializer(DiscretisationRecord)
-
-
-def discretisation_record_of(domain: Any) -> DiscretisationRecord:
-    """The record of the block on which a continuous set lives."""
+def discretisations_beside(domain: Any) -> Any:
+    """From each continuous set of a block that is discretised to its `Discretisation`."""
     return domain.parent_block().private_data()
 
 
 def discretisation_of(domain: Any) -> Discretisation | None:
     """The discretisation of a continuous set; None if there is none."""
-    return discretisation_record_of(domain).discretisations.get(domain)
+    return discretisations_beside(domain).get(domain)
 
 
 def discretisations_of(domains: Any) -> Iterator[Discretisation]:

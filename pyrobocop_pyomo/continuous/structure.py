@@ -71,21 +71,14 @@ class Spot(NamedTuple):
         """Key of the family, point and data of every member that stands at a point of a continuous set."""
         axes = axes_of(self.component)
         around = [time for along, time in self.outer if along is domain]
-        own = [axis for axis in axes if axis.domain is domain]
-        if around or len(own) != 1:
-            for index, data in self.component.items():
-                for along, time in self.points(index, axes):
-                    if along is domain:
-                        yield self.family(index, axes, domain), time, data
-            return
+        own = next((axis for axis in axes if axis.domain is domain), None)
         families: dict[Any, tuple[Any, ...]] = {}  # the key is the same for all points of one
-        (axis,) = own
-        for index, data in self.component.items():
-            others = axis.others(index)
-            family = families.get(others)
-            if family is None:
-                family = families[others] = self.family(index, axes, domain)
-            yield family, axis.time(index), data
+        for index, data in self.component.items() if around or own is not None else ():
+            others = index if own is None else own.others(index)
+            if others not in families:
+                families[others] = self.family(index, axes, domain)
+            for time in around if own is None else (*around, own.time(index)):
+                yield families[others], time, data
 
 
 def axes_of(component: Any) -> tuple[Axis, ...]:

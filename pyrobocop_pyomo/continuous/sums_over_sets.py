@@ -21,34 +21,28 @@ from pyomo.dae import DerivativeVar, Integral
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.failures import failures_as
-from pyrobocop_pyomo.modeling.shared_nodes import variables_in
+from pyrobocop_pyomo.modeling.rule_results import variables_read
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in, variables_in_any
 
 from .structure import Spot, axis_on
 
 _WITH_COEFFICIENTS = (ProductExpression, MonomialTermExpression, NegationExpression)
 
 
-# An expression at several points of the set whose rule can be run again: its component and index, the ids of its
-# variables, and those of named expressions.
-PossibleSum = tuple[Any, Any, set[int], frozenset[int]]
-
-
-def check_possible_sum(component: Any, index: Any, variables: Any, leaves: Collection[int], domain: Any) -> None:
-    """Raise a `ModelError` when the rule now says something else."""
+def check_possible_sum(component: Any, index: Any, domain: Any) -> None:
+    """Raise a `ModelError` when the rule of an expression now reads more than it holds."""
     where = (
         f"'{component.name}': holds variables at several points of '{domain.name}', and its rule fails now that the "
         "set has more"
     )
     with failures_as(ModelError, where):
         result = component._rule(component.parent_block(), index)
-    parts = result if isinstance(result, (tuple, list)) else (result,)
-    parts = [part for part in parts if part.__class__ in native_types or hasattr(part, "is_expression_type")]
-    if {id(variable) for part in parts for variable in variables_in(part, leaves)} - variables:
+    if set(map(id, variables_read(result))) - variables_in_any([component[index].expr]).keys():
         raise _refusal(component, index, domain)
 
 
-def find_possible_sums(spots: list[Spot], domain: Any) -> list[PossibleSum]:
-    """The expressions to check again after the set has grown.
+def find_possible_sums(spots: list[Spot], domain: Any) -> list[tuple[Any, Any]]:
+    """Component and index of the expressions to check again after the set has grown.
 
     Raises
     ------
@@ -56,7 +50,12 @@ def find_possible_sums(spots: list[Spot], domain: Any) -> list[PossibleSum]:
         When an expression without a rule looks like a sum over the set.
     """
     points = tuple(domain)
-    place = dict(_places(spots, domain))
+    place = {
+        id(data): (family, time)
+        for spot in spots
+        if spot.component.ctype in (Var, DerivativeVar, Expression)
+        for family, time, data in spot.members_along(domain)
+    }
     # Named expressions are checked by themselves.
     named = [spot.component for spot in spots if spot.component.ctype in (Integral, Expression)]
     leaves = frozenset(id(data) for component in named for data in component.values())
@@ -70,23 +69,15 @@ def find_possible_sums(spots: list[Spot], domain: Any) -> list[PossibleSum]:
         around = {time for outer, time in spot.outer if outer is domain}
         for index, data in spot.component.items():
             own = around if axis is None else {axis.time(index)}
-            variables = list(variables_in(data.expr, leaves))
-            times = {place[id(variable)][1] for variable in variables if id(variable) in place}
+            read = map(id, variables_in(data.expr, leaves))
+            times = {place[variable][1] for variable in read if variable in place}
             if len(times | own) < 2:
                 continue
             if _can_be_asked(spot.component):
-                possible_sums.append((spot.component, index, set(map(id, variables)), leaves))
+                possible_sums.append((spot.component, index))
             elif _covers(repeated_times(data.expr, place, leaves), points):
                 raise _refusal(spot.component, index, domain)
     return possible_sums
-
-
-def _places(spots: list[Spot], domain: Any) -> Iterator[tuple[int, tuple[Any, float]]]:
-    for spot in spots:
-        if spot.component.ctype not in (Var, DerivativeVar, Expression):
-            continue
-        for family, time, data in spot.members_along(domain):
-            yield id(data), (family, time)
 
 
 def _can_be_asked(component: Any) -> bool:

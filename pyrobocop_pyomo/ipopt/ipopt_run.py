@@ -136,7 +136,9 @@ class IpoptCallbacks:
         *given, to, _ = others
         structure = EVALUATIONS[name]
         if structure is not None and not to:
-            return _write_structure(getattr(self.nlp, structure), *given[-2:])
+            for indices, places in zip(getattr(self.nlp, structure), given[-2:], strict=True):
+                _view(places, indices.size, ctypes.c_int)[...] = indices
+            return 1
         arguments: list[Any] = [_view(address, n)]
         if name == "hessian":
             factor, m, multipliers, *_ = given
@@ -165,18 +167,11 @@ class IpoptCallbacks:
         return int(self.on_iteration is None or self.on_iteration(record) is not False)
 
 
-def _view(address: int | None, size: int) -> FloatArray:
+def _view(address: int | None, size: int, kind: Any = ctypes.c_double) -> np.ndarray[Any, Any]:
     """Ipopt's memory as an array, valid during one callback."""
     if not size or not address:
         return np.empty(0)
-    return np.ctypeslib.as_array((ctypes.c_double * size).from_address(address))
-
-
-def _write_structure(structure: tuple[Any, Any], rows: int, columns: int) -> int:
-    for indices, address in zip(structure, (rows, columns), strict=True):
-        if indices.size:
-            np.ctypeslib.as_array((ctypes.c_int * indices.size).from_address(address))[:] = indices
-    return 1
+    return np.ctypeslib.as_array((kind * size).from_address(address))
 
 
 class KeptProblem:

@@ -310,17 +310,6 @@ def _variable_or_parameter(node: Any) -> Leaf | None:
     return Leaf(node) if kind_of_node(node.__class__) == LEAF else None
 
 
-def number_of(leaf: Leaf) -> float:
-    """The value of a variable or a parameter.
-
-    Raises
-    ------
-    ValueError
-        Where it has none.
-    """
-    return float(value(leaf.node))
-
-
 def _number(number: Any, known: dict[str, Any]) -> str:
     if number.__class__ is int:
         return f"({number})"

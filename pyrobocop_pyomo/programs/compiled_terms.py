@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 import functools
 import logging
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,23 +25,13 @@ TERM_EVALUATION = "term_evaluation"
 SOURCE = Path(__file__).with_name("term_evaluation.c")
 
 
-def _if_else_zero(chosen: FloatArray, values: FloatArray, out: FloatArray) -> None:
-    np.copyto(out, np.where(chosen, values, 0.0))
-
-
-# CasADi's operations and the NumPy functions that do the same, in the order of the source.
-NUMPY_FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "ADD": np.add, "SUB": np.subtract, "MUL": np.multiply, "DIV": np.divide, "NEG": np.negative, "INV": np.reciprocal,
-    "SQ": np.square, "TWICE": np.add, "SQRT": np.sqrt, "POW": np.power, "EXP": np.exp, "LOG": np.log,
-    "LOG1P": np.log1p, "EXPM1": np.expm1, "SIN": np.sin, "COS": np.cos, "TAN": np.tan, "ASIN": np.arcsin,
-    "ACOS": np.arccos, "ATAN": np.arctan, "ATAN2": np.arctan2, "SINH": np.sinh, "COSH": np.cosh, "TANH": np.tanh,
-    "ASINH": np.arcsinh, "ACOSH": np.arccosh, "ATANH": np.arctanh, "FABS": np.absolute, "SIGN": np.sign,
-    "COPYSIGN": np.copysign, "FLOOR": np.floor, "CEIL": np.ceil, "FMOD": np.fmod, "FMIN": np.fmin, "FMAX": np.fmax,
-    "HYPOT": np.hypot, "LT": np.less, "LE": np.less_equal, "EQ": np.equal, "NE": np.not_equal, "NOT": np.logical_not,
-    "AND": np.logical_and, "OR": np.logical_or, "ASSIGN": np.positive, "IF_ELSE_ZERO": _if_else_zero,
-}  # fmt: skip
-# Each number there is a place here.
-OPERATIONS = ("READ_VARIABLE", "READ_NUMBER", "READ_WEIGHT", "CONSTANT", "ADD_OUTPUT", *NUMPY_FUNCTIONS)
+# Each number in the source is a place here: what is not arithmetic, and then CasADi's operations.
+OPERATIONS = (
+    "READ_VARIABLE", "READ_NUMBER", "READ_WEIGHT", "CONSTANT", "ADD_OUTPUT", "ADD", "SUB", "MUL", "DIV", "NEG", "INV",
+    "SQ", "TWICE", "SQRT", "POW", "EXP", "LOG", "LOG1P", "EXPM1", "SIN", "COS", "TAN", "ASIN", "ACOS", "ATAN", "ATAN2",
+    "SINH", "COSH", "TANH", "ASINH", "ACOSH", "ATANH", "FABS", "SIGN", "COPYSIGN", "FLOOR", "CEIL", "FMOD", "FMIN",
+    "FMAX", "HYPOT", "LT", "LE", "EQ", "NE", "NOT", "AND", "OR", "ASSIGN", "IF_ELSE_ZERO",
+)  # fmt: skip
 _CONSTANT, _ADD_OUTPUT, _FIRST_OF_CASADI = map(OPERATIONS.index, ("CONSTANT", "ADD_OUTPUT", "ADD"))
 
 _long, _address = ctypes.c_int64, ctypes.c_void_p
@@ -87,14 +76,14 @@ def _library() -> ctypes.CDLL | None:
 
 
 def evaluation_library() -> ctypes.CDLL | None:
-    """The compiled evaluation; None where it is switched off or was not compiled, and NumPy evaluates."""
+    """The compiled evaluation; None where it is switched off or was not compiled, and CasADi evaluates."""
     return _library() if native_allowed() else None
 
 
 def how_terms_are_evaluated() -> str:
-    """One line for people: the compiled evaluation and its file, or NumPy and why."""
+    """One line for people: the compiled evaluation and its file, or CasADi and why."""
     if evaluation_library() is None:
-        return f"evaluated by NumPy: {SWITCH_VARIABLE} is 'off', or python -m pyrobocop_pyomo build-native is to be run"
+        return f"evaluated by CasADi: {SWITCH_VARIABLE} is 'off', or run python -m pyrobocop_pyomo build-native"
     return f"evaluated by compiled code: {library_file(TERM_EVALUATION)}"
 
 
@@ -110,6 +99,10 @@ class CompiledFunction:
     ----------
     function : casadi.Function
         Of variables, numbers and weights; one output.
+
+    Attributes
+    ----------
+    function : casadi.Function
     """
 
     def __init__(self, function: Any) -> None:
@@ -130,7 +123,7 @@ class CompiledFunction:
             else:
                 inputs = function.instruction_input(k)
                 steps[k] = places[operation], function.instruction_output(k)[0], inputs[0], inputs[-1]
-        self.steps, self.constants = steps, np.array(constants, dtype=float)
+        self.function, self.steps, self.constants = function, steps, np.array(constants, dtype=float)
         self.work = function.sz_w()
 
     def structure(self, places: np.ndarray, scales: FloatArray | None = None) -> _FunctionStructure:

@@ -15,7 +15,7 @@ from pyomo.core.expr.numvalue import NumericValue, native_numeric_types
 
 from pyrobocop_pyomo.modeling.bulk_parts import new_variable
 from pyrobocop_pyomo.modeling.functions import Function, FunctionOutput, is_function_call
-from pyrobocop_pyomo.modeling.shared_nodes import topmost_nodes
+from pyrobocop_pyomo.modeling.shared_nodes import NodesOnce
 
 
 @dataclass(eq=False)
@@ -58,8 +58,11 @@ class ConstantCall(NumericValue):
         return float(self._node._fcn.evaluate(self._node.args))
 
 
-class FunctionCalls:
+class FunctionCalls(NodesOnce):
     """All different calls that a walk over a model has met; those with the same arguments are one.
+
+    What is found at an expression is the level that a call of it has, in a tuple, which no number is; None where
+    nothing in it is free.
 
     Attributes
     ----------
@@ -70,22 +73,18 @@ class FunctionCalls:
     """
 
     def __init__(self) -> None:
+        super().__init__()
         self.calls: list[FunctionCall] = []
         self.given: list[Any] = []
-        self._known: dict[tuple[Any, ...], FunctionCall | None] = {}
+        self._different: dict[tuple[Any, ...], FunctionCall | None] = {}
         self._constants: dict[int, ConstantCall] = {}
-        self._kept: list[Any] = []  # calls are known by the ids of their arguments: these have to live on
 
     def replacement(self, node: Any) -> VarData | ConstantCall:
         """What stands for a call: a variable, or a parameter where nothing in its arguments is free."""
-        self._register(node)
-        call = self._known[_key(node)]
+        self.of(node)
+        call = self._different[_key(node)]
         if call is None:
-            constant = self._constants.get(id(node))
-            if constant is None:
-                constant = self._constants[id(node)] = ConstantCall(node)
-                self._kept.append(node)
-            return constant
+            return self._constants.setdefault(id(node), ConstantCall(node))
         output = node._fcn.index
         if output not in call.outputs:
             call.outputs[output] = new_variable(None, None, 0.0)
@@ -95,46 +94,26 @@ class FunctionCalls:
         """The calls, those of lower levels first."""
         return sorted(self.calls, key=attrgetter("level"))
 
-    def _register(self, node: Any) -> None:
-        """Make the call known, and those in its arguments before it; nested calls may be many."""
-        pending = [node]
-        while pending:
-            top = pending[-1]
-            key = _key(top)
-            if key in self._known:
-                pending.pop()
-                continue
-            inner, free, given = _held(top._args_)
-            unknown = [call for call in inner if _key(call) not in self._known]
-            if unknown:
-                pending += unknown
-                continue
-            pending.pop()
-            self._kept.append(top)
-            self.given += given
-            level, depends = 0, free
-            for nested in inner:
-                call = self._known[_key(nested)]
-                if call is not None:
-                    self.replacement(nested)
-                    level, depends = max(level, call.level + 1), True
-            self._known[key] = None
-            if depends:
-                self._known[key] = new = FunctionCall(top._fcn.function, tuple(top._args_), level)
+    def of_leaf(self, leaf: Any) -> tuple[int] | None:
+        """Level 0 for a free variable; what is fixed or a parameter is noted."""
+        if leaf.is_variable_type() and not leaf.fixed:
+            return (0,)
+        if not leaf.is_constant():
+            self.given.append(leaf)
+        return None
+
+    def of_operation(self, node: Any, found: list[Any]) -> tuple[int] | None:
+        """The highest level among the arguments, and one more for a call, which is known from then on."""
+        highest = max((each for each in found if each.__class__ is tuple), default=None)
+        if not is_function_call(node):
+            return highest
+        key = _key(node)
+        if key not in self._different:
+            self._different[key] = None
+            if highest is not None:
+                self._different[key] = new = FunctionCall(node._fcn.function, tuple(node._args_), *highest)
                 self.calls.append(new)
-
-
-def _held(arguments: Any) -> tuple[list[Any], bool, list[Any]]:
-    """Calls in arguments, whether a variable is free there, and what is fixed or a parameter."""
-    inner, free, given = [], False, []
-    for node in topmost_nodes(arguments, lambda node: is_function_call(node) or not node.is_expression_type()):
-        if is_function_call(node):
-            inner.append(node)
-        elif node.is_variable_type() and not node.fixed:
-            free = True
-        elif not node.is_constant():
-            given.append(node)
-    return inner, free, given
+        return None if highest is None else (highest[0] + 1,)
 
 
 def _key(node: Any) -> tuple[Any, ...]:

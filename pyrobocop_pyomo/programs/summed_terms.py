@@ -2,7 +2,7 @@
 
 CasADi derives one small function for each shape of terms: a list of steps. The compiled evaluation
 (``term_evaluation.c``) begins a step in some nanoseconds and goes over all instances in the processor's nearest memory.
-Where it is not there, NumPy does the steps, each of which begins in half a microsecond.
+Where it is not there, CasADi evaluates the functions.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.modeling.expression_nodes import NUMPY_NAMES, comparisons
 from pyrobocop_pyomo.optional_imports import casadi, scipy
 
-from .compiled_terms import NUMPY_FUNCTIONS, OPERATIONS, CompiledFunction, SumsStructure, TermStructure, indices
+from .compiled_terms import CompiledFunction, SumsStructure, TermStructure, indices
 from .model_terms import Terms
 from .nonlinear_program import FloatArray, IndexArray
 from .term_groups import TermArrays, decoded
@@ -90,28 +90,11 @@ class TermFunction:
         )  # fmt: skip
 
     def add(self, function: CompiledFunction, x: FloatArray, weights: Any, sums: FloatArray) -> None:
-        """As the library adds the outputs of a function, each step by NumPy for all instances at once."""
-        columns, numbers, places = (
-            array.reshape(-1, self.instances) for array in (self.columns, self.numbers, function.places)
-        )
-        scales = np.ones_like(places) if function.scales is None else function.scales.reshape(places.shape)
-        work = np.empty((function.work, self.instances))
-        for operation, to, first, last in function.steps.tolist():
-            name = OPERATIONS[operation]
-            if name == "READ_VARIABLE":
-                work[to] = x[columns[first]]
-            elif name == "READ_NUMBER":
-                work[to] = numbers[first]
-            elif name == "READ_WEIGHT":
-                work[to] = weights[self.rows] * self.scales
-            elif name == "CONSTANT":
-                work[to] = function.constants[first]
-            elif name == "ADD_OUTPUT":
-                np.add.at(sums, places[to], scales[to] * work[first])
-            else:
-                does = NUMPY_FUNCTIONS[name]
-                inputs = (work[first],) if getattr(does, "nin", 2) == 1 else (work[first], work[last])
-                does(*inputs, work[to])
+        """As the library adds the outputs of a function, by CasADi."""
+        columns, numbers = (array.reshape(-1, self.instances) for array in (self.columns, self.numbers))
+        of_rows = np.zeros(self.instances) if weights is None else weights[self.rows] * self.scales
+        values = function.function.map(self.instances)(x[columns], numbers, of_rows[None]).full().ravel()
+        np.add.at(sums, function.places, values if function.scales is None else function.scales * values)
 
     def set_parameters(self, values: FloatArray) -> None:
         """Evaluate with these values of all parameters from now on."""
@@ -142,7 +125,7 @@ class SummedTerms:
     rows, n : int
         Counts of rows and variables.
     library : ctypes.CDLL or None
-        The compiled evaluation; without it NumPy evaluates.
+        The compiled evaluation; without it CasADi evaluates.
 
     Attributes
     ----------

@@ -74,12 +74,10 @@ typedef struct {
 } Sums;
 
 typedef struct {
-    int64_t n, hessian_entries;
+    int64_t n;
     Sums cost, rows;
     const int32_t *gradient_columns; /* [entry of cost] */
 } Program;
-
-static int64_t smaller(int64_t a, int64_t b) { return a < b ? a : b; }
 
 #define FOR_EACH for (int64_t i = 0; i < count; i++)
 /* The same where no result is read by another instance, which a compiler cannot know of two pointers. */
@@ -151,7 +149,7 @@ static void add_function(const Term *term, const Function *function, const doubl
                          double *work, double *sums) {
     const int64_t instances = term->instances;
     for (int64_t first = 0; first < instances; first += BLOCK) {
-        const int64_t count = smaller(BLOCK, instances - first);
+        const int64_t count = instances - first < BLOCK ? instances - first : BLOCK;
         for (int64_t k = 0; k < function->steps; k++) {
             const Step step = function->step[k];
             double *r = work + (int64_t)step.result * BLOCK;
@@ -227,23 +225,6 @@ EXPORTED int32_t sums_hessian(const Sums *sums, const double *x, const double *w
     return add_terms(sums, HESSIAN, x, weights, entries);
 }
 
-EXPORTED int32_t program_gradient(const Program *program, const double *x, double *gradient) {
-    const Sums *cost = &program->cost;
-    memset(gradient, 0, (size_t)program->n * sizeof(double));
-    double *entries = malloc((size_t)(cost->entries + 1) * sizeof(double));
-    if (!entries) return 0;
-    const int32_t done = sums_jacobian(cost, x, entries);
-    for (int64_t k = 0; done && k < cost->entries; k++) gradient[program->gradient_columns[k]] = entries[k];
-    free(entries);
-    return done;
-}
-
-EXPORTED int32_t program_hessian(const Program *program, const double *x, double factor, const double *multipliers,
-                                 double *entries) {
-    memset(entries, 0, (size_t)program->hessian_entries * sizeof(double));
-    return sums_hessian(&program->cost, x, &factor, entries) && sums_hessian(&program->rows, x, multipliers, entries);
-}
-
 /* ------------------------------------------------------------------ Ipopt's own calls, without Python in between */
 
 /* A program in the units of `x_scales` and so on (as `ScaledProgram` has them), and what happened in one run. */
@@ -275,8 +256,11 @@ static int32_t all_finite(const double *values, int64_t count) {
     return sums[0] == 0.0;
 }
 
-/* Whether all numbers exist; where not, the point is remembered, and Ipopt is told to take a shorter step. */
-static int32_t noted(Run *run, int32_t done, const double *x, const double *values, int64_t count) {
+/* Multiply numbers by their factors, if there are any, and tell whether all exist; where not, the point is remembered, and
+   Ipopt is told to take a shorter step. */
+static int32_t noted(Run *run, int32_t done, const double *x, double *values, int64_t count, const double *factors) {
+    if (factors)
+        for (int64_t i = 0; i < count; i++) values[i] *= factors[i];
     const int32_t exists = done && all_finite(values, count);
     if (!exists) {
         memcpy(run->undefined_at, x, (size_t)run->program->n * sizeof(double));
@@ -289,15 +273,18 @@ EXPORTED int32_t run_objective(int32_t n, const double *x, int32_t new_x, double
     const int32_t done = sums_values(&run->program->cost, unscaled_point(run, x), value);
     (void)n, (void)new_x;
     *value /= run->objective_scale;
-    return noted(run, done, x, value, 1);
+    return noted(run, done, x, value, 1, NULL);
 }
 
 EXPORTED int32_t run_gradient(int32_t n, const double *x, int32_t new_x, double *values, Run *run) {
-    const int32_t done = program_gradient(run->program, unscaled_point(run, x), values);
+    const Sums *cost = &run->program->cost;
     (void)new_x;
-    if (run->gradient_scales)
-        for (int32_t i = 0; i < n; i++) values[i] *= run->gradient_scales[i];
-    return noted(run, done, x, values, n);
+    memset(values, 0, (size_t)n * sizeof(double));
+    double *entries = malloc((size_t)(cost->entries + 1) * sizeof(double));
+    const int32_t done = entries && sums_jacobian(cost, unscaled_point(run, x), entries);
+    for (int64_t k = 0; done && k < cost->entries; k++) values[run->program->gradient_columns[k]] = entries[k];
+    free(entries);
+    return noted(run, done, x, values, n, run->gradient_scales);
 }
 
 EXPORTED int32_t run_constraints(int32_t n, const double *x, int32_t new_x, int32_t m, double *values, Run *run) {
@@ -305,7 +292,7 @@ EXPORTED int32_t run_constraints(int32_t n, const double *x, int32_t new_x, int3
     (void)n, (void)new_x;
     if (run->row_scales)
         for (int32_t i = 0; i < m; i++) values[i] /= run->row_scales[i];
-    return noted(run, done, x, values, m);
+    return noted(run, done, x, values, m, NULL);
 }
 
 EXPORTED int32_t run_jacobian(int32_t n, const double *x, int32_t new_x, int32_t m, int32_t count, int32_t *rows,
@@ -317,9 +304,7 @@ EXPORTED int32_t run_jacobian(int32_t n, const double *x, int32_t new_x, int32_t
         return 1;
     }
     const int32_t done = sums_jacobian(&run->program->rows, unscaled_point(run, x), values);
-    if (run->entry_scales)
-        for (int32_t i = 0; i < count; i++) values[i] *= run->entry_scales[i];
-    return noted(run, done, x, values, count);
+    return noted(run, done, x, values, count, run->entry_scales);
 }
 
 EXPORTED int32_t run_hessian(int32_t n, const double *x, int32_t new_x, double factor, int32_t m,
@@ -336,9 +321,9 @@ EXPORTED int32_t run_hessian(int32_t n, const double *x, int32_t new_x, double f
         for (int32_t i = 0; i < m; i++) run->multipliers[i] = multipliers[i] / run->row_scales[i];
         own = run->multipliers;
     }
-    const int32_t done =
-        program_hessian(run->program, unscaled_point(run, x), factor / run->objective_scale, own, values);
-    if (run->hessian_scales)
-        for (int32_t i = 0; i < count; i++) values[i] *= run->hessian_scales[i];
-    return noted(run, done, x, values, count);
+    const double *point = unscaled_point(run, x), weight = factor / run->objective_scale;
+    memset(values, 0, (size_t)count * sizeof(double));
+    const int32_t done = sums_hessian(&run->program->cost, point, &weight, values) &&
+                         sums_hessian(&run->program->rows, point, own, values);
+    return noted(run, done, x, values, count, run->hessian_scales);
 }

@@ -35,8 +35,7 @@ _int, _long, _number, _address = ctypes.c_int32, ctypes.c_int64, ctypes.c_double
 
 class _ProgramStructure(ctypes.Structure):
     _fields_ = (
-        ("n", _long), ("hessian_entries", _long), ("cost", SumsStructure), ("rows", SumsStructure),
-        ("gradient_columns", _address),
+        ("n", _long), ("cost", SumsStructure), ("rows", SumsStructure), ("gradient_columns", _address),
     )  # fmt: skip
 
 
@@ -178,9 +177,8 @@ class CompiledRun:
         structures = [self._kept(places, np.int32) for places in (*jacobian, *hessian)]
         self._undefined_at = np.empty(program.n)
         self._program = _ProgramStructure(
-            program.n, hessian[0].size, program.cost.sums, program.rows.sums,
-            self._kept(program.cost.structure[1], np.int32),
-        )  # fmt: skip
+            program.n, program.cost.sums, program.rows.sums, self._kept(program.cost.structure[1], np.int32)
+        )
         units: list[int | None] = [None] * 5
         objective_scale = 1.0
         if scales is not None:

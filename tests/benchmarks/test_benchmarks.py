@@ -32,7 +32,7 @@ def run_quick(name: str, *arguments: str) -> str:
 SAID: dict[str, tuple[str, ...]] = {
     "code_lines": (" phases ",),
     "planar_pushing_treatments": ("(i) ", "(ii) ", "(iii) ", "(iv) ", "(v) ", "default of rcp.solve"),
-    "iteration_costs --without ASL": ("CasADi by hand", "phase, vectorised, NumPy"),
+    "iteration_costs --without ASL": ("CasADi by hand", "phase, vectorised, CasADi"),
     "objective_errors": ("18 of 18 estimates within a factor of 10",),
     "obstacle_scale": ("8x15: 1 of 1 safe",),
     "parking_cases": ("1 of 1 safe",),

@@ -1,4 +1,4 @@
-"""The compiled evaluation gives the numbers of NumPy, and Ipopt the same run without Python as with it."""
+"""The compiled evaluation gives the numbers of CasADi, and Ipopt the same run without Python as with it."""
 
 import os
 import re
@@ -33,7 +33,7 @@ A, B = (grid.ravel() for grid in np.meshgrid(NUMBERS, NUMBERS))
 
 @pytest.fixture
 def ways(monkeypatch: pytest.MonkeyPatch):
-    """Values of a function of the variables by the library and by NumPy; one instance for each column of the values."""
+    """Values of a function of the variables by the library and by CasADi, one for each column of the values."""
 
     def both(function, values: np.ndarray) -> list[np.ndarray]:
         # CasADi has more operations than Pyomo's expressions ask for.
@@ -63,13 +63,13 @@ BINARY = "atan2 copysign fmod fmin fmax hypot power"
 
 
 @pytest.mark.parametrize("name", UNARY.split())
-def test_functions_of_one_number_are_those_of_numpy(name: str, ways) -> None:
+def test_functions_of_one_number_are_those_of_casadi(name: str, ways) -> None:
     ours, theirs = ways(getattr(casadi, name), NUMBERS[None])
     np.testing.assert_allclose(ours, theirs, rtol=1e-15)
 
 
 @pytest.mark.parametrize("name", BINARY.split())
-def test_functions_of_two_numbers_are_those_of_numpy(name: str, ways) -> None:
+def test_functions_of_two_numbers_are_those_of_casadi(name: str, ways) -> None:
     ours, theirs = ways(getattr(casadi, name), np.array([A, B]))
     np.testing.assert_allclose(ours, theirs, rtol=1e-15)
 
@@ -95,7 +95,7 @@ OPERATORS = {
 
 
 @pytest.mark.parametrize("name", OPERATORS)
-def test_operators_are_those_of_numpy(name: str, ways) -> None:
+def test_operators_are_those_of_casadi(name: str, ways) -> None:
     np.testing.assert_array_equal(*ways(OPERATORS[name], np.array([A, B])))
 
 
@@ -135,7 +135,7 @@ def numbers_of(nlp, x: np.ndarray, multipliers: np.ndarray) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("instances", [1, 5, 63, 64, 65, 129, 200])
-def test_all_functions_of_a_program_are_those_of_numpy(instances: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_all_functions_of_a_program_are_those_of_casadi(instances: int, monkeypatch: pytest.MonkeyPatch) -> None:
     m = model(instances)
     ours, theirs = (program(m, switch, monkeypatch) for switch in ("on", "off"))
     assert np.array_equal(ours.nlp.jacobian_structure, theirs.nlp.jacobian_structure)

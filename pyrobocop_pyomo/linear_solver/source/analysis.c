@@ -130,6 +130,17 @@ enum outcome elimination_tree(const graph *g, const int *order, const int *posit
     return DONE;
 }
 
+/* Lists of the children of a forest's nodes, in their order: child[i] is the first of node i, sibling[j] the next. */
+static void list_children(int n, const int *parent, int *child, int *sibling)
+{
+    for (int i = 0; i < n; i++) child[i] = -1;
+    for (int i = n - 1; i >= 0; i--)
+        if (parent[i] >= 0) {
+            sibling[i] = child[parent[i]];
+            child[parent[i]] = i;
+        }
+}
+
 /* Children before parents, subtree by subtree: walked[k] is the k-th node. A forest given by parents that come after
  * their children. */
 static enum outcome postorder(int n, const int *parent, int *walked)
@@ -137,12 +148,7 @@ static enum outcome postorder(int n, const int *parent, int *walked)
     int *memory = malloc(sizeof(int) * (3 * (size_t)n + 1));
     if (memory == NULL) return OUT_OF_MEMORY;
     int *child = memory, *sibling = memory + n, *stack = memory + 2 * (size_t)n, done = 0;
-    for (int i = 0; i < n; i++) child[i] = -1;
-    for (int i = n - 1; i >= 0; i--)
-        if (parent[i] >= 0) {
-            sibling[i] = child[parent[i]];
-            child[parent[i]] = i;
-        }
+    list_children(n, parent, child, sibling);
     for (int root = 0; root < n; root++) {
         if (parent[root] >= 0) continue;
         int top = 0;
@@ -236,8 +242,8 @@ void free_plan(plan *made)
     made->first = NULL;
 }
 
-/* The integer arrays of a plan, in the order in which they are stored. */
-enum { HEADER = 16, AT_NEGATIVE = 8 };
+/* What is stored of a plan: itself, and then its integer arrays in this order. */
+enum { HEADER = sizeof(plan) / sizeof(int), AT_NEGATIVE = offsetof(plan, negative) / sizeof(int) };
 
 static void lay_out(plan *p, int *at)
 {
@@ -272,11 +278,7 @@ int copy_plan(const plan *made, plan *copied)
 
 void store_plan(const plan *made, int *integers)
 {
-    const int header[] = {made->n, made->nz, made->fronts, made->below, made->taken, made->largest, made->reals,
-                          made->integers, made->negative, made->used};
-    memcpy(integers, header, sizeof header);
-    memcpy(integers + HEADER - 4, &made->expected.operations, sizeof(double));
-    memcpy(integers + HEADER - 2, &made->expected.entries, sizeof(double));
+    memcpy(integers, made, sizeof *made);
     memcpy(integers + HEADER, made->first, sizeof(int) * (size_t)array_length(made));
 }
 
@@ -288,11 +290,7 @@ void keep_negative(int *integers, int negative, int used)
 
 void view_plan(int *integers, plan *seen)
 {
-    int *const to[] = {&seen->n, &seen->nz, &seen->fronts, &seen->below, &seen->taken, &seen->largest, &seen->reals,
-                       &seen->integers, &seen->negative, &seen->used};
-    for (size_t k = 0; k < sizeof to / sizeof *to; k++) *to[k] = integers[k];
-    memcpy(&seen->expected.operations, integers + HEADER - 4, sizeof(double));
-    memcpy(&seen->expected.entries, integers + HEADER - 2, sizeof(double));
+    memcpy(seen, integers, sizeof *seen);
     lay_out(seen, integers + HEADER);
 }
 
@@ -365,12 +363,7 @@ static void find_places(plan *p, const int *row, const int *column, const int *p
         const int i = position[row[k] - 1], j = position[column[k] - 1];
         p->entry[fill[front_of[i < j ? i : j]]++] = k;
     }
-    for (int f = 0; f < p->fronts; f++) child[f] = -1;
-    for (int f = 0; f < p->fronts; f++)
-        if (above[f] >= 0) {
-            sibling[f] = child[above[f]];
-            child[above[f]] = f;
-        }
+    list_children(p->fronts, above, child, sibling);
     for (int f = 0; f < p->fronts; f++) {
         const int first = p->first[f], columns = p->first[f + 1] - first;
         const int stride = stride_of(columns + p->rows_start[f + 1] - p->rows_start[f]);
@@ -386,15 +379,14 @@ static void find_places(plan *p, const int *row, const int *column, const int *p
     }
 }
 
-enum outcome make_plan(int n, int nz, const int *row, const int *column, const int *order, const char *tied,
-                       plan *made)
+enum outcome make_plan(int n, int nz, const int *row, const int *column, const int *order, plan *made)
 {
     graph g = {0, NULL, NULL};
     const size_t rows = (size_t)n + 1;
     made->first = NULL;
     enum outcome answer = matrix_graph(n, nz, row, column, NULL, &g, NULL, NULL);
     if (answer != DONE) return answer;
-    int *memory = malloc(sizeof(int) * 13 * rows);
+    int *memory = malloc(sizeof(int) * 14 * rows);
     double *nonzero = malloc(sizeof(double) * rows);
     char *together = malloc(2 * rows);
     if (memory == NULL || nonzero == NULL || together == NULL) {
@@ -404,22 +396,23 @@ enum outcome make_plan(int n, int nz, const int *row, const int *column, const i
     int *position = memory, *parent = position + rows, *count = parent + rows, *walked = count + rows;
     int *sorted = walked + rows, *member = sorted + rows, *above = member + rows, *columns = above + rows;
     int *size = columns + rows, *into = size + rows, *child = into + rows, *sibling = child + rows;
-    int *number = sibling + rows;
+    int *number = sibling + rows, *plain = number + rows;
     char *forced = together + rows;
     expense sum;
 
     /* the order given, then the same with every subtree in one piece */
-    for (int k = 0; k < n; k++) position[order[k]] = k;
-    answer = elimination_tree(&g, order, position, parent, count, &sum);
+    for (int k = 0; k < n; k++) plain[k] = order[k] < 0 ? ~order[k] : order[k];
+    for (int k = 0; k < n; k++) position[plain[k]] = k;
+    answer = elimination_tree(&g, plain, position, parent, count, &sum);
     if (answer == DONE) answer = postorder(n, parent, walked);
     if (answer != DONE) goto end;
     for (int k = 0; k < n; k++) number[walked[k]] = k;
     for (int k = 0; k < n; k++) {
-        sorted[k] = order[walked[k]];
+        sorted[k] = plain[walked[k]];
         into[k] = parent[walked[k]] < 0 ? -1 : number[parent[walked[k]]];
         child[k] = count[walked[k]];
         /* the partner of a tied row is its parent, unless they share no entry any more */
-        together[k] = tied[walked[k]] && parent[walked[k]] == walked[k] + 1;
+        together[k] = order[walked[k]] < 0 && parent[walked[k]] == walked[k] + 1;
     }
     memcpy(parent, into, sizeof(int) * (size_t)n);
     memcpy(count, child, sizeof(int) * (size_t)n);
@@ -459,7 +452,6 @@ enum outcome make_plan(int n, int nz, const int *row, const int *column, const i
     if (answer != DONE) goto end;
     made->below = (int)below;
     made->taken = (int)taken;
-    made->expected = sum;
     int *arrays = malloc(sizeof(int) * (size_t)array_length(made));
     if (arrays == NULL) {
         answer = OUT_OF_MEMORY;

@@ -102,24 +102,6 @@ static surroundings look_around(const front *f, int k, int end, int j)
     return seen;
 }
 
-/* The largest entry of column j beside its diagonal and row `skip`. */
-static double largest_beside(const front *f, int k, int j, int skip)
-{
-    double even = 0.0, odd = 0.0;
-    const size_t stride = (size_t)f->stride;
-    const double *row = column_of(f, k) + j, *c = column_of(f, j);
-    for (int i = k; i < j; i++, row += stride)
-        if (i != skip) even = larger(fabs(*row), even);
-    int i = j + 1;
-    if (skip > j) {
-        for (; i < skip; i++) even = larger(fabs(c[i]), even);
-        i++;
-    }
-    for (; i + 1 < f->size; i += 2) even = larger(fabs(c[i]), even), odd = larger(fabs(c[i + 1]), odd);
-    if (i < f->size) even = larger(fabs(c[i]), even);
-    return larger(even, odd);
-}
-
 /* How good a pivot is: `pivot` over the largest entry, both as they are without a division. */
 typedef struct {
     double pivot, most;
@@ -166,9 +148,12 @@ static int find_pivot(const front *f, int k, int end, int *turn, int *first, int
         if (single.pivot > best * single.most) best = quotient(single), *first = j, *second = -1;
         const int partner = seen.partner;
         if (partner < 0) continue;
-        const double beside = largest_beside(f, k, partner, j);
         const int low = partner < j ? partner : j, high = partner < j ? j : partner;
-        const double a = *(column_of(f, low) + low), b = *(column_of(f, low) + high), c = *(column_of(f, high) + high);
+        double *shared = column_of(f, low) + high;
+        const double a = *(column_of(f, low) + low), b = *shared, c = *(column_of(f, high) + high);
+        *shared = 0.0; /* what is beside both rows is asked for */
+        const double beside = look_around(f, k, end, partner).most;
+        *shared = b;
         const double at_low = partner < j ? beside : seen.others, at_high = partner < j ? seen.others : beside;
         const merit pair = merit_of_pair(a, b, c, at_low, at_high, f->taken[low], f->taken[high]);
         if (pair.pivot > best * pair.most) {

@@ -17,7 +17,6 @@ enum { KEPT = 8, MOST_ENTRIES = 150000 };
 typedef struct {
     origin from;
     int *memory; /* row, column, partner and order; NULL where nothing is kept */
-    char *tied;
     plan made;
     unsigned long used;
 } kept;
@@ -39,7 +38,7 @@ static int is_of(const kept *k, const origin *from)
            same(k->from.column, from->column, from->nz);
 }
 
-int find_plan(const origin *from, int *order, char *tied, plan *made)
+int find_plan(const origin *from, int *order, plan *made)
 {
     int found = 0;
     if (from->nz > MOST_ENTRIES || from->n > MOST_ENTRIES || !enter()) return 0;
@@ -47,28 +46,25 @@ int find_plan(const origin *from, int *order, char *tied, plan *made)
         if (!is_of(k, from)) continue;
         found = copy_plan(&k->made, made);
         memcpy(order, k->memory + 2 * (size_t)from->nz + from->n, sizeof(int) * (size_t)from->n);
-        memcpy(tied, k->tied, (size_t)from->n);
         k->used = ++uses;
     }
     leave();
     return found;
 }
 
-void keep_plan(const origin *from, const int *order, const char *tied, const plan *made)
+void keep_plan(const origin *from, const int *order, const plan *made)
 {
     const size_t n = (size_t)from->n, nz = (size_t)from->nz;
     if (from->nz > MOST_ENTRIES || from->n > MOST_ENTRIES) return;
-    kept anew = {*from, malloc(sizeof(int) * (2 * nz + 2 * n + 1)), malloc(n + 1), {0}, 0};
-    if (anew.memory == NULL || anew.tied == NULL || !copy_plan(made, &anew.made)) {
+    kept anew = {*from, malloc(sizeof(int) * (2 * nz + 2 * n + 1)), {0}, 0};
+    if (anew.memory == NULL || !copy_plan(made, &anew.made)) {
         free(anew.memory);
-        free(anew.tied);
         return;
     }
     memcpy(anew.memory, from->row, sizeof(int) * nz);
     memcpy(anew.memory + nz, from->column, sizeof(int) * nz);
     memcpy(anew.memory + 2 * nz, from->partner, sizeof(int) * n);
     memcpy(anew.memory + 2 * nz + n, order, sizeof(int) * n);
-    memcpy(anew.tied, tied, n);
     anew.from.row = anew.memory;
     anew.from.column = anew.memory + nz;
     anew.from.partner = anew.memory + 2 * nz;
@@ -84,6 +80,5 @@ void keep_plan(const origin *from, const int *order, const char *tied, const pla
     }
     if (old.memory == NULL) return;
     free(old.memory);
-    free(old.tied);
     free_plan(&old.made);
 }

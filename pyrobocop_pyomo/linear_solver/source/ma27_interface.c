@@ -8,6 +8,8 @@
  *            array is too short, it says so and keeps the order in IKEEP, which the caller does not throw away.
  *   ma27cd   solves
  *
+ * Ipopt looks for the names with and without the underscore that most compilers of Fortran add.
+ *
  * IKEEP: state, times that the order was given up, order (~row where the next row is tied to it), and what the plan has as
  * `used`, and what a factorisation cost whose order was given up.  IW: the plan, then the records of the fronts.  A: the entries, then the factor.
  *
@@ -29,8 +31,8 @@ static int place_of_used(int n) { return n > 1 ? KEEP_ORDER + n : KEEP_ORDER; }
 /* ICNTL(30) */
 enum { COUNT_FIRST = 29 };
 
-/* MA27's INFO(1), and places in INFO. */
-enum { FINE = 0, BAD_SIZE = -1, BAD_ENTRIES = -2, SHORT_IW = -3, SHORT_A = -4, SINGULAR_MATRIX = -5, FAILED = -20 };
+/* What MA27's INFO(1) says of the arguments, and places in INFO. */
+enum { BAD_SIZE = -1, BAD_ENTRIES = -2 };
 enum { FLAG = 0, DETAIL = 1, REALS = 4, INTEGERS = 5, BLOCKS = 13, NEGATIVE = 14 };
 
 /* Delayed pivots that cost this much more than planned make the order be given up, at most so many times, where the order
@@ -62,7 +64,7 @@ PUBLIC void ma27ad_(const int *n, const int *nz, const int *irn, const int *icn,
     *ops = 0.0;
     if (*n < 1) info[FLAG] = BAD_SIZE;
     else if (*nz < 0) info[FLAG] = BAD_ENTRIES;
-    if (info[FLAG] != FINE) return;
+    if (info[FLAG] != DONE) return;
     for (int k = 0; k < *nz; k++)
         if (irn[k] < 1 || irn[k] > *n || icn[k] < 1 || icn[k] > *n) {
             info[FLAG] = 1; /* ignored, as the convention has it */
@@ -78,17 +80,17 @@ PUBLIC void ma27ad_(const int *n, const int *nz, const int *irn, const int *icn,
 
 /* Order and plan by the values. */
 static enum outcome plan_anew(int n, int nz, const int *irn, const int *icn, const double *a, int may_leave, int *order,
-                              char *tied, plan *made)
+                              plan *made)
 {
     graph g = {0, NULL, NULL};
     int *partner = malloc(sizeof(int) * ((size_t)n + 1));
     if (partner == NULL) return OUT_OF_MEMORY;
     enum outcome answer = tie_matrix(n, nz, irn, icn, a, &g, partner);
     const origin from = {n, nz, may_leave, irn, icn, partner};
-    if (answer == DONE && !find_plan(&from, order, tied, made)) {
-        answer = order_tied(&g, partner, may_leave, order, tied);
-        if (answer == DONE) answer = make_plan(n, nz, irn, icn, order, tied, made);
-        if (answer == DONE) keep_plan(&from, order, tied, made);
+    if (answer == DONE && !find_plan(&from, order, made)) {
+        answer = order_tied(&g, partner, may_leave, order);
+        if (answer == DONE) answer = make_plan(n, nz, irn, icn, order, made);
+        if (answer == DONE) keep_plan(&from, order, made);
     }
     free_graph(&g);
     free(partner);
@@ -102,12 +104,11 @@ static enum outcome plan_into(int n, int nz, const int *irn, const int *icn, con
     plan made;
     enum outcome answer = OUT_OF_MEMORY;
     int *order = malloc(sizeof(int) * (size_t)n);
-    char *tied = malloc((size_t)n);
     made.first = NULL;
-    if (order == NULL || tied == NULL) goto end;
+    if (order == NULL) goto end;
     const int state = ikeep[STATE];
     if (state != ORDERED) {
-        answer = plan_anew(n, nz, irn, icn, a, state != TOO_DEAR, order, tied, &made);
+        answer = plan_anew(n, nz, irn, icn, a, state != TOO_DEAR, order, &made);
         if (answer != DONE) goto end;
         if (state == TOO_DEAR) {
             double cost;
@@ -120,15 +121,10 @@ static enum outcome plan_into(int n, int nz, const int *irn, const int *icn, con
         }
     }
     if (ikeep[STATE] == ORDERED) {
-        for (int k = 0; k < n; k++) {
-            const int kept = ikeep[KEEP_ORDER + k];
-            tied[k] = kept < 0;
-            order[k] = kept < 0 ? ~kept : kept;
-        }
-        answer = make_plan(n, nz, irn, icn, order, tied, &made);
+        answer = make_plan(n, nz, irn, icn, ikeep + KEEP_ORDER, &made);
         if (answer != DONE) goto end;
     } else if (n > 1) { /* IKEEP has 3 n entries */
-        for (int k = 0; k < n; k++) ikeep[KEEP_ORDER + k] = tied[k] ? ~order[k] : order[k];
+        memcpy(ikeep + KEEP_ORDER, order, sizeof(int) * (size_t)n);
         ikeep[STATE] = ORDERED;
     }
     const int64_t length = plan_length(&made);
@@ -143,7 +139,6 @@ static enum outcome plan_into(int n, int nz, const int *irn, const int *icn, con
 end:
     free_plan(&made);
     free(order);
-    free(tied);
     return answer;
 }
 
@@ -178,8 +173,9 @@ PUBLIC void ma27bd_(const int *n, const int *nz, const int *irn, const int *icn,
         if (ikeep[STATE] == PLANNED) ikeep[STATE] = *n > 1 ? ORDERED : UNKNOWN;
         if ((answer == SHORT_INTEGERS ? *liw : *la) == INT_MAX) answer = TOO_LARGE;
     }
-    switch (answer) {
-    case DONE:
+    info[FLAG] = answer;
+    if (answer == SHORT_INTEGERS || answer == SHORT_REALS) info[DETAIL] = clipped(wanted);
+    if (answer == DONE) {
         *maxfrt = stride_of(told.largest); /* the room that solving needs */
         info[BLOCKS] = told.blocks;
         info[NEGATIVE] = told.negative;
@@ -190,21 +186,6 @@ PUBLIC void ma27bd_(const int *n, const int *nz, const int *irn, const int *icn,
             ikeep[STATE] = TOO_DEAR;
             memcpy(place_of_cost(ikeep, *n), &told.operations, sizeof told.operations);
         }
-        break;
-    case SHORT_INTEGERS:
-        info[FLAG] = SHORT_IW;
-        info[DETAIL] = clipped(wanted);
-        break;
-    case SHORT_REALS:
-        info[FLAG] = SHORT_A;
-        info[DETAIL] = clipped(wanted);
-        break;
-    case SINGULAR:
-        info[FLAG] = SINGULAR_MATRIX;
-        break;
-    default:
-        info[FLAG] = FAILED;
-        info[DETAIL] = (int)answer;
     }
 }
 
@@ -224,10 +205,9 @@ PUBLIC int pyrobocop_factor_size(int n, int nz, const int *irn, const int *icn, 
 {
     plan made;
     int *order = malloc(sizeof(int) * ((size_t)n + 1));
-    char *tied = malloc((size_t)n + 1);
-    enum outcome answer = order == NULL || tied == NULL ? OUT_OF_MEMORY : DONE;
+    enum outcome answer = order == NULL ? OUT_OF_MEMORY : DONE;
     made.first = NULL;
-    if (answer == DONE) answer = plan_anew(n, nz, irn, icn, a, 1, order, tied, &made);
+    if (answer == DONE) answer = plan_anew(n, nz, irn, icn, a, 1, order, &made);
     if (answer == DONE) {
         found[0] = made.expected.entries;
         found[1] = made.expected.operations;
@@ -235,29 +215,5 @@ PUBLIC int pyrobocop_factor_size(int n, int nz, const int *irn, const int *icn, 
         free_plan(&made);
     }
     free(order);
-    free(tied);
     return (int)answer;
-}
-
-/* Compilers of Fortran differ in the names that they give; Ipopt tries several. */
-PUBLIC void ma27id(int *icntl, double *cntl) { ma27id_(icntl, cntl); }
-
-PUBLIC void ma27ad(const int *n, const int *nz, const int *irn, const int *icn, int *iw, const int *liw, int *ikeep,
-                   int *iw1, int *nsteps, const int *iflag, const int *icntl, const double *cntl, int *info,
-                   double *ops)
-{
-    ma27ad_(n, nz, irn, icn, iw, liw, ikeep, iw1, nsteps, iflag, icntl, cntl, info, ops);
-}
-
-PUBLIC void ma27bd(const int *n, const int *nz, const int *irn, const int *icn, double *a, const int *la, int *iw,
-                   const int *liw, int *ikeep, const int *nsteps, int *maxfrt, int *iw1, const int *icntl,
-                   const double *cntl, int *info)
-{
-    ma27bd_(n, nz, irn, icn, a, la, iw, liw, ikeep, nsteps, maxfrt, iw1, icntl, cntl, info);
-}
-
-PUBLIC void ma27cd(const int *n, const double *a, const int *la, int *iw, const int *liw, double *w,
-                   const int *maxfrt, double *rhs, int *iw1, const int *nsteps, const int *icntl, const double *cntl)
-{
-    ma27cd_(n, a, la, iw, liw, w, maxfrt, rhs, iw1, nsteps, icntl, cntl);
 }

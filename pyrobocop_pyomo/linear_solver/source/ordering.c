@@ -498,7 +498,7 @@ enum outcome tie_matrix(int n, int nz, const int *row, const int *column, const 
     return enough ? DONE : OUT_OF_MEMORY;
 }
 
-enum outcome order_tied(const graph *g, const int *partner, int may_leave, int *order, char *tied)
+enum outcome order_tied(const graph *g, const int *partner, int may_leave, int *order)
 {
     const int n = g->nodes;
     graph small = {0, NULL, NULL};
@@ -509,7 +509,6 @@ enum outcome order_tied(const graph *g, const int *partner, int may_leave, int *
     int *node = memory, *leader = node + n, *weight = leader + n, *plain = weight + n;
     int *scratch = plain + n; /* 3 n + 1, and one n at the end for the order of the nodes */
     int *nodes_order = scratch + 3 * (size_t)n + 1;
-    memset(tied, 0, (size_t)n);
     for (int i = 0; i < n; i++) {
         weight[i] = 1;
         pairs += partner[i] != ALONE;
@@ -524,20 +523,23 @@ enum outcome order_tied(const graph *g, const int *partner, int may_leave, int *
     for (int v = 0, k = 0; v < small.nodes; v++) {
         const int i = leader[nodes_order[v]];
         order[k++] = i;
-        if (partner[i] != ALONE) {
-            tied[k - 1] = 1;
-            order[k++] = partner[i];
-        }
+        if (partner[i] != ALONE) order[k++] = partner[i];
     }
     answer = price(g, order, scratch, &paired_sum);
-    if (answer != DONE || !may_leave || paired_sum.operations <= CHEAP * n) goto end;
-    for (int i = 0; i < n; i++) weight[i] = 1;
-    answer = order_by_degree(g, weight, plain);
-    if (answer == DONE) answer = price(g, plain, scratch, &plain_sum);
-    if (answer == DONE && plain_sum.operations < CLEARLY_CHEAPER * paired_sum.operations) {
-        memcpy(order, plain, sizeof(int) * (size_t)n);
-        memset(tied, 0, (size_t)n);
+    if (answer == DONE && may_leave && paired_sum.operations > CHEAP * n) {
+        for (int i = 0; i < n; i++) weight[i] = 1;
+        answer = order_by_degree(g, weight, plain);
+        if (answer == DONE) answer = price(g, plain, scratch, &plain_sum);
+        if (answer == DONE && plain_sum.operations < CLEARLY_CHEAPER * paired_sum.operations) {
+            memcpy(order, plain, sizeof(int) * (size_t)n);
+            goto end;
+        }
     }
+    for (int k = 0; k < n; k++)
+        if (partner[order[k]] != ALONE) {
+            order[k] = ~order[k];
+            k++; /* its partner */
+        }
 end:
     free(memory);
     free_graph(&small);

@@ -30,9 +30,3 @@ PUBLIC void mc19ad_(const int *n, const int *nz, const double *a, const int *irn
     }
     for (int i = 0; i < *n; i++) c[i] = r[i];
 }
-
-PUBLIC void mc19ad(const int *n, const int *nz, const double *a, const int *irn, const int *icn, float *r, float *c,
-                   float *w)
-{
-    mc19ad_(n, nz, a, irn, icn, r, c, w);
-}

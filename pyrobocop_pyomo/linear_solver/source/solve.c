@@ -20,22 +20,15 @@ static void forward(int size, int pivots, const int *rows, const double *columns
         const double *restrict c = columns + (size_t)k * (size_t)stride;
         const double a = work[k];
         const int from = k & ~(STEP - 1);
-        if (k + 1 == pivots) {
+        const int block = rows[k] < 0;
+        if (k + 1 == pivots || (!block && rows[k + 1] < 0)) { /* alone: it is the last, or the next begins a block */
             for (int r = from; r < stride; r += STEP)
                 for (int i = r; i < r + STEP; i++) work[i] -= c[i] * a;
             work[k] = c[k] * a;
             continue;
         }
         const double *restrict d = c + stride;
-        const int block = rows[k] < 0;
         const double b = block ? work[k + 1] : work[k + 1] - c[k + 1] * a;
-        const int alone = !block && rows[k + 1] < 0; /* the next begins a block */
-        if (alone) {
-            for (int r = from; r < stride; r += STEP)
-                for (int i = r; i < r + STEP; i++) work[i] -= c[i] * a;
-            work[k] = c[k] * a;
-            continue;
-        }
         for (int r = from; r < stride; r += STEP)
             for (int i = r; i < r + STEP; i++) work[i] -= c[i] * a + d[i] * b;
         work[k] = block ? c[k] * a + c[k + 1] * b : c[k] * a;

@@ -18,14 +18,14 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* What a function of the solver may answer. */
+/* What a function of the solver may answer: as MA27 says it in INFO(1), which knows nothing of the last two. */
 enum outcome {
     DONE = 0,
-    OUT_OF_MEMORY = 1,   /* malloc gave nothing */
-    TOO_LARGE = 2,       /* more entries than an int can count */
-    SHORT_INTEGERS = 3,  /* the caller's integer array is too short */
-    SHORT_REALS = 4,     /* the caller's real array is too short */
-    SINGULAR = 5         /* a pivot is missing, or a number is not finite */
+    SHORT_INTEGERS = -3,  /* the caller's integer array is too short */
+    SHORT_REALS = -4,     /* the caller's real array is too short */
+    SINGULAR = -5,        /* a pivot is missing, or a number is not finite */
+    OUT_OF_MEMORY = -20,  /* malloc gave nothing */
+    TOO_LARGE = -21       /* more entries than an int can count */
 };
 
 /* Rows of a dense front are updated in steps of so many; its columns are stored at distances that are multiples of it. */
@@ -46,9 +46,9 @@ enum outcome order_by_degree(const graph *g, const int *weight, int *order);
  * The graph is the caller's to free. */
 enum outcome tie_matrix(int n, int nz, const int *row, const int *column, const double *value, graph *g, int *partner);
 
-/* Order of all rows. order[k] is the row that comes k-th; tied[k] is 1 where the k-th and the next are partners, and are to
- * lie in one front. With `may_leave`, an order without such ties is taken where it is clearly cheaper. */
-enum outcome order_tied(const graph *g, const int *partner, int may_leave, int *order, char *tied);
+/* Order of all rows. order[k] is the row that comes k-th, or ~row where it and the next are partners, and are to lie in one
+ * front. With `may_leave`, an order without such ties is taken where it is clearly cheaper. */
+enum outcome order_tied(const graph *g, const int *partner, int may_leave, int *order);
 
 /* Entries of the factor and multiplications that an order leads to. */
 typedef struct {
@@ -87,8 +87,7 @@ typedef struct {
 } plan;
 
 /* Make the plan in memory of its own. */
-enum outcome make_plan(int n, int nz, const int *row, const int *column, const int *order, const char *tied,
-                       plan *made);
+enum outcome make_plan(int n, int nz, const int *row, const int *column, const int *order, plan *made);
 void free_plan(plan *made);
 
 /* The plan in an integer array. */
@@ -105,8 +104,8 @@ typedef struct {
 } origin;
 
 /* The order and the plan of a matrix that was met before, where they are kept. Returns 0 where not. The plan is a copy. */
-int find_plan(const origin *from, int *order, char *tied, plan *made);
-void keep_plan(const origin *from, const int *order, const char *tied, const plan *made);
+int find_plan(const origin *from, int *order, plan *made);
+void keep_plan(const origin *from, const int *order, const plan *made);
 
 /* What a factorisation tells. */
 typedef struct {
