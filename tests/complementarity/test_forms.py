@@ -331,17 +331,18 @@ def test_every_form_reaches_the_best_of_its_branches(form, aim):
         m.cc = rcp.Complementarity(expr=FORMS[form](m))
         return m
 
-    best = math.inf
-    # A local solver may end in a worse branch than the best: it has three starts.
-    for start in (aim, (0.5, 0.5), (1.9, -0.5)):
+    def reached(start: tuple[float, float]) -> float:
         m = stated(start)
         result = rcp.solve(m)
         result.raise_for_status()
         assert max((abs(residual.natural) for residual in result.residuals), default=0) <= 1e-4
         assert all(pyo.value(row.args[0] - row.args[1]) == pytest.approx(0, abs=1e-6) for row in equalities(m.cc))
-        best = min(best, result.objective)
+        return result.objective
+
     # From a point inside: a solver that starts where a cube is flat does not get anywhere.
-    assert best == pytest.approx(enumerate_branches(stated((1.0, 0.5)), starts=1)[0], abs=2e-4)
+    best = enumerate_branches(stated((1.0, 0.5)), starts=1)[0]
+    # A local solver may end in a worse branch than the best: it has three starts.
+    assert any(reached(start) == pytest.approx(best, abs=2e-4) for start in (aim, (0.5, 0.5), (1.9, -0.5)))
 
 
 def equalities(source: Any) -> list[Any]:

@@ -22,7 +22,6 @@ from harness.phases import (
 )
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import ModelError
 
 pytestmark = pytest.mark.casadi
 
@@ -246,15 +245,6 @@ def test_a_constraint_at_boundaries_holds_where_gauss_has_no_stages() -> None:
         assert (b.trajectory().verify().equations > 0.09) is at_boundaries
     assert heights[False] == pytest.approx(0.4, abs=1e-6)  # the stage in the middle of the first element is at 0.2
     assert heights[True] == pytest.approx(0.25, abs=1e-6)
-
-
-def test_a_constraint_at_boundaries_reads_states_only() -> None:
-    _, b = one_phase(duration=1, elements=3, x=rcp.State(initial=0), u=rcp.Control())
-    before = list(b.component_map())
-    with pytest.raises(ModelError, match="'gentle' reads what has no value at an element boundary .*'constraint'"):
-        b.constraint_at_boundaries(lambda b, t: b.u[t] <= 1, name="gentle")
-
-    assert list(b.component_map()) == before
 
 
 def test_a_tuple_of_three_numbers_and_expressions_is_one_row_with_two_bounds() -> None:
