@@ -41,12 +41,13 @@ def test_tasks_are_drawn_as_described() -> None:
             assert distances.min() > 0.35
 
 
-def test_a_robots_model_does_not_grow_with_the_team() -> None:
-    sizes = {
-        robots: (size(rod.rod(rod.task(0, robots))), size(rod.robot(rod.task(0, robots), "b"))) for robots in (2, 4, 16)
-    }
-    assert [robot for _, robot in sizes.values()] == [1015] * 3
-    assert [hub for hub, _ in sizes.values()] == [6 * 43 + 3 * robots * 42 for robots in sizes]
+def test_the_model_of_a_robot_or_a_quadrotor_does_not_grow_with_the_team() -> None:
+    for n in (2, 4, 16):
+        assert size(rod.robot(rod.task(0, n), "b")) == 1015
+        assert size(rod.rod(rod.task(0, n))) == 6 * 43 + 3 * n * 42
+    for n in (2, 12):
+        assert size(sphere.quadrotor(sphere.task(0, n), "b")) == 9 * 43 + (6 + 3 + 6 + 6 + 4) * 42
+        assert size(sphere.sphere(sphere.task(0, n))) == 18 * 43 + (4 + 6 * n) * 42
 
 
 MODELS = {
@@ -156,14 +157,6 @@ def test_players_start_at_home_apart_from_each_other_and_from_the_puck() -> None
 
 # --------------------------------------------------------------------
 # The ball and its quadrotors: their models, their sizes, their tasks, and a plan for all of them.
-
-
-def test_a_quadrotors_model_does_not_grow_with_the_team() -> None:
-    sizes = {
-        n: (size(sphere.sphere(sphere.task(0, n))), size(sphere.quadrotor(sphere.task(0, n), "b"))) for n in (2, 12)
-    }
-    assert [robot for _, robot in sizes.values()] == [9 * 43 + (6 + 3 + 6 + 6 + 4) * 42] * 2
-    assert [hub for hub, _ in sizes.values()] == [18 * 43 + (4 + 6 * n) * 42 for n in sizes]
 
 
 @pytest.mark.parametrize("robots", [3, 12])

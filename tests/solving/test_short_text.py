@@ -36,16 +36,14 @@ pytestmark = pytest.mark.ipopt
 
 
 def test_success_is_one_line_with_the_errors_of_equations_and_mesh() -> None:
-    (line,) = str(rcp.solve(cart())).splitlines()
+    result = rcp.solve(cart())
+    (line,) = str(result).splitlines()
     assert line.startswith("cart: solved. objective 1.5, ")
     assert "equations to " in line
     assert "mesh error " in line
     assert "on 4 elements" in line
-
-
-@pytest.mark.parametrize(("seconds", "said"), [(0.234, "0.23 s"), (9.96, "10 s"), (123.4, "123 s")])
-def test_seconds_are_written_without_an_exponent(seconds: float, said: str) -> None:
-    assert f", {said}" in str(dataclasses.replace(rcp.solve(cart()), seconds=seconds))
+    for seconds, said in ((0.234, "0.23 s"), (9.96, "10 s"), (123.4, "123 s")):
+        assert f", {said}" in str(dataclasses.replace(result, seconds=seconds))
 
 
 def test_where_no_error_of_the_mesh_is_known_the_report_says_what_to_write() -> None:
@@ -274,7 +272,6 @@ def test_what_cannot_be_met_is_named_with_its_time_and_size():
     assert any("of which at least one must give way" in finding.message for finding in result.diagnose().findings)
     with pytest.raises(SolveFailed, match=r"(?s)not met: equation of 'x' of phase 'p' at t = .*'p.u' <= 2 at "):
         result.raise_for_status()
-    assert rcp.solve(cart()).solved
 
 
 def test_a_guess_that_a_run_came_away_from_is_not_searched_for_what_has_no_value(monkeypatch: pytest.MonkeyPatch):
