@@ -129,19 +129,15 @@ def listed_twice(found: dict[str, list[Path]]) -> str:
     return "\n".join(f"{name}: {', '.join(map(str, paths))}" for name, paths in sorted(found.items()) if len(paths) > 1)
 
 
-def test_no_class_name_twice() -> None:
+def test_no_name_of_a_class_or_of_a_public_function_twice() -> None:
     """Also where the two would never meet in one file."""
-    found: defaultdict[str, list[Path]] = defaultdict(list)
+    classes: defaultdict[str, list[Path]] = defaultdict(list)
+    functions: defaultdict[str, list[Path]] = defaultdict(list)
     for path, tree in trees().items():
         for node in nodes(tree, ast.ClassDef):
-            found[node.name].append(path)
-    assert not listed_twice(found), listed_twice(found)
-
-
-def test_no_public_function_name_twice() -> None:
-    found: defaultdict[str, list[Path]] = defaultdict(list)
-    for path, tree in trees().items():
+            classes[node.name].append(path)
         for node in tree.body:
             if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)) and not node.name.startswith("_"):
-                found[node.name].append(path)
-    assert not listed_twice(found), listed_twice(found)
+                functions[node.name].append(path)
+    for found in (classes, functions):
+        assert not listed_twice(found), listed_twice(found)

@@ -233,12 +233,14 @@ def test_a_wrong_component_value_or_target_is_named(spoil: Callable[[Any], dict[
 # ---- what is no mistake
 
 
-def test_the_same_pair_twice_is_no_error() -> None:
+def test_the_same_pair_twice_is_no_error_and_a_fixed_integer_is_a_number() -> None:
     m = right_model()
+    m.count.fix(2)
+    m.scaled = Complementarity(expr=complements(m.count * m.x[1] >= 0, m.y[1] >= 0))
     m.again = Complementarity(expr=complements(m.x[1] >= 0, m.y[1] >= 0))
     m.swapped = Complementarity(expr=complements(m.y[1], m.x[1]))
     RELAX.apply_to(m)
-    assert len(RELAX.shifted_rows_of(m)) == 5
+    assert len(RELAX.shifted_rows_of(m)) == 6
     nl_text(m)
 
 
@@ -247,14 +249,6 @@ def test_a_variable_may_be_at_either_of_its_bounds() -> None:
     m.either = Complementarity(expr=complements(m.box, m.box, first_bound="lower", second_bound="upper"))
     RELAX.apply_to(m)
     assert pyo.value(RELAX.rows_of(m.either)[0].body) == 0.25
-
-
-def test_a_fixed_integer_is_a_number() -> None:
-    m = right_model()
-    m.count.fix(2)
-    m.scaled = Complementarity(expr=complements(m.count * m.x[1] >= 0, m.y[1] >= 0))
-    RELAX.apply_to(m)
-    nl_text(m)
 
 
 def test_what_pairs_share_is_checked_with_the_first_and_what_is_their_own_with_each():

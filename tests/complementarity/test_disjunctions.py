@@ -3,21 +3,26 @@
 import io
 import itertools
 import pickle
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pyomo.dae as dae
 import pyomo.environ as pyo
 import pyomo.mpec as mpec
 import pytest
 from harness.checked import unchanged
+from hypothesis import given
+from hypothesis import strategies as st
 from mpcc_catalogue.branches import enumerate_branches
 from pyomo.gdp import Disjunct, Disjunction
 from pyomo.repn.plugins.lp_writer import LPWriter
 
 from pyrobocop_pyomo.complementarity import Complementarity, active_pairs, complements
+from pyrobocop_pyomo.complementarity.lifting import part_values, side_variable
 from pyrobocop_pyomo.errors import ComplementarityError
 
-from .harness import RELAX, deactivate_pairs, state, text_without_pairs
+from .harness import RELAX, deactivate_pairs, nl_text, state, text_without_pairs
 
 REFORMULATIONS = ["gdp.bigm", "gdp.hull"]
 
@@ -220,3 +225,191 @@ def test_a_failure_leaves_the_model_as_it_was(choose, spoil, words):
     spoil(m)
     with unchanged(state, m), pytest.raises(ValueError, match=words):
         choose.apply_to(m)
+
+
+# --------------------------------------------------------------------
+# Together with generalized disjunctive programming, `pyomo.dae`, `pyomo.mpec` lists and Pyomo's KKT conditions.
+
+
+@pytest.fixture
+def choice():
+    m = pyo.ConcreteModel()
+    m.x, m.y = pyo.Var(bounds=(0, 10), initialize=1), pyo.Var(bounds=(0, 10), initialize=2)
+    m.cost = pyo.Objective(expr=m.x + m.y)
+    m.common = Complementarity(expr=complements(m.x >= 0, m.y <= 10))
+    m.left, m.right = Disjunct(), Disjunct()
+    m.left.cc = Complementarity(expr=complements(m.x >= 0, m.y - m.x >= 0))
+    m.right.row = pyo.Constraint(expr=m.x >= 5)
+    m.either = Disjunction(expr=[m.left, m.right])
+    return m
+
+
+def test_pairs_in_a_disjunct_are_refused_until_it_is_chosen(choice):
+    message = r"'left\.cc': lies in the disjunct 'left'"
+    with unchanged(state, choice), pytest.raises(ComplementarityError, match=message):
+        RELAX.apply_to(choice)
+    choice.left.indicator_var.fix(True)
+    choice.right.indicator_var.fix(False)
+    pyo.TransformationFactory("gdp.fix_disjuncts").apply_to(choice)
+    RELAX.apply_to(choice)
+    assert len(RELAX.shifted_rows_of(choice)) == 2
+    nl_text(choice)
+
+
+@pytest.mark.parametrize(
+    ("component", "pair"),
+    [(mpec.Complementarity, mpec.complements), (Complementarity, complements)],
+    ids=["pyomo.mpec", "ours"],
+)
+def test_pairs_in_blocks_over_time_survive_discretisation(component, pair):
+    m = pyo.ConcreteModel()
+    m.t = dae.ContinuousSet(bounds=(0, 1))
+    m.x = pyo.Var(m.t, bounds=(0, None), initialize=1)
+    m.u = pyo.Var(m.t, initialize=0)
+    m.xdot = dae.DerivativeVar(m.x, wrt=m.t, initialize=0)
+    m.ode = pyo.Constraint(m.t, rule=lambda m, t: m.xdot[t] == m.u[t])
+    m.cost = pyo.Objective(expr=m.x[1])
+
+    def at(b, t):
+        b.first = component(expr=pair(b.model().x[t] >= 0, b.model().u[t] >= 0))
+        b.second = component(expr=pair(b.model().x[t] >= 0, b.model().u[t] <= 1))
+
+    m.contact = pyo.Block(m.t, rule=at)
+    pyo.TransformationFactory("dae.collocation").apply_to(m, nfe=3, ncp=2)
+    assert len(active_pairs(m)) == 2 * len(m.t)
+    RELAX.apply_to(m, grouping="element")
+    assert len(RELAX.shifted_rows_of(m)) == len(m.t)
+    nl_text(m)
+
+
+def test_the_kkt_conditions_of_pyomo_are_taken():
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var(bounds=(0, 3), initialize=1)
+    m.y = pyo.Var(initialize=1)
+    m.c = pyo.Constraint(expr=m.x + m.y <= 4)
+    m.ranged = pyo.Constraint(expr=(-1, m.x - m.y, 2))
+    m.cost = pyo.Objective(expr=(m.x - 5) ** 2 + m.y**2)
+    pyo.TransformationFactory("core.kkt").apply_to(m)
+    pairs = active_pairs(m)
+    assert len(pairs) == 5
+    # At x = y = 1, by hand: slacks 4 - 2, 0 + 1, 2 - 0, 1 - 0, 3 - 1.
+    assert sorted(pyo.value(pair.b) for pair in pairs) == [1, 1, 2, 2, 2]
+    RELAX.apply_to(m)
+    assert len(RELAX.shifted_rows_of(m)) == 5
+
+
+@dataclass(frozen=True)
+class Forgetful:
+    """Loses all pairs but the first."""
+
+    def groups(self, pairs):
+        return [("first", list(pairs[:1]))]
+
+
+def test_a_grouping_that_loses_pairs_is_refused():
+    m = pyo.ConcreteModel()
+    m.x, m.y = pyo.Var(bounds=(0, None)), pyo.Var(bounds=(0, None))
+    m.pairs = Complementarity([1, 2], rule=lambda m, i: complements(m.x >= 0, m.y <= i))
+    message = r"Forgetful\(\) put 1 pairs into groups, of 2 pairs"
+    with unchanged(state, m), pytest.raises(ComplementarityError, match=message):
+        RELAX.apply_to(m, grouping=Forgetful())
+
+
+# --------------------------------------------------------------------
+# Lifting: which sides are variables already, and what the generated ones do.
+
+
+numbers = st.floats(-5, 5)
+
+
+def mixed(values=(2.0, 3.0, 1.0)):
+    """Plain variables, shifted and reversed ones, and expressions, on either side."""
+    m = pyo.ConcreteModel(name="mixed")
+    m.x = pyo.Var(bounds=(0, 10), initialize=values[0])
+    m.y, m.z = pyo.Var(initialize=values[1]), pyo.Var(initialize=values[2])
+    m.p = pyo.Param(initialize=0.5, mutable=True)
+    m.plain = Complementarity(expr=complements(m.x >= 0, m.y >= m.p))
+    m.reversed = Complementarity(expr=complements(m.x <= 10, m.y + m.z >= m.p))
+    m.curved = Complementarity(expr=complements(m.x * m.y >= 1, m.z <= 4))
+    m.cost = pyo.Objective(expr=m.x + m.y**2)
+    return m
+
+
+def side_value(side):
+    return side.sign * (side.variable.value - pyo.value(side.offset))
+
+
+@pytest.mark.parametrize(
+    ("build", "sign", "offset"),
+    [
+        (lambda m: m.x, 1, 0),
+        (lambda m: -m.x, -1, 0),
+        (lambda m: m.x - 3, 1, 3),
+        (lambda m: 3 - m.x, -1, 3),
+        (lambda m: m.x - m.p, 1, 0.5),
+        (lambda m: m.p - m.x, -1, 0.5),
+        (lambda m: m.x - 2 * m.p**2, 1, 0.5),
+    ],
+)
+@given(number=numbers)
+def test_a_signed_and_shifted_variable_is_recognised(build, sign, offset, number):
+    m = mixed()
+    m.x.set_value(number, skip_validation=True)
+    side = side_variable(build(m))
+    assert (side.variable, side.sign, pyo.value(side.offset)) == (m.x, sign, offset)
+    assert side_value(side) == pytest.approx(pyo.value(build(m)), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "build",
+    [lambda m: 2 * m.x, lambda m: m.x + m.y, lambda m: m.p * m.x, lambda m: m.x**2, lambda m: m.x * m.y - 1],
+)
+def test_anything_else_is_no_variable(build):
+    assert side_variable(build(mixed())) is None
+
+
+@given(
+    terms=st.lists(st.tuples(numbers, st.sampled_from(["x", "y", "z"])), min_size=1, max_size=5),
+    constant=numbers,
+    parameter=st.none() | numbers,
+    values=st.tuples(*[st.none() | numbers] * 3),
+)
+def test_the_parts_of_an_affine_side_are_those_of_its_value(terms, constant, parameter, values):
+    m = pyo.ConcreteModel()
+    m.x, m.y, m.z = (pyo.Var(initialize=number) for number in values)
+    m.p = pyo.Param(initialize=parameter, mutable=True)
+    plain = sum(factor * m.component(name) for factor, name in terms) + constant
+    for side in (plain, plain + m.x, plain + m.p * m.y, plain + m.p):
+        number = pyo.value(side, exception=False)
+        expected = (0, 0) if number is None else (max(number, 0), max(-number, 0))
+        assert part_values(side) == expected
+
+
+def test_only_sides_that_are_no_variables_are_lifted_and_their_products_are_bilinear():
+    m = mixed()
+    token = RELAX.apply_to(m, lift=True)
+    assert len(token.block.lifted) == 2
+    assert all(variable.lb == 0 and variable.ub is None for variable in token.block.lifted.values())
+    assert {row.body.polynomial_degree() for row in RELAX.shifted_rows_of(m)} == {2}
+    # y >= p, z <= 4 and x <= 10: plain variables, of which only x has the bound itself.
+    assert len(token.block.sides) == 2
+    assert len(token.block.definitions) == 2
+    for row in token.block.definitions.values():
+        assert row.equality
+        assert RELAX.sources_of(row)[0] in (m.reversed, m.curved)
+        assert row in RELAX.rows_of(RELAX.sources_of(row)[0])
+
+
+def test_the_relaxation_rows_are_those_of_products_alone():
+    m = mixed()
+    token = RELAX.apply_to(m, lift=True)
+    assert RELAX.relaxation_rows_of(m) == RELAX.shifted_rows_of(m) == list(token.block.rows.values())
+    next(iter(token.block.rows.values())).deactivate()
+    assert len(RELAX.relaxation_rows_of(m)) == 2
+
+
+def test_a_side_without_a_value_starts_at_zero():
+    m = mixed()
+    m.z.set_value(None)
+    token = RELAX.apply_to(m, lift=True)
+    assert sorted(variable.value for variable in token.block.lifted.values()) == [0, 5]

@@ -32,25 +32,18 @@ REACHED = {
 @pytest.mark.parametrize("scheme", ["LAGRANGE-RADAU", "LAGRANGE-LEGENDRE"])
 @pytest.mark.parametrize("name", CASES)
 def test_known_answers(name, scheme, derivatives):
+    """More accurately than by pyomo.dae, where that does not reach the same digits."""
     m = CASES[name].build()
     COLLOCATION.apply_to(m, nfe=7, ncp=4, scheme=scheme, derivatives=derivatives)
     state, quantity = CASES[name].errors(solved(m))
     assert state < REACHED[name][0]
     assert quantity < REACHED[name][1]
-
-
-@pytest.mark.casadi
-@pytest.mark.parametrize("scheme", ["LAGRANGE-RADAU", "LAGRANGE-LEGENDRE"])
-@pytest.mark.parametrize("name", ["reactor, index 1", "estimation", "two sets"])
-def test_more_accurate_than_pyomo_dae(name, scheme):
-    errors = []
-    for transformation in ("pyrobocop.collocation", "dae.collocation"):
-        m = CASES[name].build()
-        pyo.TransformationFactory(transformation).apply_to(m, nfe=7, ncp=4, scheme=scheme)
-        errors.append(CASES[name].errors(solved(m)))
-    (state, quantity), (their_state, their_quantity) = errors
-    assert state < their_state / 2
-    assert quantity < their_quantity / 2
+    if derivatives == "substitute" and name in ("reactor, index 1", "estimation", "two sets"):
+        theirs = CASES[name].build()
+        pyo.TransformationFactory("dae.collocation").apply_to(theirs, nfe=7, ncp=4, scheme=scheme)
+        their_state, their_quantity = CASES[name].errors(solved(theirs))
+        assert state < their_state / 2
+        assert quantity < their_quantity / 2
 
 
 @pytest.mark.casadi

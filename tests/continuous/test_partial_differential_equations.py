@@ -61,30 +61,22 @@ def test_pyomo_dae_in_space_before_or_after(space):
         assert values(solved(ours).u) == pytest.approx(values(theirs.u), abs=1e-6)
 
 
-@pytest.mark.casadi
-@pytest.mark.parametrize("time", ["BACKWARD", "dae"])
-def test_pyomo_dae_in_time_before_or_after(time):
-    found = []
-    for steps in ([("x", "gauss", 3), ("t", time, 3)], [("t", time, 3), ("x", "gauss", 3)]):
-        m = solved(discretise(heat(), *steps))
-        found.append(values(m.u))
-    assert found[0] == pytest.approx(found[1], abs=1e-6)
-
-
 # -------------------------------------------------------------------- both sets by this package
 
 
 @pytest.mark.casadi
-@pytest.mark.parametrize("time", ["radau", "gauss"])
+@pytest.mark.parametrize("time", ["radau", "gauss", "BACKWARD", "dae"])
 def test_heat_equation_without_equations_at_the_boundaries(time):
-    """Square, accurate at every point, and the same in either order."""
+    """The same in either order, also of pyomo.dae in time; by ours it is square, and accurate at every point."""
+    ours = time in ("radau", "gauss")
     found = []
     for steps in ([("x", "gauss", 3), ("t", time, 3)], [("t", time, 3), ("x", "gauss", 3)]):
         m = discretise(heat(), *steps)
-        assert free_variables(m) == 0
-        assert largest_error(solved(m).u, heat_exact) < 2e-3
+        assert not ours or free_variables(m) == 0
+        error = largest_error(solved(m).u, heat_exact)
+        assert not ours or error < 2e-3
         found.append(values(m.u))
-    assert found[0] == pytest.approx(found[1], abs=1e-8)
+    assert found[0] == pytest.approx(found[1], abs=1e-8 if ours else 1e-6)
 
 
 def test_refusal_and_another_mesh_leave_no_trace():

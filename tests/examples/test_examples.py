@@ -33,6 +33,18 @@ CASES = {
     "rod": ("one-planner",),
 }
 
+TEXTBOOK = sorted(
+    path.stem for path in (EXAMPLES / "textbook").glob("*.py") if "__main__" in path.read_text(encoding="utf-8")
+)
+# On few elements these find nothing worth showing, or take too long: the benchmark runs them in full.
+FULL_ONLY = ("alp_rider", "ascent", "climb", "hang_glider", "reentry", "low_thrust_transfer", "two_burn_transfer")
+# Scripts, what they are given, and what they have to print.
+RUNS = [
+    (name, ("--case", case), ("derivatives by", "recomputed from its equations"))
+    for name in SCRIPTS
+    for case in CASES.get(name, ("all",))
+] + [(f"textbook/{name}", (), ("relative difference",)) for name in TEXTBOOK if name not in FULL_ONLY]
+
 pytestmark = pytest.mark.casadi
 
 
@@ -56,22 +68,35 @@ def test_the_closed_loop_keeps_the_pole_up(tmp_path: Path) -> None:
     assert (tmp_path / "cart_pole_closed_loop.png").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize(("name", "case"), [(name, case) for name in SCRIPTS for case in CASES.get(name, ("all",))])
+@pytest.mark.parametrize(("name", "given", "said"), RUNS)
 def test_a_coarse_run_of_the_script_solves_verifies_and_draws(
-    name: str, case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, given: tuple[str, ...], said: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # In this process: to import everything anew takes longer than many of the solves.
     pytest.importorskip("matplotlib")
+    script = EXAMPLES / f"{name}.py"
     monkeypatch.syspath_prepend(str(EXAMPLES))
-    monkeypatch.setattr(sys, "argv", [name, "--coarse", "--case", case, "--output", str(tmp_path)])
+    monkeypatch.syspath_prepend(str(script.parent))
+    monkeypatch.setattr(sys, "argv", [name, "--coarse", *given, "--output", str(tmp_path)])
     output = io.StringIO()
     with contextlib.redirect_stdout(output), pytest.raises(SystemExit) as ended:
-        runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
+        runpy.run_path(str(script), run_name="__main__")
     printed = output.getvalue()
     assert ended.value.code == 0, printed
-    assert "derivatives by" in printed
-    assert "recomputed from its equations" in printed
-    assert (tmp_path / f"{name}.png").stat().st_size > 10_000
+    assert all(words in printed for words in said), printed
+    assert (tmp_path / f"{script.stem}.png").stat().st_size > 10_000
+
+
+def test_at_least_twenty_are_from_textbooks() -> None:
+    assert len(TEXTBOOK) >= 20
+
+
+@pytest.mark.parametrize("name", TEXTBOOK)
+def test_a_textbook_example_is_short_and_names_its_source_and_its_value(name: str) -> None:
+    text = (EXAMPLES / "textbook" / f"{name}.py").read_text(encoding="utf-8")
+    assert "PUBLISHED = " in text
+    assert len(text.splitlines()) <= 60
+    assert any(year in text.split('"""')[1] for year in ("19", "20"))
 
 
 def test_a_case_that_does_not_exist_is_refused_with_the_choices(tmp_path: Path) -> None:

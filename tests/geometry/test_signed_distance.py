@@ -182,17 +182,23 @@ def depth_by_enumeration(first: Polytope, second: Polytope) -> float:
     return float(gaps.max())
 
 
+def proven_distance(first: Polytope, second: Polytope, scale: float = 1.0) -> float:
+    """Points of both bodies bound the distance from above, the gap along the normal from below: they meet."""
+    found = signed_distance(first, second)
+    assert np.linalg.norm(found.normal) == pytest.approx(1.0, abs=1e-12)
+    proven = gap(found.normal, first.vertices, second.vertices, first.rays, second.rays)
+    assert proven == pytest.approx(found.distance, abs=1e-9 * scale)
+    assert found.first_point - found.second_point == pytest.approx(found.distance * found.normal, abs=1e-9 * scale)
+    for body, place in ((first, found.first_point), (second, found.second_point)):
+        normals, offsets = body.halfspaces
+        assert (normals @ place - offsets).max() <= 1e-9 * scale
+    return found.distance
+
+
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_the_answer_proves_itself(dimension: int) -> None:
-    """Points of both bodies bound the distance from above, the gap along the normal from below: they meet."""
     for first, second in pairs(dimension, seed=dimension):
-        found = signed_distance(first, second)
-        assert np.linalg.norm(found.normal) == pytest.approx(1.0, abs=1e-12)
-        assert gap(found.normal, first.vertices, second.vertices) == pytest.approx(found.distance, abs=1e-9)
-        assert found.first_point - found.second_point == pytest.approx(found.distance * found.normal, abs=1e-9)
-        for body, place in ((first, found.first_point), (second, found.second_point)):
-            normals, offsets = body.halfspaces
-            assert (normals @ place - offsets).max() <= 1e-9
+        proven_distance(first, second)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
@@ -250,16 +256,10 @@ def test_bodies_without_end(seed: int, dimension: int, turned_around: bool) -> N
     wedge = random_wedge(random, dimension)
     body = random_body(random, dimension).placed(random_pose(random, dimension, 3.0))
     first, second = (wedge, body) if turned_around else (body, wedge)
-    found = signed_distance(first, second)
     scale = max(1.0, float(np.abs(wedge.vertices).max()))  # corners of flat angles are far away
-    proven = gap(found.normal, first.vertices, second.vertices, first.rays, second.rays)
-    assert proven == pytest.approx(found.distance, abs=1e-9 * scale)
-    assert found.first_point - found.second_point == pytest.approx(found.distance * found.normal, abs=1e-9 * scale)
-    for one, place in ((first, found.first_point), (second, found.second_point)):
-        normals, offsets = one.halfspaces
-        assert (normals @ place - offsets).max() <= 1e-9 * scale
-    if found.distance <= 0.0:
-        assert found.distance == pytest.approx(widest_gap(first, second), abs=1e-9 * scale)
+    distance = proven_distance(first, second, scale)
+    if distance <= 0.0:
+        assert distance == pytest.approx(widest_gap(first, second), abs=1e-9 * scale)
 
 
 @given(seed=seeds, dimension=dimensions, corners=some.tuples(some.integers(1, 3), some.integers(1, 3)))

@@ -12,6 +12,7 @@ import pyomo.environ as pyo
 import pytest
 from harness.small_problems import hock_schittkowski_71
 from pyomo.contrib.pynumero.asl import AmplInterface
+from pyomo.contrib.solver.common.factory import SolverFactory as NewSolverFactory
 
 import build_asl
 import pyrobocop_pyomo.__main__ as command_line
@@ -154,9 +155,11 @@ def test_without_any_ipopt_one_message_lists_the_remedies(machine):
         assert remedy in str(caught.value)
 
 
-def test_without_any_ipopt_the_solver_says_so_and_does_not_fail_before(machine):
-    solver = pyo.SolverFactory("pyrobocop.ipopt")
+@pytest.mark.parametrize("name", ["pyrobocop.ipopt", "pyrobocop.mpcc"])
+def test_without_any_ipopt_a_solver_says_so_and_does_not_fail_before(machine, name):
+    solver = pyo.SolverFactory(name)
     assert not solver.available(exception_flag=False)
+    assert not NewSolverFactory(name).available()
     assert in_process.InProcessIpopt().version() is None
     with pytest.raises(SolverNotFoundError, match=r"pip install 'pyrobocop_pyomo\[ipopt\]'"):
         solver.solve(hock_schittkowski_71()[0])

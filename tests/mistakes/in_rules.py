@@ -71,6 +71,17 @@ def right_hand_sides_without_t(b: Any, followed: bool) -> None:
         return newton(b, t) if followed else {b.x: b.v, b.v: b.u}
 
 
+@refused("ode 'o'", "reads 'gain' at [t]", "Write b.gain.")
+def a_parameter_at_a_time(b: Any, followed: bool) -> None:
+    b.gain = rcp.Parameter(bounds=(0, 1))
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: (b.gain if followed else b.gain[t]) * b.u[t]}, name="o")
+
+
+@refused("ode 'o'", "divides numbers by zero at t = 2", "scheme='gauss'")
+def a_division_by_the_time_that_is_left(b: Any, followed: bool) -> None:
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] / ((3 if followed else 2) - t)}, name="o")
+
+
 @refused("ode 'o'", "rule(b, t)", "lambda b, t: ...")
 def a_rule_without_time(b: Any, followed: bool) -> None:
     b.ode(newton if followed else lambda b: {b.x: b.v}, name="o")

@@ -87,18 +87,6 @@ def test_the_relaxed_problem_is_no_better_than_the_planted_point(problem: MpccPr
     assert bound >= problem.best - 1e-4
 
 
-@pytest.mark.parametrize("name", ["planted qpec 20x100", "aligned qpec 20x150"])
-def test_planted_points_are_feasible_and_as_good(name: str) -> None:
-    problem = mpcc_problem(name)
-    model = problem.build()
-    check = PointCheck(model)
-    for variable, number in problem.solution.items():
-        model.find_component(variable).set_value(number)
-    point = check.point()
-    assert max(point.violation, point.natural) <= 1e-9
-    assert point.objective == pytest.approx(0.0, abs=1e-9)
-
-
 @pytest.mark.parametrize("cells", [6, 12, 20])
 def test_the_planted_membrane_is_feasible_and_costs_nothing(cells: int) -> None:
     model = mpcc_problem(f"membrane {cells}x{cells}").build()

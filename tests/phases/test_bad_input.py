@@ -83,6 +83,11 @@ STATEMENTS = {
         lambda b, t: [] if t < 0.5 else [b.x[t] == b.u[t]],
         "states 0 equations at t = .* and 1 at t = ",
     ),
+    "boundaries read a control": (
+        "constraint_at_boundaries",
+        lambda b, t: b.u[t] <= 1,
+        "reads what has no value at an element boundary .*'constraint'",
+    ),
     "a rule named like a component": ("constraint", u, "the name 'u' is taken or no identifier. Rename the function"),
 }
 WRONG: dict[str, tuple[Act, str]] = {
@@ -298,24 +303,6 @@ def test_declaring_on_many_phases_at_once_is_refused() -> None:
         m.p.x = rcp.State()
     m.p[1].x = rcp.State()
     assert m.p[2].component("x") is None
-
-
-# --------------------------------------------------------------------
-# A slip in a rule is named with its remedy, and the phase stays as it was.
-
-
-@pytest.mark.parametrize(
-    ("rule", "message"),
-    [
-        (lambda b, t: {b.x: b.gain[t] * b.u[t]}, r"ode 'rule': its rule reads 'gain' at \[t\].*Write b\.gain\."),
-        (lambda b, t: {b.x: b.u[t] / (1.0 - t)}, r"divides numbers by zero at t = 1 .*scheme='gauss'"),
-    ],
-)
-def test_a_slip_is_named_with_its_remedy(rule: Callable[..., Any], message: str) -> None:
-    _, b = one_phase("go", duration=1.0, elements=2)
-    b.x, b.u, b.gain = rcp.State(initial=0), rcp.Control(), rcp.Parameter(bounds=(0, 1))
-    with unchanged(contents, b), pytest.raises(ModelError, match=message):
-        b.ode(rule, name="rule")
 
 
 SINGULAR = lambda t: 1 / (1 - t)  # noqa: E731

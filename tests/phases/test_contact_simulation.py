@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.checked import solution
 from harness.phases import one_phase
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -330,3 +331,43 @@ def test_contact_laws_are_simulated_as_they_are_declared() -> None:
     np.testing.assert_allclose(trajectory.motor, np.clip(3 * trajectory.rise[1:], -1, 1), atol=1e-9)
     assert trajectory.height.min() >= -1e-9
     assert trajectory.rise.max() > 0.5
+
+
+# --------------------------------------------------------------------
+# Ranges and equalities stated in a phase: dry friction, which needs one range where it took two pairs before.
+
+
+def sliding(speed: float) -> Any:
+    """A unit mass under friction between -1 and 1: it slows down by 1 per second, and then it stays where it is."""
+    m, b = one_phase(model="sliding", duration=2, elements=20, scheme="implicit_euler", position=rcp.State(initial=0))
+    b.speed = rcp.State(initial=speed, initial_guess=speed)
+    b.friction = rcp.Algebraic(bounds=(-1, 1), initial_guess=0)
+    b.half = rcp.Algebraic(initial_guess=0)
+    b.ode(lambda b, t: {b.position: b.speed[t], b.speed: b.friction[t]})
+
+    b.complementarity(lambda b, t: rcp.complements(b.friction[t], b.speed[t]), name="stick_or_slip")
+
+    b.complementarity(lambda b, t: rcp.complements(2 * b.half[t] == b.speed[t], b.friction[t]), name="definition")
+
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.friction[t] ** 2))
+    return m
+
+
+@pytest.mark.asl
+@pytest.mark.parametrize("sign", [1, -1])
+def test_dry_friction_is_one_range_whose_parts_are_in_the_trajectory_and_are_verified(sign: int) -> None:
+    m = sliding(sign * 1.0)
+    solution(m)
+    trajectory = m.p.trajectory()
+    expected = sign * np.maximum(1 - trajectory.time, 0)
+    assert trajectory.speed == pytest.approx(expected, abs=1e-3)
+    assert trajectory.half == pytest.approx(expected[1:] / 2, abs=1e-3)
+    names = {name for name in trajectory.pairs if name.startswith("stick_or_slip")}
+    assert names == {"stick_or_slip (lower)", "stick_or_slip (upper)"}
+    assert "definition" not in trajectory.pairs
+    for one, other in (trajectory.pairs[name] for name in names):
+        assert np.nanmin(one) >= -1e-6
+        assert np.nanmax(np.minimum(one, other)) <= 1e-3
+    assert trajectory.verify().product <= 1e-6
+    m.p.half[m.p.initial_time + 1].set_value(7)
+    assert m.p.trajectory().verify().equations > 1

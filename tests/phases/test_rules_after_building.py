@@ -3,6 +3,7 @@
 import math
 import pickle
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -134,10 +135,8 @@ def go_through(m: pyo.ConcreteModel, folder: Path) -> None:
         b.verify(trajectory)
         b.initialize(trajectory)
         for act in (b.simulate, b.replay, b.reintegrate, b.element_errors, lambda b=b: rcp.remesh_phases({b: 16})):
-            try:
+            with suppress(rcp.errors.PyRobocopError):
                 act()
-            except rcp.errors.PyRobocopError:
-                continue
         if b.component("avoid") is not None:
             b.avoid.initialize()
             b.avoid.verify()

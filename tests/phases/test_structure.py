@@ -59,12 +59,6 @@ def test_a_simulation_is_square_and_of_full_rank(scheme: rcp.schemes.Scheme) -> 
     assert len(free_variables(m)) == len(rows(m)) == rank(m)
 
 
-def test_a_held_control_is_one_variable_seen_at_each_point_of_its_element() -> None:
-    b = plant(rcp.schemes.radau(3), "piecewise_constant").p
-    for t, element in b.grid.element_of.items():
-        assert b.u[t] is b.u_per_element[element]
-
-
 def test_bounds_in_time_hold_where_the_variable_is_asked() -> None:
     _, b = one_phase(duration=2, elements=2, stages=2, u=rcp.Control(bounds=lambda t: (t, 9 - t)))
     b.held = rcp.Control(bounds=lambda t: (t, 9 - t), parametrization="piecewise_constant")

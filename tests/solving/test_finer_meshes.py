@@ -35,9 +35,15 @@ def exact() -> float:
     return found
 
 
-def test_three_digits_are_right_and_the_result_says_on_which_mesh(exact: float) -> None:
+def test_three_digits_are_right_the_result_says_on_which_mesh_and_what_the_user_holds_stays(exact: float) -> None:
     m = forced()
+    end = m.p.x[m.p.final_time]
+    m.reached = pyo.Constraint(expr=end >= 0.5)  # as it is
+    m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
     result = solution(m)
+    assert end is m.p.x[m.p.final_time]
+    assert all(row.model() is m for row in m.dual)
+    assert {row.parent_component().local_name for row in m.dual} >= {"reached", "x_collocation"}
     assert result.objective == pytest.approx(exact, rel=1e-3)
     assert not result.discretisation.is_large
     assert m.p.grid.mesh.elements > 4
@@ -102,17 +108,6 @@ def test_all_phases_are_refined(exact: float) -> None:
     m.cost = pyo.Objective(expr=sum(costs))
     assert rcp.solve(m).objective == pytest.approx(exact, rel=1e-3)
     assert min(m.first.grid.mesh.elements, m.second.grid.mesh.elements) > 2
-
-
-def test_what_the_user_holds_stays() -> None:
-    m = forced()
-    end = m.p.x[m.p.final_time]
-    m.reached = pyo.Constraint(expr=end >= 0.5)
-    m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
-    solution(m)
-    assert end is m.p.x[m.p.final_time]
-    assert all(row.model() is m for row in m.dual)
-    assert {row.parent_component().local_name for row in m.dual} >= {"reached", "x_collocation"}
 
 
 def test_pairs_keep_the_mesh() -> None:

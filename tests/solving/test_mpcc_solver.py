@@ -18,8 +18,7 @@ from pyomo.contrib.solver.common.util import NoOptimalSolutionError, NoSolutionE
 from pyomo.mpec import Complementarity, ComplementarityList, complements
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import KeywordError, SolverNotFoundError
-from pyrobocop_pyomo.ipopt import backends
+from pyrobocop_pyomo.errors import KeywordError
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
 from pyrobocop_pyomo.planning.solve import RETIRED_WORDS
@@ -105,6 +104,9 @@ def test_the_newer_interface_gives_the_whole_answer(m):
 
 
 def test_the_older_interface_reports_as_pyomo_expects(m):
+    assert solver().available()
+    assert legacy().available()
+    assert legacy().license_is_valid()
     results = legacy().solve(m)
     pyo.assert_optimal_termination(results)
     assert m.y.value == pytest.approx(1.5, abs=1e-6)
@@ -286,20 +288,6 @@ def test_a_block_of_a_model_is_solved_alone():
     assert m.b.y.value == pytest.approx(1.5, abs=1e-6)
     assert m.other.value == 9
     assert m.other_pair.active
-
-
-def test_without_ipopt_it_says_so_with_remedies(monkeypatch):
-    assert solver().available()
-    assert legacy().available()
-    assert legacy().license_is_valid()
-    for name in ("find_ipopt_library", "find_ipopt_executable"):
-        monkeypatch.setattr(backends, name, lambda: None)
-    assert not solver().available()
-    assert not legacy().available(exception_flag=False)
-    m = two_corners()
-    with pytest.raises(SolverNotFoundError, match=r"pip install 'pyrobocop_pyomo\[ipopt\]'"):
-        legacy().solve(m)
-    assert m.pair.active
 
 
 # --------------------------------------------------------------------

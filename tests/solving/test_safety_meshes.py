@@ -207,24 +207,7 @@ def field(elements: int) -> Any:
 def test_a_start_on_fewer_elements_leads_to_the_same_plan_and_keeps_the_users_variables(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(safe_planning, "LEAST_PAIRS", 50)
-    m = field(80)
-    held = dict(m.move.x.items())
-    result = rcp.solve(m)
-    assert result.safe
-    assert any(made.purpose.startswith("fewer elements: ") for made in result.rounds)
-    assert any(made.purpose == "from a plan on 20 elements" for made in result.rounds)
-    assert m.move.grid.mesh.elements == 80
-    assert all(m.move.x[t] is variable for t, variable in held.items())
-    monkeypatch.undo()
-    directly = rcp.solve(field(80))
-    assert directly.safe
-    assert result.objective == pytest.approx(directly.objective, rel=2e-2)
-    assert np.isfinite(result.objective)
-
-
-@pytest.mark.slow
-def test_equations_are_looked_at_on_the_users_mesh_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Equations are looked at on the user's mesh alone."""
     monkeypatch.setattr(safe_planning, "LEAST_PAIRS", 50)
     asked: set[tuple[int, bool]] = set()
     verify = ObstacleAvoidanceBlockData.verify
@@ -234,5 +217,17 @@ def test_equations_are_looked_at_on_the_users_mesh_alone(monkeypatch: pytest.Mon
         return verify(block, equations=equations)
 
     monkeypatch.setattr(ObstacleAvoidanceBlockData, "verify", noted)
-    assert rcp.solve(field(80)).safe
+    m = field(80)
+    held = dict(m.move.x.items())
+    result = rcp.solve(m)
+    assert result.safe
     assert asked == {(20, False), (80, True)}
+    assert any(made.purpose.startswith("fewer elements: ") for made in result.rounds)
+    assert any(made.purpose == "from a plan on 20 elements" for made in result.rounds)
+    assert m.move.grid.mesh.elements == 80
+    assert all(m.move.x[t] is variable for t, variable in held.items())
+    monkeypatch.undo()
+    directly = rcp.solve(field(80))
+    assert directly.safe
+    assert result.objective == pytest.approx(directly.objective, rel=2e-2)
+    assert np.isfinite(result.objective)

@@ -3,8 +3,11 @@
 import dataclasses
 import functools
 import itertools
+import logging
 import math
+import pickle
 import re
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,27 +19,31 @@ from harness.scenes import keep_clear
 from harness.small_problems import corner
 from hypothesis import given
 from hypothesis import strategies as st
+from pyomo.mpec import Complementarity, complements
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.complementarity import PairResidual
 from pyrobocop_pyomo.diagnosis.least_violation import Least, LeastViolation, least_violation
+from pyrobocop_pyomo.errors import ContradictionError, SolveFailed
 from pyrobocop_pyomo.modeling import deadline as deadlines
 from pyrobocop_pyomo.presentation import percent
+from pyrobocop_pyomo.solving import initial_guess
+from pyrobocop_pyomo.solving.iterates import Quality, Standing, StopReason, Tolerances
 from pyrobocop_pyomo.solving.result_text import CLEAR_START, MOST_CHARACTERS, MOST_LINES
+from pyrobocop_pyomo.solving.violations import violations_of_pairs, worst_of_each_component
 
 pytestmark = pytest.mark.ipopt
 
 
 def test_success_is_one_line_with_the_errors_of_equations_and_mesh() -> None:
-    (line,) = str(rcp.solve(cart())).splitlines()
+    result = rcp.solve(cart())
+    (line,) = str(result).splitlines()
     assert line.startswith("cart: solved. objective 1.5, ")
     assert "equations to " in line
     assert "mesh error " in line
     assert "on 4 elements" in line
-
-
-@pytest.mark.parametrize(("seconds", "said"), [(0.234, "0.23 s"), (9.96, "10 s"), (123.4, "123 s")])
-def test_seconds_are_written_without_an_exponent(seconds: float, said: str) -> None:
-    assert f", {said}" in str(dataclasses.replace(rcp.solve(cart()), seconds=seconds))
+    for seconds, said in ((0.234, "0.23 s"), (9.96, "10 s"), (123.4, "123 s")):
+        assert f", {said}" in str(dataclasses.replace(result, seconds=seconds))
 
 
 def test_where_no_error_of_the_mesh_is_known_the_report_says_what_to_write() -> None:
@@ -240,3 +247,228 @@ def test_a_share_is_written_as_people_do(share: float) -> None:
         assert float(text[:-2]) == pytest.approx(100 * share, rel=0.5)
     else:
         assert text.startswith("below")
+
+
+# --------------------------------------------------------------------
+# A solve that fails names what is not met, where and by how much; its remedy works when it is followed.
+
+
+def test_what_cannot_be_met_is_named_with_its_time_and_size():
+    result = rcp.solve(cart(duration=0.5))
+    assert result.quality is Quality.INFEASIBLE
+    assert result.stop_reason is StopReason.INFEASIBLE
+    (worst, *_) = result.violations
+    assert worst.amount == pytest.approx(result.constraint_violation, rel=1e-6)
+    assert "'x' of phase 'p' at t = " in worst.where
+    text = result.report()
+    assert str(worst) in text
+    assert "proven to have no solution" in text
+    for word in ("COARSE MESH", "complementarity", "max a*b", "delta"):  # it has no pairs, and no solution to refine
+        assert word not in text
+    assert result.least_violation.is_proof
+    assert "no values meet them together" in text
+    assert "\n  'p.u' " in text
+    assert "another initial guess" not in text  # none would help
+    assert any("of which at least one must give way" in finding.message for finding in result.diagnose().findings)
+    with pytest.raises(SolveFailed, match=r"(?s)not met: equation of 'x' of phase 'p' at t = .*'p.u' <= 2 at "):
+        result.raise_for_status()
+
+
+def test_a_guess_that_a_run_came_away_from_is_not_searched_for_what_has_no_value(monkeypatch: pytest.MonkeyPatch):
+    searched: list[str] = []
+    monkeypatch.setattr(initial_guess, "named_undefined_rows", lambda model: searched.append(model.name) or "log(0)")
+    monkeypatch.setattr(initial_guess, "undefined_rows", lambda model: iter([SimpleNamespace(is_fixed=False)]))
+    assert "could not be evaluated" not in rcp.solve(cart(duration=0.5)).report()
+    assert searched == []
+    assert "could not be evaluated: log(0)" in rcp.solve(cart(duration=0.5), options={"max_iter": 0}).report()
+    assert searched == ["cart"]
+
+
+def test_a_row_outside_phases_that_no_variable_can_mend_is_refused_by_name():
+    m = pyo.ConcreteModel(name="two rows")
+    m.x = pyo.Var(bounds=(0, 1))
+    m.y = pyo.Var(initialize=2.0)
+    m.y.fix()
+    m.low = pyo.Constraint(expr=m.y <= 1)
+    m.o = pyo.Objective(expr=m.x)
+    with pytest.raises(ContradictionError, match=r"'low' holds no variable that may move and is violated by 1\."):
+        rcp.solve(m)
+
+
+@pytest.mark.asl
+def test_an_expression_without_a_value_is_named_once(caplog):
+    m = cart()
+
+    m.p.constraint(lambda b, t: pyo.log(b.x[t] - 2.0) <= 5.0, name="far")
+
+    with caplog.at_level(logging.WARNING):
+        result = rcp.solve(m)
+    assert not result.solved
+    assert "log" in result.report()
+    assert not [record for record in caplog.records if "Exception encountered" in record.getMessage()]
+
+
+def test_pairs_are_named_by_component_the_worst_first():
+    residual = rcp.complementarity.PairResidual
+    pairs = [residual("p.touch[1]", 0.1, 0.2), residual("p.touch[2]", 0.0, 3.0), residual("p.touch[3]", 0.4, 0.5)]
+    (worst,) = worst_of_each_component(violations_of_pairs(pairs, Tolerances()))
+    assert (worst.name, worst.others) == ("p.touch[3]", 1)
+    assert str(worst) == (
+        "pair 'p.touch[3]': its sides are 0.4 and 0.5 at the best point found, and one of them has to be 0 "
+        "(and at 1 other index)"
+    )
+
+
+def test_what_a_result_finds_and_what_the_model_shows_are_one_diagnosis():
+    m = cart(duration=0.5)
+    m.del_component(m.effort)
+    m.size = pyo.Objective(expr=m.p.integral(lambda b, t: abs(b.u[t])))
+    result = rcp.solve(m, strategies="solve")
+    found, of_model = result.diagnose(), rcp.diagnose(m)
+    assert set(of_model.findings) <= set(found.findings)
+    assert any(str(result.violations[0]) in finding.message for finding in found.findings)
+    assert "no derivative at zero" in result.report()
+    assert str(found).count("no derivative at zero") == 1
+    alone = pickle.loads(pickle.dumps(result.diagnose()))
+    assert alone.findings == found.findings
+
+
+@pytest.mark.parametrize("elements", [10, 20])
+def test_a_free_gain_times_a_control_that_costs_grows_without_end(elements):
+    """The larger the gain, the smaller the control: no number of iterations gets there."""
+    m, b = one_phase(duration=2, elements=elements)
+    m.k = pyo.Var(initialize=1)
+    b.x, b.v, b.u = rcp.State(initial=0, final=1), rcp.State(initial=0, final=0), rcp.Control()
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: m.k * b.u[t]})
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
+    result = rcp.solve(m)
+    assert not result.solved
+    assert result.stop_reason is StopReason.DIVERGED
+    assert "max_iter" not in result.report()
+    assert any("What grows: 'k'" in remark for remark in result.remarks)
+
+
+def test_a_variable_that_is_as_large_as_its_guess_or_bounds_has_not_grown():
+    m = pyo.ConcreteModel()
+    m.x, m.y = pyo.Var(initialize=1e12), pyo.Var(bounds=(0, 1e13))
+    m.cost = pyo.Objective(expr=(m.x * 1e-12 - 2) ** 4 + (m.y * 1e-12 - 3) ** 4)
+    result = rcp.solve(m, options={"max_iter": 3, "nlp_scaling_method": "gradient-based"})
+    assert result.stop_reason is not StopReason.DIVERGED
+
+
+def test_a_point_where_the_iterations_ended_is_not_called_a_local_minimum():
+    m = cart(duration=0.5)
+    result = rcp.solve(m, options={"max_iter": 2})
+    assert result.stop_reason is StopReason.ITERATION_LIMIT
+    assert result.least_violation.is_proof  # the equations are linear: what linear programs say is no less true
+    m.p.x[0.5].unfix()
+    ended = rcp.solve(m, options={"max_iter": 0})
+    assert ended.stop_reason is StopReason.ITERATION_LIMIT
+    assert ended.least_violation.kind is Least.NONE
+    assert "can be met" in ended.report()
+
+
+@pytest.mark.parametrize("zero", ["int", "float", "param", "mutable", "expression"])
+def test_an_objective_of_zero_is_no_mistake(zero):
+    m = pyo.ConcreteModel()
+    m.param, m.mutable = pyo.Param(initialize=0.0), pyo.Param(initialize=0.0, mutable=True)
+    m.expression = pyo.Expression(expr=0)
+    m.x = pyo.Var(initialize=1)
+    m.row = pyo.Constraint(expr=m.x**2 == 4)
+    m.nothing = pyo.Objective(expr={"int": 0, "float": 0.0}.get(zero, m.component(zero)))
+    result = solution(m)
+    assert result.remarks == ()
+    assert result.doubts == ()
+    m.mutable.set_value(3.0)
+    expected = zero == "mutable"
+    assert any("holds no variable" in doubt.message for doubt in rcp.solve(m).doubts) is expected
+
+
+# --------------------------------------------------------------------
+# Models with pairs that start where a side has no value, whose bounds contradict each other, or that are unbounded.
+
+
+def in_the_plane(start: tuple[float, float] = (1.0, 1.0), bounds: tuple[float | None, float | None] = (None, None)):
+    m = pyo.ConcreteModel(name="in_the_plane")
+    m.x, m.y = pyo.Var(bounds=bounds, initialize=start[0]), pyo.Var(bounds=bounds, initialize=start[1])
+    return m
+
+
+def test_a_start_at_which_a_side_has_no_value_is_moved():
+    m = in_the_plane(start=(-1.0, 1.0))
+    m.pair = Complementarity(expr=complements(pyo.sqrt(m.x) - 1 >= 0, m.y >= 0))
+    m.cost = pyo.Objective(expr=(m.x - 4) ** 2 + (m.y - 2) ** 2)
+    result = solution(m)
+    guess = "The initial guess could not be evaluated: sqrt(...) of x = -1, in a side of complementarity 'pair'"
+    assert guess in result.report()
+    assert result.objective == pytest.approx(4.0, abs=1e-6)
+
+
+def test_a_side_that_can_have_no_value_where_the_rows_hold_is_a_failed_result():
+    m = in_the_plane(start=(-1.0, 1.0))
+    m.negative = pyo.Constraint(expr=m.x + m.y / 10 <= -0.5)
+    m.pair = Complementarity(expr=complements(pyo.sqrt(m.x) >= 0, m.y >= 0))
+    m.cost = pyo.Objective(expr=(m.x - 4) ** 2 + (m.y - 2) ** 2)
+    result = rcp.solve(m)
+    assert result.quality is Quality.INFEASIBLE
+    assert "sqrt(...) of x = -1" in result.report()
+    assert result.table()
+    assert result.report()
+
+
+def test_pairs_without_a_value_are_reported_as_not_met():
+    residual = PairResidual("pair", math.nan, 1.0)
+    (violation,) = violations_of_pairs([residual], Tolerances())
+    assert math.isinf(violation.amount)
+    assert violation.name == "pair"
+
+
+def with_an_equation(m):
+    m.z = pyo.Var(initialize=1)
+    m.row = pyo.Constraint(expr=m.z == m.y / 3 + 0.1 * m.x - 0.1)
+    return m.x >= 0, m.z >= 0
+
+
+SIDES = {
+    "two variables": lambda m: (m.x >= 0, m.y >= 0),
+    "expressions": lambda m: (m.x + 0.5 * m.y - 0.5 * m.y >= 0, m.y * (1 + m.x**2) >= 0),
+    "of Pyomo": lambda m: (m.x >= 0, m.y >= 0),
+    "between bounds": lambda m: (pyo.inequality(0, m.x, 10), m.y),
+    "with an equation": with_an_equation,
+}
+
+
+@pytest.mark.parametrize("maximise", [False, True])
+@pytest.mark.parametrize("sides", SIDES)
+def test_an_objective_that_falls_without_end_has_no_solution(sides: str, maximise: bool):
+    m = in_the_plane()
+    pair = complements(*SIDES[sides](m))
+    m.pair = (Complementarity if sides == "of Pyomo" else rcp.Complementarity)(expr=pair)
+    cost = (m.x - 1) ** 2 - m.y
+    m.cost = pyo.Objective(expr=-cost if maximise else cost, sense=pyo.maximize if maximise else pyo.minimize)
+    result = rcp.solve(m)
+    assert not result.solved
+    assert result.stop_reason is StopReason.DIVERGED
+    assert "What grows: " in result.report()
+    assert "'y' (" in result.report()
+    # What is left on the model is the optimum of the branch that is bounded, where any run has found it.
+    if any(step.converged for step in result.steps):
+        assert abs(m.y.value) < 1.0
+        assert abs(result.objective) < 1.0
+    assert not result.standing.bounded
+
+
+def test_with_a_bound_on_what_grows_the_far_branch_is_the_solution():
+    m = in_the_plane()
+    m.pair = rcp.Complementarity(expr=rcp.complements(m.x >= 0, m.y >= 0))
+    m.y.setub(1e4)
+    m.cost = pyo.Objective(expr=(m.x - 1) ** 2 - m.y)
+    result = solution(m)
+    assert result.objective == pytest.approx(1 - 1e4, rel=1e-6)
+
+
+def test_points_on_the_way_to_infinity_are_the_last_choice_among_feasible_ones():
+    far, near = Standing(excess=1.0, cost=-1e19, bounded=False), Standing(excess=1.0, cost=1.0)
+    assert near.is_better_than(far)
+    assert not far.is_better_than(near)
+    assert far.is_better_than(Standing(excess=2.0))

@@ -197,9 +197,16 @@ def test_prediction_is_first_order_and_takes_names_or_pairs():
     assert gaps[0] / gaps[1] == pytest.approx(4.0, rel=0.2)
 
 
-def test_nothing_of_the_model_changes():
+@pytest.fixture(scope="module")
+def answered():
+    """A model and its answer, of which no study changes anything."""
     m = everywhere()
-    result = rcp.solve(m)
+    m.unused, m.number = pyo.Param(initialize=1.0, mutable=True), pyo.Param(initialize=1.0)
+    return m, rcp.solve(m, options=TIGHT)
+
+
+def test_nothing_of_the_model_changes(answered):
+    m, result = answered
     before = (m.cost.expr.to_string(), m.balance.expr.to_string(), len(list(m.component_objects())))
     values = [v.value for v in m.component_data_objects(pyo.Var)]
     rcp.studies.sensitivity(m, result, [m.p, m.least])
@@ -209,9 +216,8 @@ def test_nothing_of_the_model_changes():
     assert m.z.lower is not None
 
 
-def test_both_sources_of_derivatives_agree():
-    m = everywhere()
-    result = rcp.solve(m, options=TIGHT)
+def test_both_sources_of_derivatives_agree(answered):
+    m, result = answered
     one, other = (rcp.studies.sensitivity(m, result, [m.p], derivatives_by=name) for name in ("asl", "casadi"))
     names = [v.name for v in other.variables]
     for variable, row in zip(one.variables, one.matrix, strict=True):
@@ -249,18 +255,15 @@ def test_a_bound_that_nothing_pushes_against_is_refused_by_name():
         ("missing", r"has no component 'missing'"),
     ],
 )
-def test_what_is_no_data_is_refused(parameter, message):
-    m = everywhere()
-    m.unused, m.number = pyo.Param(initialize=1.0, mutable=True), pyo.Param(initialize=1.0)
-    result = rcp.solve(m)
+def test_what_is_no_data_is_refused(answered, parameter, message):
+    m, result = answered
     with pytest.raises(ModelError, match=message):
         rcp.studies.sensitivity(m, result, [parameter])
 
 
-def test_a_model_that_has_moved_on_is_refused():
-    m = everywhere()
-    result = rcp.solve(m)
-    m.p.set_value(2.0)
+def test_a_model_that_has_moved_on_is_refused(answered, monkeypatch):
+    m, result = answered
+    monkeypatch.setattr(m.p, "value", 2.0)
     with pytest.raises(ModelError, match=r"values or data were changed since"):
         rcp.studies.sensitivity(m, result, m.p)
 
@@ -273,10 +276,10 @@ def test_a_relaxed_model_is_refused():
         rcp.studies.sensitivity(m, result, m.p)
 
 
-def test_text_and_data_frame():
+def test_text_and_data_frame(answered):
     pandas = pytest.importorskip("pandas")
-    m = everywhere()
-    found = rcp.studies.sensitivity(m, rcp.solve(m), [m.p, m.least])
+    m, result = answered
+    found = rcp.studies.sensitivity(m, result, [m.p, m.least])
     frame = found.to_pandas()
     assert isinstance(frame, pandas.DataFrame)
     assert list(frame.columns) == ["p", "least"]

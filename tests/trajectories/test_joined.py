@@ -211,6 +211,15 @@ def test_a_solution_says_so_as_do_its_clones_pickles_and_files_and_doubts_are_to
         assert plan.plot().get_suptitle() == "p"
     assert rcp.Trajectory.load(plan.save(tmp_path / "plan")).outcome == "solved"
     assert type(result)(**{**vars(result), "doubts": ("something",)}).outcome == "DOUBTFUL"
+    # What is changed after a solve is no solution.
+    final = m.p.x[m.p.final_time].value
+    m.p.x[0.5].set_value(0.3)
+    assert "changed since" in repr(m.p.trajectory())
+    m.p.remesh(3)
+    assert "changed since" in repr(m.p.trajectory())
+    rcp.solve(m)
+    assert m.p.trajectory().outcome == "solved"
+    assert m.p.x[m.p.final_time].value == pytest.approx(final)
 
 
 @pytest.mark.ipopt
@@ -223,20 +232,6 @@ def test_a_failure_is_told_by_repr_and_titles() -> None:
     joined = rcp.join_trajectories([plan, m.p])
     assert "infeasible" in repr(joined)
     assert "infeasible" in joined.plot().get_suptitle()
-
-
-@pytest.mark.ipopt
-def test_what_is_changed_after_a_solve_is_no_solution() -> None:
-    m = cart()
-    rcp.solve(m)
-    final = m.p.x[m.p.final_time].value
-    m.p.x[0.5].set_value(0.3)
-    assert "changed since" in repr(m.p.trajectory())
-    m.p.remesh(3)
-    assert "changed since" in repr(m.p.trajectory())
-    rcp.solve(m)
-    assert m.p.trajectory().outcome == "solved"
-    assert m.p.x[m.p.final_time].value == pytest.approx(final)
 
 
 @pytest.mark.ipopt
