@@ -278,28 +278,20 @@ class _Proof:
 
     def result(self, ends: Array) -> BodyPairSafety:
         """What was found, with the times of all intervals."""
-        intervals = len(ends)
         # Intervals in which more is wrong with the formulas than the tolerance stay undecided.
         self.proven[~(self.mismatch <= self.tolerance)] = -np.inf
-        worst = int(np.nanargmin(self.excess))
-        interval_start, interval_end = ends[worst]
-        required = self.clearance.values(np.arange(intervals), self.instant)
+        required = self.clearance.values(np.arange(len(ends)), self.instant)
         return BodyPairSafety(
             first=self.first.name,
             second=self.second.name,
-            clearance=float(required[worst]),
             tolerance=self.tolerance,
-            distance=float(required[worst] + self.excess[worst]),
-            proven=float(required[worst] + self.proven.min()),
-            time=float(interval_start + self.instant[worst] * (interval_end - interval_start)),
-            interval=worst,
+            subintervals=self.subintervals,
             interval_distance=required + self.excess,
             interval_proven=required + self.proven,
             interval_clearance=required,
             interval_deviation=self.deviation,
-            subintervals=self.subintervals,
-            interval_ends=ends,
             interval_times=ends[:, 0] + self.instant * (ends[:, 1] - ends[:, 0]),
+            interval_ends=ends,
             not_replayed=self.not_replayed,
         )
 

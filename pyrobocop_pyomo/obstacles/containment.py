@@ -21,7 +21,7 @@ from pyrobocop_pyomo.geometry.poses import dot
 from pyrobocop_pyomo.modeling.blocks import Rule, blocks_of_kind
 from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.motion.clearance_proof import verify_clearance
-from pyrobocop_pyomo.motion.safety_report import BodyPairSafety, SafetyReport
+from pyrobocop_pyomo.motion.safety_report import SafetyReport
 
 from .block_arguments import MotionBlock, MotionBlockData, set_of_points, sort_arguments
 from .initial_checks import check_rules
@@ -160,7 +160,16 @@ class ContainmentData(MotionBlockData):
             scene[beyond.name] = Body(beyond)
         pairs = {("body", name): asked + moved for name in scene if name != "body"}
         report = verify_clearance(self.motion, scene, pairs, tolerance=tolerance, equations=equations)
-        return replace(report, body_pairs=tuple(_moved_back(pair, moved) for pair in report.body_pairs))
+        moved_back = [
+            replace(
+                pair,
+                interval_distance=pair.interval_distance - moved,
+                interval_proven=pair.interval_proven - moved,
+                interval_clearance=pair.interval_clearance - moved,
+            )
+            for pair in report.body_pairs
+        ]
+        return replace(report, body_pairs=tuple(moved_back))
 
 
 def containments(model: Any) -> list[ContainmentData]:
@@ -237,19 +246,6 @@ class Containment(MotionBlock, data=ContainmentData):
         }
         indexes, built_from = sort_arguments("a Containment", points, options, rule)
         super().__init__(*indexes, **built_from, **block_options)
-
-
-def _moved_back(pair: BodyPairSafety, moved: float) -> BodyPairSafety:
-    """The result for a side at its original position."""
-    return replace(
-        pair,
-        clearance=pair.clearance - moved,
-        distance=pair.distance - moved,
-        proven=pair.proven - moved,
-        interval_distance=pair.interval_distance - moved,
-        interval_proven=pair.interval_proven - moved,
-        interval_clearance=pair.interval_clearance - moved,
-    )
 
 
 def _checked_body(label: str, body: Any, pose: Any) -> Body:
