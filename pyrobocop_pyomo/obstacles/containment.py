@@ -23,9 +23,9 @@ from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.motion.clearance_proof import verify_clearance
 from pyrobocop_pyomo.motion.safety_report import SafetyReport
 
-from .block_arguments import MotionBlock, MotionBlockData, set_of_points, sort_arguments
+from .avoidance_record import fixed_times
+from .block_arguments import MotionBlock, MotionBlockData
 from .initial_checks import check_rules
-from .snapshot import fixed_times
 
 
 @dataclass
@@ -36,6 +36,11 @@ class ContainmentRecord:
     region: Polytope
     points: Any
     poses: dict[tuple[str, Any], Pose]
+
+    @property
+    def rules(self) -> list[Any]:
+        """The rule of the pose."""
+        return [self.body.pose]
 
 
 class ContainmentData(MotionBlockData):
@@ -55,18 +60,9 @@ class ContainmentData(MotionBlockData):
 
     _kind = "containment"
 
-    def _build(
-        self,
-        points: Any,
-        *,
-        body: Any = None,
-        pose: Any = None,
-        region: Any = None,
-        clearance: float = 0.0,
-        equations: bool = True,
+    def _state(
+        self, points: Any, *, body: Any = None, pose: Any = None, region: Any = None, clearance: float = 0.0
     ) -> None:
-        self.equations = equations
-        points = set_of_points(self, points)
         moving = _checked_body(self._what, body, pose)
         _check_region(self._what, region, moving)
         if not (isinstance(clearance, (int, float)) and math.isfinite(clearance) and clearance >= 0):
@@ -101,12 +97,6 @@ class ContainmentData(MotionBlockData):
                         self.inside.add((time, number, side), (None, dot(outwards, point) + room, offset - radius))
 
     # ---------------------------------------------------------------- margins and the proof
-
-    @property
-    def can_follow_times(self) -> bool:
-        """Whether rows can be made for other times: the pose was not asked for at each point."""
-        pose: Any = self.record.body.pose
-        return pose is None or bool(pose.is_template(self.motion.block))
 
     def follow_times(self) -> None:
         """State the rows anew over the times that there are now; margins start again."""
@@ -244,8 +234,7 @@ class Containment(MotionBlock, data=ContainmentData):
             "clearance": clearance,
             "equations": equations,
         }
-        indexes, built_from = sort_arguments("a Containment", points, options, rule)
-        super().__init__(*indexes, **built_from, **block_options)
+        super().__init__("a Containment", *points, options=options, rule=rule, **block_options)
 
 
 def _checked_body(label: str, body: Any, pose: Any) -> Body:
