@@ -248,8 +248,8 @@ def checked_pose(pose: Any, where: str, *, block: Any, name: str) -> Pose:
             given = f"a {type(pose).__name__}, ({', '.join(map(str, pose))})"
         remedy = "Is the return statement missing? " if pose is None else ""
         raise ObstacleError(
-            f"the pose rule of '{name}' returned {given}{where}; expected a Pose: {remedy}return planar_pose(x, y, theta) "
-            "in the plane, spatial_pose((x, y, z), ...) in space."
+            f"the pose rule of '{name}' returned {given}{where}; expected a Pose: {remedy}return "
+            "planar_pose(x, y, theta) in the plane, spatial_pose((x, y, z), ...) in space."
         )
     for entry in pose.entries:
         if entry.__class__ in native_numeric_types:

@@ -19,7 +19,6 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.modeling.blocks import Rule, blocks_of_kind
-from pyrobocop_pyomo.motion.clearance_proof import verify_clearance
 from pyrobocop_pyomo.motion.safety_report import SafetyReport
 from pyrobocop_pyomo.presentation import table
 
@@ -206,9 +205,7 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
             Whether the motion that the equations make of the plan's controls is proven as well, unless the block says
             that it need not be.
         """
-        bodies, asked = self.record.scene.bodies, self.record.asked
-        followed = equations and self.equations
-        report = verify_clearance(self.motion, bodies, asked, tolerance=tolerance, equations=followed)
+        report = self._proven(tolerance, equations)
         clock = doubtful_clock(self)
         pairs = (replace(pair, not_replayed=pair.not_replayed or clock) for pair in report.body_pairs)
         return replace(report, body_pairs=tuple(pairs))

@@ -9,7 +9,7 @@ from pyomo.core.base.set import Set
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.modeling.blocks import BuiltBlock, BuiltBlockData, Rule
-from pyrobocop_pyomo.motion import Motion, motion_of
+from pyrobocop_pyomo.motion import Motion, SafetyReport, motion_of, verify_clearance
 
 
 class MotionBlockData(BuiltBlockData):
@@ -55,6 +55,11 @@ class MotionBlockData(BuiltBlockData):
     def stands_on(self, sets: Container[int]) -> bool:
         """True where the motion is over one of the sets, which are given by their identities."""
         return id(self.record.points) in sets
+
+    def _proven(self, tolerance: float | None, equations: bool) -> SafetyReport:
+        """What is proven of the bodies and clearances of the record along the motion of the current values."""
+        bodies, asked, followed = self.record.scene.bodies, self.record.asked, equations and self.equations
+        return verify_clearance(self.motion, bodies, asked, tolerance=tolerance, equations=followed)
 
     def _set_of_points(self, points: Any) -> Any:
         """The set of points; where the user gave plain numbers, a new set on the block.

@@ -352,7 +352,7 @@ def check_region(region: Any, tolerance: float) -> None:
             "pose, or ask for a larger region."
         )
     if motion.intervals and has_values(record):
-        moving_shapes(motion, {"body": record.body})
+        moving_shapes(motion, {"body": record.scene.bodies["body"]})
 
 
 def has_values(record: Any) -> bool:

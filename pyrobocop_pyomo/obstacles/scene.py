@@ -253,15 +253,15 @@ def _watched_pairs(
                 raise ObstacleError(
                     f"{label}: body_pairs= names '{first}' and '{second}', which both stand still, without pose rule."
                 )
-    order = {name: position for position, name in enumerate(bodies)}
-    watched = [(order[a], order[b]) for a, b in candidates if frozenset((a, b)) not in excluded]
+    place = {name: position for position, name in enumerate(bodies)}.__getitem__
+    ordered = [(a, b) if place(a) < place(b) else (b, a) for a, b in candidates]
+    watched = {pair for pair in ordered if frozenset(pair) not in excluded}
     if not watched:
         raise ObstacleError(
             f"{label}: no body pair is left to keep apart among {_listed(bodies)}. Give obstacles, a second body, or "
             "fewer exclusions."
         )
-    names = list(bodies)
-    return [(names[i], names[j]) for i, j in sorted({(min(places), max(places)) for places in watched})]
+    return sorted(watched, key=lambda pair: (place(pair[0]), place(pair[1])))
 
 
 def _listed(names: Iterable[str]) -> str:
