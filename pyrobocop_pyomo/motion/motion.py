@@ -44,7 +44,7 @@ STATES_ONLY = (
 Nodes = tuple[tuple[float, ...], ...]
 
 
-def refuse_nothing(signal: Item) -> None:
+def _refuse_nothing(signal: Item) -> None:
     """What is read at points that have no order is not followed between them."""
 
 
@@ -82,7 +82,7 @@ class Motion:
     intervals: Nodes
     description: str
     polynomial: Callable[[Item, int], tuple[Any, list[Any]]]
-    refuse: Callable[[Item], None] = refuse_nothing
+    refuse: Callable[[Item], None] = _refuse_nothing
     is_assumed: bool = False
     has_equations: bool = True
     moves_parameters: bool = False

@@ -30,7 +30,7 @@ from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
 from pyrobocop_pyomo.numerics.taylor_forms import TaylorForm
 from pyrobocop_pyomo.numerics.taylor_functions import TAYLOR_FUNCTIONS
 from pyrobocop_pyomo.phases.bounds_between_points import PiecewisePolynomial
-from pyrobocop_pyomo.templates.slots import Always, Clock, Item, NamedItem, Place, Slot, Time, is_on_indices
+from pyrobocop_pyomo.templates.slots import Always, Clock, Item, NamedItem, Place, Slot, Time
 from pyrobocop_pyomo.templates.template import templated
 
 from .table_paths import TableFunction
@@ -128,20 +128,36 @@ class RuleAlongMotion:
         self.checked(formulas.depending(lambda slot: False), "")
         return formulas
 
-    def check_signals(self) -> None:
-        """Check what the rule reads, while the model is still being stated.
+    def followed(self, *, early: bool = False) -> Any:
+        """What the rule says for all times, where all that it reads has a motion.
+
+        Parameters
+        ----------
+        early : bool
+            True while the model is still being stated: what ties two durations may come later.
 
         Raises
         ------
         ObstacleError
-            When it reads what has no motion.
+            When it reads what has no motion between the nodes.
         """
         with errors_naming(self.label):
             for slot in self.formulas.slots:
                 if isinstance(slot, Item):
-                    self.motion.check(slot, early=True)
+                    self.motion.check(slot, early=early)
                 elif isinstance(slot, Clock):
                     self.motion.check_time_of(slot.component)
+                elif not isinstance(slot, (Always, Time)):
+                    raise ObstacleError(
+                        f"a rule reads '{slot.component.name}' by {type(slot).__name__.lower()}, which has no answer "
+                        "between the nodes."
+                    )
+        return self.formulas
+
+    @cached_property
+    def _checked_formulas(self) -> Any:
+        """As `followed`: once for many instants."""
+        return self.followed()
 
     def at(self, interval: int, fraction: float) -> Any:
         """What the rule says at a local fraction of an interval, in expressions of the variables at the nodes.
@@ -159,18 +175,18 @@ class RuleAlongMotion:
         def read(slot: Slot) -> Any:
             if isinstance(slot, NamedItem):
                 return slot.formulas(ObstacleError).at(read)
-            if isinstance(slot, (Always, Time, Clock)):
+            if isinstance(slot, Time):
+                return motion.time_at(index)
+            if not isinstance(slot, Item):
                 return slot.on_model(Place(motion.block, index))
-            item = _item(slot)
-            motion.check(item)
-            fractions, leaves = motion.polynomial_around(item, interval, fraction)
+            fractions, leaves = motion.polynomial_around(slot, interval, fraction)
             weights = evaluation_matrix(fractions, fraction)[0].tolist()
             if all(map(is_plain_variable, leaves)):
                 return LinearExpression(linear_vars=leaves, linear_coefs=weights)
             return sum(weight * leaf for weight, leaf in zip(weights, leaves, strict=True))
 
         with errors_naming(self.label):
-            return self.formulas.at(read)
+            return self._checked_formulas.at(read)
 
 
 def pose_along(motion: Any, rule: Any, name: str) -> RuleAlongMotion:
@@ -263,16 +279,6 @@ def checked_pose(pose: Any, where: str, *, block: Any, name: str) -> Pose:
     return pose
 
 
-def _item(slot: Slot) -> Item:
-    """A slot that has a motion between the nodes; a delayed value, a derivative or a rate is refused."""
-    if not isinstance(slot, Item):
-        raise ObstacleError(
-            f"a rule reads '{slot.component.name}' by {type(slot).__name__.lower()}, which has no answer between the "
-            "nodes."
-        )
-    return slot
-
-
 @contextmanager
 def errors_naming(label: str) -> Iterator[None]:
     """Context whose errors say which rule they are about."""
@@ -341,15 +347,17 @@ class SignalFormulas:
     """
 
     def __init__(self, rule: RuleAlongMotion) -> None:
-        self._formulas, self._motion = rule.formulas, rule.motion
+        self._formulas, self._motion = rule.followed(), rule.motion
         self._named: dict[NamedItem, Any] = {}
         self.signals: dict[Slot, Signal] = {}
         with errors_naming(rule.label):
             for slot in self._formulas.slots:
                 if isinstance(slot, Always):
                     _number(slot.component, slot.component.name)
-                else:
+                elif isinstance(slot, Item):
                     self.signals[slot] = self._signal(slot)
+                else:  # the time
+                    self.signals[slot] = self._linear(self._motion.node_times().__getitem__)
             nodes = self._motion.nodes
             with np.errstate(all="ignore"):
                 entries = self._at_nodes(nodes)
@@ -422,16 +430,9 @@ class SignalFormulas:
         found = self._formulas.at(read, functions)
         return found.entries if isinstance(found, Pose) else [found]
 
-    def _signal(self, slot: Slot) -> Signal:
+    def _signal(self, item: Item) -> Signal:
         """The motion of what is read at ``t``."""
         motion = self._motion
-        if isinstance(slot, Time) and not is_on_indices(motion.block):
-            return self._linear(float)
-        if isinstance(slot, (Time, Clock)):
-            if isinstance(slot, Clock):
-                motion.check_time_of(slot.component)
-            return self._linear(motion.node_times().__getitem__)
-        item = _item(slot)
 
         def at_node(node: Any) -> float:
             return _number(item_at(item, node), item.name)
@@ -441,7 +442,6 @@ class SignalFormulas:
             values = np.array([[at_node(node)] for node in nodes])
             lines = TableFunction(item.name, np.array(nodes, dtype=float), values, [item.name])
             return Signal(at_node, self._linear(float).polynomial, lines=lines)
-        motion.check(item)
         coefficients = []
         for interval in range(len(motion.intervals)):
             fractions, leaves = motion.polynomial(item, interval)

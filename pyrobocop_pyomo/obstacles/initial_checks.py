@@ -68,14 +68,12 @@ def check_rules(label: str, motion: Motion, bodies: Mapping[str, Body], *, betwe
     for name, body in bodies.items() if motion.intervals else ():
         if body.pose is None:
             continue
-        rule = pose_along(motion, body.pose, name)
         try:
-            rule.check_signals()
+            formulas = pose_along(motion, body.pose, name).followed(early=True)
         except ObstacleError:
             if between:
                 raise
             continue
-        formulas = rule.formulas
         if not formulas.slots:
             LOGGER.warning(
                 "%s: the pose of '%s' reads neither a variable nor time: it stands still. If it is meant to rest, give "
@@ -105,9 +103,7 @@ def _timed(block: Any) -> Iterator[tuple[str, Body, list[Slot]]]:
     motion = block.motion
     for name, body in block.record.scene.bodies.items():
         if body.pose is not None and motion.intervals:
-            rule = pose_along(motion, body.pose, name)
-            rule.check_signals()
-            slots = rule.formulas.slots
+            slots = pose_along(motion, body.pose, name).followed(early=True).slots
             kinds = set(map(type, slots))
             if kinds & {Time, Clock} and not any(issubclass(kind, Item) for kind in kinds):
                 yield name, body, slots

@@ -82,22 +82,6 @@ class Scene:
         others = ((pair, pair[pair[0] == body]) for pair in self.clearances if body in pair)
         return [(pair, part) for pair, other in others if self.is_static(other) for part in self.parts_of(other)]
 
-    def body_pair(self, label: str, first: str, second: str) -> BodyPair:
-        """The watched body pair of two bodies given in either order.
-
-        Raises
-        ------
-        ObstacleError
-            When they are not watched.
-        """
-        for pair in ((first, second), (second, first)):
-            if pair in self.clearances:
-                return pair
-        raise ObstacleError(
-            f"{label}: '{first}' and '{second}' are no body pair of it. Its body pairs: "
-            f"{', '.join(map(str, self.clearances))}."
-        )
-
     def unit_directions(self, label: str, directions: Mapping[BodyPair, Any]) -> dict[BodyPair, np.ndarray]:
         """Unit vectors from ``{body pair: direction}``, each from the second body of its pair to the first.
 
@@ -109,7 +93,13 @@ class Scene:
         dimension = next(iter(self.parts.values())).shape.dimension
         units = {}
         for given, direction in directions.items():
-            pair = self.body_pair(label, *checked_pair(label, "directions", given, self.bodies))
+            first, second = checked_pair(label, "directions", given, self.bodies)
+            pair = next((pair for pair in (given, (second, first)) if pair in self.clearances), None)
+            if pair is None:
+                raise ObstacleError(
+                    f"{label}: '{first}' and '{second}' are no body pair of it. Its body pairs: "
+                    f"{', '.join(map(str, self.clearances))}."
+                )
             vector = np.asarray(direction, dtype=float)
             if vector.shape != (dimension,) or not np.isfinite(vector).all() or not vector.any():
                 raise ObstacleError(

@@ -30,7 +30,6 @@ from pyrobocop_pyomo.motion.motion import Motion
 from pyrobocop_pyomo.motion.rules_along_motion import (
     RuleAlongMotion,
     clearance_along,
-    clearance_text,
     clearance_value,
     is_clearance_rule,
     pose_along,
@@ -50,26 +49,29 @@ def add_poses(record: AvoidanceRecord, motion: Motion, segments: Iterable[Motion
     ObstacleError
         When a rule returns no pose, or one of another dimension than its body.
     """
+    bodies = record.scene.bodies
+    rules = {name: pose_along(motion, body.pose, name) for name, body in bodies.items() if body.moves}
+    rules_of_pairs = {
+        pair: clearance_along(motion, asked, pair) for pair, asked in record.asked.items() if is_clearance_rule(asked)
+    }
     for segment in segments:
         pair = record.body_pair(segment)
         for name in pair:
-            body = record.scene.bodies[name]
-            if not body.moves:
+            if name not in rules:
                 record.poses.setdefault((name, None), Pose.identity(record.dimension))
-            for position, time in enumerate(segment.times if body.moves else ()):
+            for position, time in enumerate(segment.times if name in rules else ()):
                 if (name, time) not in record.poses:
-                    pose = _said(pose_along(motion, body.pose, name), segment, position)
-                    if pose.dimension != body.dimension:
+                    pose = _said(rules[name], segment, position)
+                    if pose.dimension != record.dimension:
                         raise ObstacleError(
-                            f"'{name}' has {body.dimension} dimensions and its pose at {time} has {pose.dimension}. "
+                            f"'{name}' has {record.dimension} dimensions and its pose at {time} has {pose.dimension}. "
                             "Use planar_pose in the plane and spatial_pose in space."
                         )
                     record.poses[name, time] = pose
-        asked = record.asked[pair]
-        for position, time in enumerate(segment.times) if is_clearance_rule(asked) else ():
+        for position, time in enumerate(segment.times if pair in rules_of_pairs else ()):
             if (*pair, time) not in record.lengths:
-                length = _said(clearance_along(motion, asked, pair), segment, position)
-                what = clearance_text(pair)
+                length = _said(rules_of_pairs[pair], segment, position)
+                what = rules_of_pairs[pair].label
                 if is_fixed(length) and not is_length(clearance_value(length, what)):
                     raise ObstacleError(f"{what} at t = {time!r} is {value(length):g}; it must be a length > 0.")
                 record.lengths[(*pair, time)] = length
