@@ -17,7 +17,7 @@ from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Matching
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
-from pyrobocop_pyomo.obstacles.snapshot import variables_of
+from pyrobocop_pyomo.obstacles.avoidance_record import variables_of
 from pyrobocop_pyomo.phases import PhaseBlockData, phases_of
 from pyrobocop_pyomo.phases.structure import sides_of
 

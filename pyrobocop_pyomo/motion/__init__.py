@@ -2,8 +2,7 @@
 
 from .bodies import Body
 from .clearance_proof import verify_clearance
-from .interpolation import motion_of
-from .motion import Motion
+from .motion import Motion, motion_of
 from .safety_report import BodyPairSafety, SafetyReport
 from .table_paths import TablePath
 

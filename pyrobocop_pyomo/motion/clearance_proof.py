@@ -7,7 +7,7 @@ Subintervals that are neither proven nor violated are halved. See the explanatio
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,17 +20,18 @@ from pyrobocop_pyomo.numerics.interval_arithmetic import Interval
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
 from .bodies import Body
-from .equations_motion import replayed_motion
+from .equations_motion import EquationsMotion, replayed_motion
 from .motion import Motion
-from .moving_shapes import SAMPLES, MovingShape, PathBounds, halves, moving_shapes
-from .required_clearance import (
+from .moving_shapes import (
+    SAMPLES,
+    MovingShape,
+    PathBounds,
     RequiredBounds,
     RequiredClearance,
-    clearance_text,
-    clearance_value,
-    is_clearance_rule,
+    moving_shapes,
     required_clearance,
 )
+from .rules_along_motion import clearance_text, clearance_value, is_clearance_rule
 from .safety_report import BodyPairSafety, SafetyReport
 
 _EPS = float(np.finfo(float).eps)
@@ -83,54 +84,37 @@ def verify_clearance(
         Naming the body whose pose cannot be followed between the nodes, or a body that does not exist.
     """
     for pair in clearances:
-        _check_pair(bodies, pair)
+        missing = [name for name in pair if name not in bodies]
+        if missing:
+            raise ObstacleError(f"the body pair {pair} names '{missing[0]}'; the bodies are {', '.join(bodies)}.")
+        first, second = (bodies[name].dimension for name in pair)
+        if first != second:
+            raise ObstacleError(f"the body pair {pair} is of a body in {first} and one in {second} dimensions.")
     if not motion.intervals:
         return _at_points(motion, bodies, clearances, tolerance)
     watched = {name: bodies[name] for name in dict.fromkeys(name for pair in clearances for name in pair)}
     shapes = moving_shapes(motion, watched)
-    with np.errstate(all="ignore"):
-        mismatches = {name: [shape.mismatch(motion) for shape in parts] for name, parts in shapes.items()}
     required = {pair: required_clearance(motion, asked, pair) for pair, asked in clearances.items()}
-    allowed = {pair: _allowed(pair, clearance.least, tolerance) for pair, clearance in required.items()}
+    parts = [shape for shapes_of_body in shapes.values() for shape in shapes_of_body]
+    led = replayed_motion(motion, [*parts, *required.values()], equations=equations)
+    proofs = [
+        _Proof(p, q, clearance, _allowed(pair, clearance.least, tolerance), depth, max_subintervals, led)
+        for pair, clearance in required.items()
+        for p in shapes[pair[0]]
+        for q in shapes[pair[1]]
+    ]
     ends = motion.interval_ends
-    lengths = {clearance_text(pair): asked.formulas for pair, asked in required.items() if asked.formulas is not None}
-    led = replayed_motion(motion, shapes, lengths, equations=equations)
-    proofs: list[_Proof] = []
-    for (first, second), clearance in required.items():
-        for p, p_mismatch in zip(shapes[first], mismatches[first], strict=True):
-            for q, q_mismatch in zip(shapes[second], mismatches[second], strict=True):
-                read = (p.name, q.name, clearance_text((first, second)))
-                deviation = np.sum([led.of(name, len(ends)) for name in read], axis=0)
-                unknown = led.why_unknown if any(name in led.deviation for name in read) else ""
-                jumps = p_mismatch + q_mismatch + clearance.mismatch
-                effort = allowed[first, second], depth, max_subintervals
-                proofs.append(_Proof(p, q, clearance, *effort, deviation, jumps, unknown))
     with np.errstate(all="ignore"):  # what is not finite is never proven
         results = _proven(proofs, ends)
-    lines = dict.fromkeys(
-        name for parts in shapes.values() for shape in parts if shape.template for name in shape.template.parameters
-    )
+    lines = dict.fromkeys(name for shape in parts if shape.template for name in shape.template.parameters)
+    names = ", ".join(f"'{name}'" for name in lines)
+    assumed = f"; straight lines between the values of {names}, which is assumed" if names else ""
     return SafetyReport(
         tuple(results),
-        motion=_motion_text(motion.description, lines),
+        motion=motion.description + assumed,
         motion_is_assumed=motion.is_assumed or bool(lines),
         equations=led.statement,
     )
-
-
-def _motion_text(description: str, lines: Iterable[str]) -> str:
-    """The motion in words, with the parameters that have values at points only."""
-    names = ", ".join(f"'{name}'" for name in lines)
-    return f"{description}; straight lines between the values of {names}, which is assumed" if names else description
-
-
-def _check_pair(bodies: Mapping[str, Body], pair: tuple[str, str]) -> None:
-    missing = [name for name in pair if name not in bodies]
-    if missing:
-        raise ObstacleError(f"the body pair {pair} names '{missing[0]}'; the bodies are {', '.join(bodies)}.")
-    sizes = [bodies[name].dimension for name in pair]
-    if sizes[0] != sizes[1]:
-        raise ObstacleError(f"the body pair {pair} is of a body in {sizes[0]} and one in {sizes[1]} dimensions.")
 
 
 def _allowed(pair: tuple[str, str], clearance: float, tolerance: float | None) -> float:
@@ -224,12 +208,7 @@ class _Proof:
     ----------
     tolerance, depth, max_subintervals
         As of `verify_clearance`.
-    deviation : array, shape (intervals,)
-        How far the equations lead away from the plan.
-    mismatch : array, shape (intervals,)
-        By how much the formulas are wrong at the nodes.
-    not_replayed : str
-        Why the motion of the equations is not known; empty where it is.
+    led : EquationsMotion
     """
 
     first: MovingShape
@@ -238,11 +217,15 @@ class _Proof:
     tolerance: float
     depth: int
     max_subintervals: int
-    deviation: Array
-    mismatch: Array
-    not_replayed: str
+    led: EquationsMotion
 
     def __post_init__(self) -> None:
+        parts = (self.first, self.second, self.clearance)
+        # How far the equations lead away from the plan, and why that is not known, where it is not.
+        self.deviation = np.sum([self.led.of(part.name) for part in parts], axis=0)
+        self.not_replayed = self.led.why_unknown if any(part.name in self.led.deviation for part in parts) else ""
+        # By how much the formulas are wrong at the nodes.
+        self.mismatch = np.zeros(self.led.intervals) + sum(part.mismatch for part in parts)
         # More where the equations lead away from the plan.
         self.needed = np.where(np.isfinite(self.deviation), self.deviation, 0.0) - self.tolerance
         self.radii = self.first.shape.radius + self.second.shape.radius
@@ -278,28 +261,20 @@ class _Proof:
 
     def result(self, ends: Array) -> BodyPairSafety:
         """What was found, with the times of all intervals."""
-        intervals = len(ends)
         # Intervals in which more is wrong with the formulas than the tolerance stay undecided.
         self.proven[~(self.mismatch <= self.tolerance)] = -np.inf
-        worst = int(np.nanargmin(self.excess))
-        interval_start, interval_end = ends[worst]
-        required = self.clearance.values(np.arange(intervals), self.instant)
+        required = self.clearance.values(np.arange(len(ends)), self.instant)
         return BodyPairSafety(
             first=self.first.name,
             second=self.second.name,
-            clearance=float(required[worst]),
             tolerance=self.tolerance,
-            distance=float(required[worst] + self.excess[worst]),
-            proven=float(required[worst] + self.proven.min()),
-            time=float(interval_start + self.instant[worst] * (interval_end - interval_start)),
-            interval=worst,
+            subintervals=self.subintervals,
             interval_distance=required + self.excess,
             interval_proven=required + self.proven,
             interval_clearance=required,
             interval_deviation=self.deviation,
-            subintervals=self.subintervals,
-            interval_ends=ends,
             interval_times=ends[:, 0] + self.instant * (ends[:, 1] - ends[:, 0]),
+            interval_ends=ends,
             not_replayed=self.not_replayed,
         )
 
@@ -337,7 +312,9 @@ class _Proof:
         gives_up = last or self.subintervals + 2 * int(still_open.sum()) > self.max_subintervals
         halved = np.zeros_like(still_open) if gives_up else still_open
         np.minimum.at(self.proven, interval[~halved], bound[~halved])
-        return halves(interval[halved], start[halved], end[halved])
+        interval, start, end = interval[halved], start[halved], end[halved]
+        middle = 0.5 * (start + end)
+        return np.tile(interval, 2), np.concatenate([start, middle]), np.concatenate([middle, end])
 
     def _measure(self, interval: Indices, fraction: Array) -> tuple[Array, Array]:
         """Excesses and normals at instants; the instant of each interval with the least excess is remembered."""

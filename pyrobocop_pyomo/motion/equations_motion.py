@@ -27,7 +27,7 @@ from pyrobocop_pyomo.phases.reintegration import SMALLEST_SCALE, Reintegration, 
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .motion import Motion
-from .moving_shapes import MovingShape
+from .moving_shapes import MovingShape, RequiredClearance
 from .rules_along_motion import SignalFormulas, parent_of
 
 PLAN_ALONE = "equations=False asks for the plan alone."
@@ -46,6 +46,7 @@ class EquationsMotion:
 
     Attributes
     ----------
+    intervals : int
     deviation : dict of str to array, shape (intervals,)
         By the name of a moving part: how far any of its corners gets from where the plan has it; by the text of a
         clearance: how far what is required gets from what the plan asks for. Zero where a body
@@ -56,6 +57,7 @@ class EquationsMotion:
         Why the equations' motion is not known; empty where it is.
     """
 
+    intervals: int
     deviation: Mapping[str, Array] = field(default_factory=dict)
     how: str = ""
     why_unknown: str = ""
@@ -69,27 +71,21 @@ class EquationsMotion:
         far = f"at most {largest:.2g} from the plan" if np.isfinite(largest) else "unstable: it leaves all bounds"
         return f"the motion of the equations under the plan's controls, {self.how}, is {far}"
 
-    def of(self, name: str, intervals: int) -> Array:
+    def of(self, name: str) -> Array:
         """Deviation of a part by interval; zero where nothing is known of another motion."""
-        return self.deviation.get(name, np.zeros(intervals))
+        return self.deviation.get(name, np.zeros(self.intervals))
 
 
 def replayed_motion(
-    motion: Motion,
-    shapes: Mapping[str, list[MovingShape]],
-    lengths: Mapping[str, SignalFormulas] | None = None,
-    *,
-    equations: bool = True,
+    motion: Motion, parts: Iterable[MovingShape | RequiredClearance], *, equations: bool = True
 ) -> EquationsMotion:
     """How far the motion under the controls leads each moving part, and each clearance, from the plan.
 
     Parameters
     ----------
     motion : Motion
-    shapes : mapping of body to list of MovingShape
+    parts : iterable of MovingShape and RequiredClearance
         At the current values.
-    lengths : mapping of str to SignalFormulas, optional
-        Clearances that read signals.
     equations : bool
         Whether anything but the plan is to be looked at.
 
@@ -100,14 +96,8 @@ def replayed_motion(
         `why_unknown` says that not everything was seen. Everything else has no other motion than the plan.
     """
     alone = not motion.has_equations
-    moving: dict[str, tuple[MovingShape | None, SignalFormulas]] = {
-        shape.name: (shape, shape.template)
-        for parts in shapes.values()
-        for shape in parts
-        if shape.template is not None and (alone or _components(shape.template))
-    }
-    moving |= {name: (None, of) for name, of in (lengths or {}).items() if alone or _components(of)}
-    components = list({id(component): component for _, of in moving.values() for component in _components(of)}.values())
+    moving = [(part, of) for part in parts if (of := part.template) is not None and (alone or _components(of))]
+    components = list({id(component): component for _, of in moving for component in _components(of)}.values())
     phases = list(
         {id(home): home for of in components if isinstance(home := of.parent_block(), PhaseBlockData)}.values()
     )
@@ -125,11 +115,16 @@ def replayed_motion(
     elif not phases and _rows_move(components):
         why = "the model has rows at its points for it, which say nothing in between."
     if why:
-        return EquationsMotion(dict.fromkeys(moving, np.full(count, np.nan)), why_unknown=why)
-    apart = {id(of): _differences(of, found, count) for _, of in moving.values() if found}
-    deviation = {name: _distances(shape, apart[id(of)]) for name, (shape, of) in moving.items() if found}
+        unknown = {part.name: np.full(count, np.nan) for part, _ in moving}
+        return EquationsMotion(count, unknown, why_unknown=why)
+    apart = {id(of): _differences(of, found, count) for _, of in moving if found}
+    deviation = {}
+    for part, of in moving if found else ():
+        with np.errstate(all="ignore"):
+            largest = BETWEEN_INSTANTS * part.displacements(apart[id(of)]).reshape(count, -1).max(axis=1)
+        deviation[part.name] = np.where(np.isfinite(largest), largest, np.inf)
     how = "; ".join(dict.fromkeys(reintegration.how for reintegration in found.values()))
-    return EquationsMotion(deviation, how, _why_not_everywhere(phases, components, bool(found)))
+    return EquationsMotion(count, deviation, how, _why_not_everywhere(phases, components, bool(found)))
 
 
 def reintegrated(phase: Any, after: tuple[Any, ...] = ()) -> Reintegration:
@@ -251,7 +246,7 @@ def _states_equations(phase: Any) -> bool:
 
 
 def _differences(template: SignalFormulas, found: Mapping[int, Any], intervals: int) -> Array:
-    """Entries of the pose by the equations less those of the plan, shape ``(intervals, k, entries)``."""
+    """Entries of the pose by the equations less those of the plan, shape ``(intervals * k, entries)``."""
     # Each phase is looked at where its own rules ask for it.
     fractions = np.unique(np.concatenate([reintegration.fractions for reintegration in found.values()]))
     interval, fraction = np.repeat(np.arange(intervals), len(fractions)), np.tile(fractions, intervals)
@@ -272,22 +267,7 @@ def _differences(template: SignalFormulas, found: Mapping[int, Any], intervals: 
             moved = [np.interp(fractions, reintegration.fractions, of_element) for of_element in off]
             led[slot] = planned[slot] + np.concatenate(moved)
     with np.errstate(all="ignore"):
-        difference = template.evaluated(led, len(interval)) - template.evaluated(planned, len(interval))
-    return difference.reshape(intervals, len(fractions), -1)
-
-
-def _distances(shape: MovingShape | None, difference: Array) -> Array:
-    """Largest displacement in each interval of any corner, or of a length; infinite for none, or where a ray turns."""
-    moved, turned = difference[..., None], np.zeros(len(difference))
-    if shape is not None:
-        d = shape.shape.dimension
-        rotation = difference[:, :, : d * d].reshape(*difference.shape[:2], d, d)
-        with np.errstate(all="ignore"):
-            moved = np.einsum("nkrc,ic->nkir", rotation, shape.shape.vertices) + difference[:, :, None, d * d :]
-            turned = np.abs(rotation).max(axis=(1, 2, 3)) if len(shape.shape.rays) else turned
-    with np.errstate(all="ignore"):
-        largest = BETWEEN_INSTANTS * np.linalg.norm(moved, axis=3).max(axis=(1, 2))
-    return np.where(np.isfinite(largest) & ~(turned > 1e-12), largest, np.inf)
+        return template.evaluated(led, len(interval)) - template.evaluated(planned, len(interval))
 
 
 def _components(template: SignalFormulas) -> list[Any]:

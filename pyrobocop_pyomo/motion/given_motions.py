@@ -1,8 +1,8 @@
-"""Motions that come from no model: paths sampled at times, and trajectories."""
+"""Motions that come from no model: paths sampled at times, read from arrays, and trajectories."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
 from typing import Any
@@ -10,65 +10,204 @@ from typing import Any
 import numpy as np
 from pyomo.core.base.param import Param
 from pyomo.core.base.PyomoModel import ConcreteModel
-from pyomo.core.base.set import Set
 from pyomo.core.expr import cos, sin
 
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.geometry import Pose
-from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.geometry import Pose, check_pose, spatial_pose
+from pyrobocop_pyomo.numerics.arrays import Array, finite_numbers
+from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.templates.slots import Item
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .interpolation import STATES_ONLY, intervals_of_grid
-from .motion import Motion, Nodes
-from .sampled_paths import SampledPath
+from .motion import STATES_ONLY, Motion, Nodes, intervals_of_grid
 
-# A name with blanks: those of a user's signals have none.
-_TIMES = "times of the path"
 BETWEEN_POINTS = "straight lines between the points, on which bodies turn at constant rates"
+QUATERNION_ORDERS = ("wxyz", "xyzw")
+# Quaternions of files and messages are rounded; what is farther from length one is most likely no quaternion.
+_LENGTH_ERROR = 1e-3
+# Of matrices; and a turn this close to half a turn has no shorter way.
+_ROTATION_ERROR = 1e-6
+_SHAPES = {
+    2: "(N, 2) for x, y; (N, 3) for x, y, theta; (N, 3, 3) for homogeneous matrices; or a list of Pose",
+    3: "(N, 3) for x, y, z; (N, 6) for x, y, z, roll, pitch, yaw; (N, 7) for x, y, z and a quaternion; (N, 4, 4) for "
+    "homogeneous matrices; or a list of Pose",
+}
 
 
 @dataclass(frozen=True, eq=False)
-class GivenMotion(Motion):
-    """Polynomials that are given as numbers, for what a model of parameters has at the nodes; time is real time.
+class SampledPath:
+    """Poses at times. In between the reference point moves on straight lines, and the body turns at constant rates.
 
     Attributes
     ----------
-    block, points
-        As for `Motion`.
-    intervals : tuple of tuples
-        Nodes of each interval, both ends included.
-    samples : mapping of name to array, shape (intervals, k)
-        By the name of a parameter: values at ``k`` evenly spaced fractions of each interval.
-    description : str
-        What the motion is, in words.
-    refusal : str
-        What is said of a parameter without them.
-    has_equations : bool
-        False for a trajectory: it was made of equations that are not at hand.
+    positions : array, shape (N, d)
+    rotations : array, shape (N - 1, 3, 3)
+        From which the body turns in each interval.
+    axes : array, shape (N - 1, 3)
+        About which it turns, in its own frame; in the plane the z axis.
+    angles : array, shape (N - 1, 2)
+        By how much at both ends, the shorter way.
     """
 
-    block: Any
-    points: tuple[Any, ...]
-    intervals: Nodes
-    samples: Mapping[str, Array]
-    description: str = BETWEEN_POINTS
-    refusal: str = ""
-    has_equations: bool = True
+    positions: Array
+    rotations: Array
+    axes: Array
+    angles: Array
 
-    def joins_lines(self, signal: Item) -> bool:
-        """False: the parameters of the model are what moves."""
-        return False
 
-    def refuse(self, signal: Item, *, early: bool = False) -> None:
-        """Refuse what has no polynomials."""
-        if signal.component.local_name not in self.samples:
-            raise ObstacleError(f"'{signal.name}' {self.refusal}")
+def read_path(
+    given: Any, times: Array, dimension: int, name: str, *, quaternion_order: str | None = None
+) -> SampledPath:
+    """The poses of one body at given times.
 
-    def polynomial(self, signal: Item, interval: int) -> tuple[Array, list[Any]]:
-        """The values at evenly spaced fractions."""
-        values = self.samples[signal.component.local_name][interval]
+    Parameters
+    ----------
+    given : array_like or list of Pose
+        One pose per time, in one of the forms that `verify_motion` describes.
+    times : array, shape (N,)
+    dimension : int
+        Of the body.
+    name : str
+        Of the body, for messages.
+    quaternion_order : str, optional
+        ``"wxyz"`` or ``"xyzw"``.
+
+    Raises
+    ------
+    ObstacleError
+        Naming the body and the row.
+    """
+    what = f"the poses of '{name}'"
+    poses = _as_array(given, dimension, name, what)
+    if len(poses) != len(times):
+        raise ObstacleError(f"{what}: {len(poses)} poses for {len(times)} times; give one pose for each time.")
+    path = _planar(poses, what) if dimension == 2 else _spatial(poses, what, quaternion_order)
+    half = np.flatnonzero(np.abs(np.diff(path.angles, axis=1)) >= np.pi - _ROTATION_ERROR)
+    if len(half):
+        raise ObstacleError(
+            f"{what}: from row {half[0]} to row {half[0] + 1} the body turns by half a turn, and both ways are "
+            "equally short. Give poses in between."
+        )
+    return path
+
+
+def _as_array(given: Any, dimension: int, name: str, label: str) -> Array:
+    if isinstance(given, Sequence) and len(given) and all(isinstance(pose, Pose) for pose in given):
+        return _matrices(given, dimension, name)
+    poses = finite_numbers(given, label, ObstacleError)
+    allowed = {2: [(2,), (3,), (3, 3)], 3: [(3,), (6,), (7,), (4, 4)]}[dimension]
+    if poses.ndim < 2 or poses.shape[1:] not in allowed:
+        raise ObstacleError(f"{label}: an array of shape {poses.shape}; expected {_SHAPES[dimension]}.")
+    return poses
+
+
+def _matrices(poses: Sequence[Pose], dimension: int, name: str) -> Array:
+    stacked = np.zeros((len(poses), dimension + 1, dimension + 1))
+    for k, pose in enumerate(poses):
+        if pose.dimension != dimension:
+            raise ObstacleError(f"the poses of '{name}': row {k} is a pose in {pose.dimension} dimensions.")
+        check_pose(pose, f"{name}, row {k}")
+        stacked[k, :-1, :-1], stacked[k, :-1, -1] = pose.numbers()
+        stacked[k, -1, -1] = 1.0
+    return stacked
+
+
+def _planar(poses: Array, label: str) -> SampledPath:
+    if poses.ndim == 3:
+        rotations = _checked_rotations(poses, label)
+        positions, angles = poses[:, :2, 2], np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0])
+    else:
+        positions = poses[:, :2]
+        angles = poses[:, 2] if poses.shape[1] == 3 else np.zeros(len(poses))
+    shorter = np.unwrap(angles)
+    ends = np.column_stack([shorter[:-1], shorter[1:]])
+    return SampledPath(positions, np.tile(np.eye(3), (len(ends), 1, 1)), np.tile([0.0, 0.0, 1.0], (len(ends), 1)), ends)
+
+
+def _spatial(poses: Array, label: str, quaternion_order: str | None) -> SampledPath:
+    positions, rotations = _positions_and_rotations(poses, label, quaternion_order)
+    between = rotations[:-1].transpose(0, 2, 1) @ rotations[1:]
+    turns = scipy.spatial.transform.Rotation.from_matrix(between).as_rotvec()
+    angles = np.linalg.norm(turns, axis=1)
+    axes = np.where(angles[:, None] > 0.0, turns / np.where(angles > 0.0, angles, 1.0)[:, None], [0.0, 0.0, 1.0])
+    return SampledPath(positions, rotations[:-1], axes, np.column_stack([np.zeros(len(angles)), angles]))
+
+
+def _positions_and_rotations(poses: Array, label: str, quaternion_order: str | None) -> tuple[Array, Array]:
+    if poses.ndim == 3:
+        return poses[:, :3, 3], _checked_rotations(poses, label)
+    positions = poses[:, :3]
+    if poses.shape[1] == 3:
+        return positions, np.broadcast_to(np.eye(3), (len(poses), 3, 3))
+    if poses.shape[1] == 6:
+        return positions, np.array([spatial_pose(row[:3], euler=row[3:].tolist()).numbers()[0] for row in poses])
+    if quaternion_order not in QUATERNION_ORDERS:
+        raise ObstacleError(
+            f"{label}: quaternion_order={quaternion_order!r}; say quaternion_order='wxyz' where the columns are "
+            "x, y, z, qw, qx, qy, qz, as in spatial_pose, or 'xyzw' where they are x, y, z, qx, qy, qz, qw, as in "
+            "ROS and SciPy."
+        )
+    quaternions = poses[:, 3:] if quaternion_order == "xyzw" else np.roll(poses[:, 3:], -1, axis=1)
+    lengths = np.linalg.norm(quaternions, axis=1)
+    worst = int(np.argmax(np.abs(lengths - 1.0)))
+    if abs(lengths[worst] - 1.0) > _LENGTH_ERROR:
+        raise ObstacleError(
+            f"{label}: the quaternion of row {worst} has length {lengths[worst]:.6g}; expected 1. Check which columns "
+            "are the quaternion."
+        )
+    return positions, scipy.spatial.transform.Rotation.from_quat(quaternions / lengths[:, None]).as_matrix()
+
+
+def _checked_rotations(matrices: Array, label: str) -> Array:
+    """Rotations of homogeneous matrices, their rounding removed."""
+    d = matrices.shape[1] - 1
+    last = np.abs(matrices[:, -1] - np.eye(d + 1)[-1]).max(axis=1)
+    rotations = matrices[:, :d, :d]
+    error = np.maximum(np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(d)).max(axis=(1, 2)), last)
+    error = np.where(np.linalg.det(rotations) < 0.0, np.inf, error)
+    worst = int(np.argmax(error))
+    if error[worst] > _ROTATION_ERROR:
+        raise ObstacleError(
+            f"{label}: the matrix of row {worst} is not [[R, p], [0, 1]] with a rotation R (error {error[worst]:.3g})."
+        )
+    left, _, right = np.linalg.svd(rotations)
+    return np.asarray(left @ right, dtype=np.float64)
+
+
+# ------------------------------------------------------------------------------------------------------------ motions
+
+
+def _model_in_real_time(name: str) -> ConcreteModel:
+    """A model for parameters over time, whose indices are the times."""
+    model = ConcreteModel(name=name)
+    model.time_at = _same
+    return model
+
+
+def _given_motion(
+    model: Any, points: tuple[Any, ...], intervals: Nodes, samples: Mapping[str, Array], words: str, **facts: Any
+) -> Motion:
+    """A motion of parameters by polynomials that are given as numbers; time is real time.
+
+    Parameters
+    ----------
+    model : ConcreteModel
+        Of parameters, with their values at the points.
+    points, intervals
+        As for `Motion`.
+    samples : mapping of name to array, shape (intervals, k)
+        By the name of a parameter: values at ``k`` evenly spaced fractions of each interval.
+    words : str
+        What the motion is.
+    **facts
+        Of `Motion`.
+    """
+
+    def polynomial(signal: Item, interval: int) -> tuple[Array, list[Any]]:
+        values = samples[signal.component.local_name][interval]
         return np.linspace(0.0, 1.0, len(values)), values.tolist()
+
+    return Motion(model, points, intervals, words, polynomial, moves_parameters=True, **facts)
 
 
 def motion_along_paths(
@@ -91,44 +230,44 @@ def motion_along_paths(
         When the name of a signal is none, or is that of something else.
     """
     points = tuple(times.tolist())
-    model = ConcreteModel(name="path")
-    model.add_component(_TIMES, Set(initialize=points, ordered=True))
-    model.time_at = _same
+    model = _model_in_real_time("path")
     samples: dict[str, Array] = {}
     for name, values in (signals or {}).items():
         if not isinstance(name, str) or not name.isidentifier() or hasattr(model, name):
             raise ObstacleError(f"a signal has the name {name!r}, which a pose rule cannot read as block.name[t].")
-        _add_line(model, samples, name, values)
+        samples[name] = _line(values)
     rules = {}
     for number, (name, path) in enumerate(paths.items(), start=1):
-        rules[name] = _add_path(model, samples, number, path)
-    return GivenMotion(model, points, tuple(pairwise(points)), samples), rules
+        # Names with blanks: those of a user's signals have none.
+        samples |= {f"{of} {number}": within for of, within in _samples_of(path).items()}
+        rules[name] = _pose_rule(path.positions.shape[1], number)
+    for name, within in samples.items():
+        values = np.append(within[:, 0], within[-1, -1])
+        model.add_component(name, Param(points, initialize=dict(zip(points, values.tolist(), strict=True))))
+    return _given_motion(model, points, tuple(pairwise(points)), samples, BETWEEN_POINTS), rules
 
 
-def _add(model: Any, samples: dict[str, Array], name: str, values: Array, within: Array) -> None:
-    """What has values at the times, and at evenly spaced fractions within each interval."""
-    times = model.component(_TIMES)
-    model.add_component(name, Param(times, initialize=dict(zip(times, values.tolist(), strict=True))))
-    samples[name] = within
+def _line(values: Array) -> Array:
+    """What is linear from each time to the next, at both ends of each interval."""
+    return np.column_stack([values[:-1], values[1:]])
 
 
-def _add_line(model: Any, samples: dict[str, Array], name: str, values: Array) -> None:
-    """What is linear from each time to the next."""
-    _add(model, samples, name, values, np.column_stack([values[:-1], values[1:]]))
-
-
-def _add_path(model: Any, samples: dict[str, Array], number: int, path: SampledPath) -> Callable[..., Any]:
+def _samples_of(path: SampledPath) -> dict[str, Array]:
     """Rodrigues' formula on each interval: ``R (u u' + (I - u u') cos(angle) + [u] sin(angle))``, ``u`` the axis."""
     along = path.axes[:, :, None] * path.axes[:, None, :]
     crossed = np.cross(path.axes[:, None, :], np.eye(3)[None, :, :]).transpose(0, 2, 1)
     factors = {"still": along, "cosine": np.eye(3) - along, "sine": crossed}
-    dimension = path.positions.shape[1]
-    for axis, column in zip("xyz", path.positions.T, strict=False):
-        _add_line(model, samples, f"{axis} {number}", column)
-    for (kind, factor), i, j in product(factors.items(), range(dimension), range(dimension)):
-        values = (path.rotations @ factor)[:, i, j]
-        _add(model, samples, f"{kind} {i}{j} {number}", np.append(values, values[-1]), values[:, None])
-    _add(model, samples, f"turn {number}", np.append(path.angles[:, 0], path.angles[-1, 1]), path.angles)
+    lines = {axis: _line(column) for axis, column in zip("xyz", path.positions.T, strict=False)}
+    dimensions = range(path.positions.shape[1])
+    constant = {
+        f"{kind} {i}{j}": (path.rotations @ factor)[:, i, j, None]
+        for (kind, factor), i, j in product(factors.items(), dimensions, dimensions)
+    }
+    return {**lines, "turn": path.angles, **constant}
+
+
+def _pose_rule(dimension: int, number: int) -> Callable[..., Any]:
+    """The pose of the body with a number, of what `_samples_of` has for its path."""
 
     def pose(block: Any, t: Any) -> Pose:
         def at(name: str) -> Any:
@@ -152,7 +291,7 @@ def _add_path(model: Any, samples: dict[str, Array], number: int, path: SampledP
 
 def motion_along_trajectory(trajectory: Trajectory) -> Motion:
     """The motion of a trajectory's states, by the polynomials of its scheme; rules read them as of its phase."""
-    model = ConcreteModel(name=trajectory.name)
+    model = _model_in_real_time(trajectory.name)
     grid = trajectory.grid
     times, points = tuple(grid.times), tuple(grid.points)
     for names, index in ((trajectory.states, times), (trajectory.signals, points)):
@@ -161,16 +300,15 @@ def motion_along_trajectory(trajectory: Trajectory) -> Motion:
             model.add_component(name, Param(list(index), initialize=given))
     for name, value in trajectory.parameters.items():
         model.add_component(name, Param(initialize=value))
-    model.time_at = _same
-    return GivenMotion(
-        model,
-        times,
-        intervals_of_grid(grid),
-        trajectory.element_polynomials(np.linspace(0.0, 1.0, grid.scheme.stages + 2)),
-        f"the polynomials of the states of trajectory '{trajectory.name}' ({grid.scheme.name})",
-        f"is no state of trajectory '{trajectory.name}'. {STATES_ONLY}",
-        has_equations=False,
-    )
+    samples = trajectory.element_polynomials(np.linspace(0.0, 1.0, grid.scheme.stages + 2))
+
+    def refuse(signal: Item) -> None:
+        if signal.component.local_name not in samples:
+            raise ObstacleError(f"'{signal.name}' is no state of trajectory '{trajectory.name}'. {STATES_ONLY}")
+
+    words = f"the polynomials of the states of trajectory '{trajectory.name}' ({grid.scheme.name})"
+    intervals = intervals_of_grid(grid)
+    return _given_motion(model, times, intervals, samples, words, refuse=refuse, has_equations=False)
 
 
 def _same(t: Any) -> Any:

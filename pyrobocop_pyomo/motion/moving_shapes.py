@@ -1,8 +1,9 @@
-"""`MovingShape`: the corners of a shape at any instant, and bounds on their paths over subintervals."""
+"""What is followed along a motion, with bounds on subintervals: corners of shapes, and required clearances."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,14 @@ from pyrobocop_pyomo.templates.template import templated
 
 from .bodies import Body
 from .motion import Motion
-from .rules_along_motion import SignalFormulas, pose_formulas
+from .rules_along_motion import (
+    SignalFormulas,
+    clearance_along,
+    clearance_text,
+    clearance_value,
+    is_clearance_rule,
+    pose_along,
+)
 
 _EPS = float(np.finfo(float).eps)
 # Instants of an interval at which shapes are measured, where they are to be searched or may be distorted.
@@ -55,26 +63,27 @@ class MovingShape:
         rotation, translation = self.poses(interval, fraction)
         return _rotated(rotation, vertices) + translation[:, None, :], _rotated(rotation, rays)
 
-    def mismatch(self, motion: Motion) -> Array:
+    def displacements(self, difference: Array) -> Array:
+        """How far differences (m, entries) of its pose move the shape, shape ``(m,)``: infinitely where a ray turns."""
+        d = self.shape.dimension
+        rotation = difference[:, : d * d].reshape(-1, d, d)
+        moved = _rotated(rotation, self.shape.vertices) + difference[:, None, d * d :]
+        turns = (np.abs(rotation) > 1e-12).any(axis=(1, 2)) & (not self.shape.is_bounded)
+        return np.where(turns, np.inf, np.linalg.norm(moved, axis=2).max(axis=1))
+
+    @cached_property
+    def mismatch(self) -> Array | float:
         """Largest error of a corner's position in the formulas, by interval, shape ``(intervals,)``.
 
         The error is the distance from where the nodes place the corner, see `SignalFormulas.mismatch`, plus the
         distance from where a rigid body would have it: a quaternion of length one at the nodes is shorter between them,
         so that the body shrinks.
         """
-        largest = np.zeros(len(motion.intervals))
-        if self.template is not None:
-            d = self.shape.dimension
-            interval, difference = self.template.mismatch()
-            rotation = difference[:, : d * d].reshape(-1, d, d)
-            moved = _rotated(rotation, self.shape.vertices) + difference[:, None, d * d :]
-            # Rays count with unit length.
-            moved = np.concatenate([moved, _rotated(rotation, self.shape.rays)], axis=1)
-            lengths = np.linalg.norm(moved, axis=2).max(axis=1)
-            # Intervals without values have no path, and no proof either.
-            np.maximum.at(largest, interval, np.where(np.isnan(lengths), 0.0, lengths))
-            largest += self._distortion(len(largest))
-        return largest
+        if self.template is None:
+            return 0.0
+        with np.errstate(all="ignore"):
+            largest = self.template.mismatch(self.displacements)
+            return largest + self._distortion(len(largest))
 
     def _distortion(self, intervals: int) -> Array:
         """Largest distance of a corner from its place on a rigid body, at samples of each interval."""
@@ -192,27 +201,17 @@ def template_of(motion: Motion, rule: Any, name: str, dimension: int) -> SignalF
         Naming the body, as `SignalFormulas`; also when the rule is no template, or does not return a pose of the body's
         dimension.
     """
-    what, formulas = f"the pose of '{name}'", pose_formulas(motion, rule, name)
-    pose = formulas.depending(lambda slot: False)
+    along = pose_along(motion, rule, name)
+    pose = along.formulas.depending(lambda slot: False)
     if pose.dimension != dimension:
         raise ObstacleError(
-            f"{what}: its rule returned {pose!r}; expected a Pose in {dimension} dimensions, by "
+            f"{along.label}: its rule returned {pose!r}; expected a Pose in {dimension} dimensions, by "
             f"{'planar_pose' if dimension == 2 else 'spatial_pose'}."
         )
     if getattr(templated(rule).rule, "skips_points", False):  # a table says nothing beyond its ends
         for node in motion.nodes:
-            motion.pose_at_node(rule, node, name=name)
-    return SignalFormulas(motion, formulas, what)
-
-
-def halves(interval: Indices, start: Array, end: Array) -> tuple[Indices, Array, Array]:
-    """The first halves of subintervals, then the second ones; fractions of their intervals."""
-    middle = 0.5 * (start + end)
-    return (
-        np.concatenate([interval, interval]),
-        np.concatenate([start, middle]),
-        np.concatenate([middle, end]),
-    )
+            along.at_node(node)
+    return SignalFormulas(along)
 
 
 def _rotated(rotation: Array, vectors: Array) -> Array:
@@ -249,3 +248,102 @@ def _along(normals: Array, points: Array, entries: Interval, translates: bool) -
     return Interval(
         np.minimum(terms[0], terms[1]).sum(axis=2) - slack, np.maximum(terms[0], terms[1]).sum(axis=2) + slack
     )
+
+
+# ------------------------------------------------------------------------------------------------ required clearances
+
+
+@dataclass(frozen=True, eq=False)
+class RequiredBounds:
+    """The required clearance on ``m`` subintervals.
+
+    Attributes
+    ----------
+    at_start, at_end : array, shape (m,)
+    highest : array, shape (m,)
+        Nowhere on the subinterval is more required.
+    lowest_curvature : array, shape (m,)
+        Lower bound of the second derivative with respect to the local fraction.
+    """
+
+    at_start: Array
+    at_end: Array
+    highest: Array
+    lowest_curvature: Array
+
+    def subset(self, chosen: Any) -> RequiredBounds:
+        """Bounds on some of the subintervals."""
+        return RequiredBounds(*(of[chosen] for of in vars(self).values()))
+
+
+@dataclass(frozen=True, eq=False)
+class RequiredClearance:
+    """The distance that a body pair has to keep along a motion; made by `required_clearance`.
+
+    Attributes
+    ----------
+    name : str
+        What messages call it.
+    least : float
+        The least of its values at the nodes.
+    template : SignalFormulas or None
+        None where the same distance is required at all times.
+    """
+
+    name: str
+    least: float
+    template: SignalFormulas | None = None
+
+    def displacements(self, difference: Array) -> Array:
+        """By how much differences (m, 1) of its formula change it, shape ``(m,)``."""
+        return np.abs(difference[:, 0])
+
+    @cached_property
+    def mismatch(self) -> Array | float:
+        """Largest difference of the formulas from the rule at the nodes of each interval, where signals jump."""
+        return 0.0 if self.template is None else self.template.mismatch(self.displacements)
+
+    def values(self, interval: Indices, fraction: Array) -> Array:
+        """What is required at local fractions of intervals, shape ``(m,)``."""
+        if self.template is None:
+            return np.full(len(interval), self.least)
+        return self.template.values(interval, fraction)[:, 0]
+
+    def bounds(self, interval: Indices, start: Array, end: Array) -> RequiredBounds:
+        """Bounds on subintervals ``[start, end]`` of intervals."""
+        if self.template is None:
+            constant = np.full(len(interval), self.least)
+            return RequiredBounds(constant, constant, constant, np.zeros(len(interval)))
+        (form,) = self.template.taylor_forms(interval, start, end)
+        at_start, at_end = self.values(interval, start), self.values(interval, end)
+        # Where the graph is convex, it is nowhere above its ends.
+        low = form.second.low
+        above = np.maximum(at_start, at_end) + (end - start) ** 2 / 8.0 * np.maximum(-low, 0.0)
+        rounding = 64 * _EPS * (np.abs(at_start) + np.abs(at_end))
+        # fmin: a bound that is not known does not remove the other.
+        return RequiredBounds(at_start, at_end, np.fmin(above + rounding, form.value.high), low)
+
+
+def required_clearance(motion: Motion, asked: Any, pair: tuple[str, str]) -> RequiredClearance:
+    """The clearance of a body pair at the current values of the model.
+
+    Parameters
+    ----------
+    motion : Motion
+        With intervals.
+    asked : number, Param, Var, expression or callable
+        A rule is called as ``rule(block, t)``, like that of a pose.
+    pair : (str, str)
+        Names of the two bodies, for messages.
+
+    Raises
+    ------
+    ObstacleError
+        Naming the body pair, where the clearance has no value or cannot be followed between the nodes.
+    """
+    what = clearance_text(pair)
+    if not is_clearance_rule(asked):
+        return RequiredClearance(what, clearance_value(asked, what))
+    rule = clearance_along(motion, asked, pair)
+    least = min(clearance_value(rule.at_node(node), f"{what} at t = {node:g}") for node in motion.nodes)
+    return RequiredClearance(what, least, SignalFormulas(rule))

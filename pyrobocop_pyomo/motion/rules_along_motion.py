@@ -5,17 +5,18 @@ What a template reads at ``t`` are signals, which a motion makes polynomials of.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from numbers import Real
 from typing import Any
 
 import numpy as np
 from pyomo.core.base.block import BlockData
 from pyomo.core.expr import LinearExpression
-from pyomo.core.expr.numvalue import native_numeric_types, value
+from pyomo.core.expr.numvalue import NumericValue, native_numeric_types, value
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose
@@ -29,10 +30,10 @@ from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
 from pyrobocop_pyomo.numerics.taylor_forms import TaylorForm
 from pyrobocop_pyomo.numerics.taylor_functions import TAYLOR_FUNCTIONS
 from pyrobocop_pyomo.phases.bounds_between_points import PiecewisePolynomial
-from pyrobocop_pyomo.templates.slots import Always, Clock, Item, NamedItem, Place, Slot, Time, is_on_indices
+from pyrobocop_pyomo.templates.slots import Always, Clock, Item, NamedItem, Place, Slot, Time
 from pyrobocop_pyomo.templates.template import templated
 
-from .table_functions import TableFunction
+from .table_paths import TableFunction
 
 # Functions that can be followed between nodes, of which bounds of derivatives are known.
 FOLLOWED = ("sin", "cos", "tan", "atan", "exp", "log", "sqrt")
@@ -67,32 +68,186 @@ _TAYLOR_FORMS: dict[str, Callable[..., Any]] = {
 # ------------------------------------------------------------------------------------------- at nodes, in expressions
 
 
-@contextmanager
-def rule_at_node(motion: Any, rule: Any, label: str, t: Any) -> Iterator[None]:
-    """Context in which a rule is called at a node: typical mistakes in it are explained.
+@dataclass(frozen=True, eq=False)
+class RuleAlongMotion:
+    """The rule of a pose or of a clearance along a motion.
+
+    Attributes
+    ----------
+    motion : Motion
+    rule : callable
+        ``rule(block, t)``.
+    label : str
+        What it is about, in messages: "the pose of 'car'".
+    checked : callable
+        ``checked(result, where)`` returns what the rule returned, or raises `ObstacleError` where that is of another
+        kind; ``where`` is " at t = 0.5", or nothing for all times.
+    """
+
+    motion: Any
+    rule: Any
+    label: str
+    checked: Callable[[Any, str], Any]
+
+    def at_node(self, t: Any) -> Any:
+        """What the rule says at a point of the set, or at a node of an interval; typical mistakes in it are explained.
+
+        Raises
+        ------
+        ObstacleError
+            Naming the rule and the time, when it has no result there, or one of another kind.
+        """
+        time, phase = float(t) if isinstance(t, Real) else None, self.motion.phase
+        try:
+            with slips_explained(self.rule, self.label, self.motion.block, ("b", "t"), ObstacleError, time):
+                index = t if phase is None else phase.record.index_for_rule(phase, t, self.label)
+                return self.checked(self.rule(self.motion.block, index), f" at t = {t!r}")
+        except KeyError as error:
+            raise ObstacleError(
+                f"{self.label} has no value at t = {t!r} ({error}). It is evaluated at every point and at both ends of "
+                "every interval, where states have values, but controls and algebraics may have none."
+            ) from error
+
+    @cached_property
+    def formulas(self) -> Any:
+        """What the rule says for all times.
+
+        Raises
+        ------
+        ObstacleError
+            When it has to know the time as a number.
+        """
+        formulas = templated(self.rule).formulas(self.motion.block)
+        if formulas is None:
+            self.at_node(self.motion.intervals[0][0])  # a mistake in the rule is named before its kind
+            raise ObstacleError(
+                f"{self.label} cannot be asked between the nodes: its rule goes by a number that t or a variable has "
+                "at the moment, as by pyo.value(t), math.cos(t) or an 'if'. Compute with t and with the variables "
+                "themselves, by Pyomo's functions: pyo.cos(t)."
+            )
+        self.checked(formulas.depending(lambda slot: False), "")
+        return formulas
+
+    def followed(self, *, early: bool = False) -> Any:
+        """What the rule says for all times, where all that it reads has a motion.
+
+        Parameters
+        ----------
+        early : bool
+            True while the model is still being stated: what ties two durations may come later.
+
+        Raises
+        ------
+        ObstacleError
+            When it reads what has no motion between the nodes.
+        """
+        with errors_naming(self.label):
+            for slot in self.formulas.slots:
+                if isinstance(slot, Item):
+                    self.motion.check(slot, early=early)
+                elif isinstance(slot, Clock):
+                    self.motion.check_time_of(slot.component)
+                elif not isinstance(slot, (Always, Time)):
+                    raise ObstacleError(
+                        f"a rule reads '{slot.component.name}' by {type(slot).__name__.lower()}, which has no answer "
+                        "between the nodes."
+                    )
+        return self.formulas
+
+    @cached_property
+    def _checked_formulas(self) -> Any:
+        """As `followed`: once for many instants."""
+        return self.followed()
+
+    def at(self, interval: int, fraction: float) -> Any:
+        """What the rule says at a local fraction of an interval, in expressions of the variables at the nodes.
+
+        Raises
+        ------
+        ObstacleError
+            When it reads what has no value between the nodes.
+        """
+        motion = self.motion
+        index = motion.index_at(interval, fraction)
+        if index in motion.intervals[interval]:
+            return self.at_node(index)
+
+        def read(slot: Slot) -> Any:
+            if isinstance(slot, NamedItem):
+                return slot.formulas(ObstacleError).at(read)
+            if isinstance(slot, Time):
+                return motion.time_at(index)
+            if not isinstance(slot, Item):
+                return slot.on_model(Place(motion.block, index))
+            fractions, leaves = motion.polynomial_around(slot, interval, fraction)
+            weights = evaluation_matrix(fractions, fraction)[0].tolist()
+            if all(map(is_plain_variable, leaves)):
+                return LinearExpression(linear_vars=leaves, linear_coefs=weights)
+            return sum(weight * leaf for weight, leaf in zip(weights, leaves, strict=True))
+
+        with errors_naming(self.label):
+            return self._checked_formulas.at(read)
+
+
+def pose_along(motion: Any, rule: Any, name: str) -> RuleAlongMotion:
+    """The pose rule of a body along a motion."""
+    checked = partial(checked_pose, block=motion.block, name=name)
+    return RuleAlongMotion(motion, rule, f"the pose of '{name}'", checked)
+
+
+def clearance_along(motion: Any, rule: Any, pair: tuple[str, str]) -> RuleAlongMotion:
+    """The rule for the clearance of a body pair along a motion."""
+    what = clearance_text(pair)
+
+    def checked(length: Any, where: str) -> Any:
+        if not isinstance(length, (Real, NumericValue)) or isinstance(length, bool):
+            raise ObstacleError(f"{what}{where} is {length!r}; its rule must return a length.")
+        return length
+
+    return RuleAlongMotion(motion, rule, what, checked)
+
+
+def is_clearance_rule(asked: Any) -> bool:
+    """Whether a clearance is ``rule(block, t)``; Pyomo's parameters and expressions can be called too."""
+    return callable(asked) and not isinstance(asked, NumericValue)
+
+
+def clearance_text(pair: tuple[str, str]) -> str:
+    """How messages call the clearance of a body pair."""
+    return f"the clearance between '{pair[0]}' and '{pair[1]}'"
+
+
+def clearance_value(asked: Any, label: str) -> float:
+    """A clearance as a number.
 
     Raises
     ------
     ObstacleError
-        Where a rule has no value there, among others.
+        Where it has no value, or is no number.
     """
-    time = float(t) if isinstance(t, Real) else None
     try:
-        with slips_explained(rule, label, motion.block, ("b", "t"), ObstacleError, time):
-            yield
-    except KeyError as error:
+        number = value(asked, exception=False)
+        number = math.nan if number is None else float(number)
+    except (TypeError, ValueError):
         raise ObstacleError(
-            f"{label} has no value at t = {t!r} ({error}). It is evaluated at every point and at both ends of every "
-            "interval, where states have values, but controls and algebraics may have none."
-        ) from error
+            f"{label} is {asked!r}; expected a length: a number, a Param, a Var or an expression of the model, or a "
+            "rule(block, t)."
+        ) from None
+    if not math.isfinite(number):
+        raise ObstacleError(
+            f"{label} is '{asked}', which has no finite value. Give its parameters and variables values first."
+        )
+    return number
 
 
-def checked_pose(pose: Any, block: Any, name: str) -> Pose:
+def checked_pose(pose: Any, where: str, *, block: Any, name: str) -> Pose:
     """What a pose rule returned, which has to be a pose; typical mistakes in it are explained.
 
     Parameters
     ----------
     pose : object
+    where : str
+        At which time, in words, or nothing.
     block : Block
         The block that the rule is for.
     name : str
@@ -109,8 +264,8 @@ def checked_pose(pose: Any, block: Any, name: str) -> Pose:
             given = f"a {type(pose).__name__}, ({', '.join(map(str, pose))})"
         remedy = "Is the return statement missing? " if pose is None else ""
         raise ObstacleError(
-            f"the pose rule of '{name}' returned {given}; expected a Pose: {remedy}return planar_pose(x, y, theta) in "
-            "the plane, spatial_pose((x, y, z), ...) in space."
+            f"the pose rule of '{name}' returned {given}{where}; expected a Pose: {remedy}return "
+            "planar_pose(x, y, theta) in the plane, spatial_pose((x, y, z), ...) in space."
         )
     for entry in pose.entries:
         if entry.__class__ in native_numeric_types:
@@ -122,80 +277,6 @@ def checked_pose(pose: Any, block: Any, name: str) -> Pose:
             component = f"b.{entry.local_name}" if hasattr(entry, "local_name") else "b.x"
             raise ObstacleError(f"the pose of '{name}': {forgotten_index('t', component)}")
     return pose
-
-
-def formulas_between(motion: Any, rule: Any, label: str, ask: Callable[[Any], Any]) -> Any:
-    """What a rule says for all times.
-
-    Parameters
-    ----------
-    motion : Motion
-        With intervals.
-    rule : callable
-    label : str
-        What it is about, in messages: "the pose of 'car'".
-    ask : callable
-        Asks it at a node, and names a mistake in it.
-
-    Raises
-    ------
-    ObstacleError
-        When it has to know the time as a number.
-    """
-    formulas = templated(rule).formulas(motion.block)
-    if formulas is None:
-        ask(motion.intervals[0][0])
-        raise ObstacleError(
-            f"{label} cannot be asked between the nodes: its rule goes by a number that t or a variable has at the "
-            "moment, as by pyo.value(t), math.cos(t) or an 'if'. Compute with t and with the variables themselves, "
-            "by Pyomo's functions: pyo.cos(t)."
-        )
-    return formulas
-
-
-def pose_formulas(motion: Any, rule: Any, name: str) -> Any:
-    """What a pose rule says for all times, which is a pose."""
-    ask = partial(motion.pose_at_node, rule, name=name)
-    formulas = formulas_between(motion, rule, f"the pose of '{name}'", ask)
-    checked_pose(formulas.depending(lambda slot: False), motion.block, name)
-    return formulas
-
-
-def expressions_between(motion: Any, formulas: Any, interval: int, fraction: float, label: str) -> Any:
-    """What formulas are at a local fraction of an interval, in expressions of the variables at the nodes.
-
-    Raises
-    ------
-    ObstacleError
-        When they read what has no value between the nodes.
-    """
-    index = motion.index_at(interval, fraction)
-
-    def read(slot: Slot) -> Any:
-        if isinstance(slot, NamedItem):
-            return slot.formulas(ObstacleError).at(read)
-        if isinstance(slot, (Always, Time, Clock)):
-            return slot.on_model(Place(motion.block, index))
-        item = _item(slot)
-        motion.check(item)
-        fractions, leaves = motion.polynomial_around(item, interval, fraction)
-        weights = evaluation_matrix(fractions, fraction)[0].tolist()
-        if all(map(is_plain_variable, leaves)):
-            return LinearExpression(linear_vars=leaves, linear_coefs=weights)
-        return sum(weight * leaf for weight, leaf in zip(weights, leaves, strict=True))
-
-    with errors_naming(label):
-        return formulas.at(read)
-
-
-def _item(slot: Slot) -> Item:
-    """A slot that has a motion between the nodes; a delayed value, a derivative or a rate is refused."""
-    if not isinstance(slot, Item):
-        raise ObstacleError(
-            f"a rule reads '{slot.component.name}' by {type(slot).__name__.lower()}, which has no answer between the "
-            "nodes."
-        )
-    return slot
 
 
 @contextmanager
@@ -251,12 +332,8 @@ class SignalFormulas:
 
     Parameters
     ----------
-    motion : Motion
-        With intervals.
-    formulas : object
-        What the rule says for all times, which is a pose or a length.
-    label : str
-        What the rule is about, in messages: "the pose of 'car'".
+    rule : RuleAlongMotion
+        Along a motion with intervals.
 
     Attributes
     ----------
@@ -269,23 +346,25 @@ class SignalFormulas:
         Naming the rule, when it reads a signal that is not continuous, or has a function that cannot be followed.
     """
 
-    def __init__(self, motion: Any, formulas: Any, label: str) -> None:
-        self._formulas, self._motion = formulas, motion
+    def __init__(self, rule: RuleAlongMotion) -> None:
+        self._formulas, self._motion = rule.followed(), rule.motion
         self._named: dict[NamedItem, Any] = {}
         self.signals: dict[Slot, Signal] = {}
-        with errors_naming(label):
-            for slot in formulas.slots:
+        with errors_naming(rule.label):
+            for slot in self._formulas.slots:
                 if isinstance(slot, Always):
                     _number(slot.component, slot.component.name)
-                else:
+                elif isinstance(slot, Item):
                     self.signals[slot] = self._signal(slot)
-            nodes = motion.nodes
+                else:  # the time
+                    self.signals[slot] = self._linear(self._motion.node_times().__getitem__)
+            nodes = self._motion.nodes
             with np.errstate(all="ignore"):
                 entries = self._at_nodes(nodes)
                 self.taylor_forms(np.array([0]), np.array([0.0]), np.array([1.0]))
         if not np.isfinite(entries).all():
             worst = int(np.argmin(np.isfinite(entries).all(axis=1)))
-            raise ObstacleError(f"{label}: it has no finite value at t = {nodes[worst]:g}.")
+            raise ObstacleError(f"{rule.label}: it has no finite value at t = {nodes[worst]:g}.")
 
     @property
     def parameters(self) -> list[str]:
@@ -310,24 +389,26 @@ class SignalFormulas:
             for form in self._entries(forms, _TAYLOR_FORMS)
         ]
 
-    def mismatch(self) -> tuple[Indices, Array]:
-        """Differences of the entries at the nodes of each interval from those that its polynomials give there.
+    def mismatch(self, sizes: Callable[[Array], Array]) -> Array:
+        """Largest difference of the entries at the nodes from those that the polynomials give there, by interval.
 
         Equations of the model couple nodes and polynomials: the continuity equation of an element's end, or the
         right-hand sides of a scheme that starts on a stage. Where the values violate these equations the motion jumps.
 
-        Returns
-        -------
-        interval : array, shape (m,)
-        difference : array, shape (m, entries)
-            NaN where a polynomial has no value.
+        Parameters
+        ----------
+        sizes : callable
+            From differences (m, entries) to their sizes (m,).
         """
         intervals = self._motion.intervals
         interval = np.repeat(np.arange(len(intervals)), [len(nodes) for nodes in intervals])
         fraction = np.concatenate([self._motion.local_fractions(i) for i in range(len(intervals))])
-        return interval, self._at_nodes([node for nodes in intervals for node in nodes]) - self.values(
-            interval, fraction
-        )
+        at_nodes = self._at_nodes([node for nodes in intervals for node in nodes])
+        found = sizes(at_nodes - self.values(interval, fraction))
+        largest = np.zeros(len(intervals))
+        # Intervals without values have no path, and no proof either.
+        np.maximum.at(largest, interval, np.where(np.isnan(found), 0.0, found))
+        return largest
 
     def _at_nodes(self, nodes: list[Any]) -> Array:
         """Entries from the values at nodes, shape ``(len(nodes), entries)``."""
@@ -349,16 +430,9 @@ class SignalFormulas:
         found = self._formulas.at(read, functions)
         return found.entries if isinstance(found, Pose) else [found]
 
-    def _signal(self, slot: Slot) -> Signal:
+    def _signal(self, item: Item) -> Signal:
         """The motion of what is read at ``t``."""
         motion = self._motion
-        if isinstance(slot, Time) and not is_on_indices(motion.block):
-            return self._linear(float)
-        if isinstance(slot, (Time, Clock)):
-            if isinstance(slot, Clock):
-                motion.check_time_of(slot.component)
-            return self._linear(motion.node_times().__getitem__)
-        item = _item(slot)
 
         def at_node(node: Any) -> float:
             return _number(item_at(item, node), item.name)
@@ -368,7 +442,6 @@ class SignalFormulas:
             values = np.array([[at_node(node)] for node in nodes])
             lines = TableFunction(item.name, np.array(nodes, dtype=float), values, [item.name])
             return Signal(at_node, self._linear(float).polynomial, lines=lines)
-        motion.check(item)
         coefficients = []
         for interval in range(len(motion.intervals)):
             fractions, leaves = motion.polynomial(item, interval)

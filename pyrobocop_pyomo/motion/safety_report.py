@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -28,53 +29,41 @@ class BodyPairSafety(Presented):
     ----------
     first, second : str
         Names of the parts.
-    clearance, tolerance : float
-        The distance asked for is ``clearance``; one that is proven to ``clearance - tolerance`` counts as kept. Where
-        the clearance changes in time, it is that at `time`.
-    distance : float
-        Smallest signed distance of all instants measured; a search measures the intervals that are proven least.
-        Negative: the parts overlap. Where the clearance changes in time, the instant is meant at which the distance
-        exceeds it least.
-    proven : float
-        The signed distance is at least this at all times; at other times with another clearance, it exceeds that by at
-        least ``proven - clearance``.
-    time : float
-        When `distance` was found; for a set without order, the point.
-    interval : int or None
-        Where `distance` was found; None for points without order.
-    interval_distance, interval_proven : array, shape (intervals,)
-        `distance` and `proven` of each interval, or of each point where there are no intervals. NaN in
-        `interval_distance`: the interval was proven clear by boxes, and no instant of it was measured.
+    tolerance : float
+        A distance that is proven to ``clearance - tolerance`` counts as kept.
     subintervals : int
         Number of subintervals that the proof used.
+    interval_distance : array, shape (intervals,)
+        Smallest signed distance of all instants measured in each interval, or at each point where there are no
+        intervals; negative where the parts overlap. Where the clearance changes in time, the instant is meant at which
+        the distance exceeds it least. A search measures the intervals that are proven least. NaN: the interval was
+        proven clear by boxes, and no instant of it was measured.
+    interval_proven : array, shape (intervals,)
+        The signed distance is at least this at all times of the interval; at other times with another clearance, it
+        exceeds that by at least ``interval_proven - interval_clearance``.
     interval_clearance : array, shape (intervals,)
         What is required at the instant of `interval_distance`; `interval_proven` refers to it.
     interval_deviation : array, shape (intervals,)
         How far the equations lead the parts from where the plan has them, under its controls: infinite where they lead
         out of all bounds, NaN where nobody looked. Distances are those of the plan; this is taken off what is proven.
+    interval_times : sequence of length intervals
+        When `interval_distance` was found; the points where they have no order.
     interval_ends : array, shape (intervals, 2), optional
         Times of the start and the end of each interval; None for points without order.
-    interval_times : array, shape (intervals,), optional
-        When `interval_distance` was found.
     not_replayed : str
         Why the motion under the controls was not followed, or not everywhere; empty where it was, or is the plan.
     """
 
     first: str
     second: str
-    clearance: float
     tolerance: float
-    distance: float
-    proven: float
-    time: Any
-    interval: int | None
+    subintervals: int
     interval_distance: Array = field(repr=False)
     interval_proven: Array = field(repr=False)
-    subintervals: int
     interval_clearance: Array = field(repr=False)
     interval_deviation: Array = field(repr=False)
+    interval_times: Sequence[Any] | Array = field(repr=False)
     interval_ends: Array | None = field(default=None, repr=False)
-    interval_times: Array | None = field(default=None, repr=False)
     not_replayed: str = ""
 
     @classmethod
@@ -82,22 +71,39 @@ class BodyPairSafety(Presented):
         cls, first: str, second: str, points: Sequence[Any], distances: Array, required: Array, tolerance: float
     ) -> BodyPairSafety:
         """At points without an order: what is measured there is all there is to prove."""
-        worst = int(np.argmin(distances - required))
-        return cls(
-            first=first,
-            second=second,
-            clearance=float(required[worst]),
-            tolerance=tolerance,
-            distance=float(distances[worst]),
-            proven=float(distances[worst]),
-            time=points[worst],
-            interval=None,
-            interval_distance=distances,
-            interval_proven=distances,
-            interval_clearance=required,
-            interval_deviation=np.zeros(len(distances)),
-            subintervals=len(distances),
-        )
+        by_equations = np.zeros(len(points))
+        return cls(first, second, tolerance, len(points), distances, distances, required, by_equations, points)
+
+    @cached_property
+    def _closest(self) -> int:
+        """Position of the interval, or of the point, in which the distance exceeds the clearance least."""
+        return int(np.nanargmin(self.interval_distance - self.interval_clearance))
+
+    @property
+    def interval(self) -> int | None:
+        """Where `distance` was found; None for points without order."""
+        return None if self.interval_ends is None else self._closest
+
+    @property
+    def time(self) -> Any:
+        """When `distance` was found; for a set without order, the point."""
+        time = self.interval_times[self._closest]
+        return time if self.interval_ends is None else float(time)
+
+    @property
+    def distance(self) -> float:
+        """Smallest of `interval_distance`, or that which exceeds its clearance least."""
+        return float(self.interval_distance[self._closest])
+
+    @property
+    def clearance(self) -> float:
+        """The distance asked for; where it changes in time, that at `time`."""
+        return float(self.interval_clearance[self._closest])
+
+    @property
+    def proven(self) -> float:
+        """The signed distance is at least this at all times; with another clearance it exceeds that by as much."""
+        return self.clearance + float((self.interval_proven - self.interval_clearance).min())
 
     @property
     def safe(self) -> bool | None:
@@ -135,7 +141,7 @@ class BodyPairSafety(Presented):
     @property
     def shortfall(self) -> float:
         """The largest of `missing`: by how much a motion comes too close; negative where there is room left."""
-        return float(np.nanmax(np.append(self.missing, self.clearance - self.distance)))
+        return float(np.nanmax(self.missing))
 
     @property
     def unproven(self) -> tuple[int, ...]:

@@ -9,20 +9,21 @@ from typing import Any
 import numpy as np
 from pyomo.common.gc_manager import PauseGC
 from pyomo.core.base.component import ModelComponentFactory
+from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.param import Param
 from pyomo.core.base.set import Any as AnyIndex
 from pyomo.core.base.set import Set
+from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.modeling.blocks import Rule, blocks_of_kind
-from pyrobocop_pyomo.motion.clearance_proof import verify_clearance
 from pyrobocop_pyomo.motion.safety_report import SafetyReport
 from pyrobocop_pyomo.presentation import table
 
-from .avoidance_record import MotionSegment, make_record, segments_of_motion
-from .block_arguments import MotionBlock, MotionBlockData, set_of_points, sort_arguments
+from .avoidance_record import MotionSegment, Snapshot, make_record, proven_gap, segments_of_motion
+from .block_arguments import MotionBlock, MotionBlockData
 from .broad_phase import (
     BUILT_WITHOUT_GUESS,
     add_back,
@@ -32,27 +33,22 @@ from .broad_phase import (
     near_the_motion,
     places_of,
 )
-from .clearances import ClearanceRule, asked_at, least_possible, update_estimates, verified_clearances
 from .impossible_gaps import check_gaps
-from .initial_checks import (
-    check_fixed_poses,
-    check_poses,
-    check_rules,
-    doubtful_clock,
-    has_values,
-)
+from .initial_checks import check_fixed_poses, check_poses, check_rules, doubtful_clock, has_values
 from .initial_separations import set_start_values
 from .scene import BodyPair, SeparationIndex
 from .separation_rows import (
     add_poses,
     add_separation,
-    declare_planes,
+    norm_relation,
     normal_of,
     remove_separations,
-    set_norm,
     unit_normal_of,
 )
-from .snapshot import Snapshot, proven_gap
+
+# Bounds of 1 would be active for normals along an axis, where the norm is active too: multipliers are then not unique,
+# and solvers take three times as many iterations.
+WIDER_THAN_ONE = (-1.5, 1.5)
 
 
 class ObstacleAvoidanceBlockData(MotionBlockData):
@@ -93,18 +89,24 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
         rows = [(name, "moves" if body.moves else "rests", shapes[name]) for name, body in bodies.items()]
         return [table(("body", "motion", "shape"), rows)] if rows else []
 
-    def _build(self, points: Any, *, equations: bool = True, **options: Any) -> None:
-        self.equations = equations
-        points = set_of_points(self, points)
+    def _state(self, points: Any, **options: Any) -> None:
         self._record = record = make_record(self._what, points, **options)
         numbers = {pair: asked for pair, asked in record.asked.items() if isinstance(asked, float)}
         self.clearance = Param(
             list(numbers), initialize=numbers, mutable=True, doc="clearance of each body pair that has a number"
         )
+        record.asked.update((pair, self.clearance[pair]) for pair in numbers)
         self.separations = Set(dimen=3, doc="first, second, start of a segment of motion")
         self.margin = Param(self.separations, mutable=True, default=0.0, doc="added to the clearance")
         self.required = Expression(AnyIndex, doc="gap that a separation has to prove")
-        declare_planes(self)
+        bounds = WIDER_THAN_ONE
+        self.normal = Var(self.separations, list(self.axes), bounds=bounds, dense=False, doc="normals of planes")
+        self.offset = Var(self.separations, dense=False, doc="offsets of planes")
+        self.turned_normal = Expression(AnyIndex, doc="normals in the frame of a body that turns")
+        self.level = Expression(AnyIndex, doc="height of a body's origin over the plane")
+        self.first_shape = Constraint(AnyIndex, doc="vertices of the first shape: beyond the plane by what is required")
+        self.second_shape = Constraint(AnyIndex, doc="vertices of the second shape: behind the plane")
+        self.unit = Constraint(AnyIndex, doc="length of the normal")
         check_rules(self._what, self.motion, record.scene.bodies, between=record.per_interval)
         self._separate()
 
@@ -114,7 +116,7 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
         part_pairs = [(first.name, second.name) for first, second in record.scene.part_pairs()]
         segments = segments_of_motion(self._what, part_pairs, motion, record.per_interval)
         add_poses(record, motion, segments)
-        update_estimates(self)
+        record.update_estimates()
         snapshot = Snapshot(record, self._what)
         record.pruned = {segment.index: segment for segment in segments}
         # Without an initial guess no shapes are known to be far apart; initialize() applies the broad phase again.
@@ -127,14 +129,6 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
             add_back(self, record, [segments[k] for k in np.flatnonzero(kept).tolist()])
 
     # ---------------------------------------------------------------- another mesh below
-
-    @property
-    def can_follow_times(self) -> bool:
-        """Whether separations can be made for other times: no pose or clearance was asked for at each point."""
-        bodies, asked = self.record.scene.bodies.values(), self.record.asked.values()
-        rules: list[Any] = [body.pose for body in bodies if body.pose is not None]
-        rules += [each for each in asked if isinstance(each, ClearanceRule)]
-        return all(rule.is_template(self.motion.block) for rule in rules)
 
     def follow_times(self) -> None:
         """Separate the shapes anew over the times that there are now; margins and splits start again.
@@ -172,9 +166,9 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
         given = dict(record.directions if directions is None else directions)
         units = record.scene.unit_directions(self._what, given)
         check_poses(snapshot, self.motion)
-        check_fixed_poses(snapshot, lambda pair, time: least_possible(asked_at(self, pair, time)))
+        check_fixed_poses(snapshot)
         check_gaps(snapshot)
-        update_estimates(self)
+        record.update_estimates()
         record.directions = given
         with PauseGC():
             apply_broad_phase(self, snapshot)
@@ -211,10 +205,7 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
             Whether the motion that the equations make of the plan's controls is proven as well, unless the block says
             that it need not be.
         """
-        bodies = self.record.scene.bodies
-        report = verify_clearance(
-            self.motion, bodies, verified_clearances(self), tolerance=tolerance, equations=equations and self.equations
-        )
+        report = self._proven(tolerance, equations)
         clock = doubtful_clock(self)
         pairs = (replace(pair, not_replayed=pair.not_replayed or clock) for pair in report.body_pairs)
         return replace(report, body_pairs=tuple(pairs))
@@ -250,8 +241,7 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
                 add_separation(self, record, half)
                 record.pinned.add(half.index)
                 self.margin[half.index] = margin
-            bodies = record.scene.parts[first].body, record.scene.parts[second].body
-            known = {} if normal is None else {bodies: normal}
+            known = {} if normal is None else {record.body_pair(segment): normal}
             set_start_values(self, Snapshot(record, self._what), (left, right), known)
         return left.index, right.index
 
@@ -296,7 +286,7 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
             raise ObstacleError(f"{self._what}: norm is {norm!r}; it is 'ball' or 'sphere'.")
         if norm != record.norm_now:
             for index in record.segments:
-                set_norm(self, index, norm)
+                self.unit[index].set_value(norm_relation([self.normal[(*index, axis)] for axis in self.axes], norm))
         record.norm_now = norm
 
     def _segment(self, first: str, second: str, start: Hashable) -> MotionSegment:
@@ -412,5 +402,4 @@ class ObstacleAvoidanceBlock(MotionBlock, data=ObstacleAvoidanceBlockData):
             "broad_phase": broad_phase,
             "equations": equations,
         }
-        indexes, built_from = sort_arguments("an ObstacleAvoidanceBlock", points, options, rule)
-        super().__init__(*indexes, **built_from, **block_options)
+        super().__init__("an ObstacleAvoidanceBlock", *points, options=options, rule=rule, **block_options)

@@ -1,21 +1,29 @@
-"""The facts behind an avoidance block that are no Pyomo components: segments of motion, record, checked options."""
+"""The facts behind an avoidance block that are no Pyomo components: segments of motion, record, checked options.
+
+A `Snapshot` has poses and corners at the current values of the variables.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass, field, replace
 from numbers import Real
 from typing import Any
 
+import numpy as np
+from pyomo.core.expr.numvalue import value
+
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.geometry import Pose
-from pyrobocop_pyomo.modeling.shared_nodes import variables_in
+from pyrobocop_pyomo.geometry import Polytope, Pose
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in, variables_in_any
 from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.motion.motion import Motion
+from pyrobocop_pyomo.motion.rules_along_motion import is_clearance_rule
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
+from pyrobocop_pyomo.optional_imports import scipy
 
-from .clearances import ClearanceRule, asked_clearances
-from .scene import BodyPair, Scene, SeparationIndex, make_scene
+from .scene import BodyPair, Scene, SeparationIndex, asked_clearances, make_scene
 
 
 @dataclass(frozen=True)
@@ -116,7 +124,7 @@ class AvoidanceRecord:
     overlapping : dict of pair of parts to int
         Number of segments on which they overlapped when start values were set last.
     asked : dict of body pair to clearance
-        Floats, expressions or `ClearanceRule`.
+        Parameters and expressions, or rules that are templates.
     lengths : dict of (body, body, time) to expression
         What the rules of clearances ask for at the times of the poses.
     """
@@ -136,10 +144,37 @@ class AvoidanceRecord:
     asked: dict[BodyPair, Any] = field(default_factory=dict)
     lengths: dict[tuple[str, str, Hashable], Any] = field(default_factory=dict)
 
+    def body_pair(self, segment: MotionSegment) -> BodyPair:
+        """Names of the two bodies of a segment."""
+        return self.scene.parts[segment.first].body, self.scene.parts[segment.second].body
+
+    def clearance_at(self, pair: BodyPair, time: Hashable) -> Any:
+        """The clearance of a body pair at a time with a pose, as an expression."""
+        asked = self.asked[pair]
+        return self.lengths[(*pair, time)] if is_clearance_rule(asked) else asked
+
+    def clearance_values(self, pair: BodyPair) -> list[float]:
+        """The clearance of a body pair at all times with a pose, at the current values; NaN where there are none."""
+        is_rule = is_clearance_rule(self.asked[pair])
+        times = [key[2] for key in self.lengths if key[:2] == pair] if is_rule else [None]
+        numbers = [value(self.clearance_at(pair, time), exception=False) for time in times]
+        return [math.nan if number is None else float(number) for number in numbers]
+
+    def update_estimates(self) -> None:
+        """Note the largest clearance of each body pair as a number, for what needs to know how far away is enough."""
+        for pair in self.asked:
+            self.scene.clearances[pair] = max(filter(math.isfinite, self.clearance_values(pair)), default=0.0)
+
+    @property
+    def rules(self) -> list[Any]:
+        """The rules of poses, and of clearances that change in time."""
+        poses = [body.pose for body in self.scene.bodies.values() if body.pose is not None]
+        return [*poses, *(asked for asked in self.asked.values() if is_clearance_rule(asked))]
+
     @property
     def depends_on_what_is_far(self) -> bool:
         """Whether distances beyond the clearance count: where the optimiser chooses how much it is."""
-        chosen = (asked for asked in self.asked.values() if not isinstance(asked, (float, ClearanceRule)))
+        chosen = (asked for asked in self.asked.values() if not is_clearance_rule(asked))
         return any(True for asked in chosen for _ in variables_in(asked, include_fixed=False))
 
     @property
@@ -201,3 +236,95 @@ def make_record(
                 f"{largest:g}. Take several times the clearance."
             )
     return AvoidanceRecord(scene, points, between is not None, broad_phase, asked=asked)
+
+
+# ---------------------------------------------------------------------------------------------- at the current values
+
+
+Numbers = tuple[np.ndarray, np.ndarray]
+
+
+class Snapshot:
+    """Poses and corners at the current values; each pose is evaluated once.
+
+    Parameters
+    ----------
+    record : AvoidanceRecord
+    what : str
+        Name of the block in messages.
+    """
+
+    def __init__(self, record: AvoidanceRecord, label: str) -> None:
+        self.record = record
+        self.what = label
+        self._poses: dict[tuple[str, Hashable], Numbers] = {}
+        self._shapes: dict[tuple[str, Hashable], Polytope] = {}
+
+    def pose(self, body: str, time: Hashable) -> Numbers:
+        """Rotation (d, d) and translation (d,) of a body.
+
+        Raises
+        ------
+        ObstacleError
+            When the pose reads a variable that has no value, or is not finite.
+        """
+        key = (body, None if self.record.scene.is_static(body) else time)
+        if key not in self._poses:
+            try:
+                self._poses[key] = self.record.poses[key].numbers()
+            except ObstacleError as error:
+                raise ObstacleError(f"{self.what}: the pose of '{body}' at {time}: {error}") from None
+            if not all(np.isfinite(entries).all() for entries in self._poses[key]):
+                raise ObstacleError(f"{self.what}: the pose of '{body}' at {time} is not finite at the current values.")
+        return self._poses[key]
+
+    def placed_pair(self, segment: MotionSegment) -> tuple[Polytope, Polytope]:
+        """What both shapes of a segment of motion sweep: their corners and rays at all times that it covers."""
+        return self._placed(segment.first, segment.times), self._placed(segment.second, segment.times)
+
+    def _placed(self, name: str, times: tuple[Any, ...]) -> Polytope:
+        part = self.record.scene.parts[name]
+        if self.record.scene.is_static(part.body):
+            return part.shape
+        if (name, times) not in self._shapes:
+            poses = [self.pose(part.body, time) for time in times]
+            vertices = np.vstack([part.shape.vertices @ rotation.T + translation for rotation, translation in poses])
+            rays = np.vstack([part.shape.rays @ rotation.T for rotation, _ in poses])
+            self._shapes[name, times] = replace(part.shape, vertices=vertices, rays=rays)
+        return self._shapes[name, times]
+
+
+def variables_of(pose: Any) -> list[Any]:
+    """Variables that a pose reads, the fixed ones included."""
+    return list(variables_in_any(pose.entries).values())
+
+
+def fixed_times(poses: Mapping[tuple[str, Hashable], Any], body: str) -> dict[Any, None]:
+    """Times at which all that the pose of a moving body reads is fixed."""
+    return {
+        time: None
+        for (name, time), pose in poses.items()
+        if name == body and all(variable.fixed for variable in variables_of(pose))
+    }
+
+
+def gap_along(normals: np.ndarray, first: Polytope, second: Polytope) -> np.ndarray:
+    """Gaps (k,) between two shapes along each of the unit normals (k, d), radii included."""
+    reach = (first.vertices @ normals.T).min(axis=0) - (second.vertices @ normals.T).max(axis=0)
+    return reach - first.radius - second.radius
+
+
+def proven_gap(first: Polytope, second: Polytope, normal: np.ndarray) -> float:
+    """Distance that a normal of any length proves; never more than the signed distance of the swept shapes.
+
+    A normal of zero proves nothing, which is ``-inf``. Where shapes are unbounded, the normal is first projected onto
+    the directions along which both are bounded.
+    """
+    rays = np.vstack([second.rays, -first.rays])
+    if len(rays):
+        # The residual of the projection onto the cone of the rays makes no acute angle with any of them.
+        normal = normal - rays.T @ scipy.optimize.nnls(rays.T, normal)[0]
+    length = float(np.linalg.norm(normal))
+    if not length > NEGLIGIBLE:
+        return -float("inf")
+    return float(gap_along((normal / length)[None, :], first, second)[0])

@@ -16,10 +16,9 @@ from pyrobocop_pyomo.motion.safety_report import SafetyReport
 from pyrobocop_pyomo.numerics import Array, BoolArray
 from pyrobocop_pyomo.optional_imports import scipy
 
-from .avoidance_record import AvoidanceRecord, MotionSegment
+from .avoidance_record import AvoidanceRecord, MotionSegment, Snapshot
 from .scene import SeparationIndex
 from .separation_rows import add_separation, remove_separations
-from .snapshot import Snapshot
 
 # With so few separations the broad phase that is on by itself leaves none out.
 KEPT_ANYWAY = 200

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,26 +16,16 @@ from pyomo.core.base.set import Set
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.geometry import Polytope, Pose
+from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.geometry.poses import dot
 from pyrobocop_pyomo.modeling.blocks import Rule, blocks_of_kind
 from pyrobocop_pyomo.motion.bodies import Body
-from pyrobocop_pyomo.motion.clearance_proof import verify_clearance
-from pyrobocop_pyomo.motion.safety_report import BodyPairSafety, SafetyReport
+from pyrobocop_pyomo.motion.safety_report import SafetyReport
 
-from .block_arguments import MotionBlock, MotionBlockData, set_of_points, sort_arguments
+from .avoidance_record import AvoidanceRecord, fixed_times
+from .block_arguments import MotionBlock, MotionBlockData
 from .initial_checks import check_rules
-from .snapshot import fixed_times
-
-
-@dataclass
-class ContainmentRecord:
-    """The facts behind a `Containment`."""
-
-    body: Body
-    region: Polytope
-    points: Any
-    poses: dict[tuple[str, Any], Pose]
+from .scene import make_scene
 
 
 class ContainmentData(MotionBlockData):
@@ -55,34 +45,33 @@ class ContainmentData(MotionBlockData):
 
     _kind = "containment"
 
-    def _build(
-        self,
-        points: Any,
-        *,
-        body: Any = None,
-        pose: Any = None,
-        region: Any = None,
-        clearance: float = 0.0,
-        equations: bool = True,
+    def _state(
+        self, points: Any, *, body: Any = None, pose: Any = None, region: Any = None, clearance: float = 0.0
     ) -> None:
-        self.equations = equations
-        points = set_of_points(self, points)
         moving = _checked_body(self._what, body, pose)
         _check_region(self._what, region, moving)
         if not (isinstance(clearance, (int, float)) and math.isfinite(clearance) and clearance >= 0):
             raise ObstacleError(f"{self._what}: the clearance is {clearance!r}; it must be a length >= 0.")
-        self._record = ContainmentRecord(moving, region, points, {})
+        self._region, self._moved = region, _size(moving)
+        # A proof needs a positive clearance: the sides that the body keeps clear of are moved outwards by its size.
+        sides = {
+            f"side {number}": Polytope.from_halfspaces([-outwards], [-offset - self._moved], bounded=False)
+            for number, (outwards, offset) in enumerate(zip(*region.halfspaces, strict=True), start=1)
+        }
+        scene = make_scene(self._what, bodies={"body": moving}, obstacles=sides, body_pairs=None, exclude=())
         self.clearance = Param(initialize=float(clearance), mutable=True, doc="distance kept from the sides")
+        asked = dict.fromkeys(scene.clearances, self.clearance + self._moved)
+        self._record = AvoidanceRecord(scene, points, per_interval=True, broad_phase=None, asked=asked)
         self.times = Set(ordered=True, doc="times at which corners have rows")
         self.margin = Param(self.times, mutable=True, doc="added to the clearance")
         self.inside = Constraint(AnyIndex, doc="corners inside the sides of the region")
-        check_rules(self._what, self.motion, {"body": moving})
+        check_rules(self._what, self.motion, scene.bodies)
         self._contain()
 
     def _contain(self) -> None:
         """Add the rows of all times."""
         record, motion = self.record, self.motion
-        moving = record.body
+        moving = record.scene.bodies["body"]
         times = tuple(dict.fromkeys(t for nodes in motion.intervals for t in nodes)) or motion.points
         assert moving.pose is not None
         poses = {("body", time): motion.pose_at_node(moving.pose, time) for time in times}
@@ -90,7 +79,7 @@ class ContainmentData(MotionBlockData):
         self.times.update(times)
         for time in times:
             self.margin[time] = 0.0
-        sides = list(zip(*(part.tolist() for part in record.region.halfspaces), strict=True))
+        sides = list(zip(*(part.tolist() for part in self._region.halfspaces), strict=True))
         corners = [(corner, part.radius) for part in moving.parts for corner in part.vertices.tolist()]
         with PauseGC():
             for time in times:
@@ -101,12 +90,6 @@ class ContainmentData(MotionBlockData):
                         self.inside.add((time, number, side), (None, dot(outwards, point) + room, offset - radius))
 
     # ---------------------------------------------------------------- margins and the proof
-
-    @property
-    def can_follow_times(self) -> bool:
-        """Whether rows can be made for other times: the pose was not asked for at each point."""
-        pose: Any = self.record.body.pose
-        return pose is None or bool(pose.is_template(self.motion.block))
 
     def follow_times(self) -> None:
         """State the rows anew over the times that there are now; margins start again."""
@@ -146,21 +129,20 @@ class ContainmentData(MotionBlockData):
             Whether the motion that the equations make of the plan's controls is proven as well, unless the block says
             that it need not be.
         """
-        equations = equations and self.equations
-        record = self.record
-        asked = float(value(self.clearance))
-        size = _size(record.body)
-        # A proof needs a positive clearance: where the user asks for none, sides are moved outwards.
-        moved = 0.0 if asked > 0 else size
+        asked, moved = float(value(self.clearance)), self._moved
         if tolerance is None:
-            tolerance = 0.01 * asked if asked > 0 else 1e-6 * size
-        scene = {"body": record.body}
-        for number, (outwards, offset) in enumerate(zip(*record.region.halfspaces, strict=True), start=1):
-            beyond = Polytope.from_halfspaces([-outwards], [-offset - moved], bounded=False, name=f"side {number}")
-            scene[beyond.name] = Body(beyond)
-        pairs = {("body", name): asked + moved for name in scene if name != "body"}
-        report = verify_clearance(self.motion, scene, pairs, tolerance=tolerance, equations=equations)
-        return replace(report, body_pairs=tuple(_moved_back(pair, moved) for pair in report.body_pairs))
+            tolerance = 0.01 * asked if asked > 0 else 1e-6 * moved
+        report = self._proven(tolerance, equations)
+        moved_back = [
+            replace(
+                pair,
+                interval_distance=pair.interval_distance - moved,
+                interval_proven=pair.interval_proven - moved,
+                interval_clearance=pair.interval_clearance - moved,
+            )
+            for pair in report.body_pairs
+        ]
+        return replace(report, body_pairs=tuple(moved_back))
 
 
 def containments(model: Any) -> list[ContainmentData]:
@@ -235,21 +217,7 @@ class Containment(MotionBlock, data=ContainmentData):
             "clearance": clearance,
             "equations": equations,
         }
-        indexes, built_from = sort_arguments("a Containment", points, options, rule)
-        super().__init__(*indexes, **built_from, **block_options)
-
-
-def _moved_back(pair: BodyPairSafety, moved: float) -> BodyPairSafety:
-    """The result for a side at its original position."""
-    return replace(
-        pair,
-        clearance=pair.clearance - moved,
-        distance=pair.distance - moved,
-        proven=pair.proven - moved,
-        interval_distance=pair.interval_distance - moved,
-        interval_proven=pair.interval_proven - moved,
-        interval_clearance=pair.interval_clearance - moved,
-    )
+        super().__init__("a Containment", *points, options=options, rule=rule, **block_options)
 
 
 def _checked_body(label: str, body: Any, pose: Any) -> Body:

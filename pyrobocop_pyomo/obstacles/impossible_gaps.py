@@ -20,13 +20,14 @@ import numpy as np
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, distance_of_points
 from pyrobocop_pyomo.geometry.polyhedra import EmptyInterior, largest_ball
+from pyrobocop_pyomo.motion.rules_along_motion import is_clearance_rule
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.optional_imports import scipy
 
-from .clearances import ClearanceRule, least_possible
+from .avoidance_record import Snapshot, fixed_times
 from .rerouting import balls_of
-from .snapshot import Snapshot, fixed_times
+from .scene import least_possible
 
 # Relative to the scene: how far away the middle of an unbounded part is.
 FAR = 1e3
@@ -76,7 +77,7 @@ def check_gaps(snapshot: Snapshot) -> None:
         for pair, wall in scene.walls_of(name):
             asked = record.asked[pair]
             walls.append(wall)
-            least = 0.0 if isinstance(asked, ClearanceRule) else least_possible(asked)
+            least = 0.0 if is_clearance_rule(asked) else least_possible(asked)
             grown.append(balls.inner + least + wall.shape.radius)  # for the middle of the disc
         shapes = [wall.shape for wall in walls]
         gaps = closed_gaps(tuple(shapes), tuple(grown))

@@ -7,7 +7,7 @@ are somewhere else. What a rule reads, its template says.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from numbers import Real
 from typing import Any
 
@@ -26,16 +26,14 @@ from pyrobocop_pyomo.modeling.row_violations import constraint_violation
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.motion.motion import Motion
-from pyrobocop_pyomo.motion.moving_shapes import moving_shapes
-from pyrobocop_pyomo.motion.required_clearance import clearance_text, required_clearance
-from pyrobocop_pyomo.motion.rules_along_motion import errors_naming, pose_formulas
+from pyrobocop_pyomo.motion.moving_shapes import moving_shapes, required_clearance
+from pyrobocop_pyomo.motion.rules_along_motion import clearance_text, is_clearance_rule, pose_along
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.templates.slots import Always, Clock, Item, Slot, Time, is_on_indices
 
-from .avoidance_record import MotionSegment
+from .avoidance_record import MotionSegment, Snapshot, fixed_times, variables_of
 from .broad_phase import swept_distances
-from .clearances import ClearanceRule, clearance_values
-from .snapshot import Snapshot, fixed_times, variables_of
+from .scene import least_possible
 
 LOGGER = logging.getLogger(__name__)
 
@@ -71,7 +69,7 @@ def check_rules(label: str, motion: Motion, bodies: Mapping[str, Body], *, betwe
         if body.pose is None:
             continue
         try:
-            formulas = _followed_formulas(motion, body, name)
+            formulas = pose_along(motion, body.pose, name).followed(early=True)
         except ObstacleError:
             if between:
                 raise
@@ -100,24 +98,12 @@ def check_rules(label: str, motion: Motion, bodies: Mapping[str, Body], *, betwe
             )
 
 
-def _followed_formulas(motion: Motion, body: Body, name: str) -> Any:
-    """What a pose rule says for all times, where what it reads has a motion."""
-    formulas = pose_formulas(motion, body.pose, name)
-    with errors_naming(f"the pose of '{name}'"):
-        for slot in formulas.slots:
-            if isinstance(slot, Item):
-                motion.check(slot, early=True)
-            elif isinstance(slot, Clock):
-                motion.check_time_of(slot.component)
-    return formulas
-
-
 def _timed(block: Any) -> Iterator[tuple[str, Body, list[Slot]]]:
     """Bodies of a block whose pose depends on time and reads nothing that the plan moves, with what it reads."""
     motion = block.motion
     for name, body in block.record.scene.bodies.items():
         if body.pose is not None and motion.intervals:
-            slots = _followed_formulas(motion, body, name).slots
+            slots = pose_along(motion, body.pose, name).followed(early=True).slots
             kinds = set(map(type, slots))
             if kinds & {Time, Clock} and not any(issubclass(kind, Item) for kind in kinds):
                 yield name, body, slots
@@ -268,14 +254,8 @@ def check_poses(snapshot: Snapshot, motion: Motion) -> None:
             raise ObstacleError(f"{snapshot.what}: at {time}, {error}") from None
 
 
-def check_fixed_poses(snapshot: Snapshot, clearance_at: Callable[[tuple[str, str], Hashable], float]) -> None:
+def check_fixed_poses(snapshot: Snapshot) -> None:
     """Check that no body pair is closer than its clearance where both poses are fixed, which no plan could change.
-
-    Parameters
-    ----------
-    snapshot : Snapshot
-    clearance_at : callable
-        ``clearance_at(body_pair, time)``: the least that any plan keeps there.
 
     Raises
     ------
@@ -289,7 +269,7 @@ def check_fixed_poses(snapshot: Snapshot, clearance_at: Callable[[tuple[str, str
         moving = [fixed[part.body] for part in (first, second) if part.body in fixed]
         for time in (time for time in moving[0] if time in moving[-1]):
             place = MotionSegment(first.name, second.name, None, (time,))
-            places[place] = clearance_at((first.body, second.body), time)
+            places[place] = least_possible(record.clearance_at((first.body, second.body), time))
     distances, _ = swept_distances(snapshot, list(places))
     for (place, asked), available in zip(places.items(), distances.tolist(), strict=True):
         time, size = place.times[0], float(np.abs(snapshot.placed_pair(place)[0].vertices).max())
@@ -318,7 +298,7 @@ def check_block(block: Any, tolerance: float) -> None:
     record, motion = block.record, block.motion
     snapshot = Snapshot(record, f"obstacle avoidance '{block.name}'")
     for pair in record.asked:
-        least = min(clearance_values(block, pair))
+        least = min(record.clearance_values(pair))
         if np.isnan(least):
             raise ObstacleError(
                 f"{snapshot.what}: {clearance_text(pair)} has no value. Give its parameters values, and its variables "
@@ -332,9 +312,9 @@ def check_block(block: Any, tolerance: float) -> None:
             )
     farthest = {place: float(np.abs(snapshot.pose(*place)[1]).max()) for place in record.poses}
     if motion.intervals:
-        moving_shapes(motion, record.scene.watched_bodies)
+        moving_shapes(motion, {name: record.scene.bodies[name] for pair in record.asked for name in pair})
         for pair, asked in record.asked.items():
-            if isinstance(asked, ClearanceRule):
+            if is_clearance_rule(asked):
                 required_clearance(motion, asked, pair)
     for (body, time), coordinate in farthest.items():
         if time is not None and np.spacing(coordinate) > tolerance * ROUNDING_PER_TOLERANCE:
@@ -368,7 +348,7 @@ def check_region(region: Any, tolerance: float) -> None:
             "pose, or ask for a larger region."
         )
     if motion.intervals and has_values(record):
-        moving_shapes(motion, {"body": record.body})
+        moving_shapes(motion, {"body": record.scene.bodies["body"]})
 
 
 def has_values(record: Any) -> bool:

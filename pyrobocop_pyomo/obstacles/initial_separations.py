@@ -16,11 +16,10 @@ from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, separating_directions
 from pyrobocop_pyomo.numerics import Array, BoolArray
 
-from .avoidance_record import MotionSegment
+from .avoidance_record import MotionSegment, Snapshot, gap_along
 from .broad_phase import swept_distances
 from .scene import BodyPair
 from .separation_rows import start_plane, unit_normal_of
-from .snapshot import Snapshot, gap_along
 
 LOGGER = logging.getLogger(__name__)
 
@@ -56,8 +55,8 @@ def set_start_values(
     by_pair = record.by_part_pair()
     overlapping: dict[BodyPair, int] = {}
     for pair in dict.fromkeys((segment.first, segment.second) for segment in segments):
-        bodies = record.scene.parts[pair[0]].body, record.scene.parts[pair[1]].body
         along = by_pair[pair]
+        bodies = record.body_pair(along[0])
         for run in _runs(np.array([segment.index in known for segment in along])):
             beside = [along[k : k + 1] if k >= 0 else [] for k in (run.start - 1, run.stop)]
             ends = [unit_normal_of(block, of[0].index) if of else None for of in beside]

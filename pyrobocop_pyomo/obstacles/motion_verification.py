@@ -9,13 +9,11 @@ from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.motion import SafetyReport, verify_clearance
 from pyrobocop_pyomo.motion.bodies import Body
-from pyrobocop_pyomo.motion.given_motions import motion_along_paths, motion_along_trajectory
-from pyrobocop_pyomo.motion.sampled_paths import SampledPath, read_path
+from pyrobocop_pyomo.motion.given_motions import SampledPath, motion_along_paths, motion_along_trajectory, read_path
 from pyrobocop_pyomo.numerics.arrays import Array, finite_numbers, increasing_numbers
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .clearances import asked_clearances
-from .scene import BodyPair, make_scene, named_bodies
+from .scene import BodyPair, asked_clearances, make_scene, named_bodies
 
 _WHAT = "verify_motion"
 

@@ -13,7 +13,7 @@ from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.motion.motion import Motion
-from pyrobocop_pyomo.motion.moving_shapes import MovingShape, moving_shapes
+from pyrobocop_pyomo.motion.moving_shapes import moving_shapes
 from pyrobocop_pyomo.numerics import Array, Indices
 from pyrobocop_pyomo.plotting import AnimationFile, BodyPath, animate_scene, draw_scene
 
@@ -72,17 +72,20 @@ def scene_of(avoid: Any) -> tuple[Array, list[BodyPath], list[Polytope]]:
         shapes = moving_shapes(motion, moving) if motion.intervals else {}
     except ObstacleError:  # a pose that reads a control or an algebraic variable: drawn at the points only
         shapes = {}
-    if not shapes:
-        paths = [BodyPath(body.parts, *_at_points(motion, body, name), name) for name, body in moving.items()]
-        return _times_of_points(motion), paths, resting
-    interval, fraction = _instants(len(motion.intervals))
-    ends = motion.interval_ends
-    time = ends[interval, 0] + fraction * (ends[interval, 1] - ends[interval, 0])
-    paths = [
-        BodyPath(body.parts, *_between_points(shapes[name][0], interval, fraction), name)
-        for name, body in moving.items()
-    ]
-    return time, paths, resting
+    if shapes:
+        interval, fraction = _instants(len(motion.intervals))
+        ends = motion.interval_ends
+        time = ends[interval, 0] + fraction * (ends[interval, 1] - ends[interval, 0])
+        poses = {name: parts[0].poses(interval, fraction) for name, parts in shapes.items()}
+    else:
+        times = [pyo.value(motion.time_at(point)) for point in motion.points]
+        # Points that are no times are drawn in their order.
+        time = np.array(times if all(isinstance(each, Real) for each in times) else range(len(times)), dtype=float)
+        poses = {name: _at_points(motion, body, name) for name, body in moving.items()}
+    for name, of_body in poses.items():
+        if not all(np.isfinite(of).all() for of in of_body):
+            raise ObstacleError(f"'{name}': its pose has no finite value everywhere, so that it cannot be drawn.")
+    return time, [BodyPath(body.parts, *poses[name], name) for name, body in moving.items()], resting
 
 
 def _instants(intervals: int) -> tuple[Indices, Array]:
@@ -90,19 +93,6 @@ def _instants(intervals: int) -> tuple[Indices, Array]:
     share = max(2, -(-_FEWEST_POSES // intervals))
     interval = np.append(np.repeat(np.arange(intervals), share), intervals - 1)
     return interval, np.append(np.tile(np.arange(share) / share, intervals), 1.0)
-
-
-def _between_points(shape: MovingShape, interval: Indices, fraction: Array) -> tuple[Array, Array]:
-    poses = shape.poses(interval, fraction)
-    if not all(np.isfinite(of).all() for of in poses):
-        raise ObstacleError(f"'{shape.name}': its pose has no finite value everywhere, so that it cannot be drawn.")
-    return poses
-
-
-def _times_of_points(motion: Motion) -> Array:
-    times = [pyo.value(motion.time_at(point)) for point in motion.points]
-    # Points that are no times are drawn in their order.
-    return np.array(times if all(isinstance(time, Real) for time in times) else range(len(times)), dtype=float)
 
 
 def _at_points(motion: Motion, body: Body, name: str) -> tuple[Array, Array]:

@@ -1,18 +1,25 @@
-"""Bodies and obstacles by name, their convex parts, the body pairs that keep clear of each other."""
+"""Bodies and obstacles by name, their convex parts, the body pairs that keep clear of each other, and by how much."""
 
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Collection, Hashable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
+from numbers import Real
 from typing import Any
 
 import numpy as np
+from pyomo.core.base.indexed_component import IndexedComponent
+from pyomo.core.expr.numvalue import NumericValue, is_fixed, value
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope
+from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
 from pyrobocop_pyomo.motion.bodies import Body
+from pyrobocop_pyomo.motion.rules_along_motion import clearance_text, is_clearance_rule
+from pyrobocop_pyomo.templates.template import templated
 
 BodyPair = tuple[str, str]
 # Two convex parts, and where their segment of motion starts.
@@ -70,31 +77,10 @@ class Scene:
         """The convex parts of a body."""
         return [part for part in self.parts.values() if part.body == body]
 
-    @property
-    def watched_bodies(self) -> dict[str, Body]:
-        """The bodies of all watched pairs."""
-        return {name: self.bodies[name] for pair in self.clearances for name in pair}
-
     def walls_of(self, body: str) -> list[tuple[BodyPair, ConvexPart]]:
         """All parts that rest and that a body keeps clear of, each with its body pair."""
         others = ((pair, pair[pair[0] == body]) for pair in self.clearances if body in pair)
         return [(pair, part) for pair, other in others if self.is_static(other) for part in self.parts_of(other)]
-
-    def body_pair(self, label: str, first: str, second: str) -> BodyPair:
-        """The watched body pair of two bodies given in either order.
-
-        Raises
-        ------
-        ObstacleError
-            When they are not watched.
-        """
-        for pair in ((first, second), (second, first)):
-            if pair in self.clearances:
-                return pair
-        raise ObstacleError(
-            f"{label}: '{first}' and '{second}' are no body pair of it. Its body pairs: "
-            f"{', '.join(map(str, self.clearances))}."
-        )
 
     def unit_directions(self, label: str, directions: Mapping[BodyPair, Any]) -> dict[BodyPair, np.ndarray]:
         """Unit vectors from ``{body pair: direction}``, each from the second body of its pair to the first.
@@ -107,7 +93,13 @@ class Scene:
         dimension = next(iter(self.parts.values())).shape.dimension
         units = {}
         for given, direction in directions.items():
-            pair = self.body_pair(label, *checked_pair(label, "directions", given, self.bodies))
+            first, second = checked_pair(label, "directions", given, self.bodies)
+            pair = next((pair for pair in (given, (second, first)) if pair in self.clearances), None)
+            if pair is None:
+                raise ObstacleError(
+                    f"{label}: '{first}' and '{second}' are no body pair of it. Its body pairs: "
+                    f"{', '.join(map(str, self.clearances))}."
+                )
             vector = np.asarray(direction, dtype=float)
             if vector.shape != (dimension,) or not np.isfinite(vector).all() or not vector.any():
                 raise ObstacleError(
@@ -160,7 +152,13 @@ def make_scene(what: str, *, bodies: Any, obstacles: Any, body_pairs: Any, exclu
                     f"{what}: '{part.name}' is the name of a body and of a part of '{name}'. Rename one."
                 )
             parts[part.name] = part
-    _check_dimensions(what, parts)
+    first = next(iter(parts.values()))
+    for part in parts.values():
+        if part.shape.dimension != first.shape.dimension:
+            raise ObstacleError(
+                f"{what}: '{first.name}' has dimension {first.shape.dimension}, '{part.name}' has dimension "
+                f"{part.shape.dimension}. All shapes of a scene must be in the plane, or all in space."
+            )
     pairs = _watched_pairs(what, everybody, frozenset(fixed), body_pairs, exclude)
     return Scene(everybody, frozenset(fixed), parts, dict.fromkeys(pairs, 0.0))
 
@@ -204,16 +202,6 @@ def _body(label: str, name: str, given: Any) -> Body:
     )
 
 
-def _check_dimensions(label: str, parts: Mapping[str, ConvexPart]) -> None:
-    first = next(iter(parts.values()))
-    for part in parts.values():
-        if part.shape.dimension != first.shape.dimension:
-            raise ObstacleError(
-                f"{label}: '{first.name}' has dimension {first.shape.dimension}, '{part.name}' has dimension "
-                f"{part.shape.dimension}. All shapes of a scene must be in the plane, or all in space."
-            )
-
-
 def checked_pair(label: str, where: str, given: Any, bodies: Collection[str]) -> BodyPair:
     """A pair of names that the user gave.
 
@@ -255,16 +243,86 @@ def _watched_pairs(
                 raise ObstacleError(
                     f"{label}: body_pairs= names '{first}' and '{second}', which both stand still, without pose rule."
                 )
-    order = {name: position for position, name in enumerate(bodies)}
-    watched = [(order[a], order[b]) for a, b in candidates if frozenset((a, b)) not in excluded]
+    place = {name: position for position, name in enumerate(bodies)}.__getitem__
+    ordered = [(a, b) if place(a) < place(b) else (b, a) for a, b in candidates]
+    watched = {pair for pair in ordered if frozenset(pair) not in excluded}
     if not watched:
         raise ObstacleError(
             f"{label}: no body pair is left to keep apart among {_listed(bodies)}. Give obstacles, a second body, or "
             "fewer exclusions."
         )
-    names = list(bodies)
-    return [(names[i], names[j]) for i, j in sorted({(min(places), max(places)) for places in watched})]
+    return sorted(watched, key=lambda pair: (place(pair[0]), place(pair[1])))
 
 
 def _listed(names: Iterable[str]) -> str:
     return ", ".join(f"'{name}'" for name in names)
+
+
+# -------------------------------------------------------------------------------------------------------- clearances
+
+
+def is_length(number: Any) -> bool:
+    """Whether something is a finite number above zero."""
+    return isinstance(number, Real) and not isinstance(number, bool) and 0.0 < float(number) < math.inf
+
+
+def asked_clearances(
+    label: str, body_pairs: Iterable[BodyPair], bodies: Collection[str], clearance: Any
+) -> dict[BodyPair, Any]:
+    """The clearance of each watched body pair: a float, an expression or a `Template`.
+
+    Raises
+    ------
+    ObstacleError
+        Naming the body pair, where it is no length, or is missing.
+    """
+    pairs = list(body_pairs)
+    if isinstance(clearance, IndexedComponent) and clearance.is_indexed():
+        clearance = {key: clearance[key] for key in clearance}
+    if isinstance(clearance, Mapping):
+        asked = {frozenset(checked_pair(label, "clearance", key, bodies)): given for key, given in clearance.items()}
+        missing = [pair for pair in pairs if frozenset(pair) not in asked]
+        if missing:
+            raise ObstacleError(
+                f"{label}: clearance= says nothing about {', '.join(map(str, missing))}. Add them, or leave these body "
+                "pairs out by exclude=."
+            )
+        watched = {frozenset(pair) for pair in pairs}
+        unwatched = [tuple(sorted(pair)) for pair in asked if pair not in watched]
+        if unwatched:
+            raise ObstacleError(
+                f"{label}: clearance= is given for {', '.join(map(str, unwatched))}, which is not watched. "
+                "Add the pair to body_pairs=, or leave it out of clearance=."
+            )
+    else:
+        asked = {frozenset(pair): clearance for pair in pairs}
+    return {pair: _checked_clearance(label, pair, asked[frozenset(pair)]) for pair in pairs}
+
+
+def _checked_clearance(label: str, pair: BodyPair, given: Any) -> Any:
+    if is_clearance_rule(given):
+        return templated(given)
+    if isinstance(given, NumericValue):
+        known = value(given, exception=False) if is_fixed(given) else None
+        if known is not None and not is_length(float(known)):
+            raise ObstacleError(
+                f"{label}: {clearance_text(pair)} is '{given}' = {float(known):g}; it must be a length > 0. "
+                "Give the parameter another value."
+            )
+        # An immutable Param is a number.
+        return given if not given.is_constant() else float(value(given))
+    if not is_length(given):
+        raise ObstacleError(
+            f"{label}: {clearance_text(pair)} is {given!r}; it must be a length > 0: a number, a Param, a Var or an "
+            "expression of the model, or a rule(block, t). Without clearance nothing tells touching "
+            "from overlapping; choose well above the solver's tolerance."
+        )
+    return float(given)
+
+
+def least_possible(expression: Any) -> float:
+    """The least value of a clearance, whatever its variables become; 0 where it is not known."""
+    if isinstance(expression, Real) or not expression.is_potentially_variable():
+        return float(value(expression))
+    lower, _ = ExpressionBounds(use_fixed_var_values_as_bounds=True).walk_expression(expression)
+    return max(float(lower), 0.0) if lower is not None and math.isfinite(lower) else 0.0

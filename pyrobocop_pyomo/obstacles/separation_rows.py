@@ -11,18 +11,15 @@ vertices that is 3 variables and v + w + 1 rows per pose (Fan, Murgovski & Liang
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 from pyomo.core.base.constraint import Constraint
-from pyomo.core.base.expression import Expression
-from pyomo.core.base.set import Any as AnyIndex
 from pyomo.core.base.set import Set
-from pyomo.core.base.var import Var
 from pyomo.core.expr.numeric_expr import MonomialTermExpression, ProductExpression, SumExpression
-from pyomo.core.expr.numvalue import value
+from pyomo.core.expr.numvalue import is_fixed, value
 from pyomo.core.expr.relational_expr import InequalityExpression
 
 from pyrobocop_pyomo.errors import ObstacleError
@@ -30,18 +27,16 @@ from pyrobocop_pyomo.geometry import Polytope, Pose
 from pyrobocop_pyomo.geometry.poses import dot, is_number
 from pyrobocop_pyomo.modeling.bulk_parts import new_row, parts_taken_off
 from pyrobocop_pyomo.motion.motion import Motion
+from pyrobocop_pyomo.motion.rules_along_motion import (
+    RuleAlongMotion,
+    clearance_along,
+    clearance_value,
+    is_clearance_rule,
+    pose_along,
+)
 
 from .avoidance_record import AvoidanceRecord, MotionSegment
-from .clearances import ClearanceRule, asked_at, length_at
-from .scene import ConvexPart, SeparationIndex
-
-# One of the two shapes of a separation, with the times that it covers (one for a shape that rests), the pose at each,
-# and how much more than ``required[index]`` is requested there.
-PosedShape = tuple[Polytope, list[tuple[Hashable, Pose, Any]]]
-
-# Bounds of 1 would be active for normals along an axis, where the norm is active too: multipliers are then not unique,
-# and solvers take three times as many iterations.
-WIDER_THAN_ONE = (-1.5, 1.5)
+from .scene import SeparationIndex, is_length
 
 
 def add_poses(record: AvoidanceRecord, motion: Motion, segments: Iterable[MotionSegment]) -> None:
@@ -54,66 +49,80 @@ def add_poses(record: AvoidanceRecord, motion: Motion, segments: Iterable[Motion
     ObstacleError
         When a rule returns no pose, or one of another dimension than its body.
     """
+    bodies = record.scene.bodies
+    rules = {name: pose_along(motion, body.pose, name) for name, body in bodies.items() if body.moves}
+    rules_of_pairs = {
+        pair: clearance_along(motion, asked, pair) for pair, asked in record.asked.items() if is_clearance_rule(asked)
+    }
     for segment in segments:
-        pair = _bodies(record, segment)
+        pair = record.body_pair(segment)
         for name in pair:
-            body = record.scene.bodies[name]
-            if not body.moves:
+            if name not in rules:
                 record.poses.setdefault((name, None), Pose.identity(record.dimension))
-            for position, time in enumerate(segment.times if body.moves else ()):
+            for position, time in enumerate(segment.times if name in rules else ()):
                 if (name, time) not in record.poses:
-                    record.poses[name, time] = _pose(motion, body, name, segment, position)
-        asked = record.asked[pair]
-        for position, time in enumerate(segment.times) if isinstance(asked, ClearanceRule) else ():
+                    pose = _said(rules[name], segment, position)
+                    if pose.dimension != record.dimension:
+                        raise ObstacleError(
+                            f"'{name}' has {record.dimension} dimensions and its pose at {time} has {pose.dimension}. "
+                            "Use planar_pose in the plane and spatial_pose in space."
+                        )
+                    record.poses[name, time] = pose
+        for position, time in enumerate(segment.times if pair in rules_of_pairs else ()):
             if (*pair, time) not in record.lengths:
-                record.lengths[(*pair, time)] = length_at(motion, asked, pair, segment, position)
+                length = _said(rules_of_pairs[pair], segment, position)
+                what = rules_of_pairs[pair].label
+                if is_fixed(length) and not is_length(clearance_value(length, what)):
+                    raise ObstacleError(f"{what} at t = {time!r} is {value(length):g}; it must be a length > 0.")
+                record.lengths[(*pair, time)] = length
 
 
-def _pose(motion: Motion, body: Any, name: str, segment: MotionSegment, position: int) -> Pose:
-    time = segment.times[position]
+def _said(rule: RuleAlongMotion, segment: MotionSegment, position: int) -> Any:
+    """What a rule says at one of the times of a segment."""
     if segment.interval is None:
-        pose = motion.pose_at_node(body.pose, time, name=name)
-    else:
-        pose = motion.pose_at(body.pose, segment.interval, segment.fractions[position], name=name)
-    if pose.dimension != body.dimension:
-        raise ObstacleError(
-            f"'{name}' has {body.dimension} dimensions and its pose at {time} has {pose.dimension}. "
-            "Use planar_pose in the plane and spatial_pose in space."
-        )
-    return pose
-
-
-def _bodies(record: AvoidanceRecord, segment: MotionSegment) -> tuple[str, str]:
-    """Names of the two bodies of a segment."""
-    return record.scene.parts[segment.first].body, record.scene.parts[segment.second].body
+        return rule.at_node(segment.times[position])
+    return rule.at(segment.interval, segment.fractions[position])
 
 
 def add_separation(block: Any, record: AvoidanceRecord, segment: MotionSegment) -> None:
     """Add variables and rows of the separation of a segment, whose poses exist already."""
-    index = segment.index
+    index, pair, scene = segment.index, record.body_pair(segment), record.scene
     block.separations.add(index)
     record.segments[index] = segment
-    first, second = record.scene.parts[segment.first], record.scene.parts[segment.second]
-    pair = _bodies(record, segment)
-    lengths = [asked_at(block, pair, time) for time in segment.times]
+    first, second = scene.parts[segment.first], scene.parts[segment.second]
+    lengths = [record.clearance_at(pair, time) for time in segment.times]
     radii = first.shape.radius + second.shape.radius
     gap = lengths[0] + block.margin[index]
     block.required.add(index, gap + radii if radii else gap)
-    # What a rule asks for at other times than the first grows one of the shapes.
-    is_rule = isinstance(record.asked[pair], ClearanceRule)
-    rises = (0.0, *(later - lengths[0] for later in lengths[1:])) if is_rule else ()
-    rising = second if record.scene.is_static(first.body) else first
-    shapes = [_posed(record, part, segment, rises if part is rising else ()) for part in (first, second)]
-    add_plane(block, index, *shapes)
-
-
-def _posed(
-    record: AvoidanceRecord, part: ConvexPart, segment: MotionSegment, rises: tuple[Any, ...] = ()
-) -> PosedShape:
-    rests = record.scene.is_static(part.body)
-    times = segment.times[:1] if rests else segment.times
-    poses = [record.poses[part.body, None if rests else time] for time in times]
-    return part.shape, list(zip(times, poses, rises or (0.0,) * len(times), strict=True))
+    normal = [block.normal.add((*index, axis)) for axis in block.axes]
+    offset = block.offset.add(index)
+    # What a rule asks for at other times than the first grows one of the shapes that move.
+    rising = None
+    if is_clearance_rule(record.asked[pair]):
+        rising = second if scene.is_static(first.body) else first
+    for name, rows, part, height in (
+        ("first", block.first_shape, first, offset + block.required[index]),
+        ("second", block.second_shape, second, offset),
+    ):
+        rests, upward = scene.is_static(part.body), part is first
+        for position, time in enumerate(segment.times[:1] if rests else segment.times):
+            pose, place = record.poses[part.body, None if rests else time], (*index, time)
+            rise = lengths[position] - lengths[0] if part is rising and position > 0 else 0.0
+            moved = height + rise if upward else height - rise
+            level = block.level.add((name, *place), dot(normal, pose.translation) - moved)
+            if all(is_number(entry) for row in pose.rotation for entry in row):
+                rotation = np.array(pose.rotation, dtype=float)
+                corners, rays = part.shape.vertices @ rotation.T, part.shape.rays @ rotation.T
+                direction = normal
+            else:
+                corners, rays = part.shape.vertices, part.shape.rays
+                direction = [
+                    block.turned_normal.add((name, *place, axis), entry)
+                    # R'n: the direction in the frame of the body
+                    for axis, entry in enumerate(dot(column, normal) for column in zip(*pose.rotation, strict=True))
+                ]
+            _state_side(rows, place, corners, rays, direction, level, upward=upward)
+    block.unit.add(index, norm_relation(normal, record.norm_now))
 
 
 def remove_separations(block: Any, record: AvoidanceRecord, segments: Iterable[MotionSegment]) -> None:
@@ -155,48 +164,6 @@ def _belongs(key: Any, separations: Collection[SeparationIndex]) -> bool:
     return isinstance(key, tuple) and (key[:3] in separations or key[1:4] in separations)
 
 
-# ------------------------------------------------------------------------------------------------------ the planes
-
-
-def declare_planes(block: Any) -> None:
-    """Normal, offset and their rows, still empty."""
-    block.normal = Var(block.separations, list(block.axes), bounds=WIDER_THAN_ONE, dense=False, doc="normals of planes")
-    block.offset = Var(block.separations, dense=False, doc="offsets of planes")
-    block.turned_normal = Expression(AnyIndex, doc="normals in the frame of a body that turns")
-    block.level = Expression(AnyIndex, doc="height of a body's origin over the plane")
-    block.first_shape = Constraint(AnyIndex, doc="vertices of the first shape: beyond the plane by what is required")
-    block.second_shape = Constraint(AnyIndex, doc="vertices of the second shape: behind the plane")
-    block.unit = Constraint(AnyIndex, doc="length of the normal")
-
-
-def add_plane(block: Any, index: SeparationIndex, first: PosedShape, second: PosedShape) -> None:
-    """Variables and rows of one plane."""
-    normal = [block.normal.add((*index, axis)) for axis in block.axes]
-    offset = block.offset.add(index)
-    required = block.required[index]
-    for name, rows, (shape, poses), extra, upward in (
-        ("first", block.first_shape, first, offset + required, True),
-        ("second", block.second_shape, second, offset, False),
-    ):
-        for time, pose, rise in poses:
-            place = (*index, time)
-            moved = extra + rise if upward else extra - rise
-            level = block.level.add((name, *place), dot(normal, pose.translation) - moved)
-            if all(is_number(entry) for row in pose.rotation for entry in row):
-                rotation = np.array(pose.rotation, dtype=float)
-                corners, rays = shape.vertices @ rotation.T, shape.rays @ rotation.T
-                direction = normal
-            else:
-                corners, rays = shape.vertices, shape.rays
-                direction = [
-                    block.turned_normal.add((name, *place, axis), entry)
-                    # R'n: the direction in the frame of the body
-                    for axis, entry in enumerate(dot(column, normal) for column in zip(*pose.rotation, strict=True))
-                ]
-            _state_side(rows, place, corners, rays, direction, level, upward=upward)
-    block.unit.add(index, _norm_relation(normal, block.record.norm_now))
-
-
 def start_plane(block: Any, index: SeparationIndex, first: Polytope, second: Polytope, normal: np.ndarray) -> None:
     """The given normal, and the plane in the middle of the gap along it."""
     for axis, number in enumerate(normal.tolist()):
@@ -217,11 +184,6 @@ def unit_normal_of(block: Any, index: SeparationIndex) -> np.ndarray | None:
     normal = normal_of(block, index)
     length = float(np.linalg.norm(normal))
     return normal / length if np.isfinite(length) and length > 0.0 else None
-
-
-def set_norm(block: Any, index: SeparationIndex, norm: str) -> None:
-    """Bound the length of the normal, or fix it."""
-    block.unit[index].set_value(_norm_relation([block.normal[(*index, axis)] for axis in block.axes], norm))
 
 
 def _state_side(
@@ -250,7 +212,7 @@ def _state_side(
         new_row(rows, (*place, number), InequalityExpression(sides, False))
 
 
-def _norm_relation(normal: Sequence[Any], norm: str) -> tuple[Any, Any, Any]:
+def norm_relation(normal: Sequence[Any], norm: str) -> tuple[Any, Any, Any]:
     """The relation that bounds ("ball") or fixes ("sphere") the length of the normal."""
     square = sum(entry**2 for entry in normal)
     return (1.0, square, 1.0) if norm == "sphere" else (None, square, 1.0)

@@ -44,19 +44,22 @@ def tighten(block: Any, report: SafetyReport, *, split: bool) -> list[str]:
     """
     if isinstance(block, ContainmentData):
         done = _raise_margins_to_region(block, report)
-    elif block.record.per_interval:
-        done = _tighten_separations(block, report, split=split)
     else:
-        done = _restore_at_points(block, report)
+        done = _tighten_separations(block, report, split=split)
     words = [f"{count} {what}" for what, count in done.items() if count]
     logger.info("'%s': %s", block.name, ", ".join(words) or "nothing left to tighten")
     return words
 
 
 def _tighten_separations(block: Any, report: SafetyReport, *, split: bool) -> dict[str, int]:
-    present = places_of(block.record.segments.values())
+    motion, per_interval = block.motion, block.record.per_interval
+    present = places_of(block.record.segments.values()) if per_interval else {}
     places = [(pair, interval) for pair in report.body_pairs for interval in pair.unproven]
-    missed = [place for pair, k in places if (place := (pair.first, pair.second, k)) not in present]
+    missed = []
+    for pair, k in places:
+        # Separations of single times cannot be tightened for the motion in between: those left out are restored.
+        nodes = motion.intervals[k] if motion.intervals else (motion.points[k],)
+        missed += [(pair.first, pair.second, place) for place in ((k,) if per_interval else nodes)]
     done = {"separations restored": len(block.restore_near(missed)), "margins raised": 0, "separations split": 0}
     for pair, interval in places:
         for segment in present.get((pair.first, pair.second, interval), ()):
@@ -90,14 +93,3 @@ def _missing(pair: BodyPairSafety) -> Any:
     """By how much the distance misses what is required, in each interval; that is meant for those not proven."""
     # Where no instant is too close, only the proof is missing, by at most the tolerance.
     return np.fmax(pair.missing, pair.tolerance)
-
-
-def _restore_at_points(block: Any, report: SafetyReport) -> dict[str, int]:
-    """Restore separations that were left out: those of single times cannot be tightened for the motion in between."""
-    motion = block.motion
-    missed = []
-    for pair in report.body_pairs:
-        for place in pair.unproven:
-            times = motion.intervals[place] if motion.intervals else (motion.points[place],)
-            missed += [(pair.first, pair.second, time) for time in times]
-    return {"separations restored": len(block.restore_near(missed))}

@@ -36,7 +36,7 @@ def plot_clearances(title: str, pairs: Sequence[Any], *, most: int = 6, figure: 
     for i, pair in enumerate(drawn):
         colour, spans = f"C{i}", _spans(pair)
         _steps(axis, spans, pair.proven_of_both, color=colour, linewidth=1.6, label=f"{pair.first} - {pair.second}")
-        times = pair.interval_times if pair.interval_times is not None else spans.mean(axis=1)
+        times = pair.interval_times if pair.interval_ends is not None else spans.mean(axis=1)
         axis.plot(times, pair.interval_distance, "o", color=colour, markersize=3, zorder=3)
     for pair in rest:
         label = f"{len(rest)} others" if pair is rest[0] else None

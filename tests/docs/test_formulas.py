@@ -18,8 +18,7 @@ from scipy.spatial.transform import Rotation
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.diagnosis import Severity
-from pyrobocop_pyomo.motion.given_motions import motion_along_paths
-from pyrobocop_pyomo.motion.sampled_paths import read_path
+from pyrobocop_pyomo.motion.given_motions import motion_along_paths, read_path
 from pyrobocop_pyomo.numerics import remesh
 from pyrobocop_pyomo.obstacles.initial_separations import _cheapest_path
 from pyrobocop_pyomo.obstacles.tightening import tighten

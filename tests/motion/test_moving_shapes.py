@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from pyrobocop_pyomo.geometry import Polytope, planar_pose
 from pyrobocop_pyomo.motion import Body, motion_of
 from pyrobocop_pyomo.motion.clearance_proof import _Proof
-from pyrobocop_pyomo.motion.moving_shapes import MovingShape, moving_shapes
-from pyrobocop_pyomo.motion.required_clearance import RequiredClearance
+from pyrobocop_pyomo.motion.equations_motion import EquationsMotion
+from pyrobocop_pyomo.motion.moving_shapes import MovingShape, RequiredClearance, moving_shapes
 
 SHAPE = Polytope.from_vertices([(-1.0, -0.5), (2.0, -0.5), (2.0, 0.25), (0.0, 1.0)])
 WEDGE = Polytope.from_halfspaces([(-0.2, 1.0), (-0.2, -1.0)], [0.0, 0.0], bounded=False)
@@ -56,7 +56,7 @@ def test_a_plane_proves_no_more_than_its_smallest_gap(
     poses, others = random.normal(size=(2, 3)) * [2, 2, turn], random.normal(size=(2, 3)) * [2, 2, turn]
     first = moving(on_points(poses), SHAPE.padded(0.1))
     second = moving(on_points(others), Polytope.box(0.5, 0.7).padded(0.2))
-    proof = _Proof(first, second, RequiredClearance(0.0), 0.001, 5, 100, np.zeros(1), np.zeros(1), "")
+    proof = _Proof(first, second, RequiredClearance("", 0.0), 0.001, 5, 100, EquationsMotion(1))
     at = np.array([0]), np.array([subinterval[0]]), np.array([subinterval[1]])
     normal = np.array([[np.cos(direction), np.sin(direction)]])
     none = proof.clearance.bounds(*at)

@@ -19,7 +19,7 @@ from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, planar_pose
 from pyrobocop_pyomo.motion import Body, motion_of
 from pyrobocop_pyomo.motion.moving_shapes import template_of
-from pyrobocop_pyomo.motion.table_functions import TableFunction
+from pyrobocop_pyomo.motion.table_paths import TableFunction
 from pyrobocop_pyomo.numerics.taylor_forms import TaylorForm, taylor_form_of_polynomial
 
 BOX = Polytope.box(1, 1)

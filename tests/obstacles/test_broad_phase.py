@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.geometry import Polytope
+from pyrobocop_pyomo.obstacles.avoidance_record import Snapshot
 from pyrobocop_pyomo.obstacles.broad_phase import EARLIER_OR_LATER, least_reach, swept_distances
-from pyrobocop_pyomo.obstacles.snapshot import Snapshot
 
 box = Polytope.box
 CART = box(0.6, 0.3)
