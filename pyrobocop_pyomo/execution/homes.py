@@ -11,7 +11,7 @@ from typing import Any, Generic, TypeVar, Union
 from pyrobocop_pyomo.errors import EngineError
 
 from .engine import Engine, Exchange
-from .worker_host import Answer, HostedSpec, Lost, Request, packed
+from .worker_host import Answer, HostedSpec, Lost, Request
 
 AnswerOrEnd = Union[Answer, str]  # noqa: UP007
 
@@ -75,7 +75,7 @@ class EngineWithHomes(Engine, Generic[HomeType]):
         When `workers` is no such number.
     """
 
-    def __init__(self, workers: int | None, **of_every_engine: Any) -> None:
+    def __init__(self, workers: int | None = None, **of_every_engine: Any) -> None:
         super().__init__(**of_every_engine)
         if workers is not None and workers < 1:
             raise EngineError(f"engine '{self.name}': workers = {workers!r}; expected at least 1.")
@@ -128,9 +128,6 @@ class EngineWithHomes(Engine, Generic[HomeType]):
         """Start workers in place of those that have ended."""
         numbers = sorted({self._home_of[name] for name in agents})
         self._start([number for number in numbers if self._homes[number].has_ended])
-
-    def _build_request(self, spec: HostedSpec) -> Request:
-        return Request(spec.name, "build", packed(f"agent '{spec.name}'", (spec,), "engine='serial'", EngineError))
 
     def _open(self, specs: Mapping[str, HostedSpec]) -> None:
         count = self.places(len(specs))
