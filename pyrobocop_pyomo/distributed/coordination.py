@@ -162,8 +162,9 @@ class Coordination:
     def __init__(self, team: Any, method: Any, engine: Engine) -> None:
         self.team, self.engine, self.robots = team, engine, team.names
         self.hub = team.hub.name if method.has_hub else ""
-        self._rule = team.kept_apart_in_rounds(method)
-        self.facts: dict[str, ProblemFacts] = engine.start(team.problem_specs(method))
+        specs = team.problem_specs(method)
+        self._neighbours = max(spec.neighbours for spec in specs)
+        self.facts: dict[str, ProblemFacts] = engine.start(specs)
         self._check()
         self.consensus = Consensus(self.facts, team.shared)
         self.rounds: list[Round] = []
@@ -190,7 +191,7 @@ class Coordination:
 
     def first_state(self, mu: float) -> TeamState:
         """The state before any round: no values, multipliers zero, penalties as given; mu where there are pairs."""
-        has_pairs = any(fact.pairs for fact in self.facts.values())
+        has_pairs = any(fact.has_pairs for fact in self.facts.values())
         multipliers = {name: np.zeros(self.facts[name].values.size) for name in self.robots}
         positions = {name: fact.positions for name, fact in self.facts.items() if fact.positions is not None}
         return TeamState(
@@ -317,15 +318,14 @@ class Coordination:
 
     def _nearest(self, positions: Mapping[str, Array]) -> dict[str, Array]:
         """For each robot the positions of the nearest others, at each time of their own."""
-        if self._rule is None or len(positions) < 2:
+        if not self._neighbours:
             return {}
         names, points = list(positions), np.array(list(positions.values()))
-        count = min(self._rule.neighbours, len(names) - 1)
         distances = np.linalg.norm(points[:, None] - points[None], axis=2)
         nearest: dict[str, Array] = {}
         for i, name in enumerate(names):
             distances[i, i] = np.inf
             # Stable, so that equal distances are taken in the same order everywhere.
-            order = np.argsort(distances[i], axis=0, kind="stable")[:count]
+            order = np.argsort(distances[i], axis=0, kind="stable")[: self._neighbours]
             nearest[name] = np.swapaxes(points[order, :, np.arange(points.shape[2])], 1, 2)
         return nearest

@@ -41,8 +41,7 @@ class ProblemFacts:
         The number of the `Shared` that each value belongs to.
     penalties : float array, shape (n,)
         As given, of each value.
-    pairs : int
-        Complementarity pairs.
+    has_pairs : bool
     values, fixed : float and bool arrays, shape (n,)
         First values of the shared variables, and which are fixed.
     positions : float array, shape (coordinates, times), or None
@@ -54,7 +53,7 @@ class ProblemFacts:
     quantities: tuple[QuantityFacts, ...]
     groups: np.ndarray
     penalties: Array
-    pairs: int
+    has_pairs: bool
     values: Array
     fixed: np.ndarray
     positions: Array | None
@@ -62,8 +61,7 @@ class ProblemFacts:
 
     def weighted(self, factors: Array, values: Array) -> Array:
         """Values times their penalties, each group of these times its factor."""
-        product: Array = factors[self.groups] * self.penalties * values
-        return product
+        return factors[self.groups] * self.penalties * values
 
 
 @dataclass(frozen=True)

@@ -91,7 +91,7 @@ class Method(ABC):
         **further
             What else the `Order` has, or has instead.
         """
-        mu = state.mu if work.facts[name].pairs else None
+        mu = state.mu if work.facts[name].has_pairs else None
         usual = {
             "tolerance": work.tolerance(mu),
             "iterations": max(FIRST_ITERATIONS, self.iterations) if first else self.iterations,

@@ -72,14 +72,6 @@ class Team:
         """Refuse what makes no team."""
         object.__setattr__(self, "robots", tuple(self.robots))
         object.__setattr__(self, "shared", tuple(self.shared))
-        self._check()
-
-    @property
-    def names(self) -> list[str]:
-        """Of the robots."""
-        return [robot.name for robot in self.robots]
-
-    def _check(self) -> None:
         if not self.robots:
             raise TeamError("a team needs robots; none were given.")
         agents = [*self.robots, *([self.hub] if self.hub is not None else [])]
@@ -97,6 +89,11 @@ class Team:
             )
         if self.hub is None and any(shared.of_one_robot for shared in self.shared):
             raise TeamError("what is named with {robot} is shared with a hub; this team has none. Give hub=Agent(...).")
+
+    @property
+    def names(self) -> list[str]:
+        """Of the robots."""
+        return [robot.name for robot in self.robots]
 
     def without(self, *robots: str) -> Team:
         """Make the team without some of its robots.
@@ -132,10 +129,6 @@ class Team:
         """The closing step of a method, for a team whose physics can say when it is needed."""
         return method.closing if self.physics is not None else None
 
-    def kept_apart_in_rounds(self, method: Method) -> KeepApart | None:
-        """Which distance robots keep from where the others were; none where a closing step keeps them apart."""
-        return self.keep_apart if self.closing_of(method) is None else None
-
     def keeps_apart(self, plans: Plans) -> bool:
         """Whether no two robots are too near in their plans."""
         return self.keep_apart is None or self.keep_apart.holds(plans, self.names)
@@ -155,8 +148,9 @@ class Team:
         method : "hub", "sova" or a method
         """
         method = find_method(method, self)
-        rule, in_rounds = self.keep_apart, self.kept_apart_in_rounds(method)
-        neighbours = 0 if in_rounds is None else min(in_rounds.neighbours, len(self.robots) - 1)
+        rule, neighbours = self.keep_apart, 0
+        if rule is not None and self.closing_of(method) is None:  # a closing step keeps robots apart by itself
+            neighbours = min(rule.neighbours, len(self.robots) - 1)
         of_robots, of_hub = self._components_of_plans()
         specs = []
         if not method.has_hub:

@@ -110,7 +110,6 @@ class TeamHorizon:
         self._in_steps: Method = replace(
             self._method, barrier=BarrierPath(mu, turn=mu, floor=mu), penalties=None, rounds=rounds
         )
-        self._mu = mu
         self._number = 0
         self.engine = find_engine(engine)
         self._state: TeamState | None = None
@@ -140,7 +139,7 @@ class TeamHorizon:
         while len(records) < method.rounds and not (records and self._is_good(records[-1])):
             records.append(method.round(self._work, self._state))
         if self._state.mu is not None:
-            self._state.mu = self._mu
+            self._state.mu = self._in_steps.barrier.start
         return PlanningStep(0, records, time.perf_counter() - started)
 
     def step(self, measured: Measured, elements: int = 1) -> PlanningStep:
@@ -209,7 +208,7 @@ class TeamHorizon:
             return
         facts = self._work.facts
         self._of_all("put_on", plans)
-        self._state = state = self._work.first_state(self._mu)
+        self._state = state = self._work.first_state(self._in_steps.barrier.start)
         state.factors, state.round = before.factors, before.round
         for name in state.multipliers.keys() & multipliers.keys():
             if state.multipliers[name].size == multipliers[name].size:
