@@ -116,12 +116,9 @@ class EngineWithHomes(Engine, Generic[HomeType]):
             self._agent_of = {other: name for other, name in self._agent_of.items() if name not in of_home}
         return answers, lost
 
-    def _at_work(self) -> set[int]:
-        return {self._home_of[agent] for agent in self._agent_of.values()}
-
     def end_silent_workers(self) -> None:
         """Give up the workers that owe an answer."""
-        for number in self._at_work():
+        for number in {self._home_of[agent] for agent in self._agent_of.values()}:
             self._homes[number].kill()
 
     def respawn(self, agents: Sequence[str]) -> None:
