@@ -220,9 +220,7 @@ class LocalProblem:
             for parameter, number in zip(self._others, numbers, strict=True):
                 parameter.set_value(number)
         self.cost.linear[:] = order.linear
-        self.cost.diagonal[:] = order.factors[self._groups] * self._penalties
-        if order.weights is not None:
-            self.cost.diagonal *= order.weights
+        self.cost.diagonal[:] = order.diagonal
         if self._barrier is not None:
             self._barrier.fixed = None if order.mu is not None else order.delta
         options: dict[str, Any] = {"tol": order.tolerance, "max_iter": order.iterations}

@@ -74,6 +74,7 @@ class Method(ABC):
         linear: Array,
         factors: Array,
         *,
+        weights: Array | float = 1.0,
         first: bool = False,
         **further: Any,
     ) -> Order:
@@ -84,14 +85,19 @@ class Method(ABC):
         work : Coordination
         name : str
         state : TeamState
-        linear, factors : float arrays
+        linear : float array
             As of `Order`.
+        factors : float array
+            One for each `Shared`, on its penalty.
+        weights : float array, shape (n,), or float
+            Further factors on the penalty of each value.
         first : bool
             Whether there is no solve to go on from.
         **further
             What else the `Order` has, or has instead.
         """
-        mu = state.mu if work.facts[name].has_pairs else None
+        fact = work.facts[name]
+        mu = state.mu if fact.has_pairs else None
         usual = {
             "tolerance": work.tolerance(mu),
             "iterations": max(FIRST_ITERATIONS, self.iterations) if first else self.iterations,
@@ -99,7 +105,7 @@ class Method(ABC):
             "others": work.nearest.get(name),
             "with_plan": work.scored,
         }
-        return Order(linear, factors, mu, **{**usual, **further})
+        return Order(linear, fact.weighted(factors, weights), mu, **{**usual, **further})
 
     @abstractmethod
     def begin(self, work: Coordination) -> TeamState:

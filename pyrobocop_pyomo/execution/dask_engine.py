@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import logging
 import multiprocessing
-import os
 import time
 from collections import Counter
 from collections.abc import Collection, Mapping
@@ -125,13 +124,6 @@ class DaskEngine(EngineWithHomes[ActorHome]):
         self.address = address
         self._given_client = self._client = client
         self._cluster: Any = None
-
-    @property
-    def process_ids(self) -> dict[str, int]:
-        """Of the process in which each agent lives, on the machine of its worker."""
-        by_worker = self._client.run(os.getpid)
-        addresses = {name: self._homes[home].address for name, home in self._home_of.items()}
-        return {name: by_worker[address] for name, address in addresses.items() if address in by_worker}
 
     def _open(self, specs: Mapping[str, HostedSpec]) -> None:
         count = self.places(len(specs))

@@ -84,6 +84,11 @@ class EngineWithHomes(Engine, Generic[HomeType]):
         self._homes: dict[int, HomeType] = {}
         self._agent_of: dict[Future[AnswerOrEnd], str] = {}  # of what is not answered, in the order of submission
 
+    @property
+    def process_ids(self) -> dict[str, int]:
+        """Of the process in which each agent lives, on the machine of its worker."""
+        return self.call_all("process_id", dict.fromkeys(self._specs, ()))
+
     @abstractmethod
     def _make_home(self, number: int) -> HomeType:
         """Begin to start a worker."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import pickle
 import traceback
 from collections.abc import Mapping
@@ -36,7 +37,7 @@ class Request:
     ----------
     agent : str
     task : str
-        A method of its problem, or "build".
+        A method of its problem, "build" or "process_id".
     payload : bytes
         Its arguments, pickled.
     with_state : bool
@@ -156,6 +157,8 @@ class WorkerHost:
         return state if state.raised else replace(answer, state=state.payload)
 
     def _done(self, request: Request) -> Any:
+        if request.task == "process_id":
+            return os.getpid()
         if request.task != "build":
             return getattr(self._problems[request.agent], request.task)(*_read(request.payload))
         self._problems.pop(request.agent, None)  # the old model's memory is free before the new one is built
