@@ -94,13 +94,11 @@ class Consensus:
 
     def of_agent(self, name: str, team_values: Array) -> Array:
         """The team's values in the order of an agent's; 0 where no agreement is needed."""
-        values: Array = self._to_team[name].T @ team_values
-        return values
+        return self._to_team[name].T @ team_values
 
     def of_team(self, name: str, values: Array) -> Array:
         """An agent's values in the order of the team's; 0 where it has none."""
-        team_values: Array = self._to_team[name] @ values
-        return team_values
+        return self._to_team[name] @ values
 
     def masked(self, name: str, values: Array) -> Array:
         """An agent's values, 0 where no agreement is needed."""
@@ -116,8 +114,7 @@ class Consensus:
         for name, own in values.items():
             total += self.of_team(name, own)
             count += self.presence(name)
-        mean: Array = total / np.maximum(count, 1)
-        return mean
+        return total / np.maximum(count, 1)
 
     def seen_by(self, name: str, other: str, values: Mapping[str, Array]) -> Array:
         """Another agent's values in the order of the first one's; its own where the other does not hold a value."""

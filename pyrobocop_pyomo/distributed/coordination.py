@@ -6,7 +6,7 @@ import logging
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
-from .agents import KeepApart, Shared
 from .consensus import Consensus
 from .messages import Order, ProblemFacts, Report
 from .rounds import BarrierPath, PlanScore, Round, TargetedPenalties
@@ -28,6 +27,7 @@ _MEMORY = 12
 _WORSE = 2.0  # times the last residual: an extrapolation after which it has grown more is not trusted
 
 Plans = Mapping[str, Mapping[str, Array]]
+Residuals = tuple[Array, Array, Array]
 
 
 class Physics(Protocol):
@@ -45,46 +45,35 @@ class Physics(Protocol):
         """Score the plans of all agents."""
 
 
-@dataclass
-class AndersonAcceleration:
-    """From the last points and their images, the point at which the linear model of the iteration stands still.
+def extrapolated(steps: list[tuple[Array, Array]], point: Array, image: Array) -> Array:
+    """Where an iteration goes on from: the point at which its linear model stands still (Anderson acceleration).
 
-    Attributes
+    Parameters
     ----------
     steps : list of (point, image)
-        The last ones.
+        The last ones; this one is added.
+    point : float array, shape (n,)
+    image : float array, shape (n,)
+        What the iteration made of it.
 
     References
     ----------
     Walker & Ni, Anderson acceleration for fixed-point iterations, SIAM J. Numer. Anal. 49 (2011),
     doi:10.1137/10078356X
     """
-
-    steps: list[tuple[Array, Array]] = field(default_factory=list)
-
-    def next(self, point: Array, image: Array) -> Array:
-        """Where to go on from.
-
-        Parameters
-        ----------
-        point : float array, shape (n,)
-        image : float array, shape (n,)
-            What the iteration made of it.
-        """
-        if np.linalg.norm(image - point) <= NEGLIGIBLE * np.linalg.norm(image):
-            return image  # where it stands still; to extrapolate what rounding leaves would lead anywhere
-        if self.steps:
-            before, after = self.steps[-1]
-            if np.linalg.norm(image - point) > _WORSE * np.linalg.norm(after - before):
-                self.steps.clear()
-        self.steps = [*self.steps, (point.copy(), image.copy())][-_MEMORY:]
-        if len(self.steps) < 2:
-            return image
-        points, images = (np.array(column) for column in zip(*self.steps, strict=True))
-        residuals = np.diff(images - points, axis=0)
-        weights = np.linalg.lstsq(residuals.T, image - point, rcond=1e-10)[0]
-        accelerated: Array = image - np.diff(images, axis=0).T @ weights
-        return accelerated
+    if np.linalg.norm(image - point) <= NEGLIGIBLE * np.linalg.norm(image):
+        return image  # where it stands still; to extrapolate what rounding leaves would lead anywhere
+    if steps:
+        before, after = steps[-1]
+        if np.linalg.norm(image - point) > _WORSE * np.linalg.norm(after - before):
+            steps.clear()
+    steps[:] = [*steps, (point.copy(), image.copy())][-_MEMORY:]
+    if len(steps) < 2:
+        return image
+    points, images = (np.array(column) for column in zip(*steps, strict=True))
+    residuals = np.diff(images - points, axis=0)
+    weights = np.linalg.lstsq(residuals.T, image - point, rcond=1e-10)[0]
+    return image - np.diff(images, axis=0).T @ weights
 
 
 @dataclass
@@ -103,8 +92,8 @@ class TeamState:
     positions : dict of agent to float array
     closing_tried : int
         Number of the round after which the closing step was tried last; -1 where it was not.
-    acceleration : AndersonAcceleration
-        What it remembers of the last rounds, where there are no pairs.
+    steps : list of (array, array)
+        What the acceleration remembers of the last rounds, where there are no pairs.
     """
 
     round: int
@@ -115,107 +104,106 @@ class TeamState:
     multipliers: dict[str, Array]
     positions: dict[str, Array]
     closing_tried: int = -1
-    acceleration: AndersonAcceleration = field(default_factory=AndersonAcceleration)
+    steps: list[tuple[Array, Array]] = field(default_factory=list)
 
     def arrays(self) -> dict[str, Array]:
-        """Everything as arrays by name."""
-        arrays = {
-            "round": np.array(self.round),
-            "mu": np.array(np.nan if self.mu is None else self.mu),
-            "factors": self.factors,
-            "target": self.target,
-            "closing_tried": np.array(self.closing_tried),
-            "steps": np.array(self.acceleration.steps),
-        }
-        for what in ("values", "multipliers", "positions"):
-            arrays.update({f"{what}/{name}": array for name, array in getattr(self, what).items()})
-        return {name: np.array(array) for name, array in arrays.items()}
+        """Everything that there is as arrays by name."""
+        arrays: dict[str, Array] = {}
+        for name, held in vars(self).items():
+            if isinstance(held, dict):
+                arrays.update({f"{name}/{agent}": np.array(array) for agent, array in held.items()})
+            elif held is not None:
+                arrays[name] = np.array(held)
+        return arrays
 
     @classmethod
     def of_arrays(cls, arrays: Mapping[str, Array]) -> TeamState:
         """The state that `arrays` gave."""
-        parts: dict[str, dict[str, Array]] = {"values": {}, "multipliers": {}, "positions": {}}
+        held: dict[str, Any] = {"mu": None, "values": {}, "multipliers": {}, "positions": {}}
         for name, array in arrays.items():
             what, _, agent = name.partition("/")
             if agent:
-                parts[what][agent] = np.array(array)
-        mu = float(arrays["mu"])
-        return cls(
-            int(arrays["round"]),
-            None if np.isnan(mu) else mu,
-            np.array(arrays["factors"]),
-            np.array(arrays["target"]),
-            **parts,
-            closing_tried=int(arrays["closing_tried"]),
-            acceleration=AndersonAcceleration([(point, image) for point, image in arrays["steps"]]),
-        )
+                held[what][agent] = np.array(array)
+            else:
+                held[name] = np.array(array) if array.ndim else array.item()
+        return cls(**{**held, "steps": [(point, image) for point, image in held["steps"]]})
 
 
-class Residuals(NamedTuple):
-    """How far the agents are apart, and how far what they agree on has moved: the largest for each `Shared`.
-
-    Attributes
-    ----------
-    disagreement, change : float arrays, shape (groups,)
-    scaled : float array, shape (groups,)
-        Disagreement times the square root of its penalty as given: comparable between groups, whatever their units.
-    """
-
-    disagreement: Array
-    change: Array
-    scaled: Array
-
-
-@dataclass
 class Coordination:
     """A team at work: its engine, what its agents said, and the records of the rounds.
 
+    Parameters
+    ----------
+    team : Team
+    method : Method
+    engine : Engine
+        It is started here: all agents are built on it.
+
     Attributes
     ----------
-    engine : Engine
-        Started.
     facts : dict of agent to ProblemFacts
-    shared : sequence of Shared
     robots : sequence of str
         Names of the agents that plan a motion of their own.
     hub : str
         Empty where there is none.
-    keep_apart : KeepApart or None
-        Of the rounds: which distance robots keep from where the others were in the round before.
-    physics : Physics or None
+    nearest : dict of agent to float array
+        Positions that it keeps away from in this round.
+    scored : bool
+        Whether the plan of this round is scored.
+
+    Raises
+    ------
+    TeamError
+        When the models do not fit together.
+    EngineError
+        When an agent cannot be sent or built.
     """
 
-    engine: Engine
-    facts: dict[str, ProblemFacts]
-    shared: Sequence[Shared]
-    robots: Sequence[str]
-    hub: str
-    keep_apart: KeepApart | None
-    physics: Physics | None
-    rounds: list[Round] = field(default_factory=list)
-    plans: dict[str, Mapping[str, Array]] = field(default_factory=dict)
-    frozen: dict[str, str] = field(default_factory=dict)
-    _asked: dict[str, Report] = field(default_factory=dict)
-    _failed: dict[str, str] = field(default_factory=dict)
-    _objectives: dict[str, float] = field(default_factory=dict)
-    _started: float = 0.0
+    def __init__(self, team: Any, method: Any, engine: Engine) -> None:
+        self.team, self.engine, self.robots = team, engine, team.names
+        self.hub = team.hub.name if method.has_hub else ""
+        specs = team.problem_specs(method)
+        self._neighbours = max(spec.neighbours for spec in specs)
+        self.facts: dict[str, ProblemFacts] = engine.start(specs)
+        self._check()
+        self.consensus = Consensus(self.facts, team.shared)
+        self.rounds: list[Round] = []
+        self.plans: dict[str, Mapping[str, Array]] = {}
+        self.frozen: dict[str, str] = {}
+        self._objectives: dict[str, float] = {}
 
-    def __post_init__(self) -> None:
-        """Line the shared values up."""
-        self.consensus = Consensus(self.facts, self.shared)
+    def _check(self) -> None:
+        # A control of the hub that a robot has as well is a force of the robot: the hub alone cannot choose it.
+        controls = {name: own for fact in self.facts.values() for name, own in fact.own_controls.items()}
+        of_hub = () if self.team.hub is None else controls[self.team.hub.name]
+        for robot in self.robots:
+            both = [name for name in controls[robot] if name in of_hub]
+            if both:
+                raise TeamError(
+                    f"{', '.join(map(repr, both))}: a control in the models of the hub and of '{robot}' that they do "
+                    "not share, so that each would choose values of its own. Add Shared(...) with it, such as "
+                    "Shared('push[{robot}]') for the wrench of each robot."
+                )
+        if len({fact.positions.shape for fact in self.facts.values() if fact.positions is not None}) > 1:
+            raise TeamError(
+                "KeepApart: the robots have positions at different numbers of times. Give all the same mesh."
+            )
 
     def first_state(self, mu: float) -> TeamState:
         """The state before any round: no values, multipliers zero, penalties as given; mu where there are pairs."""
-        has_pairs = any(fact.pairs for fact in self.facts.values())
+        has_pairs = any(fact.has_pairs for fact in self.facts.values())
         multipliers = {name: np.zeros(self.facts[name].values.size) for name in self.robots}
         positions = {name: fact.positions for name, fact in self.facts.items() if fact.positions is not None}
         return TeamState(
-            0, mu if has_pairs else None, np.ones(len(self.shared)), np.zeros(0), {}, multipliers, positions
+            0, mu if has_pairs else None, np.ones(len(self.team.shared)), np.zeros(0), {}, multipliers, positions
         )
 
-    def begin_round(self) -> None:
-        """Forget the reports of the round before."""
-        self._asked, self._failed, self._started = {}, {}, time.perf_counter()
+    def begin_round(self, state: TeamState, *, scored: bool = False) -> None:
+        """Forget the reports of the round before, and see who is near."""
+        self._asked: dict[str, Report] = {}
+        self._failed: dict[str, str] = {}
+        self._started, self.scored = time.perf_counter(), scored
+        self.nearest = self._nearest(state.positions)
 
     def ask(self, orders: Mapping[str, Order]) -> dict[str, Report]:
         """Have orders carried out; only the reports that can be used come back."""
@@ -242,21 +230,33 @@ class Coordination:
         return usable
 
     def ask_until_all(self, orders: Mapping[str, Order]) -> dict[str, Report]:
-        """Have orders carried out, again for those without a point: a report may have been lost on its way."""
+        """Have orders carried out, again for those without a point: a report may have been lost on its way.
+
+        Raises
+        ------
+        TeamError
+            Without a first point of an agent there is nothing to go on from.
+        """
         reports = self.ask(orders)
         for _ in range(_FIRST_TRIES):
             missing = {name: order for name, order in orders.items() if name not in {*reports, *self.frozen}}
             if not missing:
                 break
             reports.update(self.ask(missing))
+        for name in orders:
+            if name not in reports:
+                raise TeamError(
+                    f"agent '{name}' found no point in its first round ({self._failed.get(name, 'no report')}). Check "
+                    "its model alone: build it and call rcp.solve, or rcp.diagnose. If rcp.solve succeeds by other "
+                    "starts or rounds, which agents do not make, let the builder initialize its phases with that plan."
+                )
         return reports
 
     def all_values(self) -> dict[str, Mapping[str, Array]]:
         """Values of all variables, by agent and by name in its own model."""
         values: dict[str, Mapping[str, Array]] = {}
         for reply in self.engine.call_all("all_values", dict.fromkeys(self.facts, ())).values():
-            if not isinstance(reply, AgentFailure):
-                values = {**reply, **values}
+            values = {**reply, **values}
         return values
 
     @staticmethod
@@ -265,29 +265,17 @@ class Coordination:
         state.values.update({name: report.values for name, report in reports.items()})
         state.positions.update({name: r.positions for name, r in reports.items() if r.positions is not None})
 
-    def refuse_missing(self, values: Mapping[str, Any], names: Sequence[str]) -> None:
-        """Without a first point of an agent there is nothing to go on from."""
-        for name in names:
-            if name not in values:
-                raise TeamError(
-                    f"agent '{name}' found no point in its first round ({self._failed.get(name, 'no report')}). Check "
-                    "its model alone: build it and call rcp.solve, or rcp.diagnose. If rcp.solve succeeds by other "
-                    "starts or rounds, which agents do not make, let the builder initialize its phases with that plan."
-                )
-
     def end_round(
         self,
         state: TeamState,
         residuals: Residuals,
         barrier: BarrierPath,
         penalties: TargetedPenalties | None,
-        *,
-        scored: bool,
     ) -> Round:
         """Record the round, with its score where it is wanted, and move the schedules on."""
         score = None
-        if scored and self.physics is not None and set(self.plans) >= set(self.robots):
-            score = self.physics(self.plans)
+        if self.scored and set(self.plans) >= set(self.robots):
+            score = self.team.physics(self.plans)
         record = Round(
             state.round,
             state.mu,
@@ -309,16 +297,17 @@ class Coordination:
         return record
 
     def residuals(self, state: TeamState, agreed: Array, before: Array) -> tuple[Residuals, dict[str, Array]]:
-        """How far the robots are from what is agreed on now, which has moved since before; and each robot's gap."""
-        residuals, gaps = Residuals(*np.zeros((3, len(self.shared)))), {}
+        """Disagreement, change and scaled disagreement, as a `Round` has them, and each robot's gap."""
+        disagreement, change, scaled = np.zeros((3, len(self.team.shared)))
+        gaps = {}
         for name in self.robots:
             fact, own = self.facts[name], self.consensus.of_agent(name, agreed)
             gaps[name] = self.consensus.masked(name, state.values[name]) - own
             moved = own - self.consensus.of_agent(name, before)
-            np.maximum.at(residuals.disagreement, fact.groups, np.abs(gaps[name]))
-            np.maximum.at(residuals.change, fact.groups, np.abs(moved))
-            np.maximum.at(residuals.scaled, fact.groups, np.sqrt(fact.penalties) * np.abs(gaps[name]))
-        return residuals, gaps
+            np.maximum.at(disagreement, fact.groups, np.abs(gaps[name]))
+            np.maximum.at(change, fact.groups, np.abs(moved))
+            np.maximum.at(scaled, fact.groups, np.sqrt(fact.penalties) * np.abs(gaps[name]))
+        return (disagreement, change, scaled), gaps
 
     @staticmethod
     def tolerance(mu: float | None) -> float:
@@ -327,17 +316,16 @@ class Coordination:
             return 1e-8
         return max(1e-6, mu if mu > 1.5e-3 else 0.1 * mu)
 
-    def others(self, positions: Mapping[str, Array]) -> dict[str, Array]:
+    def _nearest(self, positions: Mapping[str, Array]) -> dict[str, Array]:
         """For each robot the positions of the nearest others, at each time of their own."""
-        if self.keep_apart is None or len(positions) < 2:
+        if not self._neighbours:
             return {}
         names, points = list(positions), np.array(list(positions.values()))
-        count = min(self.keep_apart.neighbours, len(names) - 1)
         distances = np.linalg.norm(points[:, None] - points[None], axis=2)
         nearest: dict[str, Array] = {}
         for i, name in enumerate(names):
             distances[i, i] = np.inf
             # Stable, so that equal distances are taken in the same order everywhere.
-            order = np.argsort(distances[i], axis=0, kind="stable")[:count]
+            order = np.argsort(distances[i], axis=0, kind="stable")[: self._neighbours]
             nearest[name] = np.swapaxes(points[order, :, np.arange(points.shape[2])], 1, 2)
         return nearest

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from pyrobocop_pyomo.numerics import Array
 
-from .coordination import Coordination, TeamState
-from .messages import Order, ProblemFacts
+from .coordination import Coordination, Residuals, TeamState, extrapolated
+from .messages import Order, ProblemFacts, Report
 from .method import FIRST_ITERATIONS, Method
-from .rounds import Round
+from .rounds import TargetedPenalties
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,7 @@ class Hub(Method):
     robot's problem does not grow with the team.
 
     Beside the fields of `Method`; without pairs penalties stay as they are given, and the rounds are accelerated
-    (`AndersonAcceleration`).
+    (`extrapolated`).
 
     Attributes
     ----------
@@ -52,17 +54,17 @@ class Hub(Method):
     object_first: float = 0.28
     early: float = 4.0
 
+    has_hub: ClassVar[bool] = True
+
     def begin(self, work: Coordination) -> TeamState:
         """Ask the hub for a first motion of the object, and start there."""
         hub, state = work.hub, work.first_state(self.barrier.start)
-        single = np.array([self.object_first if shared.of_one_robot else 0.0 for shared in work.shared])
-        work.begin_round()
+        single = np.array([self.object_first if shared.of_one_robot else 0.0 for shared in work.team.shared])
+        work.begin_round(state)
         zero = np.zeros(work.facts[hub].values.size)
         weights = self._weights_in_time(work.facts[hub])
         order = self.order(work, hub, state, zero, single, first=True, tolerance=1e-6, weights=weights)
-        found = work.ask_until_all({hub: order})
-        work.refuse_missing(found, [hub])
-        state.target = found[hub].values
+        state.target = work.ask_until_all({hub: order})[hub].values
         return state
 
     def _weights_in_time(self, facts: ProblemFacts) -> Array:
@@ -70,89 +72,60 @@ class Hub(Method):
         falling = [1.0 + self.early * np.linspace(1.0, 0.0, len(q.keys)) ** 2 for q in facts.quantities]
         return np.concatenate(falling)
 
-    def round(self, work: Coordination, state: TeamState) -> Round:
-        """All robots, then the hub, then the multipliers."""
-        work.begin_round()
-        scored = self.is_scored(work, state)
-        ask = work.ask if state.values else work.ask_until_all
-        reports = ask(self._robots_orders(work, state, with_plan=scored))
-        work.take(state, reports)
-        work.refuse_missing(state.values, work.robots)
+    def order_of_robot(self, work: Coordination, name: str, state: TeamState, *, first: bool) -> Order:
+        """Its objective with the pull of the hub's proposal."""
+        fact, hub, factors = work.facts[name], work.hub, state.factors
+        proposal = work.consensus.of_agent(name, work.consensus.of_team(hub, state.target))
+        linear = state.multipliers[name] - fact.weighted(factors, proposal)
+        start = work.consensus.seen_by(name, hub, {hub: state.target, name: fact.values}) if first else None
+        return self.order(work, name, state, linear, factors, first=first, values=start)
+
+    def agree(
+        self, work: Coordination, state: TeamState, reports: Mapping[str, Report]
+    ) -> tuple[Residuals, TargetedPenalties | None]:
+        """The hub, then the multipliers."""
         # A round without all robots is no value of the map that the acceleration learns.
         accelerated = state.mu is None and len(reports) == len(work.robots)
         before, at = state.target, _point(work, state) if accelerated else None
-        state.target = self._hub_values(work, state, with_plan=scored)
-        hub = work.hub
-        of_team = work.consensus.of_team
+        state.target = self._hub_values(work, state)
+        hub, of_team = work.hub, work.consensus.of_team
         residuals, gaps = work.residuals(state, of_team(hub, state.target), of_team(hub, before))
-        for name in work.robots:
-            if name in reports:  # the multipliers of a robot without a new plan stay
-                pull = work.facts[name].weighted(state.factors, gaps[name])
-                state.multipliers[name] = state.multipliers[name] + pull
-        penalties = self.penalties
-        if at is not None:
-            _go_to(work, state, state.acceleration.next(at, _point(work, state)))
-            penalties = None  # the acceleration learns the map of these
-        else:
-            state.acceleration.steps.clear()
-        return work.end_round(state, residuals, self.barrier, penalties, scored=scored)
+        for name in reports:  # the multipliers of a robot without a new plan stay
+            pull = work.facts[name].weighted(state.factors, gaps[name])
+            state.multipliers[name] = state.multipliers[name] + pull
+        if at is None:
+            state.steps.clear()
+            return residuals, self.penalties
+        _go_to(work, state, extrapolated(state.steps, at, _point(work, state)))
+        return residuals, None  # the acceleration learns the map of these penalties
 
-    def _robots_orders(self, work: Coordination, state: TeamState, *, with_plan: bool) -> dict[str, Order]:
-        others = work.others(state.positions)
-        hub = work.hub
-        proposal = work.consensus.of_team(hub, state.target)
-        first = not state.values
-        orders = {}
-        for name in work.robots:
-            fact = work.facts[name]
-            linear = state.multipliers[name] - fact.weighted(state.factors, work.consensus.of_agent(name, proposal))
-            start = work.consensus.seen_by(name, hub, {hub: state.target, name: fact.values}) if first else None
-            orders[name] = self.order(
-                work,
-                name,
-                state,
-                linear,
-                state.factors,
-                first=first,
-                values=start,
-                others=others.get(name),
-                with_plan=with_plan,
-            )
-        return orders
-
-    def _hub_values(self, work: Coordination, state: TeamState, *, with_plan: bool) -> Array:
+    def _hub_values(self, work: Coordination, state: TeamState) -> Array:
         hub = work.hub
         linear_of_team, count = np.zeros((2, len(work.consensus.keys)))
         for name in work.robots:
             pull = work.facts[name].weighted(state.factors, state.values[name])
             linear_of_team += work.consensus.of_team(name, -state.multipliers[name] - pull)
             count += work.consensus.presence(name)
-        holders = np.array(
-            [count[work.consensus.groups == group].max(initial=0.0) for group in range(len(work.shared))]
-        )
+        holders = np.zeros(len(state.factors))
+        np.maximum.at(holders, work.consensus.groups, count)
         linear = work.consensus.of_agent(hub, linear_of_team)
-        order = self.order(
-            work, hub, state, linear, state.factors * holders, iterations=FIRST_ITERATIONS, with_plan=with_plan
-        )
+        order = self.order(work, hub, state, linear, state.factors * holders, iterations=FIRST_ITERATIONS)
         reports = work.ask({hub: order})
         return reports[hub].values if hub in reports else state.target
 
 
 def _point(work: Coordination, state: TeamState) -> Array:
     """What a round maps to itself where the team agrees: the target and the multipliers, in comparable units."""
-    scales = _scales(work)
-    parts = [state.target, *(state.multipliers[name] for name in work.robots)]
-    return np.concatenate([scale * part for scale, part in zip(scales, parts, strict=True)])
+    return np.concatenate([state.target, *(state.multipliers[name] for name in work.robots)]) * _scales(work)
 
 
 def _go_to(work: Coordination, state: TeamState, point: Array) -> None:
-    scales = _scales(work)
-    ends = np.cumsum([scale.size for scale in scales])[:-1]
-    state.target, *others = (part / scale for scale, part in zip(scales, np.split(point, ends), strict=True))
+    ends = np.cumsum([state.target.size, *(state.multipliers[name].size for name in work.robots)])[:-1]
+    state.target, *others = np.split(point / _scales(work), ends)
     state.multipliers.update(zip(work.robots, others, strict=True))
 
 
-def _scales(work: Coordination) -> list[Array]:
+def _scales(work: Coordination) -> Array:
     """Square roots of the penalties as given, for the target; their inverses, for the robots' multipliers."""
     of_hub = np.sqrt(work.facts[work.hub].penalties)
-    return [of_hub, *(1.0 / np.sqrt(work.facts[name].penalties) for name in work.robots)]
+    return np.concatenate([of_hub, *(1.0 / np.sqrt(work.facts[name].penalties) for name in work.robots)])

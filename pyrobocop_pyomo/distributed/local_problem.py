@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from pyomo.core.base.param import Param
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.complementarity import FollowBarrier, active_sources, pairs_of, relax
+from pyrobocop_pyomo.complementarity import FollowBarrier, active_sources, relax
 from pyrobocop_pyomo.errors import EvaluationError, TeamError
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases import Control, phases_of
@@ -51,8 +51,6 @@ class ProblemSpec:
         How many others it keeps away from.
     plan : tuple of str
         Names of the components that its plan has.
-    options : mapping
-        Ipopt's options.
     """
 
     name: str
@@ -61,7 +59,6 @@ class ProblemSpec:
     keep_apart: KeepApart | None = None
     neighbours: int = 0
     plan: tuple[str, ...] = ()
-    options: Mapping[str, Any] = field(default_factory=dict)
 
     def build(self) -> LocalProblem:
         """Build the model, here."""
@@ -94,10 +91,7 @@ class LocalProblem:
         penalties: list[float] = []
         groups: list[int] = []
         for group, shared, names in spec.shared:
-            found = [variable for name in names for variable in self._variables_of(name)]
-            for name, component in found:
-                self._add_quantity(name, component)
-            lengths = [len(component) for _, component in found]
+            lengths = [len(keys) for name in names for keys in self._share(name)]
             groups += [group] * sum(lengths)
             penalties += self._penalties_of(shared, lengths).tolist()
         self._groups, self._penalties = np.array(groups, dtype=np.intp), np.array(penalties, dtype=float)
@@ -106,17 +100,15 @@ class LocalProblem:
         self._coordinates = [] if rule is None else [self._coordinate(name) for name in rule.components]
         if rule is not None and spec.neighbours:
             self._keep_apart(rule, spec.neighbours)
-        self._plan = {name: self._component(name) for name in spec.plan}
+        self.read(spec.plan)  # refuses names of nothing
         self._barrier = None
-        self._pairs = 0
         self._shift: TimeShift | None = None
         if active_sources(self.model):
             relax(self.model, delta=1.0)
-            self._pairs = len(pairs_of(self.model))
             self._barrier = _OrderedDelta()
         self.nlp = PersistentNLP(
             self.model,
-            {**IPOPT_OPTIONS, **spec.options},
+            IPOPT_OPTIONS,
             barrier=self._barrier,
             quadratic=self.cost,
             go_on_after_limit=True,
@@ -142,23 +134,23 @@ class LocalProblem:
             )
         return component
 
-    def _variables_of(self, name: str) -> list[tuple[str, Any]]:
+    def _share(self, name: str) -> Iterator[tuple[object, ...]]:
+        """Add what a name stands for to the shared variables; gives the indices of each."""
         component = self._component(name)
-        found = [(self._merged.own_name(variable), variable) for variable in variables_behind(component)]
+        found = variables_behind(component)
         if not found:
             raise TeamError(
                 f"agent '{self.spec.name}': '{name}' is no variable and no block with variables, but "
                 f"{type(component).__name__}. Share variables."
             )
-        return found
-
-    def _add_quantity(self, name: str, component: Any) -> None:
-        if any(known.name == name for known in self._quantities):
-            raise TeamError(f"agent '{self.spec.name}': '{name}' is shared twice. Name it once.")
-        data = list(component.values())
-        units = next((str(v.get_units()) for v in data if v.get_units() is not None), "")
-        self._quantities.append(QuantityFacts(name, tuple(component.keys()), units))
-        self._variables += data
+        for variable in found:
+            own_name, data = self._merged.own_name(variable), list(variable.values())
+            if any(known.name == own_name for known in self._quantities):
+                raise TeamError(f"agent '{self.spec.name}': '{own_name}' is shared twice. Name it once.")
+            units = next((str(v.get_units()) for v in data if v.get_units() is not None), "")
+            self._quantities.append(QuantityFacts(own_name, tuple(variable.keys()), units))
+            self._variables += data
+            yield self._quantities[-1].keys
 
     def _penalties_of(self, shared: Shared, lengths: list[int]) -> Array:
         given = np.asarray(shared.penalty)
@@ -172,15 +164,11 @@ class LocalProblem:
     def _keep_apart(self, rule: KeepApart, neighbours: int) -> None:
         """Rows that keep the robot away from points that are numbers."""
         coordinates = self._coordinates
-        keys = [key for key in coordinates[0] if any(not c[key].fixed for c in coordinates)]
-        column = {key: j for j, key in enumerate(coordinates[0])}
+        self._is_free = np.array([any(not c[key].fixed for c in coordinates) for key in coordinates[0]])
+        keys = [key for key, is_free in zip(coordinates[0], self._is_free.tolist(), strict=True) if is_free]
         block = self.model.keep_apart = Block(concrete=True)
         block.others = Param(range(neighbours), range(len(coordinates)), keys, initialize=FAR_AWAY, mutable=True)
-        self._others = [
-            [(block.others[i, k, key], column[key]) for key in keys]
-            for i in range(neighbours)
-            for k in range(len(coordinates))
-        ]
+        self._others = list(block.others.values())
         block.rows = Constraint(
             range(neighbours),
             keys,
@@ -202,7 +190,7 @@ class LocalProblem:
             tuple(self._quantities),
             self._groups,
             self._penalties,
-            self._pairs,
+            self._barrier is not None,
             variable_numbers(self._variables),
             np.array([variable.fixed for variable in self._variables], dtype=bool),
             self._read_positions(),
@@ -228,13 +216,11 @@ class LocalProblem:
                 if not variable.fixed:
                     variable.set_value(number, skip_validation=True)
         if order.others is not None:
-            for numbers, row in zip(order.others.reshape(-1, order.others.shape[-1]), self._others, strict=True):
-                for parameter, column in row:
-                    parameter.set_value(float(numbers[column]))
+            numbers = order.others[:, :, self._is_free].ravel().tolist()
+            for parameter, number in zip(self._others, numbers, strict=True):
+                parameter.set_value(number)
         self.cost.linear[:] = order.linear
-        self.cost.diagonal[:] = order.factors[self._groups] * self._penalties
-        if order.weights is not None:
-            self.cost.diagonal *= order.weights
+        self.cost.diagonal[:] = order.diagonal
         if self._barrier is not None:
             self._barrier.fixed = None if order.mu is not None else order.delta
         options: dict[str, Any] = {"tol": order.tolerance, "max_iter": order.iterations}
@@ -249,9 +235,7 @@ class LocalProblem:
             time.process_time() - started,
             self._own_objective(),
             self._read_positions(),
-            {name: variable_numbers(component.values()) for name, component in self._plan.items()}
-            if order.with_plan
-            else {},
+            self.read(self.spec.plan) if order.with_plan else {},
         )
 
     def state(self) -> dict[str, Array]:

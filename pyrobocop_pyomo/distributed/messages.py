@@ -41,8 +41,7 @@ class ProblemFacts:
         The number of the `Shared` that each value belongs to.
     penalties : float array, shape (n,)
         As given, of each value.
-    pairs : int
-        Complementarity pairs.
+    has_pairs : bool
     values, fixed : float and bool arrays, shape (n,)
         First values of the shared variables, and which are fixed.
     positions : float array, shape (coordinates, times), or None
@@ -54,30 +53,26 @@ class ProblemFacts:
     quantities: tuple[QuantityFacts, ...]
     groups: np.ndarray
     penalties: Array
-    pairs: int
+    has_pairs: bool
     values: Array
     fixed: np.ndarray
     positions: Array | None
     own_controls: Mapping[str, tuple[str, ...]]
 
-    def weighted(self, factors: Array, values: Array) -> Array:
+    def weighted(self, factors: Array, values: Array | float) -> Array:
         """Values times their penalties, each group of these times its factor."""
-        product: Array = factors[self.groups] * self.penalties * values
-        return product
+        return factors[self.groups] * self.penalties * values
 
 
 @dataclass(frozen=True)
 class Order:
     """What an agent is told to solve in a round.
 
-    The agent minimises its own objective plus ``linear @ v`` plus ``v @ W @ v / 2`` in its shared values v, with W the
-    penalties times their factors.
+    The agent minimises its own objective plus ``linear @ v`` plus ``v @ (diagonal * v) / 2`` in its shared values v.
 
     Attributes
     ----------
-    linear : float array, shape (n,)
-    factors : float array
-        One for each `Shared`, on its penalty.
+    linear, diagonal : float arrays, shape (n,)
     mu : float or None
         The barrier problem to solve; None for the problem itself, with the delta of `delta`.
     delta : float or None
@@ -89,8 +84,6 @@ class Order:
         Go on with the multipliers of the last solve.
     values : float array, shape (n,), or None
         Where the shared variables start, if not where they are.
-    weights : float array, shape (n,), or None
-        Further factors on the diagonal of W.
     others : float array, shape (neighbours, coordinates, times), or None
         Positions to keep away from.
     with_plan : bool
@@ -98,14 +91,13 @@ class Order:
     """
 
     linear: Array
-    factors: Array
+    diagonal: Array
     mu: float | None
     delta: float | None = None
     tolerance: float = 1e-6
     iterations: int = 150
     warm: bool = True
     values: Array | None = None
-    weights: Array | None = None
     others: Array | None = None
     with_plan: bool = False
 

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 from pyrobocop_pyomo.errors import TeamError
 from pyrobocop_pyomo.numerics import Array
 
 from .closing import Closing
-from .coordination import Coordination, TeamState
-from .messages import Order
+from .coordination import Coordination, Residuals, TeamState
+from .messages import Order, Report
 from .rounds import ENDINGS, BarrierPath, Round, TargetedPenalties
 
 FIRST_ITERATIONS = 300  # least limit of a solve without one to go on from
@@ -55,6 +56,8 @@ class Method(ABC):
     score_below: float = 2e-3
     closing: Closing | None = field(default_factory=Closing)
 
+    has_hub: ClassVar[bool] = False
+
     def __post_init__(self) -> None:
         """Refuse rounds without an end, or none at all."""
         name = type(self).__name__
@@ -62,11 +65,6 @@ class Method(ABC):
             raise TeamError(f"{name}: rounds = {self.rounds!r}; expected at least 1.")
         if self.until not in ENDINGS:
             raise TeamError(f"{name}: until = {self.until!r}; expected {', '.join(map(repr, ENDINGS))}.")
-
-    def is_scored(self, work: Coordination, state: TeamState) -> bool:
-        """Whether the plan of the next round is scored."""
-        is_late = self.until == "rounds" or state.mu is None or state.mu <= self.score_below
-        return work.physics is not None and is_late
 
     def order(
         self,
@@ -76,6 +74,7 @@ class Method(ABC):
         linear: Array,
         factors: Array,
         *,
+        weights: Array | float = 1.0,
         first: bool = False,
         **further: Any,
     ) -> Order:
@@ -86,25 +85,55 @@ class Method(ABC):
         work : Coordination
         name : str
         state : TeamState
-        linear, factors : float arrays
+        linear : float array
             As of `Order`.
+        factors : float array
+            One for each `Shared`, on its penalty.
+        weights : float array, shape (n,), or float
+            Further factors on the penalty of each value.
         first : bool
             Whether there is no solve to go on from.
         **further
             What else the `Order` has, or has instead.
         """
-        mu = state.mu if work.facts[name].pairs else None
+        fact = work.facts[name]
+        mu = state.mu if fact.has_pairs else None
         usual = {
             "tolerance": work.tolerance(mu),
             "iterations": max(FIRST_ITERATIONS, self.iterations) if first else self.iterations,
             "warm": not first,
+            "others": work.nearest.get(name),
+            "with_plan": work.scored,
         }
-        return Order(linear, factors, mu, **{**usual, **further})
+        return Order(linear, fact.weighted(factors, weights), mu, **{**usual, **further})
 
     @abstractmethod
     def begin(self, work: Coordination) -> TeamState:
         """Make the first state."""
 
-    @abstractmethod
     def round(self, work: Coordination, state: TeamState) -> Round:
-        """Carry out a round."""
+        """Carry out a round: all robots, then what they agree on and their multipliers."""
+        is_late = self.until == "rounds" or state.mu is None or state.mu <= self.score_below
+        work.begin_round(state, scored=work.team.physics is not None and is_late)
+        is_first = not state.values.keys() >= set(work.robots)
+        ask = work.ask_until_all if is_first else work.ask
+        reports = ask({name: self.order_of_robot(work, name, state, first=is_first) for name in work.robots})
+        work.take(state, reports)
+        residuals, penalties = self.agree(work, state, reports)
+        return work.end_round(state, residuals, self.barrier, penalties)
+
+    @abstractmethod
+    def order_of_robot(self, work: Coordination, name: str, state: TeamState, *, first: bool) -> Order:
+        """What a robot solves in a round."""
+
+    @abstractmethod
+    def agree(
+        self, work: Coordination, state: TeamState, reports: Mapping[str, Report]
+    ) -> tuple[Residuals, TargetedPenalties | None]:
+        """Move target and multipliers on after the robots' reports.
+
+        Returns
+        -------
+        tuple
+            Residuals as `Coordination.residuals` gives them, and how penalties move after this round.
+        """

@@ -199,5 +199,5 @@ class TargetedPenalties:
         if mu is not None and mu > self.below:
             return factors
         up, down = disagreement > self.accuracy, disagreement < self.ease * self.accuracy
-        moved: Array = np.where(up, factors * self.factor, np.where(down, factors * self.fall, factors))
+        moved = np.where(up, factors * self.factor, np.where(down, factors * self.fall, factors))
         return np.clip(moved, 1.0, self.largest)

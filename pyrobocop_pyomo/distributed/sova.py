@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -9,11 +10,11 @@ import numpy as np
 
 from pyrobocop_pyomo.numerics import Array
 
-from .coordination import Coordination, TeamState
+from .coordination import Coordination, Residuals, TeamState
 from .local_problem import DELTA
-from .messages import Order
+from .messages import Order, Report
 from .method import Method
-from .rounds import BarrierPath, Round
+from .rounds import BarrierPath, TargetedPenalties
 
 
 @dataclass(frozen=True)
@@ -61,39 +62,32 @@ class Sova(Method):
     def begin(self, work: Coordination) -> TeamState:
         """A first plan of each robot alone, as if the others did whatever helps it."""
         state = work.first_state(self.barrier.start)
-        work.begin_round()
-        others = work.others(state.positions)
+        work.begin_round(state)
         factors = state.factors * self.regularisation
         orders = {
-            name: self.order(work, name, state, zero, factors, first=True, others=others.get(name))
-            for name, zero in state.multipliers.items()
+            name: self.order(work, name, state, zero, factors, first=True) for name, zero in state.multipliers.items()
         }
-        reports = work.ask_until_all(orders)
-        work.refuse_missing(reports, work.robots)
-        work.take(state, reports)
+        work.take(state, work.ask_until_all(orders))
         state.target = work.consensus.mean(state.values)
         return state
 
-    def round(self, work: Coordination, state: TeamState) -> Round:
-        """All robots, then their multipliers."""
-        work.begin_round()
-        scored = self.is_scored(work, state)
-        others = work.others(state.positions)
-        orders = {}
-        for name in work.robots:
-            middles = (len(work.robots) - 1) * state.values[name] + self._of_all_others(work, name, state)
-            pull = work.facts[name].weighted(state.factors, work.consensus.masked(name, middles))
-            linear = state.multipliers[name] - pull
-            factors = 2.0 * (len(work.robots) - 1) * state.factors
-            orders[name] = self.order(work, name, state, linear, factors, others=others.get(name), with_plan=scored)
-        before = state.target
-        work.take(state, work.ask(orders))
-        state.target = work.consensus.mean(state.values)
+    def order_of_robot(self, work: Coordination, name: str, state: TeamState, *, first: bool) -> Order:
+        """Its objective with the pull of all others."""
+        others = len(work.robots) - 1
+        middles = others * state.values[name] + self._of_all_others(work, name, state)
+        pull = work.facts[name].weighted(state.factors, work.consensus.masked(name, middles))
+        return self.order(work, name, state, state.multipliers[name] - pull, 2.0 * others * state.factors)
+
+    def agree(
+        self, work: Coordination, state: TeamState, reports: Mapping[str, Report]
+    ) -> tuple[Residuals, TargetedPenalties | None]:
+        """The mean of all, and the multipliers of all."""
+        before, state.target = state.target, work.consensus.mean(state.values)
         for name in work.robots:
             apart = (len(work.robots) - 1) * state.values[name] - self._of_all_others(work, name, state)
             state.multipliers[name] = state.multipliers[name] + work.facts[name].weighted(state.factors, apart)
         residuals, _ = work.residuals(state, state.target, before)
-        return work.end_round(state, residuals, self.barrier, self.penalties, scored=scored)
+        return residuals, self.penalties
 
     @staticmethod
     def _of_all_others(work: Coordination, name: str, state: TeamState) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,6 @@ from .coordination import Coordination, Physics, Plans, TeamState
 from .hub_method import Hub
 from .local_problem import ProblemSpec
 from .merging import MergedModel, build_model, merge_agents, variables_behind
-from .messages import ProblemFacts
 from .method import Method
 from .rounds import PlanScore, Round, ends_rounds, is_success
 from .sova import Sova
@@ -73,14 +72,6 @@ class Team:
         """Refuse what makes no team."""
         object.__setattr__(self, "robots", tuple(self.robots))
         object.__setattr__(self, "shared", tuple(self.shared))
-        self._check()
-
-    @property
-    def names(self) -> list[str]:
-        """Of the robots."""
-        return [robot.name for robot in self.robots]
-
-    def _check(self) -> None:
         if not self.robots:
             raise TeamError("a team needs robots; none were given.")
         agents = [*self.robots, *([self.hub] if self.hub is not None else [])]
@@ -98,6 +89,11 @@ class Team:
             )
         if self.hub is None and any(shared.of_one_robot for shared in self.shared):
             raise TeamError("what is named with {robot} is shared with a hub; this team has none. Give hub=Agent(...).")
+
+    @property
+    def names(self) -> list[str]:
+        """Of the robots."""
+        return [robot.name for robot in self.robots]
 
     def without(self, *robots: str) -> Team:
         """Make the team without some of its robots.
@@ -133,10 +129,6 @@ class Team:
         """The closing step of a method, for a team whose physics can say when it is needed."""
         return method.closing if self.physics is not None else None
 
-    def kept_apart_in_rounds(self, method: Method) -> KeepApart | None:
-        """Which distance robots keep from where the others were; none where a closing step keeps them apart."""
-        return self.keep_apart if self.closing_of(method) is None else None
-
     def keeps_apart(self, plans: Plans) -> bool:
         """Whether no two robots are too near in their plans."""
         return self.keep_apart is None or self.keep_apart.holds(plans, self.names)
@@ -156,11 +148,12 @@ class Team:
         method : "hub", "sova" or a method
         """
         method = find_method(method, self)
-        rule, in_rounds = self.keep_apart, self.kept_apart_in_rounds(method)
-        neighbours = 0 if in_rounds is None else min(in_rounds.neighbours, len(self.robots) - 1)
+        rule, neighbours = self.keep_apart, 0
+        if rule is not None and self.closing_of(method) is None:  # a closing step keeps robots apart by itself
+            neighbours = min(rule.neighbours, len(self.robots) - 1)
         of_robots, of_hub = self._components_of_plans()
         specs = []
-        if isinstance(method, Sova):
+        if not method.has_hub:
             everything = self._shared_by(self.names)
             for robot in self.robots:
                 agents = (robot,) if self.hub is None else (self.hub, robot)
@@ -257,7 +250,7 @@ class Team:
         method = find_method(method, self)
         mark = "" if checkpoint is None else fingerprint([*self.problem_specs(method), method])
         with find_engine(engine) as running:
-            rounds = _Rounds(self, method, start_team(self, method, running), Progress(progress), on_round)
+            rounds = _Rounds(Coordination(self, method, running), method, Progress(progress), on_round)
             return rounds.run(None if checkpoint is None else Path(checkpoint), mark)
 
 
@@ -271,39 +264,6 @@ def _built_with_zeros(agent: Agent, components: Sequence[str]) -> Any:
         for variable in variables_behind(component):
             variable.fix(0.0)
     return model
-
-
-def start_team(team: Team, method: Method, engine: Engine) -> Coordination:
-    """Build all agents of a team on an engine, and line up what they share.
-
-    Raises
-    ------
-    TeamError
-        When the models do not fit together.
-    EngineError
-        When an agent cannot be sent or built.
-    """
-    facts = engine.start(team.problem_specs(method))
-    _refuse_forces_of_nobody(team, facts)
-    if len({fact.positions.shape for fact in facts.values() if fact.positions is not None}) > 1:
-        raise TeamError("KeepApart: the robots have positions at different numbers of times. Give all the same mesh.")
-    hub = "" if team.hub is None or isinstance(method, Sova) else team.hub.name
-    rule = team.kept_apart_in_rounds(method)
-    return Coordination(engine, facts, team.shared, team.names, hub, rule, team.physics)
-
-
-def _refuse_forces_of_nobody(team: Team, facts: Mapping[str, ProblemFacts]) -> None:
-    """A control of the hub that a robot has as well is a force of the robot: the hub alone cannot choose it."""
-    controls = {name: own for fact in facts.values() for name, own in fact.own_controls.items()}
-    of_hub = () if team.hub is None else controls[team.hub.name]
-    for robot in team.names:
-        both = [name for name in controls[robot] if name in of_hub]
-        if both:
-            raise TeamError(
-                f"{', '.join(map(repr, both))}: a control in the models of the hub and of '{robot}' that they do not "
-                "share, so that each would choose values of its own. Add Shared(...) with it, such as "
-                "Shared('push[{robot}]') for the wrench of each robot."
-            )
 
 
 def find_method(method: Method | str, team: Team) -> Method:
@@ -321,7 +281,7 @@ def find_method(method: Method | str, team: Team) -> Method:
         if method not in known:
             raise TeamError(f"method = {method!r}; expected {', '.join(map(repr, known))}, or a method.")
         return find_method(known[method](), team)
-    if isinstance(method, Hub) and team.hub is None:
+    if method.has_hub and team.hub is None:
         raise TeamError("the hub method needs a hub: give hub=Agent(...) to Team, or use Sova.")
     return method
 
@@ -329,8 +289,8 @@ def find_method(method: Method | str, team: Team) -> Method:
 class _Rounds:
     """The rounds of one call of `Team.solve`."""
 
-    def __init__(self, team: Team, method: Method, work: Coordination, progress: Progress, on_round: Any) -> None:
-        self._team, self._method, self._work, self._progress = team, method, work, progress
+    def __init__(self, work: Coordination, method: Method, progress: Progress, on_round: Any) -> None:
+        self._team, self._method, self._work, self._progress = work.team, method, work, progress
         self._on_round = on_round
         self._closings: list[ClosedPlan] = []
         self._best: ClosedPlan | None = None
@@ -360,9 +320,10 @@ class _Rounds:
         return self._result(state)
 
     def _is_done(self, state: TeamState, record: Round) -> bool:
-        if self._work.physics is None:
-            return record.agrees(self._method.tolerance) and self._team.keeps_apart(self._places(state))
-        return ends_rounds(record.score, self._method.until) and self._team.keeps_apart(self._places(state))
+        method = self._method
+        without_physics = self._team.physics is None
+        ends = record.agrees(method.tolerance) if without_physics else ends_rounds(record.score, method.until)
+        return ends and self._team.keeps_apart(self._places(state))
 
     def _is_closed(self, state: TeamState, record: Round) -> bool:
         """Whether one planner could make exact what the agents have nearly agreed on."""
@@ -405,16 +366,14 @@ class _Rounds:
         names = tuple(", ".join(shared.components) for shared in self._team.shared)
         best = self._best
         if best is None:
-            plans = work.plans if work.physics is not None else work.all_values()
+            plans = work.plans if self._team.physics is not None else work.all_values()
             best = ClosedPlan(dict(plans), None, work.rounds[-1].objective)
         agreement = bool(work.rounds) and work.rounds[-1].agrees(self._method.tolerance)
         source = work.hub or work.robots[0]
         target = state.target if work.hub else work.consensus.of_agent(source, state.target)
-        agreed: dict[str, Array] = {}
-        first = 0
-        for quantity in work.facts[source].quantities:
-            agreed[quantity.name] = target[first : first + len(quantity.keys)]
-            first += len(quantity.keys)
+        quantities = work.facts[source].quantities
+        ends = np.cumsum([len(quantity.keys) for quantity in quantities])[:-1]
+        agreed = {of.name: values for of, values in zip(quantities, np.split(target, ends), strict=True)}
         return TeamResult(
             best.plans, dict(state.values), agreed, work.rounds, best.score, agreement, names,
             dict(work.frozen), dict(work.engine.deaths), best.objective, self._closings,
@@ -433,8 +392,7 @@ class _Rounds:
         saved = Checkpoint.load(path, mark)
         if saved.round >= self._method.rounds:
             raise TeamError(f"{path}: all {saved.round} rounds are done. Delete the file to start anew.")
-        coordinator = {name: values for name, values in saved.coordinator.items() if name != "mu"}  # without pairs NaN
-        for owner, state in [*saved.states.items(), ("the coordinator", coordinator)]:
+        for owner, state in [*saved.states.items(), ("the coordinator", saved.coordinator)]:
             for name, values in state.items():
                 if not np.isfinite(values).all():
                     raise TeamError(

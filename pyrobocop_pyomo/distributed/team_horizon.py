@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.errors import TeamError
-from pyrobocop_pyomo.execution.engine import AgentFailure, Engine
+from pyrobocop_pyomo.execution.engine import Engine
 from pyrobocop_pyomo.execution.engines import find_engine
 from pyrobocop_pyomo.modeling.failures import undone_on_failure
 from pyrobocop_pyomo.numerics import Array
 
 from .agents import Shared
-from .coordination import TeamState
+from .coordination import Coordination, TeamState
 from .hub_method import Hub
 from .method import Method
 from .rounds import BarrierPath, Round, is_success
 from .sova import Sova
-from .team import Team, find_method, start_team
+from .team import Team, find_method
 
 Measured = Mapping[str, Mapping[str, float]]
 
@@ -110,7 +110,6 @@ class TeamHorizon:
         self._in_steps: Method = replace(
             self._method, barrier=BarrierPath(mu, turn=mu, floor=mu), penalties=None, rounds=rounds
         )
-        self._mu = mu
         self._number = 0
         self.engine = find_engine(engine)
         self._state: TeamState | None = None
@@ -118,9 +117,9 @@ class TeamHorizon:
 
     def _start(self) -> None:
         with undone_on_failure(self.stop):
-            self._work = start_team(self.team, self._method, self.engine)
+            self._work = Coordination(self.team, self._method, self.engine)
             self._needed = {name: set(states) for name, states in self._of_all("start_states").items()}
-            self._of_all("advance", {name: ({}, 0) for name in self._work.facts})  # refuses what cannot be moved ahead
+            self._of_all("advance", {}, 0)  # refuses what cannot be moved ahead
 
     def plan(self) -> PlanningStep:
         """Make the first plan, with all rounds of the method.
@@ -140,7 +139,7 @@ class TeamHorizon:
         while len(records) < method.rounds and not (records and self._is_good(records[-1])):
             records.append(method.round(self._work, self._state))
         if self._state.mu is not None:
-            self._state.mu = self._mu
+            self._state.mu = self._in_steps.barrier.start
         return PlanningStep(0, records, time.perf_counter() - started)
 
     def step(self, measured: Measured, elements: int = 1) -> PlanningStep:
@@ -175,7 +174,7 @@ class TeamHorizon:
         """Move the plans of all agents ahead, and take over what they share then."""
         work = self._work
         asked = {name: (start, elements, state.multipliers.get(name)) for name, start in starts.items()}
-        for name, (values, positions, multipliers) in self._of_all("advance", asked).items():
+        for name, (values, positions, multipliers) in self.engine.call_all("advance", asked).items():
             if positions is not None:
                 state.positions[name] = positions
             if name == work.hub:
@@ -208,8 +207,8 @@ class TeamHorizon:
         if before is None:
             return
         facts = self._work.facts
-        self._of_all("put_on", dict.fromkeys(facts, (plans,)))
-        self._state = state = self._work.first_state(self._mu)
+        self._of_all("put_on", plans)
+        self._state = state = self._work.first_state(self._in_steps.barrier.start)
         state.factors, state.round = before.factors, before.round
         for name in state.multipliers.keys() & multipliers.keys():
             if state.multipliers[name].size == multipliers[name].size:
@@ -224,7 +223,7 @@ class TeamHorizon:
         dict of agent to (dict of component name to float)
             As `step` wants it; a simulation disturbs it.
         """
-        return self._of_all("start_states", dict.fromkeys(self._work.facts, (elements,)))
+        return self._of_all("start_states", elements)
 
     def read(self, *components: str) -> dict[str, dict[str, Array]]:
         """Values of components in the plan of each robot, such as its actuation ``"me.tau_x"``.
@@ -239,7 +238,7 @@ class TeamHorizon:
         dict of robot to (dict of component name to float array)
         """
         names = {robot: Shared(*components).names_for(robot) for robot in self._work.robots}
-        found = self._of_all("read", {robot: (asked,) for robot, asked in names.items()})
+        found = self.engine.call_all("read", {robot: (asked,) for robot, asked in names.items()})
         return {
             robot: {name: values[asked] for name, asked in zip(components, names[robot], strict=True)}
             for robot, values in found.items()
@@ -255,11 +254,9 @@ class TeamHorizon:
     def __exit__(self, *raised: object) -> None:
         self.stop()
 
-    def _of_all(self, method: str, arguments: Mapping[str, tuple[Any, ...]] | None = None) -> dict[str, Any]:
-        """What a method of the agents' problems gives; agents that are given up are left out."""
-        asked = dict.fromkeys(self._work.facts, ()) if arguments is None else arguments
-        found = self.engine.call_all(method, asked)
-        return {name: value for name, value in found.items() if not isinstance(value, AgentFailure)}
+    def _of_all(self, method: str, *arguments: Any) -> dict[str, Any]:
+        """What a method of all agents' problems gives."""
+        return self.engine.call_all(method, dict.fromkeys(self._work.facts, arguments))
 
     def _starts(self, measured: Measured) -> dict[str, dict[str, float]]:
         shared = {quantity.name for fact in self._work.facts.values() for quantity in fact.quantities}
@@ -281,6 +278,6 @@ class TeamHorizon:
         return starts
 
     def _is_good(self, record: Round) -> bool:
-        if self._work.physics is None:
+        if self.team.physics is None:
             return record.agrees(self._method.tolerance)
         return is_success(record.score)

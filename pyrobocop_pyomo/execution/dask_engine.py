@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import logging
 import multiprocessing
-import os
 import time
 from collections import Counter
 from collections.abc import Collection, Mapping
@@ -123,40 +122,24 @@ class DaskEngine(EngineWithHomes[ActorHome]):
                 "engine 'dask': give an address, a client, or a number of workers here; not two of these."
             )
         self.address = address
-        self._given_client = client
-        self._client: Any = None
+        self._given_client = self._client = client
         self._cluster: Any = None
-        self._worker_count = 1
-
-    @property
-    def process_ids(self) -> dict[str, int]:
-        """Of the process in which each agent lives, on the machine of its worker."""
-        by_worker = self._client.run(os.getpid)
-        addresses = {name: self._homes[home].address for name, home in self._home_of.items()}
-        return {name: by_worker[address] for name, address in addresses.items() if address in by_worker}
 
     def _open(self, specs: Mapping[str, HostedSpec]) -> None:
-        self._find_client()
+        count = self.places(len(specs))
         if self._client is None:
-            self._cluster = self._local_cluster(self.places(len(specs)))
+            self._cluster = self._local_cluster(count)
             self._client = distributed.Client(self._cluster, set_as_default=False)
-        self._worker_count = len(self._workers(_SECONDS_FOR_HOME))
         self._check_versions()
         super()._open(specs)
 
-    def _find_client(self) -> None:
-        """Take the client that was given, or connect to the address that was."""
-        if self._given_client is not None:
-            self._client = self._given_client
-        elif self.address is not None and self._client is None:
+    def places(self, most: int) -> int:
+        """How many agents can solve side by side: one on each worker; connects to the address that was given."""
+        if self.address is not None and self._client is None:
             try:
                 self._client = distributed.Client(self.address, set_as_default=False, timeout=_SECONDS_FOR_HOME)
             except (OSError, ValueError, TypeError) as error:
                 raise EngineError(f"engine 'dask': no scheduler answers at {self.address!r}: {error}") from error
-
-    def places(self, most: int) -> int:
-        """How many agents can solve side by side: one on each worker."""
-        self._find_client()
         if self._client is None:
             return super().places(most)
         return min(most, len(self._workers(_SECONDS_FOR_HOME)))
@@ -205,19 +188,17 @@ class DaskEngine(EngineWithHomes[ActorHome]):
         """An actor on the worker with the fewest; in place of a worker that was lost a new one may come soon."""
         homes = [home for other, home in self._homes.items() if other != number]
         lost = {home.address for home in self._homes.values() if home.has_ended}
-        workers = self._workers(3.0, self._worker_count, without=lost)  # a nanny starts a new worker in about two
+        workers = self._workers(3.0, max(1, len(self._homes)), without=lost)  # a nanny starts a new worker in about two
         load = Counter(home.address for home in homes)
         return ActorHome(self._client, min(workers, key=lambda worker: (load[worker], worker)))
 
     def _close(self) -> None:
         super()._close()
-        client, cluster, self._client, self._cluster = self._client, self._cluster, None, None
-        if client is not None and client is not self._given_client:
-            with contextlib.suppress(Exception):
-                client.close()
-        if cluster is not None:
-            with contextlib.suppress(Exception):
-                cluster.close()
+        opened, self._client, self._cluster = [self._client, self._cluster], self._given_client, None
+        for each in opened:
+            if each is not None and each is not self._given_client:
+                with contextlib.suppress(Exception):
+                    each.close()
 
 
 def _installed_version() -> str:

@@ -6,7 +6,7 @@ import logging
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ import numpy as np
 from pyrobocop_pyomo.errors import EngineError, PyRobocopError
 from pyrobocop_pyomo.modeling.failures import undone_on_failure
 
-from .worker_host import Answer, HostedSpec, Lost, Request
+from .worker_host import Answer, HostedSpec, Lost, Request, WorkerHost, packed
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -80,6 +80,7 @@ class Engine(ABC):
 
     name: str
     writes_files = True
+    _keeps_states = True
 
     def __init__(self, *, deaths_allowed: int = 2, answer_within: float = 600.0) -> None:
         if deaths_allowed < 0:
@@ -91,7 +92,7 @@ class Engine(ABC):
 
     def _forget(self) -> None:
         self.deaths: Counter[str] = Counter()
-        self._specs: dict[str, bytes] = {}
+        self._specs: dict[str, Request] = {}  # by which agents are built
         self._states: dict[str, bytes] = {}
         self._given_up: dict[str, AgentFailure] = {}
         self._returning: dict[str, Lost] = {}  # lost agents that are being built again
@@ -161,13 +162,10 @@ class Engine(ABC):
         self._forget()
         if not specs:
             raise EngineError(f"engine '{self.name}': there are no agents to start.")
-        requests = {spec.name: self._build_request(spec) for spec in specs}
-        self._specs = {name: request.payload for name, request in requests.items()}
+        self._specs = {spec.name: self._build_request(spec) for spec in specs}
         with undone_on_failure(self.stop):  # what its workers do then is not known any more
             self._open({spec.name: spec for spec in specs})
-            facts = {
-                name: self._answer_of(name, reply, "could not be built") for name, reply in self._ask(requests).items()
-            }
+            facts = self._answers(self._specs, "could not be built")
             for failure in self._given_up.values():
                 raise EngineError(f"agent '{failure.agent}' could not be built: {failure.reason}")
             return facts
@@ -183,12 +181,11 @@ class Engine(ABC):
         -------
         dict of agent's name to its report, or to an `AgentFailure`
         """
-        return self._called("solve", {name: (order,) for name, order in orders.items()}, None)
+        return self._answers(self._requests("solve", {name: (order,) for name, order in orders.items()}), None)
 
     def states(self) -> dict[str, dict[str, np.ndarray]]:
         """The states of all agents that are not given up."""
-        found = self.call_all("state", dict.fromkeys(self._specs, ()))
-        return {name: state for name, state in found.items() if not isinstance(state, AgentFailure)}
+        return self.call_all("state", dict.fromkeys(self._specs, ()))
 
     def restore(self, states: Mapping[str, State]) -> None:
         """Put agents into states; agents without one stay as they are.
@@ -198,9 +195,10 @@ class Engine(ABC):
         EngineError
             When an agent is unknown or given up, or refuses its state.
         """
-        for name, reply in self.call_all("restore", {name: (dict(state),) for name, state in states.items()}).items():
-            if isinstance(reply, AgentFailure):
-                raise EngineError(f"agent '{name}' is given up ({reply.reason}) and cannot be restored. Start anew.")
+        self.call_all("restore", {name: (dict(state),) for name, state in states.items()})
+        for name, failure in self._given_up.items():
+            if name in states:
+                raise EngineError(f"agent '{name}' is given up ({failure.reason}) and cannot be restored. Start anew.")
 
     def call_all(self, method: str, arguments: Mapping[str, tuple[Any, ...]]) -> dict[str, Any]:
         """Call a method of several agents' problems, side by side.
@@ -212,20 +210,20 @@ class Engine(ABC):
 
         Returns
         -------
-        dict of agent's name to what the method gave, or to the `AgentFailure` of an agent that is given up
+        dict of agent's name to what the method gave; agents that are given up are left out
 
         Raises
         ------
         EngineError
             When the method raises an exception. Exceptions of this package keep their class.
         """
-        return self._called(method, arguments, f"{method}() failed")
+        found = self._answers(self._requests(method, arguments), f"{method}() failed")
+        return {name: value for name, value in found.items() if name not in self._given_up}
 
-    def _called(self, method: str, arguments: Mapping[str, tuple[Any, ...]], label: str | None) -> dict[str, Any]:
-        requests = {
+    def _requests(self, method: str, arguments: Mapping[str, tuple[Any, ...]]) -> dict[str, Request]:
+        return {
             name: Request.of(name, method, *given, with_state=self._keeps_states) for name, given in arguments.items()
         }
-        return {name: self._answer_of(name, reply, label) for name, reply in self._ask(requests).items()}
 
     def end_silent_workers(self) -> None:  # noqa: B027 - an engine without other processes has none
         """Give up workers that owe an answer, such as stopped ones; `wait` then tells which were lost."""
@@ -246,7 +244,7 @@ class Engine(ABC):
         for name in [name for name in answers if name in self._returning]:
             answer, loss = answers.pop(name), self._returning.pop(name)
             if answer.raised:
-                lost[name] = Lost(f"it could not be built again: {answer.value.reason}", at_work=True)
+                lost[name] = Lost(f"it could not be built again: {answer.raised}", at_work=True)
             else:
                 told[name] = loss
         told.update(self._bring_back(lost))
@@ -264,8 +262,6 @@ class Engine(ABC):
         self.stop()
 
     # ---------------------------------------------------------------- death and recovery
-
-    _keeps_states = True
 
     def _ask(self, requests: Mapping[str, Request]) -> dict[str, Answer | AgentFailure]:
         """Have requests answered, whatever workers die meanwhile."""
@@ -313,14 +309,14 @@ class Engine(ABC):
         names = [name for name in lost if name in self._returning]
         self.respawn(names)
         for name in names:
-            self.submit(Request.of(name, "rebuild", self._specs[name], self._states.get(name)))
+            self.submit(replace(self._specs[name], state=self._states.get(name)))
         return given_up
 
     # ---------------------------------------------------------------- small things
 
     def _build_request(self, spec: HostedSpec) -> Request:
-        """What has an agent built, with its spec where workers have memory of their own."""
-        return Request.of(spec.name, "build")
+        """What has an agent built, with its spec, by workers that have memory of their own."""
+        return Request(spec.name, "build", packed(f"agent '{spec.name}'", (spec,), "engine='serial'", EngineError))
 
     def _check(self, names: Iterable[str]) -> None:
         if not self._specs:
@@ -329,15 +325,40 @@ class Engine(ABC):
         if unknown:
             raise EngineError(f"no agent '{unknown[0]}'; the agents are {', '.join(self._specs)}.")
 
-    @staticmethod
-    def _answer_of(name: str, reply: Answer | AgentFailure, label: str | None) -> Any:
-        """What an agent gave; what it raised is raised here, or is a failure where nothing is said of it."""
-        if isinstance(reply, AgentFailure) or not reply.raised:
-            return reply if isinstance(reply, AgentFailure) else reply.value
-        raised = reply.value
-        if label is None:
-            return AgentFailure(name, raised.reason, traceback=raised.traceback)
-        error = raised.original()
-        if not isinstance(error, PyRobocopError):
-            error = EngineError(f"agent '{name}' {label}: {raised.reason}")
-        raise error from RuntimeError(f"in agent '{name}'\n{raised.traceback}")
+    def _answers(self, requests: Mapping[str, Request], label: str | None) -> dict[str, Any]:
+        """What agents gave; what one raised is raised here, or is a failure where nothing is said of it."""
+        found: dict[str, Any] = {}
+        for name, reply in self._ask(requests).items():
+            if isinstance(reply, AgentFailure):
+                found[name] = reply
+            elif not reply.raised:
+                found[name] = reply.value
+            elif label is None:
+                found[name] = AgentFailure(name, reply.raised, traceback=reply.traceback)
+            else:
+                other = EngineError(f"agent '{name}' {label}: {reply.raised}")
+                raise reply.error(PyRobocopError, other, f"agent '{name}'")
+        return found
+
+
+class EngineWithHost(Engine):
+    """An engine whose agents live in this process: specs need not be sent, and nobody is lost."""
+
+    _keeps_states = False
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._close()
+
+    def submit(self, request: Request) -> None:
+        """Let a request wait for its turn."""
+        self._submitted.append(request)
+
+    def _build_request(self, spec: HostedSpec) -> Request:
+        return Request.of(spec.name, "build")
+
+    def _open(self, specs: Mapping[str, HostedSpec]) -> None:
+        self._host, self._submitted = WorkerHost(specs), list[Request]()
+
+    def _close(self) -> None:
+        self._open({})

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 from pyrobocop_pyomo.errors import EngineError
 
 from .dask_engine import DaskEngine
-from .engine import Engine, Exchange
+from .engine import Engine, EngineWithHost, Exchange
 from .mpi_engine import MpiEngine
 from .process_engine import ProcessEngine
-from .worker_host import HostedSpec, Request, WorkerHost
 
 
-class SerialEngine(Engine):
+class SerialEngine(EngineWithHost):
     """All agents in this process, one after the other.
 
     Needs nothing, starts at once, and any builder will do. Orders and reports are pickled here too, so that no array is
@@ -22,26 +20,11 @@ class SerialEngine(Engine):
     """
 
     name = "serial"
-    _keeps_states = False  # nobody is lost: this process is the coordinator's
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._host, self._submitted = WorkerHost(), deque[Request]()
-
-    def submit(self, request: Request) -> None:
-        """Let a request wait for its turn."""
-        self._submitted.append(request)
 
     def wait(self, timeout: float | None = None) -> Exchange:
         """Answer the first request."""
-        request = self._submitted.popleft()
+        request = self._submitted.pop(0)
         return {request.agent: self._host.answer(request)}, {}
-
-    def _open(self, specs: Mapping[str, HostedSpec]) -> None:
-        self._host, self._submitted = WorkerHost(specs), deque()
-
-    def _close(self) -> None:
-        self._host, self._submitted = WorkerHost(), deque()
 
 
 ENGINES: dict[str, Callable[[], Engine]] = {

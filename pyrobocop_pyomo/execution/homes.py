@@ -11,7 +11,7 @@ from typing import Any, Generic, TypeVar, Union
 from pyrobocop_pyomo.errors import EngineError
 
 from .engine import Engine, Exchange
-from .worker_host import Answer, HostedSpec, Lost, Request, packed
+from .worker_host import Answer, HostedSpec, Lost, Request
 
 AnswerOrEnd = Union[Answer, str]  # noqa: UP007
 
@@ -75,7 +75,7 @@ class EngineWithHomes(Engine, Generic[HomeType]):
         When `workers` is no such number.
     """
 
-    def __init__(self, workers: int | None, **of_every_engine: Any) -> None:
+    def __init__(self, workers: int | None = None, **of_every_engine: Any) -> None:
         super().__init__(**of_every_engine)
         if workers is not None and workers < 1:
             raise EngineError(f"engine '{self.name}': workers = {workers!r}; expected at least 1.")
@@ -83,6 +83,11 @@ class EngineWithHomes(Engine, Generic[HomeType]):
         self._home_of: dict[str, int] = {}
         self._homes: dict[int, HomeType] = {}
         self._agent_of: dict[Future[AnswerOrEnd], str] = {}  # of what is not answered, in the order of submission
+
+    @property
+    def process_ids(self) -> dict[str, int]:
+        """Of the process in which each agent lives, on the machine of its worker."""
+        return self.call_all("process_id", dict.fromkeys(self._specs, ()))
 
     @abstractmethod
     def _make_home(self, number: int) -> HomeType:
@@ -116,21 +121,15 @@ class EngineWithHomes(Engine, Generic[HomeType]):
             self._agent_of = {other: name for other, name in self._agent_of.items() if name not in of_home}
         return answers, lost
 
-    def _at_work(self) -> set[int]:
-        return {self._home_of[agent] for agent in self._agent_of.values()}
-
     def end_silent_workers(self) -> None:
         """Give up the workers that owe an answer."""
-        for number in self._at_work():
+        for number in {self._home_of[agent] for agent in self._agent_of.values()}:
             self._homes[number].kill()
 
     def respawn(self, agents: Sequence[str]) -> None:
         """Start workers in place of those that have ended."""
         numbers = sorted({self._home_of[name] for name in agents})
         self._start([number for number in numbers if self._homes[number].has_ended])
-
-    def _build_request(self, spec: HostedSpec) -> Request:
-        return Request(spec.name, "build", packed(f"agent '{spec.name}'", (spec,), "engine='serial'", EngineError))
 
     def _open(self, specs: Mapping[str, HostedSpec]) -> None:
         count = self.places(len(specs))

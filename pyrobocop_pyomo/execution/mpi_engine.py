@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 from pyrobocop_pyomo.errors import EngineError
 from pyrobocop_pyomo.optional_imports import mpi, mpi_available
 
-from .engine import Engine, Exchange
-from .worker_host import Answer, HostedSpec, Request, WorkerHost
+from .engine import EngineWithHost, Exchange
+from .worker_host import Answer
 
 
-class MpiEngine(Engine):
+class MpiEngine(EngineWithHost):
     """Every rank of an MPI job runs the same script, solves its own agents, and hears the reports of all others.
 
     Start the script with ``mpiexec -n 4 python -m mpi4py script.py``: then an exception on one rank ends the job, and
@@ -32,7 +31,6 @@ class MpiEngine(Engine):
     """
 
     name = "mpi"
-    _keeps_states = False  # a death ends the job
 
     def __init__(self, communicator: Any = None) -> None:
         super().__init__()
@@ -42,8 +40,6 @@ class MpiEngine(Engine):
                 "pip install 'pyrobocop_pyomo[mpi]' and an MPI, for example pip install mpich."
             )
         self.communicator = mpi.COMM_WORLD if communicator is None else communicator
-        self._owners: dict[str, int] = {}
-        self._host, self._submitted = WorkerHost(), list[Request]()
 
     @property
     def writes_files(self) -> bool:  # type: ignore[override]
@@ -58,19 +54,12 @@ class MpiEngine(Engine):
         """What rank 0 decides."""
         return bool(self.communicator.bcast(decision))
 
-    def submit(self, request: Request) -> None:
-        """Let a request wait for those that are answered together with it."""
-        self._submitted.append(request)
-
     def wait(self, timeout: float | None = None) -> Exchange:
         """Have all requests answered, those of this rank's agents here. Ranks never differ in what they have heard."""
         requests, self._submitted = self._submitted, []
         asked = [(request.agent, request.task) for request in requests]
-        own = {
-            request.agent: self._host.answer(request)
-            for request in requests
-            if self._owners[request.agent] == self.communicator.rank
-        }
+        of_this_rank = list(self._specs)[self.communicator.rank :: self.communicator.size]
+        own = {request.agent: self._host.answer(request) for request in requests if request.agent in of_this_rank}
         gathered: list[tuple[list[tuple[str, str]], dict[str, Answer]]]
         gathered = self.communicator.allgather((asked, own))
         for rank, (theirs, _) in enumerate(gathered):
@@ -81,10 +70,3 @@ class MpiEngine(Engine):
                 )
         answers = {name: answer for _, of_rank in gathered for name, answer in of_rank.items()}
         return {request.agent: answers[request.agent] for request in requests}, {}
-
-    def _open(self, specs: Mapping[str, HostedSpec]) -> None:
-        self._owners = {name: i % self.communicator.size for i, name in enumerate(specs)}
-        self._host, self._submitted = WorkerHost(specs), []
-
-    def _close(self) -> None:
-        self._host, self._submitted = WorkerHost(), []

@@ -128,14 +128,6 @@ class ProcessEngine(EngineWithHomes[WorkerProcess]):
 
     name = "process"
 
-    def __init__(self, workers: int | None = None, **of_every_engine: Any) -> None:
-        super().__init__(workers, **of_every_engine)
-
-    @property
-    def process_ids(self) -> dict[str, int]:
-        """Of the process in which each agent lives."""
-        return {name: self._homes[home].process.pid or 0 for name, home in self._home_of.items()}
-
     def _make_home(self, number: int) -> WorkerProcess:
         return WorkerProcess(number)
 

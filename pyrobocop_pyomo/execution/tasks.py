@@ -16,7 +16,7 @@ from .engine import Engine
 from .engines import SerialEngine, find_engine
 from .homes import available_cores
 from .process_engine import ProcessEngine
-from .worker_host import Answer, Lost, Raised, Request
+from .worker_host import Answer, Lost, Request
 
 SECONDS_TO_ANSWER = 0.5  # after the deadline, which tasks keep by themselves
 GIVEN_UP = "its process ended abruptly, several times"
@@ -155,16 +155,15 @@ class _TaskRun:
         while self.waiting and self.idle:
             name, task = self.idle.pop(), self.waiting.pop()
             self.running[name], self.begun = task, True
-            engine.submit(Request.of(name, "solve", (task.arguments, self.deadline.left)))
+            engine.submit(Request.of(name, "solve", self.deadline.left, *task.arguments))
 
     def _take_all(self, engine: Engine, answers: Mapping[str, Answer], lost: Mapping[str, Lost]) -> None:
         for name, answer in answers.items():
             self.idle.append(name)
             del self.running[name]
-            value = answer.value
             if answer.raised:
-                raise _error_of(value)
-            self._go_on_after(value)
+                raise answer.error(Exception, PyRobocopError(f"a task raised {answer.raised}"), "a worker")
+            self._go_on_after(answer.value)
         for name, loss in lost.items():
             if engine.deaths[name] > engine.deaths_allowed:
                 raise EngineError(f"a worker ended while it was started again, several times: {loss.reason}")
@@ -186,12 +185,6 @@ class _TaskRun:
             self.waiting += list(following)[::-1]
 
 
-def _error_of(raised: Raised) -> BaseException:
-    error = raised.original() or PyRobocopError(f"a task raised {raised.reason}")
-    error.__cause__ = RuntimeError(f"in a worker\n{raised.traceback}")
-    return error
-
-
 @dataclass(frozen=True)
 class _WorkerSpec:
     """How the solver of a study is made on a worker; it is an agent without a state."""
@@ -202,9 +195,8 @@ class _WorkerSpec:
     def build(self) -> Any:
         solve = self.make()
 
-        def in_time(order: tuple[tuple[Any, ...], float | None]) -> Any:
+        def in_time(left: float | None, *arguments: Any) -> Any:
             """Do a task, in the seconds that are left."""
-            arguments, left = order
             return solve(*arguments, deadline=Deadline.after(left))
 
         return SimpleNamespace(facts=lambda: None, solve=in_time)

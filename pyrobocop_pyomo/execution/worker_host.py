@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import pickle
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, Protocol
 
 from pyrobocop_pyomo.errors import ModelError, PyRobocopError
@@ -36,17 +37,20 @@ class Request:
     ----------
     agent : str
     task : str
-        A method of its problem, "build" or "rebuild".
+        A method of its problem, "build" or "process_id".
     payload : bytes
         Its arguments, pickled.
     with_state : bool
         Whether the state afterwards is wanted as well.
+    state : bytes or None
+        The state that it is put into once it is built, pickled.
     """
 
     agent: str
     task: str
     payload: bytes
     with_state: bool = False
+    state: bytes | None = None
 
     @classmethod
     def of(cls, agent: str, task: str, *arguments: Any, with_state: bool = False) -> Request:
@@ -60,21 +64,53 @@ class Answer:
 
     Attributes
     ----------
-    payload : bytes
-        The value, pickled; a `Raised` where the agent raised an exception.
-    raised : bool
+    payload : bytes or None
+        The value, pickled; of an agent that raised an exception that, where it can be sent.
     state : bytes or None
         The state afterwards, pickled, where it was wanted.
+    raised : str
+        Type and text of an exception; empty where there was none.
+    traceback : str
+        Of the exception.
     """
 
-    payload: bytes
-    raised: bool = False
+    payload: bytes | None
     state: bytes | None = None
+    raised: str = ""
+    traceback: str = ""
+
+    @classmethod
+    def of_error(cls, error: Exception) -> Answer:
+        """The form in which an exception that is being handled travels."""
+        try:
+            packed_error = pickle.dumps(error, pickle.HIGHEST_PROTOCOL)
+            pickle.loads(packed_error)  # an exception whose arguments are not those of its class fails here only
+        except Exception:
+            packed_error = None
+        return cls(packed_error, None, f"{type(error).__name__}: {error}", traceback.format_exc())
 
     @property
     def value(self) -> Any:
-        """The value, or what was raised."""
-        return pickle.loads(self.payload)
+        """The value, or the exception; None where that could not be sent."""
+        return None if self.payload is None else pickle.loads(self.payload)
+
+    def error(self, kinds: type[Exception], instead: PyRobocopError, place: str) -> Exception:
+        """The exception, to be raised here, with the traceback of the place where it was raised.
+
+        Parameters
+        ----------
+        kinds : type of exception
+            Which are raised as they are.
+        instead : PyRobocopError
+            In place of others, and of those that could not be sent or are known to the worker only.
+        place : str
+        """
+        error = None
+        with contextlib.suppress(ImportError, AttributeError):
+            error = self.value
+        error = error if isinstance(error, kinds) else instead
+        error.__cause__ = RuntimeError(f"in {place}\n{self.traceback}")
+        return error
 
 
 @dataclass(frozen=True)
@@ -90,41 +126,6 @@ class Lost:
 
     reason: str
     at_work: bool
-
-
-@dataclass(frozen=True)
-class Raised:
-    """An exception of an agent, in a form that travels.
-
-    Attributes
-    ----------
-    reason : str
-        Its type and its text.
-    traceback : str
-    error : bytes or None
-        The exception itself, pickled, where it can be.
-    """
-
-    reason: str
-    traceback: str
-    error: bytes | None
-
-    @classmethod
-    def of(cls, error: Exception) -> Raised:
-        """The form of an exception that is being handled."""
-        try:
-            packed = pickle.dumps(error, pickle.HIGHEST_PROTOCOL)
-            pickle.loads(packed)  # an exception whose arguments are not those of its class fails here only
-        except Exception:
-            packed = None
-        return cls(f"{type(error).__name__}: {error}", traceback.format_exc(), packed)
-
-    def original(self) -> Exception | None:
-        """The exception itself, where it could be sent and is known here."""
-        try:
-            return None if self.error is None else pickle.loads(self.error)
-        except (ImportError, AttributeError):  # its class is known to the worker only
-            return None
 
 
 class WorkerHost:
@@ -145,32 +146,27 @@ class WorkerHost:
 
     def answer(self, request: Request) -> Answer:
         """Do what is required."""
-        answer = self._done(request.agent, request.task, request.payload)
+        try:
+            answer = Answer(pickle.dumps(self._done(request), pickle.HIGHEST_PROTOCOL))
+        except Exception as error:
+            answer = Answer.of_error(error)
         if not request.with_state:
             return answer
         # Half a solve that raised an exception has changed the state as well.
-        state = self._done(request.agent, "state", pickle.dumps((), pickle.HIGHEST_PROTOCOL))
+        state = self.answer(Request.of(request.agent, "state"))
         return state if state.raised else replace(answer, state=state.payload)
 
-    def _done(self, agent: str, name: str, payload: bytes) -> Answer:
-        try:
-            own: dict[str, Callable[..., Any]] = {"build": self.build, "rebuild": self.rebuild}
-            task = partial(own[name], agent) if name in own else getattr(self._problems[agent], name)
-            return Answer(pickle.dumps(task(*_read(payload)), pickle.HIGHEST_PROTOCOL))
-        except Exception as error:
-            return Answer(pickle.dumps(Raised.of(error), pickle.HIGHEST_PROTOCOL), raised=True)
-
-    def build(self, agent: str, spec: HostedSpec | None = None) -> Any:
-        """Build an agent; gives its facts."""
-        self._problems.pop(agent, None)  # the old model's memory is free before the new one is built
-        self._problems[agent] = problem = (spec or self._specs[agent]).build()
+    def _done(self, request: Request) -> Any:
+        if request.task == "process_id":
+            return os.getpid()
+        if request.task != "build":
+            return getattr(self._problems[request.agent], request.task)(*_read(request.payload))
+        self._problems.pop(request.agent, None)  # the old model's memory is free before the new one is built
+        (spec,) = _read(request.payload) or (self._specs[request.agent],)
+        self._problems[request.agent] = problem = spec.build()
+        if request.state is not None:
+            problem.restore(pickle.loads(request.state))
         return problem.facts()
-
-    def rebuild(self, agent: str, spec: bytes, state: bytes | None) -> None:
-        """Build an agent anew, and put it into a state."""
-        self.build(agent, *_read(spec))
-        if state is not None:
-            self._problems[agent].restore(pickle.loads(state))
 
 
 def _read(payload: bytes) -> Any:

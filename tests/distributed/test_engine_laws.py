@@ -214,7 +214,7 @@ def test_a_builder_without_a_name_travels_by_value_or_is_refused(monkeypatch: py
 def test_what_a_worker_cannot_read_is_told() -> None:
     found = WorkerHost().answer(Request("a", "build", b"cno_such_module\nbuilder\n."))
     assert found.raised
-    assert "cannot read what was sent to it (ModuleNotFoundError" in found.value.reason
+    assert "cannot read what was sent to it (ModuleNotFoundError" in found.raised
 
 
 @pytest.mark.parametrize("engine", [SerialEngine, FragileEngine])
