@@ -9,7 +9,7 @@ that they can meet.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -25,36 +25,28 @@ _STEPS = 3
 Values = Mapping[str, Array]
 
 
-class _Model(NamedTuple):
-    """A quadratic model of the integrand about some values of the controls."""
-
-    level: Array
-    slope: list[Array]
-    curvature: list[list[Any]]
+# A quadratic model of the integrand about some values of the controls: its value, slopes and curvatures.
+_Model = tuple[Array, list[Array], list[list[Any]]]
 
 
 def least_integrand(instants: Any, starts: Values) -> Array:
-    """The least integrand inside the bounds that is found from some values of the controls, shape ``(q, N)``.
+    """The least integrand inside the bounds that is found from some values of the controls.
 
     Parameters
     ----------
     instants : ElementInstants
         With the integrand and the limits of controls, and without rows that these can meet.
-    starts : dict of name to array, shape (S, q, N)
-        Where to look from, those of the answer first: what is no quadratic function has more than one valley. All are
-        evaluated together.
+    starts : dict of name to array, shape (k, q, N)
+        Controls of the answer, and where else to look from: what is no quadratic function has more than one valley.
     """
-    limits = {name: instants.limits(name) for name in starts}
     # Between the stages a polynomial may leave its bounds; what it gains there is no gain.
-    values = {name: np.clip(of, *limits[name]) for name, of in starts.items()}
+    values = {name: np.clip(of, *instants.limits(name)) for name, of in starts.items()}
     level = instants.integrand(values)
     for _ in range(_STEPS):
-        change = _least_change(instants, values, _model(instants, values, apart=False), [])
-        candidates = []
+        before, change = values, _least_change(instants, values, _model(instants, values, apart=False), [])
         for part in (1.0, 0.25):
-            tried = {name: values[name] + part * of for name, of in zip(values, change, strict=True)}
-            candidates.append((instants.integrand(tried), tried))
-        for found, tried in candidates:
+            tried = {name: before[name] + part * of for name, of in zip(before, change, strict=True)}
+            found = instants.integrand(tried)
             better = np.isfinite(found) & (found < level)
             level = np.where(better, found, level)
             values = {name: np.where(better, tried[name], of) for name, of in values.items()}
@@ -73,15 +65,15 @@ def least_integrand_within_rows(instants: Any, here: Values) -> Array:
         Controls of the answer.
     """
     full, _, curvature = _model(instants, here, apart=False)
-    model = _model(instants, here, apart=True)._replace(curvature=curvature)
+    level, slope, _ = _model(instants, here, apart=True)
     gradients = []
     for name, size in zip(here, _sizes(here), strict=True):
         step = _STEP * size
         up, down = (instants.own_rows({**here, name: here[name] + change}) for change in (step, -step))
         gradients.append([(a[0] - b[0]) / (2.0 * step) for a, b in zip(up, down, strict=True)])
     rows = [(*row, [of[i] for of in gradients]) for i, row in enumerate(instants.own_rows(here))]
-    change = _least_change(instants, here, model, rows)
-    value = model.level + sum(slope * of for slope, of in zip(model.slope, change, strict=True))
+    change = _least_change(instants, here, (level, slope, curvature), rows)
+    value = level + sum(each * of for each, of in zip(slope, change, strict=True))
     value = value + 0.5 * sum(curvature[j][k] * a * b for j, a in enumerate(change) for k, b in enumerate(change))
     return np.where(np.isfinite(value), value, full)
 
@@ -93,10 +85,10 @@ def _least_change(
 
     A row is left to the other controls where this one would have to change by more than its size to meet it.
     """
-    sizes = _sizes(values)
-    change = [np.zeros(model.level.shape) for _ in values]
+    (level, slope, curvature), sizes = model, _sizes(values)
+    change = [np.zeros(level.shape) for _ in values]
     limits = [[side - values[name] for side in instants.limits(name)] for name in values]
-    flat = _FLAT * (np.abs(model.level).max() + 1e-300)
+    flat = _FLAT * (_largest(level) + 1e-300)
 
     def of_others(slopes: list[Any], j: int) -> Any:
         return sum(slope * change[k] for k, slope in enumerate(slopes) if k != j)
@@ -108,17 +100,22 @@ def _least_change(
                 low, high = np.fmin(*sides), np.fmax(*sides)
                 low, high = np.where(low <= sizes[j], low, -np.inf), np.where(high >= -sizes[j], high, np.inf)
                 lower, upper = np.maximum(lower, np.minimum(low, upper)), np.minimum(upper, np.maximum(high, lower))
-            downhill = model.slope[j] + of_others(model.curvature[j], j)
-            curved = model.curvature[j][j] > flat / sizes[j] ** 2
-            newton = -downhill / np.where(curved, model.curvature[j][j], 1.0)
+            downhill = slope[j] + of_others(curvature[j], j)
+            curved = curvature[j][j] > flat / sizes[j] ** 2
+            newton = -downhill / np.where(curved, curvature[j][j], 1.0)
             to_bound = np.where(downhill > 0.0, lower, upper)
             linear = np.where(np.isfinite(to_bound), to_bound, 0.0)
             change[j] = np.clip(np.where(curved, newton, linear), lower, upper)
     return change
 
 
-def _sizes(values: Values) -> list[float]:
-    return [SMALLEST_SCALE + float(np.abs(of).max()) for of in values.values()]
+def _sizes(values: Values) -> list[Array]:
+    return [SMALLEST_SCALE + _largest(of) for of in values.values()]
+
+
+def _largest(of: Array) -> Array:
+    """In size at all instants, of each start."""
+    return np.abs(of).max(axis=(-2, -1), keepdims=True)
 
 
 def _model(instants: Any, values: Values, *, apart: bool) -> _Model:
@@ -142,4 +139,4 @@ def _model(instants: Any, values: Values, *, apart: bool) -> _Model:
         for k in range(j):
             mixed = (at(j, k) - forward[j] - forward[k] + here) / (steps[j] * steps[k])
             curvature[j][k] = curvature[k][j] = mixed
-    return _Model(here, slope, curvature)
+    return here, slope, curvature

@@ -142,16 +142,12 @@ class DiscretisationEstimate(Presented):
     @property
     def motion_error(self) -> float | None:
         """Largest difference, at the end of any element, from the motion of the equations; as a part of each size."""
-        found = [phase.relative for phase in self.phases.values()]
-        known = [error for error in found if error is not None]
-        return max(known) if known and len(known) == len(found) and not self.beside else None
+        return None if self.beside else self._largest_of_all("motion")
 
     @property
     def excess(self) -> float | None:
         """How far some bound or path inequality of states is passed between the points, as a part of its size."""
-        found = [None if of.excesses is None else float(of.excesses.max(initial=0.0)) for of in self.phases.values()]
-        known = [excess for excess in found if excess is not None]
-        return max(known) if known and len(known) == len(found) else None
+        return self._largest_of_all("excesses")
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -203,6 +199,11 @@ class DiscretisationEstimate(Presented):
     def largest_known_motion_error(self) -> float:
         """The largest error of the motion in any element, as a part of the size of a state; NaN where none is known."""
         return self._largest("motion")
+
+    def _largest_of_all(self, kind: str) -> float | None:
+        """Of all phases; None where that of some phase is not known."""
+        is_known = bool(self.phases) and all(getattr(phase, kind) is not None for phase in self.phases.values())
+        return self._largest(kind) if is_known else None
 
     def _largest(self, kind: str) -> float:
         known = [of for of in (getattr(phase, kind) for phase in self.phases.values()) if of is not None]

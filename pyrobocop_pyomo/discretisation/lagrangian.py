@@ -42,7 +42,8 @@ class PhaseLagrangian:
 
     Parameters
     ----------
-    phase : PhaseBlock
+    formulas : RuleFormulas
+        Without those of other phases.
     trajectory : Trajectory
     multipliers : PhaseMultipliers
     weights : sequence of float
@@ -58,15 +59,14 @@ class PhaseLagrangian:
 
     def __init__(
         self,
-        phase: Any,
+        formulas: RuleFormulas,
         trajectory: Trajectory,
         multipliers: PhaseMultipliers,
         weights: Sequence[float],
         sign: float,
     ) -> None:
-        record = phase.record
-        self._record, self._trajectory, self._multipliers, self._sign = record, trajectory, multipliers, sign
-        self._formulas = RuleFormulas(phase, trajectory.grid)
+        self._formulas, self._trajectory, self._multipliers, self._sign = formulas, trajectory, multipliers, sign
+        record: Any = formulas.record
         names = [name for name in record.names_of_states if name in multipliers.costates]
         rates = self._formulas.rates_of(names, derivatives=True) if names else []
         self._rates = dict(zip(names, rates, strict=True))
@@ -78,21 +78,16 @@ class PhaseLagrangian:
         self._rows = [
             (sides_stated(self._formulas, statement)[label], density) for statement, label, density in multipliers.rows
         ]
-        self._refuse_delayed_signals()
+        if delayed := sorted({name for name, _ in formulas.delays} - set(trajectory.states)):
+            raise TrajectoryError(f"'{delayed[0]}' is read at earlier times: what it does there later is not seen.")
         stated = [*record.statements_of("ode"), *record.integrals, *(statement for statement, _, _ in multipliers.rows)]
         self._fractions = instants_to_look_at(self._formulas, trajectory, stated)
         self._states = {name: trajectory.element_states(name) for name in trajectory.states}
         self._signals = {name: trajectory.element_signals(name) for name in trajectory.signals}
-        self._stages = trajectory.grid.scheme.stages
         # Values between knots that the user has placed are the same few numbers on any mesh.
         self.free = [name for name in record.names(Control) if record.declarations[name].knots is None]
         self.apart = self._rows_with(self.free)
         self.of_states = frozenset(range(len(self._rows))) - self._rows_with(self._signals)
-
-    def _refuse_delayed_signals(self) -> None:
-        found = sorted({name for name, _ in self._formulas.delays} - set(self._trajectory.states))
-        if found:
-            raise TrajectoryError(f"'{found[0]}' is read at earlier times: what it does there later is not seen.")
 
     def _rows_with(self, names: Iterable[str]) -> frozenset[int]:
         """Places of the inequalities in which controls or algebraics of these names stand, which can meet them."""
@@ -117,9 +112,17 @@ class PhaseLagrangian:
         """
         scheme, widths = self._trajectory.grid.scheme, self._trajectory.grid.mesh.widths
         with np.errstate(all="ignore"):
-            stages, between, weights = self._stages_and_between()
+            stages = _Instants(self, scheme.c)
+            rates = stages.rates() if scheme.starts_on_a_stage else {}
+            stages = _Instants(self, scheme.c, rates) if rates else stages
+            # A far more exact rule than that of the mesh.
+            points, weights = np.polynomial.legendre.leggauss(2 * scheme.stages + 2)
+            between, weights = _Instants(self, (points + 1.0) / 2.0, rates), weights / 2.0
             here = between.integrand({})
-            exact = self._quick_integral(between) if len(self._fractions) > SAMPLES + 1 else weights @ here
+            exact = weights @ here
+            if len(self._fractions) > SAMPLES + 1:  # a rule on each part on which it hardly changes with the time
+                points, shares = gauss_rule(self._fractions)
+                exact = shares @ _Instants(self, points, between.rates_at_stages).integrand({})
             first = exact - scheme.b @ stages.integrand({})
             second = weights @ (here - between.least()) if self.free else np.zeros(len(widths))
             passed = between.passed()
@@ -133,11 +136,6 @@ class PhaseLagrangian:
         if not np.isfinite(bound + passed).all():
             raise TrajectoryError("The estimate has no finite value at some point between those of the mesh.")
         return widths * net, np.maximum(widths * bound, passed), passed
-
-    def _quick_integral(self, between: _Instants) -> Array:
-        """Means of the function over the elements, by a rule on each part on which it hardly changes with the time."""
-        points, weights = gauss_rule(self._fractions)
-        return weights @ _Instants(self, points, between.rates_at_stages).integrand({})
 
     def _kinks(self, between: _Instants) -> Array:
         """What a bend over the shorter element beside each boundary saves where the motion has a kink, shape ``(N,)``.
@@ -153,15 +151,6 @@ class PhaseLagrangian:
         ]
         saved = np.abs(sum(products, np.zeros(len(widths) - 1))) * np.minimum(widths[1:], widths[:-1]) / 12.0
         return np.append(saved, 0.0)
-
-    def _stages_and_between(self) -> tuple[_Instants, _Instants, Array]:
-        """At the stages, and at the points of a far more exact rule with their weights."""
-        scheme = self._trajectory.grid.scheme
-        points, weights = np.polynomial.legendre.leggauss(2 * scheme.stages + 2)
-        stages = _Instants(self, scheme.c)
-        rates = stages.rates() if scheme.starts_on_a_stage else {}
-        between = _Instants(self, (points + 1.0) / 2.0, rates)
-        return _Instants(self, scheme.c, rates) if rates else stages, between, weights / 2.0
 
 
 class _Instants(ElementInstants):
@@ -218,7 +207,7 @@ class _Instants(ElementInstants):
             for i, (body, lower, upper) in zip(of.of_states, self.rows(of.of_states, {}), strict=True)
             if not np.array_equal(lower, upper)
         ]
-        none = np.zeros((self.index.shape[1], of._stages))
+        none = np.zeros((self.index.shape[1], of._trajectory.grid.scheme.stages))
         for name in of._states:
             density = sum((of for known, _, of in self._of._multipliers.bounds if known == name), none)
             found.append((shape + self.values[name], *(shape + side for side in self.bounds(name)), density))
@@ -284,24 +273,17 @@ class _Instants(ElementInstants):
 
     def least(self) -> Array:
         """The integrand where controls are as good as the instant lets them be."""
-        of = self._of
+        of, shape = self._of, self.index.shape
+        here = {name: np.zeros(shape) + self.values[name] for name in of.free}
         if of.apart:
-            return least_integrand_within_rows(self, {name: self.values_of(name) for name in of.free})
-        starts = [{name: of._signals[name][:, k] for name in of.free} for k in range(of._stages)]
+            return least_integrand_within_rows(self, here)
         # Where some control is largest or smallest in the whole plan: it may have left another valley too late.
         every = {name: of._signals[name].ravel() for name in of.free}
-        extremes = {int(place) for values in every.values() for place in (values.argmin(), values.argmax())}
-        starts += [{name: values[place] for name, values in every.items()} for place in sorted(extremes)]
-        here = {name: self.values_of(name) for name in of.free}
-        alike = {
-            name: np.stack([at, *(np.broadcast_to(start[name], at.shape) for start in starts)])
-            for name, at in here.items()
-        }
-        return least_integrand(self, alike)
-
-    def values_of(self, name: str) -> Array:
-        """A control at the instants."""
-        return np.zeros(self.index.shape) + self.values[name]
+        places = sorted({int(place) for values in every.values() for place in (values.argmin(), values.argmax())})
+        others = {name: [*of._signals[name].T, *every[name][places]] for name in of.free}
+        return least_integrand(
+            self, {name: np.stack([here[name], *(np.zeros(shape) + each for each in others[name])]) for name in of.free}
+        )
 
 
 def _beyond(body: Any, lower: Any, upper: Any, dual: Array) -> Array:

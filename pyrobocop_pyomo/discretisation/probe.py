@@ -34,6 +34,7 @@ from pyrobocop_pyomo.phases.bounds_between_points import (
     sentence_on_bounds,
     sides_stated,
 )
+from pyrobocop_pyomo.phases.coupled_phases import coupled_phases_of, put_on_model
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
 from pyrobocop_pyomo.phases.record import Statement
 from pyrobocop_pyomo.phases.reintegration import reintegrate
@@ -169,13 +170,17 @@ class _Captured:
             remarks.append(f"phase '{self.phase.name}': {failed}. {_said(error)}")
 
     @cached_property
+    def _known(self) -> tuple[RuleFormulas, Trajectory]:
+        """For all parts of the estimate: what rules say, and where to look at them, is asked once."""
+        return RuleFormulas(self.phase, self._trajectory.grid), self._trajectory
+
+    @cached_property
     def _bounds(self) -> dict[str, BoundPassed]:
-        return bounds_passed(RuleFormulas(self.phase, self._trajectory.grid), self._trajectory)
+        return bounds_passed(*self._known)
 
     @cached_property
     def _rows(self) -> dict[str, BoundPassed]:
-        known = RuleFormulas(self.phase, self._trajectory.grid), self._trajectory
-        each = (rows_passed(*known, statement) for statement in self.phase.record.statements_of("constraint"))
+        each = (rows_passed(*self._known, statement) for statement in self.phase.record.statements_of("constraint"))
         return {name: of for found in each for name, of in found.items()}
 
     def _excesses(self, smallest_size: float) -> Array:
@@ -192,14 +197,17 @@ class _Captured:
         inside = read_inside_elements(self.phase)
         if self._multipliers is None or inside is not None:
             raise TrajectoryError(inside or self._why)
-        return PhaseLagrangian(self.phase, self._trajectory, self._multipliers, self._weights, self._sign).errors(size)
+        return PhaseLagrangian(*self._known, self._multipliers, self._weights, self._sign).errors(size)
 
     def _motion(self) -> tuple[Array, str, float]:
         """Errors of the elements relative to each state, and where the largest one is, in its own units."""
         trajectory = self._trajectory
         if not trajectory.states:
             return np.zeros(trajectory.grid.mesh.elements), "", 0.0
-        found = reintegrate(self.phase, trajectory, states_only=True, ends_only=True)
+        coupled = coupled_phases_of(self.phase, trajectory.grid)
+        formulas = RuleFormulas(self.phase, trajectory.grid, coupled) if coupled else self._known[0]
+        with put_on_model([(self.phase, trajectory)]):
+            found = reintegrate(self.phase, trajectory, formulas, states_only=True, ends_only=True)
         sizes = {name: _SMALLEST_SCALE + float(np.abs(of).max()) for name, of in trajectory.states.items()}
         relative = found.end_errors(found.local, trajectory, sizes)
         if not np.isfinite(relative).all():

@@ -56,6 +56,11 @@ _MOST_INSTANTS, _MOST_PARTS = 2000, 200_000
 _JUDGED = {FUNCTION, POWER, DIVISION, CHOICE, RELATION, CALL}
 
 
+# What is known of a function in Python, and of what has no value. Steps are compiled once for one mapping of functions.
+_UNKNOWN = TaylorForm.constant(np.nan, 1)
+_FUNCTIONS = {**TAYLOR_FUNCTIONS, "call": lambda *arguments: _UNKNOWN}
+
+
 # --------------------------------------------------------------------------------------------------- at many instants
 
 
@@ -250,23 +255,28 @@ def instants_to_look_at(formulas: RuleFormulas, trajectory: Trajectory, statemen
     TrajectoryError
         Where the rules change more often than can be followed.
     """
-    usual = np.linspace(0.0, 1.0, SAMPLES + 1)
-    times = {id(formulas.index), id(formulas.clock)}
-    stated = [expression for statement in statements for expression in stated_formulas(formulas, statement)]
-    if not times & variables_in_any(stated).keys():
-        return usual
-    steps = ExpressionSteps(stated)
-    places = changing_places(steps, times)
-    if not places:
-        return usual
-    parts = _Parts(formulas, steps, places, trajectory)
-    jumps = parts.halved(usual)
-    if len(jumps):  # parts that were halved on the way to a jump are not needed beside it
-        parts.halved(np.union1d(usual, jumps))
-    found = parts.fractions
+    found = np.linspace(0.0, 1.0, SAMPLES + 1)
+    for statement in statements:
+        if statement not in formulas.instants:
+            formulas.instants[statement] = _instants(formulas, trajectory, statement)
+        found = np.union1d(found, formulas.instants[statement])
     if len(found) > _MOST_INSTANTS:
         raise TrajectoryError(_too_quick(f"{len(found)} instants of each element would have to be looked at"))
     return found
+
+
+def _instants(formulas: RuleFormulas, trajectory: Trajectory, statement: Statement) -> Array:
+    """Those of one rule."""
+    usual, times = np.linspace(0.0, 1.0, SAMPLES + 1), {id(formulas.index), id(formulas.clock)}
+    stated = stated_formulas(formulas, statement)
+    if not times & variables_in_any(stated).keys():
+        return usual
+    steps = ExpressionSteps(stated)
+    parts = _Parts(formulas, steps, changing_places(steps, times), trajectory)
+    jumps = parts.halved(usual)
+    if len(jumps):  # parts that were halved on the way to a jump are not needed beside it
+        parts.halved(np.union1d(usual, jumps))
+    return parts.fractions
 
 
 def unseen_on_the_way(block: Any, trajectory: Trajectory, statements: Iterable[Statement]) -> str:
@@ -435,7 +445,7 @@ class _Parts:
         return self._places[found[0]] if len(found) else None
 
     def halved(self, fractions: Array) -> Array:
-        """Halve parts of all elements until no formula bends on them; the ends of those where one jumps."""
+        """Divide parts of all elements until no formula bends on them; the ends of those where one jumps."""
         count = len(fractions) - 1
         element = np.repeat(np.arange(self._elements), count)
         start, end = np.tile(fractions[:-1], self._elements), np.tile(fractions[1:], self._elements)
@@ -447,20 +457,20 @@ class _Parts:
                 break
             if len(start) > _MOST_PARTS:
                 raise TrajectoryError(_too_quick(f"after {_MOST_PARTS} parts of elements they still bend"))
-            middle = (start[split] + end[split]) / 2
-            again = np.tile(element[split], 2)
-            halves = np.concatenate([start[split], middle]), np.concatenate([middle, end[split]])
-            kept, new = [of[:, ~split] for of in bounds], self.bounds(again, *halves)
+            # What still bends on parts as short as these jumps, and the jump is looked for by larger steps.
+            edges = np.linspace(start[split], end[split], 3 if (end - start)[split].max() > 2.0**-12 else 17)
+            again = np.tile(element[split], len(edges) - 1)
+            pieces = edges[:-1].ravel(), edges[1:].ravel()
+            kept, new = [of[:, ~split] for of in bounds], self.bounds(again, *pieces)
             bounds = tuple(np.concatenate(both, axis=1) for both in zip(kept, new, strict=True))
             element = np.concatenate([element[~split], again])
-            start, end = (np.concatenate([of[~split], half]) for of, half in zip((start, end), halves, strict=True))
+            start, end = (np.concatenate([of[~split], new]) for of, new in zip((start, end), pieces, strict=True))
         self._start, self._end = start, end
         return np.union1d(start[bends], end[bends])
 
     def bounds(self, element: Indices, start: Array, end: Array) -> tuple[Array, ...]:
         """Lowest and highest value of each step on each part, and how much it changes; shape (steps, parts)."""
         low, high, changes = (np.zeros((len(self._places), len(start))) for _ in range(3))
-        unknown = TaylorForm.constant(np.nan, len(start))
         known: dict[int, Any] = {}
 
         def read(leaf: Leaf) -> Any:
@@ -469,13 +479,12 @@ class _Parts:
                 found = self._leaves[key] if key in self._leaves else value(leaf.node, exception=False)
                 is_moving = isinstance(found, PiecewisePolynomial)
                 known[key] = (
-                    found.taylor_form(element, start, end) if is_moving else unknown if found is None else found
+                    found.taylor_form(element, start, end) if is_moving else _UNKNOWN if found is None else found
                 )
             return known[key]
 
-        functions = {**TAYLOR_FUNCTIONS, "call": lambda *arguments: unknown}
         with np.errstate(all="ignore"):
-            for row, form in enumerate(self._steps.evaluate(read, functions)):
+            for row, form in enumerate(self._steps.evaluate(read, _FUNCTIONS)):
                 if isinstance(form, TaylorForm) and not np.isnan(form.value.low).all():
                     low[row], high[row] = form.value.low, form.value.high
                     bend = form.second.magnitude * (end - start) ** 2 / (8 * _CHANGE)

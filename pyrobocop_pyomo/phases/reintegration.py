@@ -35,6 +35,8 @@ from .rule_formulas import RuleFormulas
 
 # Of the integration, relative to the size of each state. Differences are of interest from there on.
 TOLERANCE = 1e-10
+# The same of SciPy.
+_EXACTLY: dict[str, Any] = {"method": "LSODA", "rtol": 1e-10, "atol": 1e-11}
 # A state that stays at zero has a size too.
 SMALLEST_SCALE = 1e-3
 
@@ -72,11 +74,6 @@ class Reintegration:
     integrals: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     delayed: bool = False
-
-    @property
-    def integral_errors(self) -> Mapping[str, Array]:
-        """Difference of each integral over each element from that along the motion of the equations, shape ``(N,)``."""
-        return {name: np.abs(planned - moved) for name, (planned, moved) in self.integrals.items()}
 
     @property
     def states(self) -> Mapping[str, Array] | None:
@@ -173,7 +170,10 @@ def reintegrate(
         except EvaluationError as error:
             raise TrajectoryError(f"phase '{block.name}': {error}") from error
         if not np.isfinite(flows.local).all():
-            _refuse_undefined(formulas, trajectory)
+            # Where the equations have no value on the plan itself, no motion can be known.
+            at = ElementInstants(formulas, trajectory, trajectory.grid.scheme.c)
+            for statement in record.statements_of("ode") + record.statements_of("residual"):
+                at.values_stated(stated_formulas(formulas, statement), statement)
         gained = integrals.over_elements(flows)
     flows = flows.at(fractions)
     planned = trajectory.element_polynomials(flows.fractions)
@@ -187,13 +187,6 @@ def reintegrate(
         remarks=tuple(integrals.remarks),
         delayed=bool(record.delayed_names),
     )
-
-
-def _refuse_undefined(formulas: RuleFormulas, trajectory: Trajectory) -> None:
-    """Where the equations have no value on the plan itself, no motion can be known."""
-    at, record = ElementInstants(formulas, trajectory, trajectory.grid.scheme.c), formulas.record
-    for statement in record.statements_of("ode") + record.statements_of("residual"):
-        at.values_stated(stated_formulas(formulas, statement), statement)
 
 
 class _IntegralsAlongMotion:
@@ -241,8 +234,6 @@ class _IntegralsAlongMotion:
     def over_elements(self, flows: Flows) -> dict[str, tuple[Array, Array]]:
         """As planned, and along the motion of each element."""
         found: dict[str, tuple[Array, Array]] = {}
-        if not self._integrands:
-            return found
         scheme = self._trajectory.grid.scheme
         planned = _planned(self._trajectory, self._formulas.record.names_of_states, scheme.c)[:, None]
         moved = flows.at(self.nodes).local.transpose(2, 0, 1)[:, None]
@@ -272,40 +263,44 @@ def _flows(
 ) -> Flows:
     names = list(trajectory.states)
     scales = SMALLEST_SCALE + np.abs(np.array([trajectory.states[name] for name in names])).max(axis=1)
-    if rates.are_delayed:
-        return _flows_by_scipy(rates, trajectory, parts, fractions, first)
-    if not rates.equations.needs_steps:
-        planned, start = partial(_planned, trajectory, names), None if ends_only else first
-        flows = integrate_flows(rates, planned, scales, fractions, TOLERANCE, start, parts)
-        if flows is not None:
+    if rates.are_delayed or not rates.equations.needs_steps:
+        # What is delayed is that of the plan for single elements, and for the whole motion its own.
+        planned, is_local = partial(_planned, trajectory, names), ends_only or rates.are_delayed
+        flows = integrate_flows(rates, planned, scales, fractions, TOLERANCE, None if is_local else first, parts)
+        if flows is not None and (ends_only or not rates.are_delayed):
             return flows
-        if not rates.equations.unknowns:  # what is not smooth takes short steps, and these are SciPy's business
-            with suppress(ArithmeticError, ValueError):
-                flows = _flows_by_scipy(rates, trajectory, parts, fractions, first)
-                if np.isfinite(flows.local).all():
-                    return flows
+        # What is not smooth takes short steps, and these are SciPy's business.
+        with np.errstate(all="ignore"), nullcontext() if rates.are_delayed else suppress(ArithmeticError, ValueError):
+            if not rates.equations.unknowns:
+                local = _local_by_scipy(rates, trajectory, parts, fractions) if flows is None else flows.local
+                if rates.are_delayed or np.isfinite(local).all():
+                    whole = None if ends_only else _whole_by_scipy(rates, trajectory, parts, fractions, first)
+                    return Flows(fractions, local, whole)
     return stepped_flows(rates, trajectory, parts, fractions, scales, first)
 
 
-def _flows_by_scipy(
-    rates: RightHandSides, trajectory: Trajectory, parts: Array, fractions: Array, first: Array
-) -> Flows:
-    """One element after the other. With delays the whole motion reads itself; elements alone read the trajectory."""
-    exactly: dict[str, Any] = {"method": "LSODA", "rtol": 1e-10, "atol": 1e-11}
+def _local_by_scipy(rates: RightHandSides, trajectory: Trajectory, parts: Array, fractions: Array) -> Array:
+    """Each element from its own start."""
     starts = _planned(trajectory, list(trajectory.states), np.zeros(1))[:, :, 0].T
-    carried: list[Array] = []
-    with np.errstate(all="ignore"):
-        local = [rates.through(i, start, parts, fractions, **exactly)[0] for i, start in enumerate(starts)]
-        so_far = MotionSoFar(list(trajectory.states), rates.past, trajectory.grid.mesh.boundaries[0], first)
-        rates.past = so_far
-        try:
-            for i in range(len(starts)):
-                found, _ = rates.through(i, carried[-1][-1] if carried else first, parts, fractions, so_far, **exactly)
-                if not np.isfinite(found).all():
-                    return Flows(fractions, np.array(local), None)
-                carried.append(found)
-        except PyRobocopError:
-            raise  # a rule that cannot be asked says nothing about the motion
-        except (ArithmeticError, ValueError):
-            return Flows(fractions, np.array(local), None)
-    return Flows(fractions, np.array(local), np.array(carried))
+    bands = dict.fromkeys(("lband", "uband"), starts.shape[1] - 1)
+    found, _ = rates.through(None, starts.ravel(), parts, fractions, **_EXACTLY, **bands)
+    return found.reshape(len(fractions), *starts.shape).swapaxes(0, 1)
+
+
+def _whole_by_scipy(
+    rates: RightHandSides, trajectory: Trajectory, parts: Array, fractions: Array, first: Array
+) -> Array | None:
+    """The motion from the first start on, element by element; with delays it reads itself."""
+    rates.past = so_far = MotionSoFar(list(trajectory.states), rates.past, trajectory.grid.mesh.boundaries[0], first)
+    carried = [first[None]]
+    try:
+        for i in range(len(rates.widths)):
+            found, _ = rates.through(i, carried[-1][-1], parts, fractions, so_far, **_EXACTLY)
+            if not np.isfinite(found).all():
+                return None
+            carried.append(found)
+    except PyRobocopError:
+        raise  # a rule that cannot be asked says nothing about the motion
+    except (ArithmeticError, ValueError):
+        return None
+    return np.array(carried[1:])

@@ -182,6 +182,8 @@ class RightHandSides:
 
     def _given(self, fractions: Array) -> dict[int, Any]:
         """Everything but the states as planned, at local fractions of every element, shape ``(N, q)``."""
+        if len(fractions) == 1:
+            return self._planned(fractions, slice(None))  # of SciPy's steps, each of which is another one
         key = fractions.tobytes()
         if key not in self._known:
             self._known[key] = self._planned(fractions, slice(None))
@@ -232,15 +234,16 @@ class RightHandSides:
         return np.array(rates, dtype=float)
 
     def through(
-        self, i: int, state: Array, parts: Array, fractions: Array, so_far: MotionSoFar | None = None, **options: Any
+        self, i: Any, state: Array, parts: Array, fractions: Array, so_far: MotionSoFar | None = None, **options: Any
     ) -> tuple[Array, str]:
         """The motion through one element by SciPy.
 
         Parameters
         ----------
-        i : int
+        i : int or None
+            None for all elements side by side, each from its own start.
         state : array, shape (n,)
-            Where it starts.
+            Where it starts; of all elements, one after the other.
         parts : array
             From 0 to 1: no step goes across one of them.
         fractions : array, shape (k,)
@@ -261,10 +264,13 @@ class RightHandSides:
         TrajectoryError
             When a delay is too short to go on.
         """
-        begin, width = self._starts[i], float(self.widths[i])
+        begin, width = self._starts[i or 0], float(self.widths[i or 0])
 
         def slope(fraction: float, at: Array) -> Array:
-            return width * self.at(i, fraction, at)
+            if i is not None:
+                return width * self.at(i, fraction, at)
+            states = at.reshape(len(self.widths), -1).T[:, None, :, None]
+            return self(np.array([fraction]), states)[:, 0, :, 0].T.ravel()
 
         longest = np.inf if so_far is None else self.smallest_delay / width
         if longest < _SHORTEST_PART:

@@ -63,11 +63,14 @@ class RuleFormulas:
         The grid in the phase's time indices.
     block : PhaseBlock
     record : PhaseRecord
+    instants : dict of Statement to array
+        Where in the elements rules are looked at, as far as it was asked.
     """
 
     def __init__(self, block: Any, grid: Grid, coupled: Mapping[Any, Trajectory | None] | None = None) -> None:
         record: PhaseRecord = block.record
         self.block, self.record, self.coupled = block, record, dict(coupled or {})
+        self.instants: dict[Statement, Array] = {}
         self._scratch = scratch = ConcreteModel()  # Pyomo holds parents by weak references: keep the owner alive
         # Made when read: of delayed values and other phases they say what rules have read.
         for kind in ("declared", "derivatives", "previous", "delayed", "beside", "times"):
@@ -245,7 +248,7 @@ class RuleFormulas:
     def of_coupled_phases(self, fractions: Array) -> dict[int, Array]:
         """What other phases that rules have read are at local fractions, shape ``(q, N)``, by what stands for it."""
         found: dict[int, Array] = {}
-        for number in dict.fromkeys(number for number, _ in self._scratch.beside):
+        for number in dict.fromkeys(number for number, _ in self._scratch.beside) if self.coupled else ():
             phase = [*self.coupled][number]
             if self.coupled[phase] is None:
                 with suppress(TrajectoryError):  # nothing is known where the model has no values

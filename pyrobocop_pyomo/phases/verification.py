@@ -231,7 +231,8 @@ def verify(block: Any, trajectory: Trajectory, beside: Sequence[Trajectory] = ()
         motion, passed = check.reintegrate(), check.passed_between_points()
         at_ends, of_pairs = check.at_given_ends()  # the last: it uses up the formulas
         ends = None if motion is None else motion.end_errors(motion.local, trajectory)
-        integrals = {} if motion is None else dict(motion.integral_errors)
+        gained = {} if motion is None else motion.integrals
+        integrals = {name: np.abs(planned - moved) for name, (planned, moved) in gained.items()}
         horizon = None if motion is None else float(motion.end_errors(motion.open_loop, trajectory).max())
         return Verification(
             defect=defect,
@@ -329,7 +330,8 @@ class _TrajectoryCheck:
         """Violations of rates and step maps, of equations, and of pairs by smaller side and by product."""
         at = ElementInstants(self.formulas, self.trajectory, self.grid.scheme.c)
         # Not the polynomials, but the values at the stages themselves.
-        at.values |= {name: self._at_stages(of).T for name, of in self.states.items()}
+        first = 0 if self.grid.scheme.starts_on_a_stage else 1  # an element start, or an end, may be none
+        at.values |= {name: of[:, first : first + self.grid.scheme.stages].T for name, of in self.states.items()}
         at.values |= {name: of.T for name, of in self.signals.items()}
         at.slopes = {name: of.T for name, of in self.slopes.items()}
         rates = {name: slopes.T for name, slopes in self.slopes.items()}
@@ -416,12 +418,6 @@ class _TrajectoryCheck:
             for found in end_violations(self.formulas, time, values, self.statements, []):
                 worst[found.kind] = max(worst[found.kind], found.amount)
         return max(worst["residual"], worst["constraint"], worst["bounds"]), worst["complementarity"]
-
-    def _at_stages(self, states: Array) -> Array:
-        """The columns of the nodes that are stages: all but an element start, or an end, that is none."""
-        scheme = self.grid.scheme
-        first = 0 if scheme.starts_on_a_stage else 1
-        return states[:, first : first + scheme.stages]
 
     def _defect(self, stated: Mapping[str, Array]) -> float:
         """How far the rows of the scheme are from holding with the stated rates, and these from the handed over."""

@@ -18,8 +18,9 @@ from pyomo.common.numeric_types import native_numeric_types
 from pyomo.core.expr.numeric_expr import NegationExpression, SumExpression
 from pyomo.core.expr.numvalue import native_types
 
-from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS
+from pyrobocop_pyomo.errors import EvaluationError, ModelError
+from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS, CALL
+from pyrobocop_pyomo.modeling.functions import is_function_call
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan
 from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, content_of, follows_rule, sums_of
 from pyrobocop_pyomo.modeling.shared_nodes import NodeValues, topmost_nodes
@@ -49,7 +50,9 @@ class RowValues:
     def __init__(self, expressions: Sequence[Any]) -> None:
         self._expressions = expressions
         self._columns = Columns()
-        self._groups = TermGroups(self._columns, NodeKinds(), _content)
+        kinds = NodeKinds()
+        kinds.calls = CALL  # they are evaluated
+        self._groups = TermGroups(self._columns, kinds, _content)
         self._single: Sequence[int] = ()
         with PauseGC():
             try:
@@ -87,7 +90,7 @@ class RowValues:
                 # An operation without a value is an error in Python, and must not disappear in a finite result.
                 with np.errstate(divide="raise", over="raise", invalid="raise"):
                     np.add.at(found, shape.rows, shape.scales * decoded(shape.code, *arguments, ARRAY_FUNCTIONS))
-            except FloatingPointError:
+            except (FloatingPointError, EvaluationError):
                 left += shape.rows.tolist()
         for i in dict.fromkeys(left):
             found[i] = self._alone(i)
@@ -97,10 +100,13 @@ class RowValues:
         return number_or_nan(content_of(self._expressions[i]))
 
 
-def _content(named: Any) -> Any:
-    if not named.is_named_expression_type():
-        raise ModelError(f"'{named}' is a call.")
-    return named.args[0]
+def _content(node: Any) -> Any:
+    """What a name stands for, or which function is called."""
+    if node.is_named_expression_type():
+        return node.args[0]
+    if not is_function_call(node):
+        raise ModelError(f"'{node}' is a call.")
+    return node._fcn
 
 
 class RowTerms:

@@ -13,6 +13,7 @@ variables and numbers only. A code lists the nodes in the order of a walk, each 
 ``"sin"``, ...        a function of one argument, or a comparison
 ``("**", 2.0)``       a power with a constant exponent, which derivatives depend on
 ``("same", i)``       the node that stands at place ``i`` of the code
+``("call", f, n)``    the output ``f`` of a `Function` of ``n`` arguments, where calls are evaluated
 ====================  ==========================================================================
 """
 
@@ -62,16 +63,23 @@ _ARGUMENTS_OF_FUNCTION = {"==": 2, "<=": 2, "<": 2, "<=<=": 3, "<=<": 3, "<<=": 
 class NodeKinds(dict[type, int]):
     """Kind of each class of nodes that was met, as a dictionary: the walks look kinds up for every node.
 
+    Attributes
+    ----------
+    calls : int
+        Kind of calls; by default they stand for variables, as names do for expressions.
+
     Raises
     ------
     ModelError
         For a class that has no derivatives here: external functions, minima and maxima, strings.
     """
 
+    calls = NAMED
+
     def __missing__(self, cls: type) -> int:
         kind = kind_of_node(cls)
         if kind == CALL:
-            kind = NAMED  # a call stands for a variable, as a name does for an expression
+            kind = self.calls
         if kind == UNKNOWN:
             raise not_vectorised(cls)
         self[cls] = kind
@@ -132,6 +140,8 @@ def _operation(
     """How many arguments an operation has, and its value from these."""
     if symbol.__class__ is str:
         return _ARGUMENTS_OF_FUNCTION.get(symbol, 1), lambda arguments: functions[symbol](*arguments)
+    if symbol.__class__ is tuple and symbol[0] == "call":
+        return symbol[2], lambda arguments: functions["call"](symbol[1], *arguments)
     if symbol.__class__ is tuple:
         return 1, lambda arguments: arguments[0] ** symbol[1]
     if symbol >= SCALED_SUM:
@@ -310,7 +320,7 @@ class TermGroups(dict[Code, TermGroup]):
     columns : Columns
     kinds : NodeKinds
     content_of : callable
-        From a named expression to what it stands for.
+        From a named expression to what it stands for, and from a call that is evaluated to the output of a function.
     """
 
     def __init__(self, columns: Columns, kinds: NodeKinds, content_of: Callable[[Any], Any]) -> None:
@@ -408,6 +418,9 @@ class TermGroups(dict[Code, TermGroup]):
             elif kind == FUNCTION:
                 put(node.getname())
                 nodes.append(node.args[0])
+            elif kind == CALL:
+                put(("call", self._content_of(node), node.nargs()))
+                nodes += reversed(node.args)
             else:
                 put(comparison_name(node))
                 nodes += reversed(node.args)
