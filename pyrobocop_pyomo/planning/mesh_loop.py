@@ -25,8 +25,8 @@ from pyrobocop_pyomo.numerics import Array, Mesh
 from pyrobocop_pyomo.numerics.remeshing import halves_of, remesh
 from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.phases.reintegration import SMALLEST_SCALE, Reintegration, reintegrate
-from pyrobocop_pyomo.phases.remeshing import remesh_phases, why_its_mesh_is_stated
-from pyrobocop_pyomo.solving.ipopt_options import FINER_MESH, ITERATIONS_OF_ONE
+from pyrobocop_pyomo.phases.remeshing import put_on_meshes, remesh_phases, why_its_mesh_is_stated
+from pyrobocop_pyomo.solving.ipopt_options import FINER_MESH, ITERATIONS_OF_ONE, SIDE_ITERATIONS
 from pyrobocop_pyomo.solving.iterates import Quality, StopReason
 from pyrobocop_pyomo.solving.procedure import solve_model
 from pyrobocop_pyomo.solving.result_text import KEPT_MESH
@@ -94,6 +94,7 @@ class MeshLoop:
 
     def __init__(self, model: Any) -> None:
         self._model = model
+        self._checked = set[Any]()  # phases: boundaries that they have had stay, and nobody states anything meanwhile
         self.remark, self.has_ended = "", False
 
     def solve_on(
@@ -122,7 +123,9 @@ class MeshLoop:
                 if start is not None:
                     start.restore()
                 try:
-                    remesh_phases(plan.meshes)
+                    put = put_on_meshes if plan.meshes.keys() <= self._checked else remesh_phases
+                    put(plan.meshes)
+                    self._checked |= plan.meshes.keys()
                 except PyRobocopError as error:
                     self.keep_meshes(error)
                     raise
@@ -216,7 +219,8 @@ class _FinerMeshes:
         before, self._before = self._before, best
         if before is None or not (_is_optimal(best) and _is_optimal(before)):
             return False
-        is_same = abs(best.objective - before.objective) <= self._tolerance * abs(before.objective)
+        same = max(self._tolerance * abs(before.objective), _estimated_errors(best, before))
+        is_same = abs(best.objective - before.objective) <= same
         now, then = (result.discretisation.ratio(self._tolerance) for result in (best, before))
         return is_same and not now < then
 
@@ -224,7 +228,9 @@ class _FinerMeshes:
         """The answer on the meshes that there are now; without options by the strategies of a first solve."""
         count, strategies = elements_of(self._model), self._settings.strategies
         if options is not None:
-            most = max(1, min(ITERATIONS_OF_ONE, int(self._left / count)))
+            # From the answer on another mesh a run that takes more than the one before hardly gets anywhere.
+            usual = max(3 * SIDE_ITERATIONS, self._results[-1].iterations)
+            most = max(1, min(ITERATIONS_OF_ONE, usual, int(self._left / count)))
             strategies = (replace(SOLVE, name="finer mesh", options={**options, "max_iter": most}),)
         result = solve_model(self._model, replace(self._settings, strategies=strategies, exploration=0.0))
         self._results.append(result)
@@ -261,13 +267,19 @@ def _replaces(before: SolveResult, finer: SolveResult) -> bool:
     """Whether an answer is no worse than that on the mesh before, which may have flattered itself."""
     if not (_is_optimal(finer) and _is_optimal(before)):
         return _is_optimal(finer)
-    explained = 0.0
-    for result in (finer, before):
+    worse = finer.standing.cost - before.standing.cost
+    explained = _TRUST * _estimated_errors(finer, before)
+    return before.discretisation.largest_known_motion_error > SMALL_MOTION_ERROR or not worse > explained
+
+
+def _estimated_errors(*results: SolveResult) -> float:
+    """Of the objectives, in sum; those of the motion where the former are not known."""
+    total = 0.0
+    for result in results:
         error = result.discretisation.relative_objective_error
         error = result.discretisation.largest_known_motion_error if error is None else error
-        explained += float(np.nan_to_num(error)) * abs(result.objective)
-    worse = finer.standing.cost - before.standing.cost
-    return before.discretisation.largest_known_motion_error > SMALL_MOTION_ERROR or not worse > _TRUST * explained
+        total += float(np.nan_to_num(error)) * abs(result.objective)
+    return total
 
 
 def solve_on_finer_meshes(model: Any, tolerance: float, settings: Settings) -> SolveResult:
