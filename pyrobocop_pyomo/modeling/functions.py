@@ -481,7 +481,9 @@ def check_against_differences(
         except (EvaluationError, FunctionError):
             continue  # beyond the edge of the domain there is nothing to compare with
         central = (forward + backward) / 2
-        rounding = 1e4 * np.finfo(float).eps * np.abs(here).max(initial=0.0) / steps[:, i].min()
+        of_floats = np.finfo(float)
+        # Products of the smallest numbers are zero.
+        rounding = 1e4 * of_floats.eps * np.abs(here).max(initial=0.0) / steps[:, i].min() + of_floats.tiny
         sizes = np.maximum(np.abs(given[..., i]), np.abs(central))
         # Where both sides differ there is a kink, and where half the step makes a difference one of a derivative.
         allowed = _TOLERANCE * sizes + np.abs(forward - backward) + 10 * np.abs(central - nearer) + rounding

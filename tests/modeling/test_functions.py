@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pyomo.core.expr.visitor import identify_variables, polynomial_degree, replace_expressions
 from pyomo.repn import generate_standard_repn
@@ -117,6 +117,7 @@ def test_pyomo_differentiates_a_call() -> None:
 
 
 @given(st.lists(st.tuples(st.floats(-3, 3), st.floats(-3, 3)), min_size=1, max_size=4))
+@example([(0.0, 5e-324)])
 @settings(max_examples=30)
 def test_right_derivatives_pass_and_differences_of_the_jacobian_are_the_hessian(points: list) -> None:
     X = np.array(points)
