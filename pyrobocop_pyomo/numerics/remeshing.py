@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .mesh import Mesh
-from .rounding import ROUNDING
+from .rounding import NEGLIGIBLE, ROUNDING
 
 # A split aims below the tolerance and a join further below, so that the next estimate seldom calls for the contrary.
 _AIM_OF_SPLITTING = 0.5
@@ -52,6 +52,9 @@ def remesh(
     """
     found = np.maximum(np.asarray(errors, dtype=float), ROUNDING)
     tolerance = max(tolerance, ROUNDING)  # no mesh is better than that
+    # Beside a singularity elements would become ever narrower, and errors no smaller.
+    narrowest = NEGLIGIBLE * (mesh.boundaries[-1] - mesh.boundaries[0])
+    found = np.where(np.array(mesh.widths) > narrowest, found, np.minimum(found, tolerance))
     power = 1.0 / (order + 1)
     fixed = set(mesh.boundaries) if keep is None else set(keep)
     boundaries = [mesh.boundaries[0]]

@@ -445,7 +445,7 @@ class _Parts:
         return self._places[found[0]] if len(found) else None
 
     def halved(self, fractions: Array) -> Array:
-        """Divide parts of all elements until no formula bends on them; the ends of those where one jumps."""
+        """Halve parts of all elements until no formula bends on them; the ends of those where one jumps."""
         count = len(fractions) - 1
         element = np.repeat(np.arange(self._elements), count)
         start, end = np.tile(fractions[:-1], self._elements), np.tile(fractions[1:], self._elements)
@@ -457,10 +457,9 @@ class _Parts:
                 break
             if len(start) > _MOST_PARTS:
                 raise TrajectoryError(_too_quick(f"after {_MOST_PARTS} parts of elements they still bend"))
-            # What still bends on parts as short as these jumps, and the jump is looked for by larger steps.
-            edges = np.linspace(start[split], end[split], 3 if (end - start)[split].max() > 2.0**-12 else 17)
-            again = np.tile(element[split], len(edges) - 1)
-            pieces = edges[:-1].ravel(), edges[1:].ravel()
+            middle = (start[split] + end[split]) / 2
+            again = np.tile(element[split], 2)
+            pieces = np.concatenate([start[split], middle]), np.concatenate([middle, end[split]])
             kept, new = [of[:, ~split] for of in bounds], self.bounds(again, *pieces)
             bounds = tuple(np.concatenate(both, axis=1) for both in zip(kept, new, strict=True))
             element = np.concatenate([element[~split], again])

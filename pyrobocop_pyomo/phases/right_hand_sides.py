@@ -270,7 +270,10 @@ class RightHandSides:
             if i is not None:
                 return width * self.at(i, fraction, at)
             states = at.reshape(len(self.widths), -1).T[:, None, :, None]
-            return self(np.array([fraction]), states)[:, 0, :, 0].T.ravel()
+            rates = self(np.array([fraction]), states)[:, 0, :, 0].T.ravel()
+            if not np.isfinite(rates).all():  # SciPy would look for a step without end
+                raise FloatingPointError("a rate has no value")
+            return rates
 
         longest = np.inf if so_far is None else self.smallest_delay / width
         if longest < _SHORTEST_PART:

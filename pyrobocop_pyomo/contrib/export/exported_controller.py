@@ -221,9 +221,8 @@ def program_source(program: VectorisedProgram, states: Sequence[Any], source: CS
         places += _places(rows, state_of, source)
     counts["PLACES"] = source.structures("Place", "places", places)
     gradient_columns = source.array(program.cost.structure[1].astype(np.int32))
-    entries = program.hessian_structure[0].size
     source.lines.append(
-        f"static const Program program = {{{program.n}, {entries}, {sums['cost']}, {sums['row']}, {gradient_columns}}};"
+        f"static const Program program = {{{program.n}, {sums['cost']}, {sums['row']}, {gradient_columns}}};"
     )
     for name, structure in (("jacobian", program.jacobian_structure), ("hessian", program.hessian_structure)):
         counts[f"{name.upper()}_ENTRIES"] = structure[0].size
