@@ -219,7 +219,7 @@ class _FinerMeshes:
         before, self._before = self._before, best
         if before is None or not (_is_optimal(best) and _is_optimal(before)):
             return False
-        same = max(self._tolerance * abs(before.objective), _estimated_errors(best, before))
+        same = max(self._tolerance * abs(before.objective), _estimated_errors(before))
         is_same = abs(best.objective - before.objective) <= same
         now, then = (result.discretisation.ratio(self._tolerance) for result in (best, before))
         return is_same and not now < then
