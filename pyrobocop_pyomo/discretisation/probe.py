@@ -171,7 +171,7 @@ class _Captured:
 
     @cached_property
     def _known(self) -> tuple[RuleFormulas, Trajectory]:
-        """For all parts of the estimate: what rules say, and where to look at them, is asked once."""
+        """For all parts of the estimate: what rules say, and where to look at them, is evaluated once."""
         return RuleFormulas(self.phase, self._trajectory.grid), self._trajectory
 
     @cached_property
