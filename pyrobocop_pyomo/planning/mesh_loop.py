@@ -67,11 +67,6 @@ class MeshPlan:
     meshes: Mapping[Any, Mesh]
     why: Literal["errors", "safety", "switches"]
 
-    @property
-    def elements(self) -> int:
-        """Of all its meshes."""
-        return sum(mesh.elements for mesh in self.meshes.values())
-
     def __str__(self) -> str:
         grown = (f"'{of.name}' from {of.grid.mesh.elements} to {mesh.elements}" for of, mesh in self.meshes.items())
         return f"elements of {', '.join(grown)}"
@@ -206,7 +201,7 @@ class _FinerMeshes:
         at_an_end = (
             best.stop_reason is StopReason.INTERRUPTED
             or self._settings.deadline.has_passed
-            or plan.elements > min(self._most, self._left)
+            or sum(mesh.elements for mesh in meshes.values()) > min(self._most, self._left)
             or meshes == now
         )
         return None if at_an_end else plan
