@@ -122,7 +122,7 @@ class PhaseLagrangian:
             exact = weights @ here
             if len(self._fractions) > SAMPLES + 1:  # a rule on each part on which it hardly changes with the time
                 points, shares = gauss_rule(self._fractions)
-                exact = shares @ _Instants(self, points, between.rates_at_stages).integrand({})
+                exact = shares @ _Instants(self, points, rates).integrand({})
             first = exact - scheme.b @ stages.integrand({})
             second = weights @ (here - between.least()) if self.free else np.zeros(len(widths))
             passed = between.passed()

@@ -272,7 +272,10 @@ def _instants(formulas: RuleFormulas, trajectory: Trajectory, statement: Stateme
     if not times & variables_in_any(stated).keys():
         return usual
     steps = ExpressionSteps(stated)
-    parts = _Parts(formulas, steps, changing_places(steps, times), trajectory)
+    places = changing_places(steps, times)
+    if not places:
+        return usual
+    parts = _Parts(formulas, steps, places, trajectory)
     jumps = parts.halved(usual)
     if len(jumps):  # parts that were halved on the way to a jump are not needed beside it
         parts.halved(np.union1d(usual, jumps))
@@ -459,11 +462,11 @@ class _Parts:
                 raise TrajectoryError(_too_quick(f"after {_MOST_PARTS} parts of elements they still bend"))
             middle = (start[split] + end[split]) / 2
             again = np.tile(element[split], 2)
-            pieces = np.concatenate([start[split], middle]), np.concatenate([middle, end[split]])
-            kept, new = [of[:, ~split] for of in bounds], self.bounds(again, *pieces)
+            halves = np.concatenate([start[split], middle]), np.concatenate([middle, end[split]])
+            kept, new = [of[:, ~split] for of in bounds], self.bounds(again, *halves)
             bounds = tuple(np.concatenate(both, axis=1) for both in zip(kept, new, strict=True))
             element = np.concatenate([element[~split], again])
-            start, end = (np.concatenate([of[~split], new]) for of, new in zip((start, end), pieces, strict=True))
+            start, end = (np.concatenate([of[~split], half]) for of, half in zip((start, end), halves, strict=True))
         self._start, self._end = start, end
         return np.union1d(start[bends], end[bends])
 

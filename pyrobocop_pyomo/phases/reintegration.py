@@ -234,6 +234,8 @@ class _IntegralsAlongMotion:
     def over_elements(self, flows: Flows) -> dict[str, tuple[Array, Array]]:
         """As planned, and along the motion of each element."""
         found: dict[str, tuple[Array, Array]] = {}
+        if not self._integrands:
+            return found
         scheme = self._trajectory.grid.scheme
         planned = _planned(self._trajectory, self._formulas.record.names_of_states, scheme.c)[:, None]
         moved = flows.at(self.nodes).local.transpose(2, 0, 1)[:, None]
