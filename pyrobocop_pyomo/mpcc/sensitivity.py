@@ -24,6 +24,7 @@ from .problem import Linearisation
 NEAR = 1e-4  # a row or bound at most this far away may be active
 STRICT = 1e-7  # smallest relative multiplier of an active one, and smallest relative distance of an inactive one
 NEWTON_STEPS = 6
+DOING = "derivatives of a solution"
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,10 +92,13 @@ def derivatives(
     free = constraints.free
     solve, _, jacobian = _kkt(constraints, x, active, multipliers)
     hessian = constraints.hessian(x, active, multipliers)
-    right = np.concatenate([hessian[free][:, parameters].toarray(), jacobian[:, parameters].toarray()])
+    # One parameter after the other, as thousands of them take long.
+    right = scipy.sparse.vstack([hessian[free][:, parameters], jacobian[:, parameters]], format="csc")
     moved = np.zeros((nlp.n, parameters.size))
-    moved[free] = -solve(right)[: free.size]
-    moved[parameters, np.arange(parameters.size)] = 1.0
+    for place, parameter in enumerate(parameters.tolist()):
+        deadline.check(DOING)
+        moved[free, place] = -solve(right[:, [place]].toarray().ravel())[: free.size]
+        moved[parameter, place] = 1.0
     _check_strict(constraints, x, active, multipliers, moved)
     # The envelope theorem: only what a parameter does to the Lagrangian by itself counts.
     objective = (nlp.gradient(x) + jacobian.T @ multipliers)[parameters]
@@ -121,7 +125,7 @@ class _Constraints:
         return np.concatenate([self.nlp.constraints(x), x])
 
     def jacobian(self, x: FloatArray) -> Any:
-        self.deadline.check("derivatives of a solution")  # each step of the computation begins with a Jacobian
+        self.deadline.check(DOING)  # each step of the computation begins with a Jacobian
         rows = Linearisation.at(self.nlp, x).jacobian
         return scipy.sparse.vstack([rows, scipy.sparse.eye_array(self.nlp.n)], format="csr")
 
@@ -210,7 +214,10 @@ def _check_strict(
     """Refuse a point where it is in doubt which inequalities are active, or where active constraints move apart."""
     jacobian = constraints.jacobian(x)
     # What is met with equality and stays so says nothing new, as a bound of a side that is held at zero.
-    leaves = (np.abs(jacobian @ moved) > 1e-6 * np.maximum(1.0, abs(jacobian) @ np.abs(moved))).any(axis=1)
+    leaves = np.zeros(constraints.lower.size, dtype=bool)
+    for direction in moved.T:
+        constraints.deadline.check(DOING)
+        leaves |= np.abs(jacobian @ direction) > 1e-6 * np.maximum(1.0, abs(jacobian) @ np.abs(direction))
     apart = active[leaves[active]]
     if apart.size:
         raise EvaluationError(

@@ -41,26 +41,28 @@ class GroupedEntries:
     own: Integers
 
 
-def size_of_group(guess: float, width: float) -> float:
-    r"""Scale of variables, by their largest guess and the distance of their bounds.
+def sizes_of_groups(guesses: Array, widths: Array) -> Array:
+    r"""Scales of variables, by their largest guesses and the distances of their bounds.
 
     The geometric mean :math:`\sqrt{g w}` of both: bounds are often much wider than what happens between them, and
     guesses are often as simple as 1.
 
     Parameters
     ----------
-    guess : float
+    guesses : float array, shape (groups,)
         Largest magnitude of a value; 0 says nothing.
-    width : float
+    widths : float array, shape (groups,)
         Distance of the bounds; infinite or 0 says nothing.
 
     Returns
     -------
-    float
+    float array, shape (groups,)
         NaN where neither says anything.
     """
-    said = [number for number in (guess, width) if 0.0 < number < np.inf]
-    return float(np.exp(np.mean(np.log(said)))) if said else np.nan
+    numbers = np.array([guesses, widths], dtype=float)
+    says = (numbers > 0.0) & (numbers < np.inf)
+    with np.errstate(invalid="ignore"):
+        return np.exp(np.log(np.where(says, numbers, 1.0)).sum(axis=0) / says.sum(axis=0))
 
 
 def variable_scales(known: Array, entries: GroupedEntries) -> Array:

@@ -17,7 +17,7 @@ from pyrobocop_pyomo.numerics.characteristic_scales import (
     GroupedEntries,
     objective_scale,
     row_scales,
-    size_of_group,
+    sizes_of_groups,
     variable_scales,
 )
 from pyrobocop_pyomo.presentation import Presented
@@ -267,7 +267,7 @@ def _by_name(groups: ComponentGroups, scales: FloatArray) -> dict[str, float]:
 def _known_scales(groups: ComponentGroups, widths: FloatArray) -> FloatArray:
     """By the values of all parts, the fixed ones too, and by the distances of bounds."""
     values = [max((abs(data.value) for data in of if data.value is not None), default=0.0) for of in groups.members]
-    return np.array([size_of_group(value, width) for value, width in zip(values, widths.tolist(), strict=True)])
+    return sizes_of_groups(np.array(values), widths)
 
 
 def _group_of_state(rows: Any, variables: ComponentGroups) -> int:

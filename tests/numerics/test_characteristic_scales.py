@@ -10,7 +10,7 @@ from pyrobocop_pyomo.numerics.characteristic_scales import (
     GroupedEntries,
     objective_scale,
     row_scales,
-    size_of_group,
+    sizes_of_groups,
     variable_scales,
 )
 
@@ -56,13 +56,13 @@ def test_the_scale_of_an_objective_follows_units(gradients: np.ndarray, units: n
 
 @given(UNITS, UNITS, UNITS)
 def test_the_size_of_a_group_follows_units(guess: float, width: float, unit: float) -> None:
-    assert size_of_group(unit * guess, unit * width) == pytest.approx(unit * size_of_group(guess, width))
-    assert size_of_group(guess, np.inf) == pytest.approx(guess)
-    assert size_of_group(0.0, width) == pytest.approx(width)
+    assert sizes_of_groups(unit * guess, unit * width) == pytest.approx(unit * sizes_of_groups(guess, width))
+    assert sizes_of_groups(guess, np.inf) == pytest.approx(guess)
+    assert sizes_of_groups(0.0, width) == pytest.approx(width)
 
 
 def test_where_nothing_is_known_nothing_is_scaled() -> None:
-    assert np.isnan(size_of_group(0.0, np.inf))
+    assert np.isnan(sizes_of_groups(0.0, np.inf))
     entries = double_integrator()
     assert np.isnan(variable_scales(np.full(3, np.nan), entries)).all()
     assert objective_scale(np.zeros((2, 3)), np.ones(3)) == 1.0

@@ -1,6 +1,5 @@
 """A time limit is for the whole study, and no study goes on for long beyond it."""
 
-import math
 import time
 from functools import partial
 from typing import Any
@@ -15,9 +14,10 @@ from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 
 pytestmark = [pytest.mark.casadi, pytest.mark.slow]
 
-# What follows a limit, in units of one compilation of a model with 8,000 variables on the same machine. A function or
-# a derivative of these models takes milliseconds; what is left is the check of the point, and tidying up.
-TOLERATED_COMPILATIONS = 4.0
+# What a limit does not cut off, in units of making and compiling a model with 8,000 variables on the same machine: the
+# user's own function makes the model of a case, and the point is checked at the end. A function or a derivative of
+# these models takes milliseconds.
+TOLERATED_MODELS = 2.0
 ENDLESS = {"tol": 1e-300, "dual_inf_tol": 1e-300, "acceptable_iter": 0, "acceptable_tol": 1e-300, "max_iter": 10**6}
 
 
@@ -55,35 +55,29 @@ def many_parameters(count: int) -> tuple[Any, Any]:
 def tolerated() -> float:
     """Processor time after the limit of each solve; what is imported once is imported by the first solve."""
     rcp.solve(endless(), time_limit=0.1)
-    m = endless()
-    return TOLERATED_COMPILATIONS * max(seconds_of(lambda: CompiledModel(m))[0] for _ in range(3))
+    return TOLERATED_MODELS * max(seconds_of(lambda: CompiledModel(endless()))[0] for _ in range(3))
 
 
-def seconds_of(study: Any, most: float = math.inf) -> tuple[float, Any]:
-    """Processor time, which is at most the time elapsed; the last of three runs while it is more, on a busy machine."""
-    for _ in range(3):
-        started = time.process_time()
-        answer = study()
-        taken = time.process_time() - started
-        if taken < most:
-            break
-    return taken, answer
+def seconds_of(study: Any) -> tuple[float, Any]:
+    """Processor time, which is at most the time elapsed."""
+    started = time.process_time()
+    answer = study()
+    return time.process_time() - started, answer
 
 
 @pytest.mark.parametrize("workers", [1, 2])
 @pytest.mark.parametrize("limit", [1.0, 3.0])
 def test_sweeps(limit: float, workers: int, tolerated: float) -> None:
     solve = partial(rcp.sweep, endless, [1, 2, 3], start_from=None, workers=workers, options=ENDLESS)
-    taken, found = seconds_of(lambda: solve(time_limit=limit), limit + tolerated)
+    taken, found = seconds_of(lambda: solve(time_limit=limit))
     assert taken < limit + tolerated
     assert len(found) + len(found.remaining) == 3
 
 
 def test_one_case(tolerated: float) -> None:
     solve = partial(rcp.sweep, endless, [1, 2], start_from=None, options=ENDLESS)
-    most = 2 * (0.5 + tolerated)
-    taken, found = seconds_of(lambda: solve(time_limit_per_case=0.5), most)
-    assert taken < most
+    taken, found = seconds_of(lambda: solve(time_limit_per_case=0.5))
+    assert taken < 2 * (0.5 + tolerated)
     assert [outcome.cut_short for outcome in found] == [True, True]
     assert found.remaining == ()
 
@@ -96,7 +90,7 @@ def test_derivatives(limit: float, tolerated: float) -> None:
         with pytest.raises(SolveFailed, match="Raise time_limit"):
             rcp.studies.sensitivity(m, result, m.p, time_limit=limit)
 
-    taken, _ = seconds_of(unfinished, limit + tolerated)
+    taken, _ = seconds_of(unfinished)
     assert taken < limit + tolerated
 
 
