@@ -145,20 +145,18 @@ class SwitchesAtBoundaries:
         left_ends = {family: sides.left_end for family, sides in self._families.items()}
         grouping = Crossed(left_end=lambda pair: left_ends.get(_family(pair), "first"))
         settings = replace(self._settings, grouping=grouping, exploration=0.0)
-        results, change = [self._solved(copy, settings)], np.inf
-        while change > SMALL_OBJECTIVE_ERROR:
-            self._refuse_worse(results[-1], first)
-            if len(results) > MOST_MESHES:
-                raise SolveFailed("with equal elements between them, meshes agree on no solution.", results[-1])
+        results, change = [self._solved(copy, settings, first)], np.inf
+        while change > SMALL_OBJECTIVE_ERROR and len(results) <= MOST_MESHES:
             if len(results) > 1:
                 copy.del_component(EQUAL_WIDTHS)
                 put_on_meshes({twin: halves_of(twin.grid.mesh) for twin in twins})
             # Elements of any width would be an optimiser's to gain by, where quadrature is worst.
             _keep_equal_widths(copy, twins)
-            results.append(self._solved(copy, replace(settings, strategies=(WARM,))))
+            results.append(self._solved(copy, replace(settings, strategies=(WARM,)), first))
             change = _difference(results[-1], results[-2])
         found = results[-1]
-        self._refuse_worse(found, first)
+        if change > 10.0 * SMALL_OBJECTIVE_ERROR:  # below, the answer is nearer to them than the first one
+            raise SolveFailed("with equal elements between them, meshes agree on no solution.", found)
         if not self._inside() and _difference(found, first) < SMALL_OBJECTIVE_ERROR / 10.0:
             return first  # other elements bring nothing
         plan = MeshPlan({p: _moved(p, twin) for p, twin in zip(self._phases, twins, strict=True)}, "switches")
@@ -166,13 +164,10 @@ class SwitchesAtBoundaries:
 
         def solve() -> SolveResult:
             take_values_of_copy(self._model, copy)
-            return self._solved(self._model, replace(settings, strategies=(again,)))
-
-        def is_the_same(result: SolveResult) -> bool:
-            return result.quality is Quality.OPTIMAL and not _difference(result, found) > SMALL_OBJECTIVE_ERROR
+            return self._solved(self._model, replace(settings, strategies=(again,)), first)
 
         loop = MeshLoop(self._model)
-        result = loop.solve_on(plan, solve, is_the_same)
+        result = loop.solve_on(plan, solve, lambda result: not _difference(result, found) > SMALL_OBJECTIVE_ERROR)
         if result is None:
             raise SolveFailed(loop.remark or "the model has another solution there than its copy.", found)
         remark = (
@@ -180,16 +175,17 @@ class SwitchesAtBoundaries:
             "the order of their width. The boundaries of the elements have moved to the switches, and the elements "
             "between are equal (mesh_tolerance=None keeps the mesh)."
         )
-        joined = with_steps_of_all(result, [first, *results, result])
-        return replace(joined, remarks=(*result.remarks, remark))
+        joined = replace(with_steps_of_all(result, [first, *results, result]), remarks=(*result.remarks, remark))
+        if change <= SMALL_OBJECTIVE_ERROR:
+            return joined
+        message = f"Elements that end at switches are few: on half as many the objective differs by {change:.1e} of it."
+        few = Finding(Severity.WARNING, message, (), "Give the phases more elements.")
+        return replace(joined, doubts=(*result.doubts, few))
 
-    def _solved(self, model: Any, settings: Settings) -> SolveResult:
-        result = solve_model(model, replace(settings, progress=Progress(False)))
-        logger.info("'%s' with elements that end at switches: %s", model.name, result.one_line())
-        return result
-
-    def _refuse_worse(self, found: SolveResult, first: SolveResult) -> None:
-        """Raise SolveFailed where an answer on moved boundaries does not replace the first one."""
+    def _solved(self, model: Any, settings: Settings, first: SolveResult) -> SolveResult:
+        """Solve, and raise SolveFailed where the answer does not replace the first one."""
+        found = solve_model(model, replace(settings, progress=Progress(False)))
+        logger.info("'%s' with elements that end at switches: %s", model.name, found.one_line())
         if found.quality is not Quality.OPTIMAL:
             raise SolveFailed(f"no solution was found there ({found.stop_reason.value}).", found)
         motion, before = found.discretisation.motion_error, first.discretisation.motion_error
@@ -199,6 +195,7 @@ class SwitchesAtBoundaries:
         worse = found.standing.cost - first.standing.cost
         if worse > FLATTERED / elements * max(abs(first.objective), abs(found.objective)):
             raise SolveFailed(f"a worse local optimum was found there, {found.objective:.6g}.", found)
+        return found
 
 
 class _Sides:
