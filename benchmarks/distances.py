@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from pyrobocop_pyomo import Polytope, planar_pose, spatial_pose
-from pyrobocop_pyomo.geometry import distances_of_points, signed_distance
+from pyrobocop_pyomo.geometry import PointSets, distances_of_points, signed_distance
 
 
 def median_microseconds(run: Callable[[], object], repetitions: int) -> float:
@@ -55,7 +55,8 @@ def main() -> None:
         for count in (10, 100) if quick else (10, 100, 1000):
             shifts = random.normal(size=(count, 1, first.dimension))
             shifts *= 10.0 / np.linalg.norm(shifts, axis=2, keepdims=True)
-            p, q = first.vertices + shifts, np.broadcast_to(second.vertices, (count, *second.vertices.shape))
+            p = PointSets.of([first] * count).moved(shifts[:, 0])
+            q = PointSets.of([second] * count)
             per_pair = median_microseconds(lambda p=p, q=q: distances_of_points(p, q), repetitions // 10) / count
             print(f"{f'{name}, {count} at once':45s} {per_pair:8.1f}")
 

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,7 +17,7 @@ from pyrobocop_pyomo.optional_imports import scipy
 
 from .nearest_points import difference_rays, nearest_difference, nearest_differences
 from .polyhedra import affine_basis, complement, convex_hull, halfspaces_of
-from .polytope import Polytope
+from .polytope import Polytope, extents
 from .poses import Pose
 
 # Relative to the scene. Closer than this, the difference of the nearest points is too short to give a direction,
@@ -22,6 +25,10 @@ from .poses import Pose
 TOUCHING = 1e-7
 # Rounding leaves touching bodies apart by less than this.
 APART = 1e-14
+# So many points of an ellipsoid's surface are taken, one after the other; some ten are enough but for thin ones.
+LARGEST_COUNT_OF_POINTS = 30
+# Where they overlap, depths are found to so much of the scene, and no less: each point takes another hull.
+DEPTH = 1e-3
 # Rays are unit vectors: one that points this little across a gap is along it.
 LEVEL = 1e-8
 
@@ -73,6 +80,8 @@ def signed_distance(
         first = first.placed(first_pose)
     if second_pose is not None:
         second = second.placed(second_pose)
+    if first.ellipsoids is not None or second.ellipsoids is not None:
+        return _distance_of_ellipsoids(first, second)
     core = distance_of_points(first.vertices, second.vertices, first.rays, second.rays)
     if core.distance == -np.inf:
         raise ObstacleError(
@@ -86,6 +95,17 @@ def signed_distance(
         core.first_point - first.radius * core.normal,
         core.second_point + second.radius * core.normal,
     )
+
+
+def _distance_of_ellipsoids(first: Polytope, second: Polytope) -> SignedDistance:
+    """Signed distance of two shapes one of which, at least, has ellipsoids; their nearest points are single ones."""
+    (distance,), (normal,) = distances_of_shapes([(first, second)])
+    if second.ellipsoids is not None:
+        below = _lowest_points(PointSets.of([second]), -normal[None])[0]
+        below = below + second.radius * normal
+        return SignedDistance(float(distance), normal, below + distance * normal, below)
+    above = _lowest_points(PointSets.of([first]), normal[None])[0] - first.radius * normal
+    return SignedDistance(float(distance), normal, above, above - distance * normal)
 
 
 def distance_of_points(
@@ -135,38 +155,150 @@ def distance_of_points(
     return SignedDistance(distance, normal, on_second + distance * normal, on_second)
 
 
-def distances_of_points(
-    p: np.ndarray, q: np.ndarray, p_rays: np.ndarray | None = None, q_rays: np.ndarray | None = None
-) -> tuple[np.ndarray, np.ndarray]:
+def distances_of_shapes(pairs: Sequence[tuple[Polytope, Polytope]]) -> tuple[np.ndarray, np.ndarray]:
+    """Signed distances (k,) of pairs of shapes, padding included, and unit normals (k, d) from the second to the first.
+
+    Shapes that overlap without end have the distance minus infinity.
+    """
+    distances, normals = np.empty(len(pairs)), np.empty((len(pairs), pairs[0][0].dimension if pairs else 0))
+    alike: dict[tuple[Any, ...], list[int]] = defaultdict(list)
+    for k, pair in enumerate(pairs):
+        alike[tuple((len(of.vertices), len(of.rays), of.ellipsoids is None) for of in pair)].append(k)
+    for members in alike.values():
+        sets = [PointSets.of([pairs[k][place] for k in members]) for place in (0, 1)]
+        exact, normals[members] = distances_of_points(*sets)
+        distances[members] = exact - [pairs[k][0].radius + pairs[k][1].radius for k in members]
+    return distances, normals
+
+
+class PointSets(NamedTuple):
+    """Corners of m shapes in the world, as many for each; their padding is not among them.
+
+    Attributes
+    ----------
+    corners : (m, v, d) array
+    rays : (m, k, d) array
+        Unit rows.
+    ellipsoids : (m, v, d, d) array or None
+    """
+
+    corners: np.ndarray
+    rays: np.ndarray
+    ellipsoids: np.ndarray | None = None
+
+    @classmethod
+    def of(cls, shapes: Sequence[Polytope]) -> PointSets:
+        """Those of shapes that are alike."""
+        ellipsoids = [shape.ellipsoids for shape in shapes if shape.ellipsoids is not None]
+        return cls(
+            np.stack([shape.vertices for shape in shapes]),
+            np.stack([shape.rays for shape in shapes]),
+            np.stack(ellipsoids) if ellipsoids else None,
+        )
+
+    @classmethod
+    def at(cls, shape: Polytope, rotations: np.ndarray, translations: np.ndarray) -> PointSets:
+        """One shape at m poses, given by matrices (m, d, d) and vectors (m, d)."""
+        turned = [np.einsum("mrc,ic->mir", rotations, vectors) for vectors in (shape.vertices, shape.rays)]
+        ellipsoids = None if shape.ellipsoids is None else rotations[:, None] @ shape.ellipsoids
+        return cls(turned[0] + translations[:, None, :], turned[1], ellipsoids)
+
+    @property
+    def lengths(self) -> np.ndarray:
+        """No point of a corner is farther from the origin, (m, v)."""
+        found = np.linalg.norm(self.corners, axis=2)
+        return found if self.ellipsoids is None else found + np.linalg.norm(self.ellipsoids, axis=(2, 3))
+
+    def subset(self, chosen: Any) -> PointSets:
+        """Some of the shapes."""
+        ellipsoids = None if self.ellipsoids is None else self.ellipsoids[chosen]
+        return PointSets(self.corners[chosen], self.rays[chosen], ellipsoids)
+
+    def joined(self, other: PointSets) -> PointSets:
+        """Each shape with the corners and rays of another one."""
+        ellipsoids = None
+        if self.ellipsoids is not None and other.ellipsoids is not None:
+            ellipsoids = np.concatenate([self.ellipsoids, other.ellipsoids], axis=1)
+        corners, rays = (np.concatenate(of, axis=1) for of in zip(self[:2], other[:2], strict=True))
+        return PointSets(corners, rays, ellipsoids)
+
+    def moved(self, shifts: np.ndarray) -> PointSets:
+        """Each shape moved by a vector, (m, d)."""
+        return self._replace(corners=self.corners + shifts[:, None, :])
+
+
+def distances_of_points(p: PointSets, q: PointSets) -> tuple[np.ndarray, np.ndarray]:
     """Signed distances of m pairs of convex hulls at once, see `distance_of_points`; nothing is checked.
 
-    Parameters
-    ----------
-    p, q : (m, v, d) and (m, w, d) arrays
-        Corners in the world of the first and the second body of each pair.
-    p_rays, q_rays : (m, k, d) arrays, optional
-        Unit rows. With rays, each pair is settled by itself.
+    With rays, each pair is settled by itself.
 
     Returns
     -------
     distance : (m,) array
     normal : (m, d) array
         Unit vectors from the second to the first bodies, along which the gaps are the distances.
+
+    Notes
+    -----
+    Of ellipsoids some points of their surfaces are taken, whose hulls are within the shapes. Beyond the gap along the
+    normal of these hulls nothing is known to be, and its points are taken in addition: the distance of the hulls falls
+    and the largest gap rises, until they are equal.
     """
-    distance, normal = np.full(len(p), np.nan), np.full((len(p), p.shape[2]), np.nan)
-    if len(p) and not any(rays is not None and rays.shape[1] > 0 for rays in (p_rays, q_rays)):
-        origin = 0.5 * (p[:, :1] + q[:, :1])
-        near_p, near_q = p - origin, q - origin
+    if p.ellipsoids is None and q.ellipsoids is None:
+        return _distances_of_hulls(p, q)
+    scale = np.abs(np.concatenate([p.corners, q.corners], axis=1) - q.corners[:, :1]).max(axis=(1, 2))
+    for sets in (p, q):
+        if sets.ellipsoids is not None:
+            scale = scale + np.abs(sets.ellipsoids).max(axis=(1, 2, 3))
+    gap, normal = np.full(len(p.corners), -np.inf), np.full(p.corners[:, 0].shape, np.nan)
+    still_open, hulls = np.arange(len(gap)), (PointSets(p.corners, p.rays), PointSets(q.corners, q.rays))
+    for _ in range(LARGEST_COUNT_OF_POINTS):
+        of_hulls, directions = _distances_of_hulls(*hulls)
+        lowest = _lowest_points(p, directions)
+        highest = _lowest_points(q, -directions)
+        found = np.einsum("md,md->m", lowest - highest, directions)
+        better = found > gap[still_open]
+        gap[still_open[better]], normal[still_open[better]] = found[better], directions[better]
+        exact_enough = np.where(of_hulls > 0.0, NEGLIGIBLE, DEPTH) * scale[still_open]
+        going = ~(of_hulls - gap[still_open] <= exact_enough)
+        still_open = still_open[going]
+        if not len(still_open):
+            break
+        p, q = p.subset(going), q.subset(going)
+        hulls = _with_point(hulls[0], lowest, going), _with_point(hulls[1], highest, going)
+    return gap, normal
+
+
+def _with_point(hulls: PointSets, points: np.ndarray, chosen: np.ndarray) -> PointSets:
+    return hulls.subset(chosen).joined(PointSets(points[chosen, None], hulls.rays[chosen, :0]))
+
+
+def _distances_of_hulls(p: PointSets, q: PointSets) -> tuple[np.ndarray, np.ndarray]:
+    """`distances_of_points` where corners are points."""
+    distance, normal = np.full(len(p.corners), np.nan), np.full(p.corners[:, 0].shape, np.nan)
+    if len(distance) and not (p.rays.shape[1] or q.rays.shape[1]):
+        origin = 0.5 * (p.corners[:, :1] + q.corners[:, :1])
+        near_p, near_q = p.corners - origin, q.corners - origin
         scale = np.maximum(np.abs(near_p).max(axis=(1, 2)), np.abs(near_q).max(axis=(1, 2)))
         nearest = nearest_differences(near_p, near_q, scale, TOUCHING * scale)
         distance = np.linalg.norm(nearest, axis=1)
         normal = nearest / distance[:, None]
     for k in np.flatnonzero(np.isnan(distance)):
-        alone = distance_of_points(
-            p[k], q[k], None if p_rays is None else p_rays[k], None if q_rays is None else q_rays[k]
-        )
+        alone = distance_of_points(p.corners[k], q.corners[k], p.rays[k], q.rays[k])
         distance[k], normal[k] = alone.distance, alone.normal
     return distance, normal
+
+
+def _lowest_points(sets: PointSets, normals: np.ndarray) -> np.ndarray:
+    """Of each of m shapes the point (d,) that is lowest along its normal (m, d)."""
+    every, heights = np.arange(len(normals)), np.einsum("md,mvd->mv", normals, sets.corners)
+    if sets.ellipsoids is None:
+        return np.asarray(sets.corners[every, heights.argmin(axis=1)])
+    lengths = extents(normals, sets.ellipsoids)
+    lowest = (heights - lengths).argmin(axis=1)
+    chosen = sets.ellipsoids[every, lowest]
+    along = np.einsum("mdc,mec,me->md", chosen, chosen, normals)
+    return np.asarray(sets.corners[every, lowest] - along / lengths[every, lowest][:, None])
 
 
 def _point_of_contact(

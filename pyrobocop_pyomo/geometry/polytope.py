@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from numbers import Real
 from typing import Any
 
@@ -26,6 +26,9 @@ from .poses import Pose
 class Polytope(Presented):
     """All points closer than a radius to the convex hull of some corners and rays, in the plane or in space.
 
+    Each corner may be an ellipsoid. Who plans with a shape asks how high it is along normals (`highest`, `lowest`), for
+    a box around it, or for a polytope that contains it (`covered`).
+
     Make one by `box`, `regular_polygon`, `from_vertices`, `from_halfspaces`, `ball`, `capsule`, `cylinder`, `cone`,
     `ellipsoid` or `point`: they check what they are given. The constructor itself checks nothing.
 
@@ -40,8 +43,10 @@ class Polytope(Presented):
     name : str
         What messages call it.
     excess : float
-        No point of the shape is farther than this from what it stands for: a cylinder, a cone, an ellipsoid, occupied
-        cells, all of which it contains. Zero for a shape that is exact.
+        No point of the shape is farther than this from what it stands for: a cylinder, a cone, occupied cells, all of
+        which it contains. Zero for a shape that is exact.
+    ellipsoids : (v, d, d) array or None
+        Each corner is the image of the unit ball under its matrix, moved to the corner; None for points. Read-only.
     """
 
     vertices: np.ndarray
@@ -49,6 +54,7 @@ class Polytope(Presented):
     radius: float = 0.0
     name: str = "polytope"
     excess: float = 0.0
+    ellipsoids: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         if not (isinstance(self.vertices, np.ndarray) and isinstance(self.rays, np.ndarray)):
@@ -58,6 +64,8 @@ class Polytope(Presented):
             )
         self.vertices.setflags(write=False)
         self.rays.setflags(write=False)
+        if self.ellipsoids is not None:
+            self.ellipsoids.setflags(write=False)
 
     @classmethod
     def from_vertices(
@@ -216,14 +224,9 @@ class Polytope(Presented):
 
     @classmethod
     def ellipsoid(
-        cls,
-        semi_axes: Sequence[float],
-        center: Sequence[float] | None = None,
-        *,
-        sides: int | None = None,
-        name: str = "ellipsoid",
+        cls, semi_axes: Sequence[float], center: Sequence[float] | None = None, *, name: str = "ellipsoid"
     ) -> Polytope:
-        """A polytope around an ellipse or an ellipsoid along the axes; `excess` is by how much it is larger.
+        """An ellipse or an ellipsoid along the axes, exact.
 
         Parameters
         ----------
@@ -231,20 +234,18 @@ class Polytope(Presented):
             Halves of its widths. Another orientation: ``shape.placed(pose)``.
         center : position, optional
             The origin by default.
-        sides : int, optional
-            Of the polygon around an ellipse, 16 by default: an excess of 2 % of the larger semi-axis. In space about so
-            many corners lie on each great circle: 10 by default, which makes 42 corners and an excess of 8 %; 20 make
-            162 and 2 %.
 
         Raises
         ------
         ObstacleError
-            For lengths that are not positive, or too few sides.
+            For lengths that are not positive.
         """
-        corners, excess = _around_ellipsoid(semi_axes, sides, name)
-        dimension = corners.shape[1]
+        lengths = np.array(semi_axes, dtype=float)
+        if lengths.shape not in ((2,), (3,)) or not np.isfinite(lengths).all() or lengths.min() <= 0.0:
+            raise ObstacleError(f"'{name}': semi-axes {semi_axes!r}; expected two or three positive lengths.")
+        dimension = len(lengths)
         middle = _checked_position((0.0,) * dimension if center is None else center, name, dimension)
-        return replace(cls.hull(middle + corners, name=name), excess=excess)
+        return replace(cls.point(middle.tolist(), name=name), ellipsoids=np.diag(lengths)[None])
 
     def padded(self, radius: float) -> Polytope:
         """The shape grown by a radius on all sides, its corners rounded."""
@@ -261,8 +262,51 @@ class Polytope(Presented):
                 f"'{self.name}' has {self.dimension} dimensions and its pose {pose.dimension}. "
                 "Use planar_pose in the plane and spatial_pose in space."
             )
-        rotation, translation = pose.numbers()
-        return replace(self, vertices=self.vertices @ rotation.T + translation, rays=self.rays @ rotation.T)
+        return self.swept([pose.numbers()])
+
+    def swept(self, poses: Sequence[tuple[np.ndarray, np.ndarray]]) -> Polytope:
+        """The convex hull of the shape at several poses, given by rotations (d, d) and translations (d,)."""
+        turned = None
+        if self.ellipsoids is not None:
+            turned = np.vstack([rotation @ self.ellipsoids for rotation, _ in poses])
+        return replace(
+            self,
+            vertices=np.vstack([self.vertices @ rotation.T + translation for rotation, translation in poses]),
+            rays=np.vstack([self.rays @ rotation.T for rotation, _ in poses]),
+            ellipsoids=turned,
+        )
+
+    def highest(self, normals: np.ndarray) -> np.ndarray:
+        """How high the shape reaches along each of the unit vectors (k, d), its padding included, rays apart: (k,)."""
+        heights = normals @ self.vertices.T
+        if self.ellipsoids is not None:
+            heights = heights + extents(normals, self.ellipsoids)
+        return np.asarray(heights.max(axis=1) + self.radius)
+
+    def lowest(self, normals: np.ndarray) -> np.ndarray:
+        """How low it reaches: (k,)."""
+        return -self.highest(-normals)
+
+    @cached_property
+    def bounding_box(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper corner (d,) of the box around the shape, its padding included, rays apart."""
+        axes = np.eye(self.dimension)
+        return self.lowest(axes), self.highest(axes)
+
+    @cached_property
+    def covered(self) -> Polytope:
+        """A polytope that contains the shape, larger by `excess`; the shape itself where its corners are points.
+
+        It is the image of a polytope around the unit ball, whose corners are at most ``share`` from the centre. A
+        corner ``share u`` goes to a point that is ``(share - 1) |A u|`` from the point ``A u`` of the ellipsoid.
+        """
+        if self.ellipsoids is None:
+            return self
+        unit = _around_ball(self.dimension)
+        corners = (self.vertices[:, None] + unit @ self.ellipsoids.swapaxes(1, 2)).reshape(-1, self.dimension)
+        share = float(np.linalg.norm(unit, axis=1).max())
+        around = Polytope.hull(corners, radius=self.radius, name=self.name)
+        return replace(around, excess=(share - 1.0) * float(np.linalg.norm(self.ellipsoids, 2, axis=(1, 2)).max()))
 
     @property
     def dimension(self) -> int:
@@ -276,7 +320,7 @@ class Polytope(Presented):
 
     @cached_property
     def is_flat(self) -> bool:
-        """Whether the shape without its padding is a point, a segment, or in space a flat polygon."""
+        """Whether the corners, taken as points, are a point, on a segment, or in space on a flat polygon."""
         return affine_rank(self.vertices, self.rays) < self.dimension
 
     @cached_property
@@ -304,22 +348,29 @@ class Polytope(Presented):
         return self.vertices.mean(axis=0)
 
     @property
+    def lever(self) -> float:
+        """No point is farther from the frame's origin, padding apart, and no ray is longer."""
+        lengths = np.linalg.norm(self.vertices, axis=1)
+        if self.ellipsoids is not None:
+            lengths = lengths + np.linalg.norm(self.ellipsoids, 2, axis=(1, 2))
+        return float(np.append(lengths, np.linalg.norm(self.rays, axis=1)).max())
+
+    @property
     def reach(self) -> float:
-        """Largest distance of a point of the shape from its frame's origin; infinite for a shape with rays."""
-        farthest = float(np.linalg.norm(self.vertices, axis=1).max()) if self.is_bounded else math.inf
-        return farthest + self.radius
+        """No point of the shape is farther from its frame's origin; infinite for a shape with rays."""
+        return self.lever + self.radius if self.is_bounded else math.inf
 
     def _summary(self) -> str:
         return str(self)
 
     def _html_parts(self) -> list[str]:
-        box = (self.vertices.min(axis=0) - self.radius, self.vertices.max(axis=0) + self.radius)
-        reaches = [f"{low:.6g} .. {high:.6g}" for low, high in zip(*box, strict=True)]
+        reaches = [f"{low:.6g} .. {high:.6g}" for low, high in zip(*self.bounding_box, strict=True)]
         facts = {f"{axis} of the corners, padded": reach for axis, reach in zip("xyz", reaches, strict=False)}
         return [facts_table(facts)]
 
     def __str__(self) -> str:
-        parts = [f"{len(self.vertices)} corner{'s' if len(self.vertices) != 1 else ''}"]
+        what = "corner" if self.ellipsoids is None else "ellipsoid"
+        parts = [f"{len(self.vertices)} {what}{'s' if len(self.vertices) != 1 else ''}"]
         if not self.is_bounded:
             parts.append(f"{len(self.rays)} ray{'s' if len(self.rays) != 1 else ''}")
         if self.radius > 0.0:
@@ -360,24 +411,19 @@ def _around_cone(radii: tuple[float, float], height: float, sides: int, name: st
     return np.vstack(levels), max(base, top) * (share - 1.0)
 
 
-def _around_ellipsoid(semi_axes: Sequence[float], sides: int | None, name: str) -> tuple[np.ndarray, float]:
-    """Corners (k, d) of a polytope around an ellipse or an ellipsoid, and the excess.
+def extents(normals: np.ndarray, ellipsoids: np.ndarray) -> np.ndarray:
+    """How far ellipsoids (..., v, d, d) reach from their middles along vectors (..., d), shape (..., v)."""
+    return np.asarray(np.linalg.norm(np.einsum("...d,...vdc->...vc", normals, ellipsoids), axis=-1))
 
-    It is the image of a polytope around the unit ball, whose corners are at most ``share`` from the centre. A corner
-    ``share u`` goes to a point that is ``(share - 1) |A u|`` from the point ``A u`` of the ellipsoid.
-    """
-    lengths = np.array(semi_axes, dtype=float)
-    if lengths.shape not in ((2,), (3,)) or not np.isfinite(lengths).all() or lengths.min() <= 0.0:
-        raise ObstacleError(f"'{name}': semi-axes {semi_axes!r}; expected two or three positive lengths.")
-    if len(lengths) == 2:
-        count = _checked_sides(16 if sides is None else sides, 3, name)
-        share = (1.0 + ROUNDING) / math.cos(math.pi / count)
-        angles = 2.0 * math.pi * (np.arange(count) + 0.5) / count
-        unit = np.column_stack([np.cos(angles), np.sin(angles)])
-    else:
-        unit = _on_sphere(-(-_checked_sides(10 if sides is None else sides, 5, name) // 5))
-        share = (1.0 + ROUNDING) / float(-scipy.spatial.ConvexHull(unit).equations[:, -1].max())
-    return share * unit * lengths, float((share - 1.0) * lengths.max())
+
+@cache
+def _around_ball(dimension: int) -> np.ndarray:
+    """Corners (k, d) of a polytope around the unit ball: 16 in the plane, 42 in space, all equally far away."""
+    if dimension == 3:
+        unit = _on_sphere(2)
+        return unit * (1.0 + ROUNDING) / float(-scipy.spatial.ConvexHull(unit).equations[:, -1].max())
+    angles = 2.0 * math.pi * (np.arange(16) + 0.5) / 16
+    return (1.0 + ROUNDING) / math.cos(math.pi / 16) * np.column_stack([np.cos(angles), np.sin(angles)])
 
 
 def _frame_along(axis: Sequence[float], name: str) -> np.ndarray:

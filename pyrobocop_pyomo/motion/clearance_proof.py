@@ -14,7 +14,14 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.geometry import check_pose, distances_of_points, signed_distance
+from pyrobocop_pyomo.geometry import (
+    PathBounds,
+    PointSets,
+    check_pose,
+    distances_of_points,
+    heights,
+    signed_distance,
+)
 from pyrobocop_pyomo.numerics import Array, Indices
 from pyrobocop_pyomo.numerics.interval_arithmetic import Interval
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
@@ -25,7 +32,6 @@ from .motion import Motion
 from .moving_shapes import (
     SAMPLES,
     MovingShape,
-    PathBounds,
     RequiredBounds,
     RequiredClearance,
     moving_shapes,
@@ -318,9 +324,7 @@ class _Proof:
 
     def _measure(self, interval: Indices, fraction: Array) -> tuple[Array, Array]:
         """Excesses and normals at instants; the instant of each interval with the least excess is remembered."""
-        p, p_rays = self.first.corners(interval, fraction)
-        q, q_rays = self.second.corners(interval, fraction)
-        distances, normals = _exact(p, q, p_rays, q_rays)
+        distances, normals = _exact(self.first.places(interval, fraction), self.second.places(interval, fraction))
         excesses = distances - self.radii - self.clearance.values(interval, fraction)
         # The least of each interval; NaN is sorted last.
         order = np.lexsort((excesses, interval))
@@ -334,13 +338,8 @@ class _Proof:
 
     def _swept_normals(self, p: PathBounds, q: PathBounds) -> Array:
         """Normals that separate best what both shapes cover at both ends, relative to the second shape's motion."""
-        moved = (q.at_end - q.at_start)[:, :1, :]
-        _, normals = _exact(
-            np.concatenate([p.at_start, p.at_end - moved], axis=1),
-            np.concatenate([q.at_start, q.at_end - moved], axis=1),
-            np.concatenate([p.rays_at_start, p.rays_at_end], axis=1),
-            np.concatenate([q.rays_at_start, q.rays_at_end], axis=1),
-        )
+        back = (q.at_start.corners - q.at_end.corners)[:, 0]
+        _, normals = _exact(*(of.at_start.joined(of.at_end.moved(back)) for of in (p, q)))
         return normals
 
     def _plane_bounds(self, normals: Array, p: PathBounds, q: PathBounds, required: RequiredBounds) -> Array:
@@ -348,12 +347,12 @@ class _Proof:
         # A gap along a vector of any length is a distance times that length.
         length = np.linalg.norm(normals, axis=1)
         ends = []
-        for corners_p, corners_q in ((p.at_start, q.at_start), (p.at_end, q.at_end)):
+        for of_p, of_q in ((p.at_start, q.at_start), (p.at_end, q.at_end)):
             # Relative to one of the corners: scenes far from the origin lose no digits.
-            origin = corners_q[:, :1, :]
-            along_p = np.einsum("mr,mir->mi", normals, corners_p - origin)
-            along_q = np.einsum("mr,mjr->mj", normals, corners_q - origin)
-            ends.append(along_p[:, :, None] - along_q[:, None, :])
+            origin = of_q.corners[:, 0]
+            lowest, _ = heights(normals, of_p.moved(-origin))
+            _, highest = heights(normals, of_q.moved(-origin))
+            ends.append(lowest[:, :, None] - highest[:, None, :])
         p_curvature, q_curvature = p.curvature_bounds(normals), q.curvature_bounds(normals)
         rising = (length * required.lowest_curvature)[:, None, None]
         curvature = np.maximum(p_curvature.high[:, :, None] - q_curvature.low[:, None, :] - rising, 0.0)
@@ -389,16 +388,16 @@ class _Proof:
 def _reach(p: PathBounds, q: PathBounds) -> Array:
     """Largest distance of the corners from one of them, at the ends of each subinterval, shape ``(m,)``."""
     reach = np.zeros(len(p.start))
-    for corners_p, corners_q in ((p.at_start, q.at_start), (p.at_end, q.at_end)):
-        for corners in (corners_p, corners_q):
-            reach = np.maximum(reach, np.linalg.norm(corners - corners_q[:, :1, :], axis=2).max(axis=1))
+    for of_p, of_q in ((p.at_start, q.at_start), (p.at_end, q.at_end)):
+        for of in (of_p, of_q):
+            reach = np.maximum(reach, np.linalg.norm(of.corners - of_q.corners[:, :1, :], axis=2).max(axis=1))
     return reach
 
 
-def _exact(p: Array, q: Array, p_rays: Array, q_rays: Array) -> tuple[Array, Array]:
+def _exact(p: PointSets, q: PointSets) -> tuple[Array, Array]:
     """Signed distances and normals of ``m`` pairs of point sets; NaN where a set is not finite."""
-    distances, normals = np.full(len(p), np.nan), np.full((len(p), p.shape[2]), np.nan)
-    finite = np.isfinite(p).all(axis=(1, 2)) & np.isfinite(q).all(axis=(1, 2))
+    distances, normals = np.full(len(p.corners), np.nan), np.full(p.corners[:, 0].shape, np.nan)
+    finite = np.isfinite(p.corners).all(axis=(1, 2)) & np.isfinite(q.corners).all(axis=(1, 2))
     chosen = np.flatnonzero(finite)
-    distances[chosen], normals[chosen] = distances_of_points(p[chosen], q[chosen], p_rays[chosen], q_rays[chosen])
+    distances[chosen], normals[chosen] = distances_of_points(p.subset(chosen), q.subset(chosen))
     return distances, normals

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.geometry import Polytope
+from pyrobocop_pyomo.geometry import PathBounds, PointSets, Polytope
 from pyrobocop_pyomo.numerics import Array, Indices
 from pyrobocop_pyomo.numerics.interval_arithmetic import Interval
 from pyrobocop_pyomo.templates.template import templated
@@ -54,22 +54,20 @@ class MovingShape:
         entries = self.template.values(interval, fraction)
         return entries[:, : d * d].reshape(count, d, d), entries[:, d * d :]
 
-    def corners(self, interval: Indices, fraction: Array) -> tuple[Array, Array]:
-        """Corners (m, v, d) and rays (m, k, d) in the world, at local fractions of intervals."""
-        vertices, rays = self.shape.vertices, self.shape.rays
+    def places(self, interval: Indices, fraction: Array) -> PointSets:
+        """Its corners in the world at local fractions of m intervals."""
+        shape, count = self.shape, len(interval)
         if self.template is None:
-            still = [np.broadcast_to(of, (len(interval), *of.shape)) for of in (vertices, rays)]
-            return still[0], still[1]
-        rotation, translation = self.poses(interval, fraction)
-        return _rotated(rotation, vertices) + translation[:, None, :], _rotated(rotation, rays)
+            return PointSets.of([shape]).subset(np.zeros(count, dtype=int))
+        return PointSets.at(shape, *self.poses(interval, fraction))
 
     def displacements(self, difference: Array) -> Array:
         """How far differences (m, entries) of its pose move the shape, shape ``(m,)``: infinitely where a ray turns."""
         d = self.shape.dimension
         rotation = difference[:, : d * d].reshape(-1, d, d)
-        moved = _rotated(rotation, self.shape.vertices) + difference[:, None, d * d :]
+        moved = PointSets.at(self.shape, rotation, difference[:, d * d :]).lengths
         turns = (np.abs(rotation) > 1e-12).any(axis=(1, 2)) & (not self.shape.is_bounded)
-        return np.where(turns, np.inf, np.linalg.norm(moved, axis=2).max(axis=1))
+        return np.where(turns, np.inf, moved.max(axis=1))
 
     @cached_property
     def mismatch(self) -> Array | float:
@@ -94,8 +92,7 @@ class MovingShape:
         stretched = np.abs(np.linalg.svd(rotation[finite], compute_uv=False) - 1.0).max(axis=1, initial=0.0)
         largest = np.zeros(intervals)
         np.maximum.at(largest, interval[finite], stretched)
-        lever = np.linalg.norm(np.concatenate([self.shape.vertices, self.shape.rays]), axis=1).max()
-        return np.asarray(largest * lever, dtype=np.float64)
+        return np.asarray(largest * self.shape.lever, dtype=np.float64)
 
     def path_bounds(self, interval: Indices, start: Array, end: Array) -> PathBounds:
         """Bounds on the corners' paths over subintervals ``[start, end]`` of intervals."""
@@ -108,73 +105,9 @@ class MovingShape:
             forms = self.template.taylor_forms(interval, start, end)
             value = _stacked([form.value for form in forms])
             curvature = _stacked([form.second for form in forms])
-        ends = *self.corners(interval, start), *self.corners(interval, end)
-        return PathBounds(self.shape, start, end, *ends, value, curvature)
-
-
-@dataclass(frozen=True, eq=False)
-class PathBounds:
-    """Bounds on the paths of a shape's corners over ``m`` subintervals ``[start, end]`` of local fractions.
-
-    Attributes
-    ----------
-    shape : Polytope
-    start, end : array, shape (m,)
-    at_start, at_end : array, shape (m, v, d)
-        Corners.
-    rays_at_start, rays_at_end : array, shape (m, k, d)
-    value, curvature : Interval of shape (m, d * d + d)
-        Bounds of the entries of the pose, and of their second derivatives.
-    """
-
-    shape: Polytope
-    start: Array
-    end: Array
-    at_start: Array
-    rays_at_start: Array
-    at_end: Array
-    rays_at_end: Array
-    value: Interval
-    curvature: Interval
-
-    def subset(self, chosen: Any) -> PathBounds:
-        """Bounds on some of the subintervals."""
-        return PathBounds(self.shape, *(of[chosen] for name, of in vars(self).items() if name != "shape"))
-
-    @property
-    def deviation_factor(self) -> Array:
-        """``(end - start)^2 / 8``: times a bound of the second derivative, it bounds the chord deviation."""
-        return (self.end - self.start) ** 2 / 8.0
-
-    def curvature_bounds(self, normals: Array) -> Interval:
-        """Bounds of the second derivatives of ``n . p_i`` along directions (m, d), shape ``(m, v)``."""
-        return _along(normals, self.shape.vertices, self.curvature, translates=True)
-
-    def value_bounds(self, normals: Array) -> Interval:
-        """Bounds of ``n . p_i`` along directions (m, d), shape ``(m, v)``."""
-        return _along(normals, self.shape.vertices, self.value, translates=True)
-
-    def ray_bounds(self, normals: Array) -> Interval:
-        """Bounds of ``n . ray`` along directions (m, d), shape ``(m, k)``."""
-        curvature = _along(normals, self.shape.rays, self.curvature, translates=False)
-        ends = [np.einsum("mr,mir->mi", normals, rays) for rays in (self.rays_at_start, self.rays_at_end)]
-        return _between(ends[0], ends[1], curvature, self.deviation_factor).intersect(
-            _along(normals, self.shape.rays, self.value, translates=False)
+        return PathBounds(
+            self.shape, start, end, self.places(interval, start), self.places(interval, end), value, curvature
         )
-
-    def boxes(self) -> Interval:
-        """Axis-aligned boxes that contain the shape during each subinterval, shape ``(m, d)``."""
-        low, high = [], []
-        for axis in np.eye(self.shape.dimension):
-            normals = np.broadcast_to(axis, (len(self.start), len(axis)))
-            ends = [np.einsum("mr,mir->mi", normals, corners) for corners in (self.at_start, self.at_end)]
-            path = _between(ends[0], ends[1], self.curvature_bounds(normals), self.deviation_factor)
-            path = path.intersect(self.value_bounds(normals))
-            rays = self.ray_bounds(normals)
-            unbounded_below, unbounded_above = (rays.low < 0.0).any(axis=1), (rays.high > 0.0).any(axis=1)
-            low.append(np.where(unbounded_below, -np.inf, path.low.min(axis=1)) - self.shape.radius)
-            high.append(np.where(unbounded_above, np.inf, path.high.max(axis=1)) + self.shape.radius)
-        return Interval(np.array(low).T, np.array(high).T)
 
 
 def moving_shapes(motion: Motion, bodies: dict[str, Body]) -> dict[str, list[MovingShape]]:
@@ -214,39 +147,9 @@ def template_of(motion: Motion, rule: Any, name: str, dimension: int) -> SignalF
     return SignalFormulas(along)
 
 
-def _rotated(rotation: Array, vectors: Array) -> Array:
-    """Vectors (k, d) turned by each of the rotations (m, d, d), shape ``(m, k, d)``."""
-    return np.einsum("mrc,ic->mir", rotation, vectors)
-
-
-def _between(start: Array, end: Array, curvature: Interval, factor: Array) -> Interval:
-    """Bounds of functions with given ends and second derivatives: the chord, and the deviation on either side."""
-    # Where the second derivative is not positive, the graph is nowhere below its chord. NaN stays NaN.
-    below = factor[:, None] * np.maximum(curvature.high, 0.0)
-    above = factor[:, None] * np.maximum(-curvature.low, 0.0)
-    slack = 8 * _EPS * (np.abs(start) + np.abs(end))
-    return Interval(np.minimum(start, end) - below - slack, np.maximum(start, end) + above + slack)
-
-
 def _stacked(entries: list[Interval]) -> Interval:
     return Interval(
         np.stack([entry.low for entry in entries], axis=1), np.stack([entry.high for entry in entries], axis=1)
-    )
-
-
-def _along(normals: Array, points: Array, entries: Interval, translates: bool) -> Interval:
-    """Bounds of ``n . (R z + t)``, or of ``n . R z`` without translation, from bounds of ``R`` and ``t``."""
-    count, d = normals.shape
-    factors = np.einsum("mr,ic->mirc", normals, points).reshape(count, len(points), d * d)
-    if translates:
-        shifts = np.broadcast_to(normals[:, None, :], (count, len(points), d))
-        factors = np.concatenate([factors, shifts], axis=2)
-    entries = entries[:, None, : factors.shape[2]]
-    # A factor of zero removes an entry also where its bounds are infinite: 0 * inf would be NaN.
-    terms = [np.where(factors == 0.0, 0.0, factors * bound) for bound in (entries.low, entries.high)]
-    slack = 4 * factors.shape[2] * _EPS * np.maximum(np.abs(terms[0]), np.abs(terms[1])).sum(axis=2)
-    return Interval(
-        np.minimum(terms[0], terms[1]).sum(axis=2) - slack, np.maximum(terms[0], terms[1]).sum(axis=2) + slack
     )
 
 

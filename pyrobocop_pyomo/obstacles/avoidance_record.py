@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from numbers import Real
 from typing import Any
 
@@ -287,10 +287,7 @@ class Snapshot:
         if self.record.scene.is_static(part.body):
             return part.shape
         if (name, times) not in self._shapes:
-            poses = [self.pose(part.body, time) for time in times]
-            vertices = np.vstack([part.shape.vertices @ rotation.T + translation for rotation, translation in poses])
-            rays = np.vstack([part.shape.rays @ rotation.T for rotation, _ in poses])
-            self._shapes[name, times] = replace(part.shape, vertices=vertices, rays=rays)
+            self._shapes[name, times] = part.shape.swept([self.pose(part.body, time) for time in times])
         return self._shapes[name, times]
 
 
@@ -310,8 +307,7 @@ def fixed_times(poses: Mapping[tuple[str, Hashable], Any], body: str) -> dict[An
 
 def gap_along(normals: np.ndarray, first: Polytope, second: Polytope) -> np.ndarray:
     """Gaps (k,) between two shapes along each of the unit normals (k, d), radii included."""
-    reach = (first.vertices @ normals.T).min(axis=0) - (second.vertices @ normals.T).max(axis=0)
-    return reach - first.radius - second.radius
+    return first.lowest(normals) - second.highest(normals)
 
 
 def proven_gap(first: Polytope, second: Polytope, normal: np.ndarray) -> float:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.geometry import Polytope, distances_of_points
+from pyrobocop_pyomo.geometry import distances_of_shapes
 from pyrobocop_pyomo.motion.safety_report import SafetyReport
 from pyrobocop_pyomo.numerics import Array, BoolArray
 from pyrobocop_pyomo.optional_imports import scipy
@@ -31,29 +31,8 @@ EARLIER_OR_LATER = 0.04
 
 
 def swept_distances(snapshot: Snapshot, segments: Sequence[MotionSegment]) -> tuple[Array, Array]:
-    """Signed distances (k,) and normals (k, d) of what two shapes sweep on each segment.
-
-    Returns
-    -------
-    distances : (k,) array
-        Padding included; minus infinity where both shapes overlap without end.
-    normals : (k, d) array
-        Unit vectors from the second shape to the first.
-    """
-    distances, normals = np.empty(len(segments)), np.empty((len(segments), snapshot.record.dimension))
-    alike: dict[tuple[int, ...], list[int]] = defaultdict(list)
-    pairs = [snapshot.placed_pair(segment) for segment in segments]
-    for k, pair in enumerate(pairs):
-        alike[tuple(len(corners) for corners in _corners(*pair))].append(k)
-    for members in alike.values():
-        corners = map(np.stack, zip(*(_corners(*pairs[k]) for k in members), strict=True))
-        exact, normals[members] = distances_of_points(*corners)
-        distances[members] = exact - [pairs[k][0].radius + pairs[k][1].radius for k in members]
-    return distances, normals
-
-
-def _corners(first: Polytope, second: Polytope) -> tuple[Array, ...]:
-    return first.vertices, second.vertices, first.rays, second.rays
+    """Signed distances (k,) and normals (k, d) of what two shapes sweep on each segment, as `distances_of_shapes`."""
+    return distances_of_shapes([snapshot.placed_pair(segment) for segment in segments])
 
 
 # ------------------------------------------------------------------------------------------------- what is left out
@@ -83,7 +62,7 @@ def least_reach(record: AvoidanceRecord) -> float:
     """What a broad phase that is on by itself looks at in any scene: twice the clearance and the largest mover."""
     scene = record.scene
     movers = {part.name: part.shape for part in scene.parts.values() if not scene.is_static(part.body)}
-    sizes = [float(np.linalg.norm(np.ptp(shape.vertices, axis=0))) + 2 * shape.radius for shape in movers.values()]
+    sizes = [float(np.linalg.norm(np.ptp(shape.bounding_box, axis=0))) for shape in movers.values()]
     return 2.0 * max(scene.clearances.values()) + max(sizes, default=0.0)
 
 

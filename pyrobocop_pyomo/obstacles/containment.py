@@ -26,6 +26,7 @@ from .avoidance_record import AvoidanceRecord, fixed_times
 from .block_arguments import MotionBlock, MotionBlockData
 from .initial_checks import check_rules
 from .scene import make_scene
+from .separation_rows import extent_along
 
 
 class ContainmentData(MotionBlockData):
@@ -80,14 +81,23 @@ class ContainmentData(MotionBlockData):
         for time in times:
             self.margin[time] = 0.0
         sides = list(zip(*(part.tolist() for part in self._region.halfspaces), strict=True))
-        corners = [(corner, part.radius) for part in moving.parts for corner in part.vertices.tolist()]
+        corners = [
+            (corner, part.radius, None if part.ellipsoids is None else part.ellipsoids[k])
+            for part in moving.parts
+            for k, corner in enumerate(part.vertices.tolist())
+        ]
         with PauseGC():
             for time in times:
                 room = self.clearance + self.margin[time]
-                for number, (corner, radius) in enumerate(corners):
-                    point = poses["body", time].apply(corner)
+                for number, (corner, radius, ellipsoid) in enumerate(corners):
+                    pose = poses["body", time]
+                    point = pose.apply(corner)
                     for side, (outwards, offset) in enumerate(sides):
-                        self.inside.add((time, number, side), (None, dot(outwards, point) + room, offset - radius))
+                        height = dot(outwards, point) + room
+                        if ellipsoid is not None:
+                            turned = [dot(column, outwards) for column in zip(*pose.rotation, strict=True)]
+                            height += extent_along(turned, ellipsoid)
+                        self.inside.add((time, number, side), (None, height, offset - radius))
 
     # ---------------------------------------------------------------- margins and the proof
 
@@ -236,7 +246,7 @@ def _checked_body(label: str, body: Any, pose: Any) -> Body:
 
 
 def _size(body: Body) -> float:
-    return max(float(np.ptp(part.vertices, axis=0).max()) + part.radius for part in body.parts) or 1.0
+    return max(float(np.ptp(part.bounding_box, axis=0).max()) for part in body.parts) or 1.0
 
 
 def _check_region(label: str, region: Any, body: Body) -> None:
@@ -249,10 +259,9 @@ def _check_region(label: str, region: Any, body: Body) -> None:
         raise ObstacleError(
             f"{label}: the region '{region.name}' has dimension {region.dimension}, the body {body.dimension}."
         )
+    if region.radius > 0 or region.ellipsoids is not None:
+        raise ObstacleError(
+            f"{label}: the region is {region}. What is round has no half-spaces: give the region sharp corners."
+        )
     if region.is_flat:
         raise ObstacleError(f"{label}: the region '{region.name}' is flat; nothing fits into it.")
-    if region.radius > 0:
-        raise ObstacleError(
-            f"{label}: the region '{region.name}' has a radius of {region.radius:g}. Rounded corners have no "
-            "half-spaces: give the region without it."
-        )

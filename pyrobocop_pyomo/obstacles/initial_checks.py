@@ -272,7 +272,7 @@ def check_fixed_poses(snapshot: Snapshot) -> None:
             places[place] = least_possible(record.clearance_at((first.body, second.body), time))
     distances, _ = swept_distances(snapshot, list(places))
     for (place, asked), available in zip(places.items(), distances.tolist(), strict=True):
-        time, size = place.times[0], float(np.abs(snapshot.placed_pair(place)[0].vertices).max())
+        time, size = place.times[0], float(np.abs(snapshot.placed_pair(place)[0].bounding_box).max())
         if available < asked - NEGLIGIBLE * max(1.0, size):
             if available > 0:
                 distance_text, remedy = f"only {available:.6g} apart", f"Ask for less than {available:.6g}, or move"

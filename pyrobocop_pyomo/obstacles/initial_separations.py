@@ -150,9 +150,9 @@ def _candidates(first: Polytope, second: Polytope, extra: list[Array]) -> Array:
 
     The axes are included because shapes without an interior, such as points, have no facets.
     """
-    dimension = first.vertices.shape[1]
-    axes = np.vstack([np.eye(dimension), -np.eye(dimension)])
-    facets = separating_directions(first.vertices, second.vertices, first.rays, second.rays)
+    axes = np.vstack([np.eye(first.dimension), -np.eye(first.dimension)])
+    around = first.covered, second.covered
+    facets = separating_directions(around[0].vertices, around[1].vertices, first.rays, second.rays)
     directions = np.vstack([facets, axes, *extra])
     blocked = ((second.rays @ directions.T) > 1e-9).any(axis=0) | ((first.rays @ directions.T) < -1e-9).any(axis=0)
     return directions[~blocked] if not blocked.all() else directions[-1:]
@@ -169,7 +169,7 @@ def _cheapest_path(
     depths = []
     for directions, (first, second) in zip(candidates, pairs, strict=True):
         depth = -gap_along(directions, first, second)
-        size = max(float(np.ptp(second.vertices, axis=0).max() + np.ptp(first.vertices, axis=0).max()), 1e-12)
+        size = max(sum(float(np.ptp(shape.bounding_box, axis=0).max()) for shape in (first, second)), 1e-12)
         depths.append((depth / size - PREFERENCE * directions @ preferred) / len(pairs))
     cost = depths[0] if before is None else depths[0] + _turning(before[None, :], candidates[0])[0]
     origins = []

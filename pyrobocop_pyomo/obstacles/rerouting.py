@@ -115,13 +115,14 @@ class InnerAndOuterBall:
 
     @classmethod
     def of(cls, shape: Polytope) -> InnerAndOuterBall:
-        """About the mean of the vertices."""
-        middle = shape.vertices.mean(axis=0)
-        inner = 0.0
+        """About the mean of the corners."""
+        middle, inner, around = shape.center, 0.0, shape.covered
         if not shape.is_flat:
             normals, offsets = shape.halfspaces
             inner = float((offsets - normals @ middle).min())
-        outer = float(np.linalg.norm(shape.vertices - middle, axis=1).max())
+        elif shape.ellipsoids is not None:
+            inner = float(np.linalg.norm(shape.ellipsoids, -2, axis=(1, 2)).min())
+        outer = float(np.linalg.norm(around.vertices - middle, axis=1).max())
         return cls(middle, max(inner, 0.0) + shape.radius, outer + shape.radius)
 
 
@@ -196,8 +197,7 @@ def grid_lower_bounds(axes: Sequence[Array], obstacles: Sequence[Polytope], beyo
     for obstacle in obstacles:
         window = tuple(slice(None) for _ in axes)
         if obstacle.is_bounded:
-            far = obstacle.radius + beyond
-            below, above = obstacle.vertices.min(axis=0) - far, obstacle.vertices.max(axis=0) + far
+            below, above = obstacle.bounding_box[0] - beyond, obstacle.bounding_box[1] + beyond
             window = tuple(
                 slice(int(np.searchsorted(axis, low)), int(np.searchsorted(axis, high, side="right")))
                 for axis, low, high in zip(axes, below, above, strict=True)
@@ -214,7 +214,7 @@ def grid_lower_bounds(axes: Sequence[Array], obstacles: Sequence[Polytope], beyo
 def distance_lower_bounds(points: Array, obstacles: Sequence[Polytope]) -> Array:
     """Lower bounds (k,) of the distances of points (k, d) to the nearest of the obstacles."""
     found = np.full(len(points), np.inf)
-    for obstacle in obstacles:
+    for obstacle in (each.covered for each in obstacles):
         bound = np.full(len(points), -np.inf)
         if not obstacle.is_flat:
             normals, offsets = obstacle.halfspaces

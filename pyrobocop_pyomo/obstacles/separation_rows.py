@@ -5,7 +5,8 @@ shape at every pose ``(R, t)`` that it covers::
 
     n.(R1 V_i + t1) >= c + required        n.(R2 W_j + t2) <= c        n.n <= 1 or n.n = 1
 
-Rays ``r`` of unbounded shapes add ``n.R1 r >= 0`` and ``n.R2 r <= 0``. For two shapes in the plane with v and w
+Rays ``r`` of unbounded shapes add ``n.R1 r >= 0`` and ``n.R2 r <= 0``. An ellipsoid ``V + B u, |u| <= 1`` takes
+``|B'R1'n|`` off the left side, or adds it in the second row. For two shapes in the plane with v and w
 vertices that is 3 variables and v + w + 1 rows per pose (Fan, Murgovski & Liang, arXiv:2312.17440).
 """
 
@@ -18,6 +19,7 @@ from typing import Any
 import numpy as np
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.set import Set
+from pyomo.core.expr import sqrt
 from pyomo.core.expr.numeric_expr import MonomialTermExpression, ProductExpression, SumExpression
 from pyomo.core.expr.numvalue import is_fixed, value
 from pyomo.core.expr.relational_expr import InequalityExpression
@@ -112,16 +114,15 @@ def add_separation(block: Any, record: AvoidanceRecord, segment: MotionSegment) 
             level = block.level.add((name, *place), dot(normal, pose.translation) - moved)
             if all(is_number(entry) for row in pose.rotation for entry in row):
                 rotation = np.array(pose.rotation, dtype=float)
-                corners, rays = part.shape.vertices @ rotation.T, part.shape.rays @ rotation.T
-                direction = normal
+                shape, direction = part.shape.swept([(rotation, np.zeros(len(rotation)))]), normal
             else:
-                corners, rays = part.shape.vertices, part.shape.rays
+                shape = part.shape
                 direction = [
                     block.turned_normal.add((name, *place, axis), entry)
                     # R'n: the direction in the frame of the body
                     for axis, entry in enumerate(dot(column, normal) for column in zip(*pose.rotation, strict=True))
                 ]
-            _state_side(rows, place, corners, rays, direction, level, upward=upward)
+            _state_side(rows, place, shape, direction, level, upward=upward)
     block.unit.add(index, norm_relation(normal, record.norm_now))
 
 
@@ -168,8 +169,9 @@ def start_plane(block: Any, index: SeparationIndex, first: Polytope, second: Pol
     """The given normal, and the plane in the middle of the gap along it."""
     for axis, number in enumerate(normal.tolist()):
         block.normal[(*index, axis)].set_value(number, skip_validation=True)
-    upper = float((first.vertices @ normal).min()) - value(block.required[index])
-    lower = float((second.vertices @ normal).max())
+    # What is required holds both paddings.
+    upper = float(first.lowest(normal[None])[0]) + first.radius - value(block.required[index])
+    lower = float(second.highest(normal[None])[0]) - second.radius
     block.offset[index].set_value((upper + lower) / 2, skip_validation=True)
 
 
@@ -189,8 +191,7 @@ def unit_normal_of(block: Any, index: SeparationIndex) -> np.ndarray | None:
 def _state_side(
     rows: Constraint,
     place: tuple[Any, ...],
-    corners: np.ndarray,
-    rays: np.ndarray,
+    shape: Polytope,
     direction: Sequence[Any],
     level: Any,
     *,
@@ -204,12 +205,20 @@ def _state_side(
     products = [MonomialTermExpression if entry.is_variable_type() else ProductExpression for entry in direction]
     heights: list[Any] = [
         SumExpression([*(of((c, e)) for of, c, e in zip(products, corner, direction, strict=True) if c), level])
-        for corner in corners.tolist()
+        for corner in shape.vertices.tolist()
     ]
-    heights += [dot(ray, direction) for ray in rays.tolist()]
+    if shape.ellipsoids is not None:
+        extents = [extent_along(direction, ellipsoid) for ellipsoid in shape.ellipsoids]
+        heights = [h - e if upward else h + e for h, e in zip(heights, extents, strict=True)]
+    heights += [dot(ray, direction) for ray in shape.rays.tolist()]
     for number, height in enumerate(heights):
         sides = (0.0, height) if upward else (height, 0.0)
         new_row(rows, (*place, number), InequalityExpression(sides, False))
+
+
+def extent_along(direction: Sequence[Any], ellipsoid: np.ndarray) -> Any:
+    """How far an ellipsoid (d, d) reaches from its middle along a direction of expressions."""
+    return sqrt(sum(dot(column, direction) ** 2 for column in ellipsoid.T.tolist()))
 
 
 def norm_relation(normal: Sequence[Any], norm: str) -> tuple[Any, Any, Any]:

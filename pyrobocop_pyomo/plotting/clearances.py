@@ -31,7 +31,7 @@ def plot_clearances(title: str, pairs: Sequence[Any], *, most: int = 6, figure: 
     """
     figure = figure_or_new(figure, 7.2, 4.0)
     axis = figure.subplots()
-    axis.set_title(title, color="0.1" if title == "clear" else "C3")
+    axis.set_title(title, color="0.1" if all(pair.safe is not False for pair in pairs) else "C3")
     drawn, rest = pairs[:most], pairs[most:]
     for i, pair in enumerate(drawn):
         colour, spans = f"C{i}", _spans(pair)

@@ -19,7 +19,7 @@ def outline(shape: Any, view: Array | None = None) -> Array:
     Parameters
     ----------
     shape : Polytope
-        Of dimension two; read are its vertices, rays and radius.
+        Of dimension two; read are its corners, with their ellipsoids, its rays and its radius.
     view : array, shape (2, 2), optional
         Lower and upper corner of what is seen; the outline of a shape with rays ends a little outside of it, those of
         others are left whole.
@@ -55,7 +55,11 @@ def faces(shape: Any, view: Array | None = None) -> list[Array]:
 
 def _within(shape: Any, view: Array | None) -> Array:
     """Points whose hull is what is seen of a shape; in the plane a bounded one is left whole, and flat ones are."""
-    points = padded(np.asarray(shape.vertices, dtype=float), float(shape.radius))
+    points = np.asarray(shape.vertices, dtype=float)
+    if shape.ellipsoids is not None:
+        around = _unit_ball(shape.dimension) @ shape.ellipsoids.swapaxes(1, 2)
+        points = (points[:, None, :] + around).reshape(-1, shape.dimension)
+    points = padded(points, float(shape.radius))
     frame = _frame(view, points) if view is None or shape.dimension == 2 else np.asarray(view, dtype=float)
     if shape.is_bounded:
         is_inside = np.all(frame[0] <= points.min(axis=0)) and np.all(points.max(axis=0) <= frame[1])
@@ -97,14 +101,19 @@ def padded(points: Array, radius: float) -> Array:
     """Points whose hull is that of the given points with a margin; the points themselves without one."""
     if not radius:
         return points
+    return (points[:, None, :] + radius * _unit_ball(points.shape[1])).reshape(-1, points.shape[1])
+
+
+def _unit_ball(dimension: int) -> Array:
+    """Points (k, d) of the unit circle or the unit sphere."""
     angle = np.linspace(0, 2 * np.pi, _CORNERS_OF_A_CIRCLE, endpoint=False)
-    ball = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    if points.shape[1] == 3:
-        height = np.linspace(-np.pi / 2, np.pi / 2, 9)[:, None, None]
-        few = ball[::3]
-        ring = np.concatenate([np.cos(height) * few, np.broadcast_to(np.sin(height), (9, len(few), 1))], axis=-1)
-        ball = ring.reshape(-1, 3)
-    return (points[:, None, :] + radius * ball).reshape(-1, points.shape[1])
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    if dimension == 2:
+        return circle
+    height = np.linspace(-np.pi / 2, np.pi / 2, 9)[:, None, None]
+    few = circle[::3]
+    ring = np.concatenate([np.cos(height) * few, np.broadcast_to(np.sin(height), (9, len(few), 1))], axis=-1)
+    return ring.reshape(-1, 3)
 
 
 def _frame(view: Array | None, points: Array) -> Array:

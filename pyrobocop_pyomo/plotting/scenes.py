@@ -109,7 +109,8 @@ class _Scene:
         for obstacle in self.obstacles:
             face = (0.72, 0.72, 0.72, 1.0) if is_flat else (0.55, 0.55, 0.55, 0.35)
             # Facets approximate round shapes, so their edges are faint.
-            edge = (0.45, 0.45, 0.45, 1.0) if is_flat else (0.4, 0.4, 0.4, 0.1 if obstacle.radius else 0.8)
+            is_round = obstacle.radius or obstacle.ellipsoids is not None
+            edge = (0.45, 0.45, 0.45, 1.0) if is_flat else (0.4, 0.4, 0.4, 0.1 if is_round else 0.8)
             for polygon in _polygons(obstacle, self.window + beyond):
                 _add_polygon(axis, polygon, face, edge, 1)
         if is_flat:
@@ -175,11 +176,10 @@ def _window(bodies: Sequence[BodyPath], obstacles: Sequence[Any]) -> Array:
     room = 0.5 * max(float((upper - lower).max()), 1e-9)
     low, high = lower - 0.08 * room, upper + 0.08 * room
     for obstacle in obstacles:
-        corners = np.asarray(obstacle.vertices, dtype=float)
         # More room along rays, so that an unbounded wall at the edge looks like a wall and not like a line.
         rays = np.concatenate([np.zeros((1, len(lower))), np.reshape(obstacle.rays, (-1, len(lower)))])
-        before = corners.min(axis=0) - obstacle.radius - room * np.where(rays.min(axis=0) < -1e-9, 0.3, 0.08)
-        after = corners.max(axis=0) + obstacle.radius + room * np.where(rays.max(axis=0) > 1e-9, 0.3, 0.08)
+        before = obstacle.bounding_box[0] - room * np.where(rays.min(axis=0) < -1e-9, 0.3, 0.08)
+        after = obstacle.bounding_box[1] + room * np.where(rays.max(axis=0) > 1e-9, 0.3, 0.08)
         low = np.minimum(low, np.maximum(before, lower - 0.5 * room))
         high = np.maximum(high, np.minimum(after, upper + 0.5 * room))
     return np.array([low, high])
@@ -308,8 +308,8 @@ class BodyPath:
         return int(self.translation.shape[1])
 
     def places(self) -> Array:
-        """All vertices over time, shape (T, v, d)."""
-        corners = np.concatenate([part.vertices for part in self.parts])  # type: ignore[union-attr]
+        """All corners over time, shape (T, v, d)."""
+        corners = np.concatenate([part.covered.vertices for part in self.parts])  # type: ignore[union-attr]
         return corners @ self.rotation.transpose(0, 2, 1) + self.translation[:, None, :]
 
     def polygons(self) -> list[Array]:

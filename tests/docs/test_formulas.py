@@ -132,15 +132,6 @@ def test_mathjax_is_copied_from_a_package():
 # The page's formulas for shapes that stand for others are those of the code.
 
 
-def test_excess_of_ellipsoids() -> None:
-    ball = rcp.Polytope.ellipsoid((1.0, 1.0, 1.0))
-    distances = ball.halfspaces[1]
-    assert distances.min() == pytest.approx(1.0)
-    assert np.linalg.norm(ball.vertices, axis=1).max() - 1.0 == pytest.approx(ball.excess)
-    assert rcp.Polytope.ellipsoid((1.0, 3.0, 2.0)).excess == pytest.approx(3.0 * ball.excess)
-    assert rcp.Polytope.ellipsoid((0.2, 0.7), sides=8).excess == pytest.approx(0.7 * (1 / math.cos(math.pi / 8) - 1))
-
-
 def test_excess_of_grids() -> None:
     stairs = np.eye(4, dtype=bool)
     (part,) = rcp.scenes.cover_occupancy_grid(stairs, 0.5, tolerance=0.5)

@@ -12,6 +12,7 @@ from scipy.optimize import nnls
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import (
+    PointSets,
     Polytope,
     distance_of_points,
     distances_of_points,
@@ -44,6 +45,10 @@ def test_boxes_apart_touching_and_overlapping() -> None:
 # Distances of many pairs at once are those of each pair.
 
 
+def without_rays(corners: np.ndarray) -> PointSets:
+    return PointSets(corners, np.zeros((len(corners), 0, corners.shape[2])))
+
+
 @given(
     seed=some.integers(0, 2**32 - 1),
     dimension=some.integers(2, 3),
@@ -57,7 +62,7 @@ def test_many_at_once_are_each_alone(seed: int, dimension: int, corners: tuple[i
     q = 2.0 * random.normal(size=(20, corners[1], dimension))
     if rounded:
         p, q = p.round(), q.round()
-    distance, normal = distances_of_points(p, q)
+    distance, normal = distances_of_points(without_rays(p), without_rays(q))
     for k in range(20):
         assert distance[k] == pytest.approx(distance_of_points(p[k], q[k]).distance, abs=1e-9)
         assert np.linalg.norm(normal[k]) == pytest.approx(1.0, abs=1e-9)
@@ -68,13 +73,13 @@ def test_walls_without_end() -> None:
     wall = Polytope.from_halfspaces([[0, 1]], [0], bounded=False)
     p = np.array([Polytope.box(1, 1, center=(0, height)).vertices for height in (2.0, 0.5, 0.1)])
     q, rays = np.broadcast_to(wall.vertices, (3, 1, 2)), np.broadcast_to(wall.rays, (3, 3, 2))
-    distance, normal = distances_of_points(p, q, None, rays)
+    distance, normal = distances_of_points(without_rays(p), PointSets(q, rays))
     assert distance == pytest.approx([1.5, 0.0, -0.4], abs=1e-12)
     assert normal == pytest.approx(np.tile([0.0, 1.0], (3, 1)), abs=1e-12)
 
 
 def test_no_pairs() -> None:
-    distance, normal = distances_of_points(np.zeros((0, 4, 2)), np.zeros((0, 3, 2)))
+    distance, normal = distances_of_points(without_rays(np.zeros((0, 4, 2))), without_rays(np.zeros((0, 3, 2))))
     assert (distance.shape, normal.shape) == ((0,), (0, 2))
 
 
@@ -373,18 +378,18 @@ def test_a_cylinder_in_any_direction(radius: float, height: float, axis: tuple, 
 
 @settings(max_examples=12)
 @given(semi_axes=some.lists(lengths, min_size=2, max_size=3), seed=some.integers(0, 999))
-def test_ellipses_and_ellipsoids(semi_axes: list[float], seed: int) -> None:
+def test_ellipses_and_ellipsoids_and_polytopes_around_them(semi_axes: list[float], seed: int) -> None:
     random = np.random.default_rng(seed)
     shape = Polytope.ellipsoid(semi_axes)
     unit = random.normal(size=(300, len(semi_axes)))
     unit /= np.linalg.norm(unit, axis=1)[:, None]
-    assert inside(shape, unit * semi_axes)
+    around = shape.covered
+    assert inside(around, unit * semi_axes)
     # The point of the ellipsoid below a corner is no farther than the excess.
-    below = shape.vertices / np.linalg.norm(shape.vertices / semi_axes, axis=1)[:, None]
-    assert np.linalg.norm(shape.vertices - below, axis=1).max() <= shape.excess * (1 + 1e-9)
-    finer = Polytope.ellipsoid(semi_axes, sides=32)
-    assert finer.excess < shape.excess
-    assert inside(finer, unit * semi_axes)
+    below = around.vertices / np.linalg.norm(around.vertices / semi_axes, axis=1)[:, None]
+    assert np.linalg.norm(around.vertices - below, axis=1).max() <= around.excess * (1 + 1e-9)
+    assert shape.excess == 0.0
+    assert shape.bounding_box[1] == pytest.approx(semi_axes)
 
 
 def test_a_cone_has_its_tip_and_a_frustum_both_circles() -> None:

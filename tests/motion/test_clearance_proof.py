@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.geometry import Polytope, Pose, distances_of_points, planar_pose, spatial_pose
+from pyrobocop_pyomo.geometry import Polytope, Pose, distances_of_shapes, planar_pose, spatial_pose
 from pyrobocop_pyomo.motion import Body, motion_of, verify_clearance
 
 CAR = Polytope.box(1.0, 0.5)
@@ -99,9 +99,37 @@ def test_random_motions_in_space(seed: int, clearance: float, offset: float) -> 
     report = check(m, shape, [wall], clearance, pose=pose)
     at = np.linspace(0, 2, 301)
     q = np.stack([np.interp(at, [0, 1, 2], column) for column in nodes.T], axis=1)
-    moved = np.array([shape.placed(spatial_pose(row[:3], euler=row[3:])).vertices for row in q])
-    found, _ = distances_of_points(moved, np.broadcast_to(wall.vertices, (len(at), *wall.vertices.shape)))
+    found, _ = distances_of_shapes([(shape.placed(spatial_pose(row[:3], euler=row[3:])), wall) for row in q])
     check_against_samples(report, np.maximum(found, 0.0), clearance)
+
+
+@settings(max_examples=12)
+@given(seed=seeds, clearance=st.floats(0.05, 0.4), spatial=st.booleans())
+def test_random_motions_of_ellipsoids(seed: int, clearance: float, spatial: bool) -> None:
+    """Thin ones that turn fast: their extent along a normal changes as much as their place does."""
+    random = np.random.default_rng(seed)
+    count, size = (6, 3) if spatial else (3, 2)
+    nodes = np.cumsum(random.normal(size=(3, count)), axis=0)
+    m = pyo.ConcreteModel()
+    m.t = pyo.RangeSet(0, 2)
+    m.q = pyo.Var(m.t, pyo.RangeSet(0, count - 1), initialize=lambda m, t, k: float(nodes[t, k]))
+
+    def placed_at(q: Any) -> Any:
+        return spatial_pose(q[:3], euler=q[3:]) if spatial else planar_pose(*q)
+
+    def pose(b: Any, t: Any) -> Any:
+        return placed_at([b.q[t, k] for k in range(count)])
+
+    shape = Polytope.ellipsoid(random.uniform(0.1, 1.5, size))
+    wall = Polytope.ellipsoid(random.uniform(0.1, 1.5, size), nodes.mean(axis=0)[:size] + random.normal(size=size))
+    report = check(m, shape, [wall], clearance, pose=pose)
+    at = np.linspace(0, 2, 301)
+    q = np.stack([np.interp(at, [0, 1, 2], column) for column in nodes.T], axis=1)
+    found, _ = distances_of_shapes([(shape.placed(placed_at(row.tolist())), wall) for row in q])
+    check_against_samples(report, np.maximum(found, 0.0), clearance)
+    (pair,) = report.body_pairs
+    proven = np.repeat(pair.interval_proven, 150)
+    assert (np.concatenate([found[:150], found[151:]]) >= proven - 1e-9).all()
 
 
 @settings(max_examples=20)

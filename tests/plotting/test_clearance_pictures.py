@@ -38,6 +38,7 @@ def test_the_line_is_what_is_proven_and_the_dots_are_what_was_found(height: floa
     figure = found.plot()
     (axis,) = figure.axes
     assert axis.get_title() == title
+    assert (axis.title.get_color() == "C3") is (title == "NOT SAFE")
     proven, dots, asked = axis.lines[:3]
     assert proven.get_xdata().tolist() == [0.0, 2.0, 2.0, 3.0, 3.0, 5.0]
     assert np.array_equal(proven.get_ydata()[::2], pair.interval_proven)

@@ -94,6 +94,7 @@ class FreeSpace:
     @classmethod
     def around(cls, body: Polytope, obstacles: Sequence[Polytope], clearance: float, scene: float) -> FreeSpace:
         """Free space of a bounded body among obstacles, in a scene of a given size."""
+        body, obstacles = body.covered, [obstacle.covered for obstacle in obstacles]
         sides, reaches = _sides(body)
         every = [_sides(obstacle) for obstacle in obstacles]
         corners = [_corners(obstacle, scene) for obstacle in obstacles]

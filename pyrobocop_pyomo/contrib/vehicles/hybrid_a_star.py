@@ -115,7 +115,7 @@ def hybrid_a_star(
     if np.array_equal(ends["start"], ends["goal"]):
         raise InitialGuessError("hybrid_a_star: start and goal are the same pose; there is no path to find.")
     scene = body.reach + float(np.abs([*limits[0], *limits[1]]).max())
-    scene += max((float(np.abs(shape.vertices).max()) for shape in shapes), default=0.0)
+    scene += max((float(np.abs(shape.bounding_box).max()) for shape in shapes), default=0.0)
     coarse = MotionPrimitives.of(wheelbase, steering_limit, options, trailer=trailer)
     reach = body.reach if trailer is None else body.reach + trailer.length + trailer.shape.reach
     region = np.array(limits).T + np.array([[-reach], [reach]])
