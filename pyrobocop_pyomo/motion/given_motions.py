@@ -13,7 +13,7 @@ from pyomo.core.base.PyomoModel import ConcreteModel
 from pyomo.core.expr import cos, sin
 
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.geometry import Pose, check_pose, spatial_pose
+from pyrobocop_pyomo.geometry import Pose, check_pose, planar_pose, spatial_pose
 from pyrobocop_pyomo.numerics.arrays import Array, finite_numbers
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.templates.slots import Item
@@ -22,15 +22,11 @@ from pyrobocop_pyomo.trajectories import Trajectory
 from .motion import STATES_ONLY, Motion, Nodes, intervals_of_grid
 
 BETWEEN_POINTS = "straight lines between the points, on which bodies turn at constant rates"
-QUATERNION_ORDERS = ("wxyz", "xyzw")
-# Quaternions of files and messages are rounded; what is farther from length one is most likely no quaternion.
-_LENGTH_ERROR = 1e-3
-# Of matrices; and a turn this close to half a turn has no shorter way.
+# A turn this close to half a turn has no shorter way.
 _ROTATION_ERROR = 1e-6
 _SHAPES = {
-    2: "(N, 2) for x, y; (N, 3) for x, y, theta; (N, 3, 3) for homogeneous matrices; or a list of Pose",
-    3: "(N, 3) for x, y, z; (N, 6) for x, y, z, roll, pitch, yaw; (N, 7) for x, y, z and a quaternion; (N, 4, 4) for "
-    "homogeneous matrices; or a list of Pose",
+    2: "(N, 2) for x, y; (N, 3) for x, y, theta; or a list of Pose",
+    3: "(N, 3) for x, y, z; (N, 6) for x, y, z, roll, pitch, yaw; or a list of Pose",
 }
 
 
@@ -55,9 +51,7 @@ class SampledPath:
     angles: Array
 
 
-def read_path(
-    given: Any, times: Array, dimension: int, name: str, *, quaternion_order: str | None = None
-) -> SampledPath:
+def read_path(given: Any, times: Array, dimension: int, name: str) -> SampledPath:
     """The poses of one body at given times.
 
     Parameters
@@ -69,8 +63,6 @@ def read_path(
         Of the body.
     name : str
         Of the body, for messages.
-    quaternion_order : str, optional
-        ``"wxyz"`` or ``"xyzw"``.
 
     Raises
     ------
@@ -78,10 +70,11 @@ def read_path(
         Naming the body and the row.
     """
     what = f"the poses of '{name}'"
-    poses = _as_array(given, dimension, name, what)
+    poses = _poses(given, dimension, name, what)
     if len(poses) != len(times):
         raise ObstacleError(f"{what}: {len(poses)} poses for {len(times)} times; give one pose for each time.")
-    path = _planar(poses, what) if dimension == 2 else _spatial(poses, what, quaternion_order)
+    rotations, positions = (np.array(of) for of in zip(*(pose.numbers() for pose in poses), strict=True))
+    path = _planar(positions, rotations) if dimension == 2 else _spatial(positions, rotations)
     half = np.flatnonzero(np.abs(np.diff(path.angles, axis=1)) >= np.pi - _ROTATION_ERROR)
     if len(half):
         raise ObstacleError(
@@ -91,87 +84,33 @@ def read_path(
     return path
 
 
-def _as_array(given: Any, dimension: int, name: str, label: str) -> Array:
+def _poses(given: Any, dimension: int, name: str, label: str) -> Sequence[Pose]:
     if isinstance(given, Sequence) and len(given) and all(isinstance(pose, Pose) for pose in given):
-        return _matrices(given, dimension, name)
-    poses = finite_numbers(given, label, ObstacleError)
-    allowed = {2: [(2,), (3,), (3, 3)], 3: [(3,), (6,), (7,), (4, 4)]}[dimension]
-    if poses.ndim < 2 or poses.shape[1:] not in allowed:
-        raise ObstacleError(f"{label}: an array of shape {poses.shape}; expected {_SHAPES[dimension]}.")
-    return poses
+        for k, pose in enumerate(given):
+            if pose.dimension != dimension:
+                raise ObstacleError(f"{label}: row {k} is a pose in {pose.dimension} dimensions.")
+            check_pose(pose, f"{name}, row {k}")
+        return given
+    rows = finite_numbers(given, label, ObstacleError)
+    if rows.ndim != 2 or rows.shape[1] not in (dimension, dimension * (dimension + 1) // 2):
+        raise ObstacleError(f"{label}: an array of shape {rows.shape}; expected {_SHAPES[dimension]}.")
+    if dimension == 2:
+        return [planar_pose(*row) for row in rows.tolist()]
+    return [spatial_pose(row[:3], euler=row[3:] or (0.0, 0.0, 0.0)) for row in rows.tolist()]
 
 
-def _matrices(poses: Sequence[Pose], dimension: int, name: str) -> Array:
-    stacked = np.zeros((len(poses), dimension + 1, dimension + 1))
-    for k, pose in enumerate(poses):
-        if pose.dimension != dimension:
-            raise ObstacleError(f"the poses of '{name}': row {k} is a pose in {pose.dimension} dimensions.")
-        check_pose(pose, f"{name}, row {k}")
-        stacked[k, :-1, :-1], stacked[k, :-1, -1] = pose.numbers()
-        stacked[k, -1, -1] = 1.0
-    return stacked
-
-
-def _planar(poses: Array, label: str) -> SampledPath:
-    if poses.ndim == 3:
-        rotations = _checked_rotations(poses, label)
-        positions, angles = poses[:, :2, 2], np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0])
-    else:
-        positions = poses[:, :2]
-        angles = poses[:, 2] if poses.shape[1] == 3 else np.zeros(len(poses))
-    shorter = np.unwrap(angles)
-    ends = np.column_stack([shorter[:-1], shorter[1:]])
+def _planar(positions: Array, rotations: Array) -> SampledPath:
+    angles = np.unwrap(np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0]))
+    ends = np.column_stack([angles[:-1], angles[1:]])
     return SampledPath(positions, np.tile(np.eye(3), (len(ends), 1, 1)), np.tile([0.0, 0.0, 1.0], (len(ends), 1)), ends)
 
 
-def _spatial(poses: Array, label: str, quaternion_order: str | None) -> SampledPath:
-    positions, rotations = _positions_and_rotations(poses, label, quaternion_order)
+def _spatial(positions: Array, rotations: Array) -> SampledPath:
     between = rotations[:-1].transpose(0, 2, 1) @ rotations[1:]
     turns = scipy.spatial.transform.Rotation.from_matrix(between).as_rotvec()
     angles = np.linalg.norm(turns, axis=1)
     axes = np.where(angles[:, None] > 0.0, turns / np.where(angles > 0.0, angles, 1.0)[:, None], [0.0, 0.0, 1.0])
     return SampledPath(positions, rotations[:-1], axes, np.column_stack([np.zeros(len(angles)), angles]))
-
-
-def _positions_and_rotations(poses: Array, label: str, quaternion_order: str | None) -> tuple[Array, Array]:
-    if poses.ndim == 3:
-        return poses[:, :3, 3], _checked_rotations(poses, label)
-    positions = poses[:, :3]
-    if poses.shape[1] == 3:
-        return positions, np.broadcast_to(np.eye(3), (len(poses), 3, 3))
-    if poses.shape[1] == 6:
-        return positions, np.array([spatial_pose(row[:3], euler=row[3:].tolist()).numbers()[0] for row in poses])
-    if quaternion_order not in QUATERNION_ORDERS:
-        raise ObstacleError(
-            f"{label}: quaternion_order={quaternion_order!r}; say quaternion_order='wxyz' where the columns are "
-            "x, y, z, qw, qx, qy, qz, as in spatial_pose, or 'xyzw' where they are x, y, z, qx, qy, qz, qw, as in "
-            "ROS and SciPy."
-        )
-    quaternions = poses[:, 3:] if quaternion_order == "xyzw" else np.roll(poses[:, 3:], -1, axis=1)
-    lengths = np.linalg.norm(quaternions, axis=1)
-    worst = int(np.argmax(np.abs(lengths - 1.0)))
-    if abs(lengths[worst] - 1.0) > _LENGTH_ERROR:
-        raise ObstacleError(
-            f"{label}: the quaternion of row {worst} has length {lengths[worst]:.6g}; expected 1. Check which columns "
-            "are the quaternion."
-        )
-    return positions, scipy.spatial.transform.Rotation.from_quat(quaternions / lengths[:, None]).as_matrix()
-
-
-def _checked_rotations(matrices: Array, label: str) -> Array:
-    """Rotations of homogeneous matrices, their rounding removed."""
-    d = matrices.shape[1] - 1
-    last = np.abs(matrices[:, -1] - np.eye(d + 1)[-1]).max(axis=1)
-    rotations = matrices[:, :d, :d]
-    error = np.maximum(np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(d)).max(axis=(1, 2)), last)
-    error = np.where(np.linalg.det(rotations) < 0.0, np.inf, error)
-    worst = int(np.argmax(error))
-    if error[worst] > _ROTATION_ERROR:
-        raise ObstacleError(
-            f"{label}: the matrix of row {worst} is not [[R, p], [0, 1]] with a rotation R (error {error[worst]:.3g})."
-        )
-    left, _, right = np.linalg.svd(rotations)
-    return np.asarray(left @ right, dtype=np.float64)
 
 
 # ------------------------------------------------------------------------------------------------------------ motions

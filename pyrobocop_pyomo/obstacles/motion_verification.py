@@ -29,7 +29,6 @@ def verify_motion(
     body_pairs: Any = None,
     exclude: Iterable[BodyPair] = (),
     signals: Mapping[str, Any] | None = None,
-    quaternion_order: str | None = None,
     tolerance: float | None = None,
 ) -> SafetyReport:
     """Prove that bodies keep their clearances along a path of numbers or a trajectory, or find where they do not.
@@ -41,10 +40,9 @@ def verify_motion(
     path : array_like of shape (N,), or Trajectory
         Times, increasing, or the trajectory of a phase. ``range(N)`` where only the order of the poses is known.
     poses : array_like, list of Pose, or mapping of name to such
-        One pose for each time. In the plane (N, 2) for x, y; (N, 3) for x, y, theta; (N, 3, 3) for homogeneous
-        matrices. In space (N, 3) for x, y, z; (N, 6) for x, y, z, roll, pitch, yaw; (N, 7) for x, y, z and a
-        quaternion; (N, 4, 4). Angles are in radians. A mapping gives them by the name of a body or of an obstacle that
-        moves.
+        One pose for each time. In the plane (N, 2) for x, y; (N, 3) for x, y, theta. In space (N, 3) for x, y, z;
+        (N, 6) for x, y, z, roll, pitch, yaw. Angles are in radians; from quaternions and matrices `spatial_pose` makes
+        a `Pose`. A mapping gives them by the name of a body or of an obstacle that moves.
     body : Polytope, list of Polytope or Body, optional
         The only body, in its own frame; short for ``bodies={"body": body}``.
     bodies : mapping of name to Polytope, list of Polytope or Body, optional
@@ -59,8 +57,6 @@ def verify_motion(
         As for an `ObstacleAvoidanceBlock`.
     signals : mapping of name to array_like of shape (N,), optional
         What pose rules read as ``block.name[t]``, linear between the times: the joints of an arm, for example.
-    quaternion_order : str, optional
-        ``"wxyz"`` or ``"xyzw"`` (ROS, SciPy); needed where quaternions are given.
     tolerance
         As for `verify_clearance`.
 
@@ -99,9 +95,7 @@ def verify_motion(
                 "call for each phase; or an array of times and poses."
             )
         times = increasing_numbers(path, f"{_WHAT}: the times", ObstacleError)
-        paths = {
-            name: _path_of(name, rows, times, {**beside, **moving}, quaternion_order) for name, rows in by_name.items()
-        }
+        paths = {name: _path_of(name, rows, times, {**beside, **moving}) for name, rows in by_name.items()}
         values = {name: _signal(name, of, times) for name, of in (signals or {}).items()}
         motion, rules = motion_along_paths(times, paths, values)
         for name, rule in rules.items():
@@ -141,13 +135,11 @@ def _poses_by_name(poses: Any, bodies: Mapping[str, Any]) -> dict[str, Any]:
     return {next(iter(bodies)): poses}
 
 
-def _path_of(
-    name: str, given: Any, times: Array, everybody: Mapping[str, Body], quaternion_order: str | None
-) -> SampledPath:
+def _path_of(name: str, given: Any, times: Array, everybody: Mapping[str, Body]) -> SampledPath:
     if name not in everybody:
         listed = ", ".join(f"'{known}'" for known in everybody)
         raise ObstacleError(f"{_WHAT}: poses= names '{name}', which is not among {listed}.")
     shaped = everybody[name]
     if shaped.moves:
         raise ObstacleError(f"{_WHAT}: '{name}' has a pose rule and poses. Give one of them.")
-    return read_path(given, times, shaped.dimension, name, quaternion_order=quaternion_order)
+    return read_path(given, times, shaped.dimension, name)
