@@ -11,6 +11,9 @@ from pyrobocop_pyomo.complementarity import active_sources, relax
 from pyrobocop_pyomo.errors import TeamError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.planning import solve
+from pyrobocop_pyomo.solving.iterates import Tolerances
+from pyrobocop_pyomo.solving.model_check import ModelCheck
 from pyrobocop_pyomo.studies.persistent_nlp import PersistentNLP
 
 from .agents import TOO_NEAR
@@ -36,7 +39,8 @@ class Closing:
     Attributes
     ----------
     below : float
-        It is tried from this mu on.
+        It is tried from this mu on; by a team without pairs, which may agree before, after so many rounds as between
+        two tries.
     every : int
         Rounds between two tries.
     path : sequence of float
@@ -71,8 +75,9 @@ class Closing:
         tried : int
             Number of the round after which it was tried last; -1 where it was not.
         """
-        waited = tried < 0 or record.number - tried >= self.every
-        return waited and (record.mu is None or record.mu <= self.below)
+        if record.mu is None:
+            return record.number - max(tried, 0) >= self.every
+        return record.mu <= self.below and (tried < 0 or record.number - tried >= self.every)
 
     def carry_out(self, team: Any, values: Mapping[str, Mapping[str, Array]]) -> ClosedPlan:
         """Plan for all agents in one model, from their values.
@@ -80,24 +85,32 @@ class Closing:
         Parameters
         ----------
         team : Team
-            With physics.
         values : mapping of agent to (mapping of component to float array)
             Of all variables in the agents' models.
 
         Returns
         -------
         ClosedPlan
-            The best on the path, whatever it is worth: look at its score.
+            The best on the path, whatever it is worth: look at its score and its violation.
         """
-        started = time.process_time()
-        merged = team.central(keep_apart=False)
-        merged.put_on(values)
+        started, merged = time.process_time(), team.central(keep_apart=False)
+        if active_sources(merged.model):
+            merged.put_on(values)
+            plan = self._follow(team, merged)
+        else:
+            # What robots agree on without a look at each other may lead to a worse optimum than their own guesses.
+            solved = [_solved(team, start) for start in (values, {})]
+            plan = max(solved, key=lambda one: (*team.worth(one.score, one.plans), one.holds, -one.objective))
+            plan.iterations = sum(one.iterations for one in solved)
+        plan.cpu_seconds = time.process_time() - started
+        return plan
+
+    def _follow(self, team: Any, merged: MergedModel) -> ClosedPlan:
+        """The best plan on the path of barrier parameters, with relaxed pairs."""
+        plan, check = ClosedPlan({}, None, float("nan")), ModelCheck(merged.model)
         _keep_apart(team, merged, _NEAR)
-        has_pairs = bool(active_sources(merged.model))
-        if has_pairs:
-            relax(merged.model, delta=1.0)
-        nlp = PersistentNLP(merged.model, IPOPT_OPTIONS, barrier=DELTA if has_pairs else None, go_on_after_limit=True)
-        plan = ClosedPlan(plans={}, score=None, objective=float("nan"))
+        relax(merged.model, delta=1.0)
+        nlp = PersistentNLP(merged.model, IPOPT_OPTIONS, barrier=DELTA, go_on_after_limit=True)
         position, warm = 0, False
         while position < len(self.path):
             mu = self.path[position]
@@ -110,13 +123,12 @@ class Closing:
                 raise KeyboardInterrupt
             if not nlp.goes_on_from_last_point:
                 break
-            plan.take(team, merged)
+            plan.take(team, merged, check.violations()[1])
             warm = not _keep_apart(team, merged, TOO_NEAR)
             if warm:
                 position += 1
             else:  # the same again, with couples that have come near
                 nlp.prepare()
-        plan.cpu_seconds = time.process_time() - started
         return plan
 
 
@@ -131,8 +143,11 @@ class ClosedPlan:
         None where no point could be used.
     objective : float
         Sum over the agents.
+    violation : float
+        Largest violation of a row or bound of the agents' models, relative to its size; infinite where no point could
+        be used.
     status : str
-        Name of the last `IpoptStatus`.
+        Name of the last `IpoptStatus`, without pairs of the `StopReason`.
     iterations : int
         Of Ipopt, in all.
     cpu_seconds : float
@@ -142,20 +157,38 @@ class ClosedPlan:
     plans: Mapping[str, Mapping[str, Array]]
     score: PlanScore | None
     objective: float
+    violation: float = float("inf")
     status: str = ""
     iterations: int = 0
     cpu_seconds: float = 0.0
 
-    def take(self, team: Any, merged: MergedModel) -> None:
-        """Read plan, score and objective from a model, unless the plan before is better."""
+    def take(self, team: Any, merged: MergedModel, violation: float) -> None:
+        """Read plan, score and objective from a model with a violation, unless the plan before is better."""
         plans, objective = team.plans_of(merged), merged.objective_value()
-        score = team.physics(plans)
+        score = None if team.physics is None else team.physics(plans)
         if self.score is not None:
             worth, before = team.worth(score, plans), team.worth(self.score, self.plans)
             # A smaller mu costs a little; where it costs more, Ipopt was on its way.
             if worth < before or (worth == before and objective > self.objective + _DEARER * abs(self.objective)):
                 return
-        self.plans, self.score, self.objective = plans, score, objective
+        elif self.holds and violation > Tolerances().feasibility:
+            return
+        self.plans, self.score, self.objective, self.violation = plans, score, objective, violation
+
+    @property
+    def holds(self) -> bool:
+        """Whether the agents' rows hold, as well as those of one model have to."""
+        return self.violation <= Tolerances().feasibility
+
+
+def _solved(team: Any, start: Mapping[str, Mapping[str, Array]]) -> ClosedPlan:
+    """The plan of one model of all agents, without pairs, from values or from the agents' own guesses."""
+    merged = team.central()
+    merged.put_on(start)
+    result = solve(merged.model, mesh_tolerance=None, progress=False)
+    plan = ClosedPlan({}, None, float("nan"), status=result.stop_reason.name, iterations=result.iterations)
+    plan.take(team, merged, ModelCheck(merged.model).violations()[1])
+    return plan
 
 
 def _keep_apart(team: Any, merged: MergedModel, reach: float) -> bool:

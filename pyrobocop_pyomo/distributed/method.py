@@ -39,7 +39,7 @@ class Method(ABC):
     score_below : float
         The plan is scored from this mu on.
     closing : Closing or None
-        For teams with physics: when one planner makes exact what the agents have nearly agreed on.
+        When one planner makes exact what the agents have nearly agreed on.
 
     Raises
     ------

@@ -19,7 +19,7 @@ from pyrobocop_pyomo.presentation.progress import Progress
 
 from .agents import Agent, KeepApart, Shared
 from .checkpoint import Checkpoint
-from .closing import ClosedPlan, Closing
+from .closing import ClosedPlan
 from .coordination import Coordination, Physics, Plans, TeamState
 from .hub_method import Hub
 from .local_problem import ProblemSpec
@@ -125,10 +125,6 @@ class Team:
             hub = Agent(hub.name, _built_with_zeros, hub, zero)
         return replace(self, robots=left, hub=hub)
 
-    def closing_of(self, method: Method) -> Closing | None:
-        """The closing step of a method, for a team whose physics can say when it is needed."""
-        return method.closing if self.physics is not None else None
-
     def keeps_apart(self, plans: Plans) -> bool:
         """Whether no two robots are too near in their plans."""
         return self.keep_apart is None or self.keep_apart.holds(plans, self.names)
@@ -149,7 +145,7 @@ class Team:
         """
         method = find_method(method, self)
         rule, neighbours = self.keep_apart, 0
-        if rule is not None and self.closing_of(method) is None:  # a closing step keeps robots apart by itself
+        if rule is not None and method.closing is None:  # a closing step keeps robots apart by itself
             neighbours = min(rule.neighbours, len(self.robots) - 1)
         of_robots, of_hub = self._components_of_plans()
         specs = []
@@ -327,23 +323,21 @@ class _Rounds:
 
     def _is_closed(self, state: TeamState, record: Round) -> bool:
         """Whether one planner could make exact what the agents have nearly agreed on."""
-        closing = self._team.closing_of(self._method)
-        # Without pairs the rounds agree by themselves: only robots that are too near need it.
-        needless = record.mu is None and self._team.keeps_apart(self._places(state))
-        if closing is None or needless or not closing.is_due(record, state.closing_tried):
+        closing = self._method.closing
+        if closing is None or not closing.is_due(record, state.closing_tried):
             return False
         state.closing_tried = record.number
         closed = closing.carry_out(self._team, self._work.all_values())
         self._closings.append(closed)
         self._keep_best(closed)
-        return ends_rounds(closed.score, self._method.until) and self._team.keeps_apart(closed.plans)
+        is_enough = closed.holds if self._team.physics is None else ends_rounds(closed.score, self._method.until)
+        return is_enough and self._team.keeps_apart(closed.plans)
 
     def _keep_best(self, found: ClosedPlan) -> None:
         worth, best = self._team.worth, self._best
         # Later plans agree better and are cheaper as a rule.
-        if found.score is not None and (
-            best is None or worth(found.score, found.plans) >= worth(best.score, best.plans)
-        ):
+        is_known = found.holds if self._team.physics is None else found.score is not None
+        if is_known and (best is None or worth(found.score, found.plans) >= worth(best.score, best.plans)):
             self._best = found
 
     def _places(self, state: TeamState) -> Plans:
@@ -368,12 +362,13 @@ class _Rounds:
         if best is None:
             plans = work.plans if self._team.physics is not None else work.all_values()
             best = ClosedPlan(dict(plans), None, work.rounds[-1].objective)
-        agreement = bool(work.rounds) and work.rounds[-1].agrees(self._method.tolerance)
+        agreement = best.holds or (bool(work.rounds) and work.rounds[-1].agrees(self._method.tolerance))
         source = work.hub or work.robots[0]
         target = state.target if work.hub else work.consensus.of_agent(source, state.target)
         quantities = work.facts[source].quantities
         ends = np.cumsum([len(quantity.keys) for quantity in quantities])[:-1]
         agreed = {of.name: values for of, values in zip(quantities, np.split(target, ends), strict=True)}
+        agreed.update({name: best.plans[source][name] for name in agreed if best.holds and name in best.plans[source]})
         return TeamResult(
             best.plans, dict(state.values), agreed, work.rounds, best.score, agreement, names,
             dict(work.frozen), dict(work.engine.deaths), best.objective, self._closings,

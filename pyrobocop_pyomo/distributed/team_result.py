@@ -33,11 +33,12 @@ class TeamResult(Presented):
     values : mapping of agent to float array
         Shared values of the last round.
     agreed : mapping of component to float array
-        What the team agreed on in the last round.
+        What the team agreed on in the last round, or in the closing step that the plans are from.
     rounds : sequence of Round
     score : PlanScore or None
     agreement : bool
-        Whether disagreement and change of the last round were within the tolerance.
+        Whether disagreement and change of the last round were within the tolerance, or the plans are from a closing
+        step whose rows hold.
     shared : tuple of str
         Names of the shared groups, in the order of ``Round.disagreement``.
     frozen : mapping of agent to text

@@ -46,7 +46,7 @@ def test_a_step_with_many_rounds_is_planning_anew() -> None:
 
 def test_a_team_that_agrees_stays_where_it_is() -> None:
     """However many rounds follow: what rounding leaves of their differences is not extrapolated."""
-    result = pulling_team().solve(rcp.teams.Hub(rounds=80, tolerance=0.0, penalties=None), progress=False)
+    result = pulling_team().solve(rcp.teams.Hub(rounds=80, tolerance=0.0, penalties=None, closing=None), progress=False)
     objectives = np.array([made.objective for made in result.rounds[20:]])
     assert np.ptp(objectives) < 1e-7
 
