@@ -162,6 +162,11 @@ class RelaxedModel:
         )
 
     @property
+    def has_pairs_alone(self) -> bool:
+        """Whether there are pairs, and products of sides of different pairs say no more than these."""
+        return bool(self.pairs) and not self.crossed
+
+    @property
     def delta(self) -> Any:
         """The mutable parameter, or None."""
         return None if self.block is None else self.block.delta

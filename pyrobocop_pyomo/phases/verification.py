@@ -36,6 +36,7 @@ from .coupled_phases import (
 )
 from .declarations import Algebraic, Control, Duration, FunctionOfTime, Parameter, State, in_infinities
 from .element_instants import ElementInstants
+from .nodes import IntervalNodes
 from .record import AT_BOUNDARIES, PhaseRecord, Statement
 from .reintegration import Reintegration, reintegrate
 from .rule_formulas import RuleFormulas
@@ -436,7 +437,7 @@ class _TrajectoryCheck:
         return max((float(np.abs(end - start).max()) for end, start in zip(ends, starts, strict=True)), default=0.0)
 
     def bounds(self) -> float:
-        trajectory, violations = self.trajectory, [self._switching()]
+        trajectory, violations = self.trajectory, [self._switching(), *self._rates_of_controls()]
         if isinstance(self.record.duration, Duration):
             violations.append(bound_violation(trajectory.duration, *self.record.duration.bounds_at(0.0, "duration")))
         for name, declaration in self.record.declarations.items():
@@ -466,6 +467,20 @@ class _TrajectoryCheck:
                 given = moving_end(self.block, name, declaration, end)
             lower, upper = given if isinstance(given, tuple) else (given, given)
             yield bound_violation(reached, lower, upper)
+
+    def _rates_of_controls(self) -> Iterator[float]:
+        """By how much controls change more than they may, from each of their values to the next."""
+        for name in self.record.names(Control):
+            control: Any = self.record.declarations[name]
+            if control.rate_bounds is None:
+                continue
+            nodes, values = control.nodes(name, self.indices, ""), self.trajectory.signals[name]
+            times = np.array(self.grid.points)
+            if isinstance(nodes, IntervalNodes):  # one value for each interval, from middle to middle
+                values = values[np.unique(nodes.of_points, return_index=True)[1]]
+                times = np.interp(nodes.times, self.indices.mesh.boundaries, self.grid.mesh.boundaries)
+            lower, upper = (np.diff(times) * bound for bound in in_infinities(control.rate_bounds))
+            yield _beyond(np.diff(values), lower, upper)
 
     def _switching(self) -> float:
         """By how much integer controls switch too often, or too soon after another switch."""

@@ -233,10 +233,8 @@ class Runner:
         They go through relaxed points, and an interior-point method leaves a start that lies on bounds.
         """
         place, best = self.places.place, self.record.best
-        if place is None or not place.relaxed.pairs or best is None or self.record.is_cut():
+        if place is None or not place.relaxed.has_pairs_alone or best is None or self.record.is_cut():
             return
-        if place.relaxed.crossed:
-            return  # products of sides of different pairs are more than the pairs say
         self._put_start(place, START)
         start = self.record.checked(Iterate(START.name, strategy=START.name, stop_reason=StopReason.ITERATION_LIMIT))
         standing = start.standing(self.settings.tolerances, self.record.check.sign)
@@ -248,7 +246,7 @@ class Runner:
     def explore(self) -> None:
         """Look for better optima beyond the best point, if that is certified and there is time for it."""
         best, place = self.record.best, self.places.place
-        if place is None or best is None or not (self.has_pairs and self.record.left_to_explore()[1]):
+        if place is None or best is None or not (place.relaxed.has_pairs_alone and self.record.left_to_explore()[1]):
             return
         with self.nothing_lost("exploration"):
             polish = self._polish(place)
