@@ -348,8 +348,13 @@ class CombinedPlanScore(ABC):
             needed: Array = self._needed_wrench(after[None], twist[None], (twist - before)[None] / self.step)[0]
             return scale * (needed - pushed)
 
+        def jacobian(twist: Array) -> Array:
+            # MINPACK's own differences take steps relative to each velocity, and see nothing where one is tiny.
+            slopes: Array = scipy.optimize.approx_fprime(twist, residual, 1e-7)
+            return slopes
+
         # Velocities that solve it to rounding: their differences are accelerations.
-        velocities: Array = scipy.optimize.root(residual, before + scale * pushed, tol=1e-13).x
+        velocities: Array = scipy.optimize.root(residual, before + scale * pushed, jac=jacobian, tol=1e-13).x
         return velocities
 
     def _of_plan(self, body: PlannedBody, robots: Mapping[str, PlannedRobot]) -> PhysicalScore:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
@@ -124,8 +124,12 @@ def test_the_goal_may_be_a_region_or_leave_the_rotation_out() -> None:
 vectors = st.tuples(*3 * [st.floats(-2, 2)])
 
 
+REST = (0.0, 0.0, 0.0)
+
+
 @settings(max_examples=25)
 @given(turn=vectors, spin=vectors, moment=vectors, velocity=vectors)
+@example(turn=(0.0, 1.96, 0.0), spin=(0.64, 1e-207, 0.0), moment=REST, velocity=REST)
 def test_every_step_of_the_simulation_meets_the_laws_of_motion(
     turn: Any, spin: Any, moment: Any, velocity: Any
 ) -> None:
