@@ -18,9 +18,7 @@ from pyrobocop_pyomo.mechanics.rotations import rotation_matrix, tangents_across
 spatial = rcp.mechanics.spatial
 ROTATION = SPACE.orientation
 BALL = spatial.RigidBody(spatial.Sphere(0.2), mass=0.6, inertia=0.4 * 0.6 * 0.2**2)
-QUAD = spatial.SphereRobot(
-    spatial.Sphere(0.12), mass=0.8, force_limits=((-10, 10), (-10, 10), (0, 20)), speed_limit=4.0
-)
+QUAD = spatial.SphereRobot(spatial.Sphere(0.12), mass=0.8, force_limit=((-10, 10), (-10, 10), (0, 20)), speed_limit=4.0)
 STEP, STEPS, SQUEEZE, START = 0.07, 20, 9.0, (0.1, -0.2, 0.3)
 SCORE = spatial.Score(BALL, QUAD, friction=0.7, step=STEP, goal=(0.0, 0.0, 0.35, *START))
 
@@ -97,7 +95,7 @@ def test_every_fault_is_found(name: str) -> None:
 
 
 def test_a_robot_has_a_limit_along_each_axis() -> None:
-    weak = replace(QUAD, force_limits=((-8.5, 8.5), (-10, 10), (0, 20)))
+    weak = replace(QUAD, force_limit=((-8.5, 8.5), (-10, 10), (0, 20)))
     (miss,) = replace(SCORE, robot=weak)(lifting()).misses("strict")
     assert miss.startswith("driving force beyond its limit (-): 0.5 N")
 
