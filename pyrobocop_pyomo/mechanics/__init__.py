@@ -2,7 +2,7 @@
 
 from . import planar, spatial
 from .contact_laws import CoulombFriction, CoulombSlip, HardWall, SoftWall
-from .nonsmooth_functions import AbsoluteValue, Saturation, Step
+from .nonsmooth_functions import AbsoluteValue, Step
 from .planar_pushing import SquareSlider
 from .signal_laws import SignalLaw
 
@@ -11,7 +11,6 @@ __all__ = [
     "CoulombFriction",
     "CoulombSlip",
     "HardWall",
-    "Saturation",
     "SignalLaw",
     "SoftWall",
     "SquareSlider",

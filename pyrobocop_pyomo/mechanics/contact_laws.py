@@ -10,6 +10,9 @@ from typing import Any, ClassVar
 from pyrobocop_pyomo.complementarity import complements
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.phases.declarations import UNBOUNDED
+from pyrobocop_pyomo.phases.equations import add_expression
+from pyrobocop_pyomo.phases.record import Statement
+from pyrobocop_pyomo.templates.template import Template
 
 from .signal_laws import NONNEGATIVE, Moment, Quantity, Rule, SignalLaw, Unknown, part_name
 
@@ -199,10 +202,12 @@ class CoulombSlip(SignalLaw):
         part = Unknown((0.0, self.fastest), lambda at: 1.0 if self.units is None else self.units)
         return {"forward": part, "backward": part}
 
-    def expression_of(self, name: str) -> Rule:
-        """The slip: a variable of its own would only be a row more."""
+    def state(self, phase: Any, name: str) -> None:
+        """State the law, and the slip as an expression: a variable of its own would only be a row more."""
+        super().state(phase, name)
         forward, backward = part_name(name, "forward"), part_name(name, "backward")
-        return lambda phase, time: getattr(phase, forward)[time] - getattr(phase, backward)[time]
+        slip = Template(lambda phase, time: getattr(phase, forward)[time] - getattr(phase, backward)[time])
+        add_expression(phase, Statement("expression", name, slip))
 
     def pairs(self, at: Moment) -> Any:
         """Slip only at the edge of the cone."""

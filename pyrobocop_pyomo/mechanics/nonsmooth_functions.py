@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from pyrobocop_pyomo.complementarity import complements
-from pyrobocop_pyomo.errors import ModelError
 
 from .signal_laws import NONNEGATIVE, Moment, Quantity, SignalLaw, Unknown
 
@@ -20,7 +19,8 @@ from .signal_laws import NONNEGATIVE, Moment, Quantity, SignalLaw, Unknown
 class AbsoluteValue(SignalLaw):
     """``|s|``: the v with ``0 <= v - s _|_ v + s >= 0``.
 
-    With it, ``max(a, b)`` is ``(a + b + |a - b|) / 2``, and ``min(a, b)`` is ``(a + b - |a - b|) / 2``.
+    With it, ``max(a, b)`` is ``(a + b + |a - b|) / 2``, ``min(a, b)`` is ``(a + b - |a - b|) / 2``, and s cut off at l
+    and u is ``(l + u + |s - l| - |s - u|) / 2``.
 
     Attributes
     ----------
@@ -52,62 +52,6 @@ class AbsoluteValue(SignalLaw):
     def start(self, asked: Callable[[str], float]) -> Mapping[str, float]:
         """The absolute value."""
         return {"": abs(asked("of"))}
-
-
-@dataclass(frozen=True)
-class Saturation(SignalLaw):
-    """A quantity cut off at two limits: ``min(max(s, lower), upper)``.
-
-    With what is over and under, ``s = v + over - under``, ``0 <= over _|_ upper - v >= 0`` and
-    ``0 <= under _|_ v - lower >= 0``. For one limit alone see `AbsoluteValue`.
-
-    Attributes
-    ----------
-    of : rule
-        ``s``.
-    lower, upper : number or rule
-        In the units of s.
-
-    Raises
-    ------
-    ModelError
-        When the lower limit is not below the upper one.
-    """
-
-    of: Quantity
-    lower: Quantity
-    upper: Quantity
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        numbers = [limit for limit in (self.lower, self.upper) if isinstance(limit, (int, float))]
-        if len(numbers) == 2 and not numbers[0] < numbers[1]:
-            raise ModelError(
-                f"{self._what}: lower = {self.lower!r} is not below upper = {self.upper!r}. Set them apart."
-            )
-
-    def unknowns(self) -> Mapping[str, Unknown]:
-        """The value, and what was cut off: ``<name>_over``, ``<name>_under``."""
-        limits = [limit if isinstance(limit, (int, float)) else None for limit in (self.lower, self.upper)]
-        like = Unknown(NONNEGATIVE, lambda at: at.ask("of"))
-        return {"": like._replace(bounds=(limits[0], limits[1])), "over": like, "under": like}
-
-    def equations(self, at: Moment) -> Any:
-        """The parts make up the quantity."""
-        return at.ask("of") == at.signal + at["over"] - at["under"]
-
-    def pairs(self, at: Moment) -> Any:
-        """Cut off only at the limits."""
-        return {
-            "upper": complements(at["over"] >= 0, at.ask("upper") - at.signal >= 0),
-            "lower": complements(at["under"] >= 0, at.signal - at.ask("lower") >= 0),
-        }
-
-    def start(self, asked: Callable[[str], float]) -> Mapping[str, float]:
-        """The quantity without what is over and under."""
-        given = asked("of")
-        over, under = max(given - asked("upper"), 0.0), max(asked("lower") - given, 0.0)
-        return {"": given - over + under, "over": over, "under": under}
 
 
 @dataclass(frozen=True)

@@ -118,11 +118,6 @@ class PhysicalScore(Presented):
         """
         return not self.misses("practical")
 
-    @property
-    def product(self) -> float:
-        """The largest of the three products."""
-        return max(self.gap_product, self.friction_product, self.separation_product)
-
     def misses(self, level: str) -> list[str]:
         """The numbers that miss the limits of "strict" or "practical"; each as ``'label: value unit (limit)'``."""
         found = []
@@ -438,7 +433,8 @@ class CombinedPlanScore:
         """Distance and angle of the object at the end from its goal: metres, degrees."""
         axes = len(self.body.shape.names.axes)
         position, turn = list(self.goal)[:axes], [angle for angle in self.goal[axes:] if angle is not None]
-        off = [_distance_outside(float(at), wanted) for at, wanted in zip(body.position[-1], position, strict=True)]
+        ends = [wanted if isinstance(wanted, tuple) else (wanted, wanted) for wanted in position]
+        off = [_excess(at, *limits) for at, limits in zip(body.position[-1], ends, strict=True)]
         if not turn:
             return float(np.linalg.norm(off)), 0.0
         # In the plane the angle may be between two; a whole turn more or less is the same pose.
@@ -489,14 +485,6 @@ def _component(agent: str, plan: Mapping[str, Array], name: str) -> Array:
             f"physical score: the plan of '{agent}' has no '{name}'; it has {', '.join(sorted(plan)) or 'nothing'}."
         )
     return np.asarray(plan[name], dtype=float)
-
-
-def _distance_outside(at: float, wanted: float | tuple[float, float] | None) -> float:
-    """How far a coordinate is from where it is wanted: a number, between two numbers, or anywhere."""
-    if wanted is None:
-        return 0.0
-    lower, upper = wanted if isinstance(wanted, tuple) else (wanted, wanted)
-    return at - min(max(at, lower), upper)
 
 
 def _excess(values: Array, lower: float | Array | None, upper: float | Array | None) -> float:

@@ -23,9 +23,6 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_entry
 from pyrobocop_pyomo.phases import Algebraic, Law
 from pyrobocop_pyomo.phases.declarations import Bounds
-from pyrobocop_pyomo.phases.equations import add_expression
-from pyrobocop_pyomo.phases.record import Statement
-from pyrobocop_pyomo.templates.template import Template
 from pyrobocop_pyomo.transcription import InitialGuess
 
 Rule = Callable[[Any, float], Any]
@@ -82,10 +79,6 @@ class SignalLaw(Law):
         """The equations at a point, what a residual rule of a phase returns; None where the law has none."""
         return None
 
-    def expression_of(self, name: str) -> Rule | None:
-        """A rule for the signal, where it is no variable but an expression in others, under a name."""
-        return None
-
     def start(self, asked: Callable[[str], float]) -> Mapping[str, float]:
         """Values of the unknowns where the fields have known values: ``asked("field")`` is a number."""
         return {}
@@ -124,9 +117,6 @@ class SignalLaw(Law):
                     declared_at=self.declared_at,
                 ),
             )
-        formula = law.expression_of(name)
-        if formula is not None:
-            add_expression(phase, Statement("expression", name, Template(formula)))
         if law.equations(first) is not None:
             phase.residual(LawRule(law, name, "equations"))
         phase.complementarity(LawRule(law, name, "pairs"))

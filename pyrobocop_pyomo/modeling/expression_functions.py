@@ -46,7 +46,7 @@ KEEP_THEIR_MEANING = {
 # What a choice between variables is called here, at the end of a sentence.
 LAWS = (
     "|x| is b.name = rcp.mechanics.AbsoluteValue(lambda b, t: b.x[t]), read as b.name[t], and max(x, 0) is "
-    "(b.x[t] + b.name[t]) / 2; likewise Saturation (np.clip), and Step for an 'if x > 0'"
+    "(b.x[t] + b.name[t]) / 2; likewise min and clip, and Step for an 'if x > 0'"
 )
 
 _CHOICES = {"maximum", "minimum", "fmax", "fmin", "clip", "where", "sort", "argsort", "argmax", "argmin"}

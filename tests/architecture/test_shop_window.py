@@ -43,8 +43,7 @@ PUBLIC = {
     "estimation": "DataSet EstimationProblem FitStatistics MovingHorizon statistics_of",
     "ipopt": "Backend available_backends configure_ipopt_executable linear_solver_options",
     "mechanics": """
-        AbsoluteValue CoulombFriction CoulombSlip HardWall Saturation SignalLaw SoftWall SquareSlider Step
-        planar spatial
+        AbsoluteValue CoulombFriction CoulombSlip HardWall SignalLaw SoftWall SquareSlider Step planar spatial
     """,
     "mechanics.planar": "Capsule Contact Disc DiscRobot GroundFriction RigidBody RoundedBox Score ViscousDrag",
     "mechanics.spatial": "Capsule Contact RigidBody RoundedBox Score Sphere SphereRobot",

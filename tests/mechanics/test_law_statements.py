@@ -67,7 +67,9 @@ def test_nonsmooth_functions_are_their_closed_formulas(
     assert np.abs(x) == law(LAWS.AbsoluteValue(s))
     larger = (x + y + signal_at_start(LAWS.AbsoluteValue(lambda b, t: b.x[t] - b.y[t]), x=x, y=y)) / 2
     assert np.maximum(x, y) == pytest.approx(larger, abs=1e-12)
-    assert np.clip(x, lower, upper) == law(LAWS.Saturation(s, lower, upper))
+    above = signal_at_start(LAWS.AbsoluteValue(lambda b, t: b.x[t] - lower), x=x)
+    below = signal_at_start(LAWS.AbsoluteValue(lambda b, t: b.x[t] - upper), x=x)
+    assert np.clip(x, lower, upper) == pytest.approx((lower + upper + above - below) / 2, abs=1e-12)
     assert np.heaviside(x, 0.5) == law(LAWS.Step(s))
 
 
@@ -139,7 +141,7 @@ def test_a_clone_reads_its_own_parameters() -> None:
     m = pyo.ConcreteModel()
     m.top = pyo.Param(initialize=2.0, mutable=True)
     m.phase = rcp.PhaseBlock(duration=1.0, elements=2, scheme="implicit_euler", rule=walled)
-    m.phase.size = LAWS.Saturation(m.phase.x, lambda b, t: m.top - 9, m.top)
+    m.phase.size = LAWS.SoftWall(m.phase.x, stiffness=lambda b, t: m.top + 9)
     m.phase.less = LAWS.AbsoluteValue(lambda b, t: m.phase.x[t] - m.top)  # through a closure
     m.phase.x[1.0].set_value(-1.0)
     m.phase.wall[1.0].set_value(0.0)
@@ -208,7 +210,6 @@ REFUSED = {
     "coefficient": (lambda: LAWS.CoulombFriction(soft_floor, 1, 0), "coefficient = 0; expected a positive"),
     "pull": (lambda: LAWS.CoulombFriction(soft_floor, -1, 0.5), "normal = -1; expected zero or"),
     "fastest": (lambda: LAWS.CoulombSlip(1, 1, 0.3, fastest=soft_floor), "it is a bound"),
-    "limits": (lambda: LAWS.Saturation(soft_floor, 1, -1), "lower = 1 is not below upper = -1"),
 }
 
 

@@ -60,7 +60,8 @@ def test_a_plan_made_by_hand_passes() -> None:
     score = SCORE(lifting())
     assert score.misses("strict") == []
     assert score.practical
-    assert max(score.object_force, score.object_moment, score.robot_force, score.product) < 1e-9
+    products = score.gap_product, score.friction_product, score.separation_product
+    assert max(score.object_force, score.object_moment, score.robot_force, *products) < 1e-9
     assert max(score.goal_distance, score.goal_angle, score.gap_at_force, score.simulated_penetration) < 1e-6
     assert score.distance == pytest.approx(0.64)
 
