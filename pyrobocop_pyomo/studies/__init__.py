@@ -7,7 +7,7 @@ table. Its members mean the same in all of them:
 * ``result``: the `SolveResult` of that outcome;
 * ``reached``: whether the goal was reached, at a point that is optimal and, where there are obstacles, safe;
 * ``remaining``: what a time limit or Ctrl-C left undone;
-* ``to_pandas()`` and ``table()``: a row per outcome, with the same columns behind those that are the study's own.
+* ``to_pandas()`` and ``table()``: a row per outcome, with the same columns behind the numbers of the cases.
 
 ``time_limit`` is for the whole study.
 """

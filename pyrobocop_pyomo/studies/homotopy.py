@@ -16,9 +16,9 @@ from pyrobocop_pyomo.presentation.progress import Progress
 from pyrobocop_pyomo.solving import SolveResult
 from pyrobocop_pyomo.solving.strategies import in_order
 
-from .case_solver import CaseSolver, ModelState, SweepOutcome
+from .case_solver import CaseSolver, ModelState
 from .named_data import by_component, finite_number, fixed_members, member_values
-from .sweep import SweepResult
+from .outcomes import Outcome, StudyResult
 from .sweep_cases import SweepCase
 
 # Near a solution the tight problem is solved at once; what it leaves goes through looser ones.
@@ -27,7 +27,7 @@ _PATH = "its path"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class HomotopyResult(SweepResult):
+class HomotopyResult(StudyResult):
     """The problems on the way, in order; the data of each are its ``position`` on the path, from 0 to 1.
 
     Where a problem is not feasible, the step along the path was halved. `best` is the last one that is, whose data and
@@ -37,7 +37,7 @@ class HomotopyResult(SweepResult):
     item: ClassVar[str] = "problem of the path"
     numbered_by: ClassVar[str] = "step"
 
-    def _best_first(self) -> tuple[SweepOutcome, ...]:
+    def _best_first(self) -> tuple[Outcome, ...]:
         return tuple(step for step in reversed(self.outcomes) if step.feasible)
 
     @property
@@ -122,8 +122,8 @@ def homotopy(
     started, deadline, bar = time.perf_counter(), Deadline.after(time_limit), Progress(progress)
     path = DataPath(model, parameters)
     solver = _PathSolver(model, lambda _, data: path.put(data["position"]), None, {**options, "progress": False})
-    found: list[SweepOutcome] = []
-    last: SweepOutcome | None = None  # the last one that was solved
+    found: list[Outcome] = []
+    last: Outcome | None = None  # the last one that was solved
     position, longest, successes = -1.0, 1.0 / steps, 0
     length = longest
 
@@ -159,7 +159,7 @@ def homotopy(
     return so_far()
 
 
-def _why_it_ended(model: Any, step: SweepOutcome, position: float, shortest: float) -> str:
+def _why_it_ended(model: Any, step: Outcome, position: float, shortest: float) -> str:
     why = step.error if step.result is None else f"{step.result.stop_reason.value} {step.result.quality.value}"
     missed = step.case.data["position"]
     if position < 0.0:
