@@ -102,14 +102,6 @@ class CaseSolver:
             self.model = model_of(self._target)
             self.state = ModelState(self.model)
 
-    def check(self, data: Any) -> None:
-        """Put the data of a case on the model and take them off again, to see whether they fit; nothing is solved."""
-        if self.state is not None and self._put is put_mapping:
-            try:
-                put_mapping(self.model, data)
-            finally:
-                self.state.restore()
-
     def close(self) -> None:
         """Leave the model as it was."""
         if self.state is not None:

@@ -114,8 +114,6 @@ def sweep(
             "makes the model of each case, model(data): give it an argument, or give put=, which puts data on its one "
             "model."
         )
-    if "time_limit" in options or "progress" in options:
-        raise ModelError("time_limit and progress are the sweep's own.")
     parents = starting_cases(listed, start_from)
     best_backend()  # raises with the remedies where there is none, once and not for every case
     writes_files = running is None or running.writes_files
@@ -125,11 +123,11 @@ def sweep(
         study.go_on_behind(file, options, writes=writes_files)
     local = CaseSolver(model, put, read, options) if running is None or isinstance(model, BlockData) else None
     try:
-        if local is not None:
+        if local is not None and put is None and isinstance(model, BlockData):
             for case in listed:
-                local.check(case.data)
-            if put is None and isinstance(model, BlockData):
-                study.doubts = doubts_on_cases(model, [case.data for case in listed])
+                local.put(case.data)  # refuses what does not fit before anything is solved
+            local.close()
+            study.doubts = doubts_on_cases(model, [case.data for case in listed])
         if running is None:
             assert local is not None
             study.run(lambda: local.solve, None)

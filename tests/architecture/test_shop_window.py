@@ -49,7 +49,7 @@ PUBLIC = {
     "mechanics.spatial": "Capsule Contact RigidBody RoundedBox Score Sphere SphereRobot",
     "schemes": "Grid Mesh Scheme explicit find_scheme gauss_legendre lobatto radau",
     "studies": """
-        PersistentNLP RecedingHorizon homotopy mode_sequences multistart sensitivity
+        PersistentNLP RecedingHorizon homotopy multistart sensitivity
     """,
 }
 
