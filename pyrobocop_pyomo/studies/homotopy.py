@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -120,8 +120,8 @@ def homotopy(
     if not 0.0 < smallest_step <= 1.0:
         raise ModelError(f"smallest_step = {smallest_step!r}; expected a part of the path, between 0 and 1.")
     started, deadline, bar = time.perf_counter(), Deadline.after(time_limit), Progress(progress)
-    path = DataPath(model, parameters)
-    solver = _PathSolver(model, lambda _, data: path.put(data["position"]), None, {**options, "progress": False})
+    put = moving_data(model, parameters)
+    solver = _PathSolver(model, lambda _, data: put(data["position"]), None, {**options, "progress": False})
     found: list[Outcome] = []
     last: Outcome | None = None  # the last one that was solved
     position, longest, successes = -1.0, 1.0 / steps, 0
@@ -172,8 +172,8 @@ def _why_it_ended(model: Any, step: Outcome, position: float, shortest: float) -
     )
 
 
-class DataPath:
-    """Puts the data of a position on a model.
+def moving_data(model: Any, path: Any) -> Callable[[float], object]:
+    """What puts the data of a position between 0 and 1 on a model.
 
     Parameters
     ----------
@@ -186,29 +186,25 @@ class DataPath:
     ModelError
         If a component cannot move, or an end of a line is no number.
     """
+    if callable(path):
+        return path
+    lines = [line for component, ends in by_component(path, model) for line in _lines(component, ends)]
+    if not lines:
+        raise ModelError(f"'{model.name}': no parameters were given that could move.")
 
-    def __init__(self, model: Any, path: Any) -> None:
-        self._lines: list[tuple[Any, float, float]] = []
-        self._function = path if callable(path) else None
-        if self._function is None:
-            lines = by_component(path, model)
-            if not lines:
-                raise ModelError(f"'{model.name}': no parameters were given that could move.")
-            for component, ends in lines:
-                self._add(component, ends)
-
-    def put(self, position: float) -> None:
-        """Put the data of a position between 0 and 1 on the model."""
-        if self._function is not None:
-            self._function(position)
-        for component, first, last in self._lines:
+    def put(position: float) -> None:
+        for member, first, last in lines:
             # Both ends exactly, whatever rounding does in between.
-            component.set_value(last if position == 1.0 else first + position * (last - first))
+            member.set_value(last if position == 1.0 else first + position * (last - first))
 
-    def _add(self, component: Any, ends: Any) -> None:
-        fixed_members(component)  # refuses what is part of the solution
-        first, last = ends if isinstance(ends, (tuple, list)) and len(ends) == 2 else (None, ends)
-        starts = {} if first is None else {id(of): start for of, start in member_values(component, first, _PATH)}
-        for member, end in member_values(component, last, _PATH):
-            start = starts.get(id(member), value(member, exception=False))
-            self._lines.append((member, finite_number(start, member.name, _PATH), end))
+    return put
+
+
+def _lines(component: Any, ends: Any) -> Iterator[tuple[Any, float, float]]:
+    """Members of a component, where each starts and where it ends."""
+    fixed_members(component)  # refuses what is part of the solution
+    first, last = ends if isinstance(ends, (tuple, list)) and len(ends) == 2 else (None, ends)
+    starts = {} if first is None else {id(of): start for of, start in member_values(component, first, _PATH)}
+    for member, end in member_values(component, last, _PATH):
+        start = starts.get(id(member), value(member, exception=False))
+        yield member, finite_number(start, member.name, _PATH), end

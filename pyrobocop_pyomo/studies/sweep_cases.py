@@ -167,12 +167,10 @@ def starting_cases(cases: Sequence[SweepCase], start_from: Any) -> list[int | No
         return _checked([start_from(case.number) for case in cases])
     if start_from != "nearest":
         raise ModelError(f"start_from = {start_from!r}; expected 'nearest', a function of the case's number, or None.")
-    parents = _nearest(_coordinates(cases))
     depth: dict[int, int] = {}
-    for number, parent in parents:
-        depth[number] = 0 if parent is None else depth[parent] + 1
     chosen: list[int | None] = [None] * len(cases)
-    for number, parent in parents:
+    for number, parent in _nearest(_coordinates(cases)):
+        depth[number] = 0 if parent is None else depth[parent] + 1
         chosen[number] = None if depth[number] % LONGEST_CHAIN == 0 else parent
     return chosen
 
