@@ -483,8 +483,9 @@ class DrivenRobot:
     def driving_limits(self) -> Array:
         """Lowest and highest driving force along each axis, newtons; shape (2, d)."""
         limits = np.asarray(self.force_limit, dtype=float)
-        along_all: Array = np.outer((-limits, limits), np.ones(len(self.shape.names.axes)))
-        return limits.T if limits.ndim else along_all
+        if limits.ndim == 0:
+            limits = np.tile((-limits, limits), (len(self.shape.names.axes), 1))
+        return limits.T
 
     @property
     def falling(self) -> Array:
