@@ -23,7 +23,8 @@ from problem_files import SUFFIXES, read_file
 from pyrobocop_pyomo.errors import ModelError, PyRobocopError
 from pyrobocop_pyomo.execution.engine import Engine
 from pyrobocop_pyomo.solving import SolveResult
-from pyrobocop_pyomo.studies.sweep import SweepResult, sweep
+from pyrobocop_pyomo.studies.outcomes import StudyResult
+from pyrobocop_pyomo.studies.sweep import sweep
 
 
 def solve_files(
@@ -36,7 +37,7 @@ def solve_files(
     time_limit_per_file: float | None = None,
     progress: bool | None = None,
     **options: Any,
-) -> SweepResult:
+) -> StudyResult:
     """Solve problems in files.
 
     Parameters
@@ -55,7 +56,7 @@ def solve_files(
 
     Returns
     -------
-    SweepResult
+    StudyResult
         With an outcome per file: what `solve` says, and as its ``numbers`` what the statement of the file says of the
         point (``checked`` for its objective, ``violation``, ``natural``, see `FilePoint`) and the seconds of processors
         (``cpu``), reading included.

@@ -13,6 +13,7 @@ ICRA 2022, sec. V-D, doi:10.1109/ICRA46639.2022.9812069
 from __future__ import annotations
 
 from functools import partial
+from itertools import permutations
 from math import pi
 
 import numpy as np
@@ -82,7 +83,7 @@ def force(into, normal, tangential):
 
 def search(goal: tuple[float, float, float] = GOALS["turn"], elements: int = 20, workers: int = 2, **options):
     """Solve all sequences of one or two faces; print what they give, and solve the best one again."""
-    sequences = rcp.studies.mode_sequences(FACES, range(1, 3), allowed=lambda before, after: before != after)
+    sequences = [faces for length in (1, 2) for faces in permutations(FACES, length)]
     build_sequence = partial(build, goal=goal, elements=elements)
     found = rcp.sweep(build_sequence, sequences, start_from=None, workers=workers, **options)
     print(found)

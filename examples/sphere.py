@@ -32,7 +32,7 @@ FALL, KEPT, MEETING = 0.35, 0.4, 0.4
 BALL = spatial.RigidBody(spatial.Sphere(0.20), mass=0.6, inertia=0.4 * 0.6 * 0.20**2)
 LARGE_BALL = spatial.RigidBody(spatial.Sphere(0.60), mass=6.0, inertia=0.4 * 6.0 * 0.60**2)
 QUADROTOR = spatial.SphereRobot(
-    spatial.Sphere(0.12), mass=0.8, force_limits=((-10.0, 10.0), (-10.0, 10.0), (0.0, 20.0)), speed_limit=4.0
+    spatial.Sphere(0.12), mass=0.8, force_limit=((-10.0, 10.0), (-10.0, 10.0), (0.0, 20.0)), speed_limit=4.0
 )
 ABOVE_GROUND = ((None, None), (None, None), (QUADROTOR.shape.radius, None))
 

@@ -1,8 +1,8 @@
 """Reusable models of contact mechanics."""
 
 from . import planar, spatial
-from .contact_laws import CoulombFriction, CoulombSlip, HardWall, PointContact, SoftWall
-from .nonsmooth_functions import AbsoluteValue, Maximum, Minimum, Saturation, Sign, Step
+from .contact_laws import CoulombFriction, CoulombSlip, HardWall, SoftWall
+from .nonsmooth_functions import AbsoluteValue, Step
 from .planar_pushing import SquareSlider
 from .signal_laws import SignalLaw
 
@@ -11,11 +11,6 @@ __all__ = [
     "CoulombFriction",
     "CoulombSlip",
     "HardWall",
-    "Maximum",
-    "Minimum",
-    "PointContact",
-    "Saturation",
-    "Sign",
     "SignalLaw",
     "SoftWall",
     "SquareSlider",

@@ -41,10 +41,77 @@ _QUATERNION = ("turn_w", "turn_x", "turn_y", "turn_z")
 _RULES = ("newton_euler", "kinematic_copy", "turn_over_element", "goal_rotation")
 
 
+@dataclass(frozen=True)
 class RigidBody(ABC):
-    """What `PlanarBody` and `SpatialBody` state of their motion."""
+    """A rigid body in the plane or in space: `PlanarBody` and `SpatialBody` say what acts on it beside robots.
+
+    Attributes
+    ----------
+    shape : PlanarShape or SpatialShape
+    mass : float
+    inertia : float or (float, float, float)
+    """
 
     shape: Any
+    mass: float
+    inertia: float | tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        check_positive(self, "mass")
+        moments = np.atleast_1d(np.asarray(self.inertia, dtype=float))
+        fitting = moments.shape in ((1,), (self._turns,))
+        if not fitting or not (np.isfinite(moments) & (moments > 0)).all():
+            raise ModelError(
+                f"{type(self).__name__}: inertia = {self.inertia!r}; expected a positive number or three, the "
+                "principal moments in space."
+            )
+        if len(moments) == 3 and 2 * moments.max() > moments.sum() * (1 + 1e-9):
+            raise ModelError(
+                f"{type(self).__name__}: inertia = {self.inertia!r}; no body has a principal moment above the sum of "
+                "the others."
+            )
+
+    @property
+    def _turns(self) -> int:
+        """How many entries an angular velocity has."""
+        return len(self.shape.names.twist) - len(self.shape.names.axes)
+
+    @property
+    def moments(self) -> tuple[float, ...]:
+        """The principal moments of inertia: one in the plane, three in space."""
+        return tuple(np.broadcast_to(np.asarray(self.inertia, dtype=float), self._turns).tolist())
+
+    @abstractmethod
+    def passive_wrench(self, twist: Vector) -> Sequence[Any]:
+        """Force and moment on a body with this velocity, beside the wrenches; numbers, arrays or expressions."""
+
+    def angular_acceleration(self, moment: Vector, spin: Vector, rotation: Matrix) -> list[Any]:
+        """Euler's equations in the directions of the world: ``R J^-1 (R'm - R'w x J R'w)``.
+
+        Parameters
+        ----------
+        moment, spin : numbers, arrays or expressions
+            Moment on the body, newton metres, and angular velocity, radians per second: one entry or three.
+        rotation : rows of a matrix
+            Not read in the plane, and where the inertia is the same about every axis.
+        """
+        moments = self.moments
+        if len(set(moments)) == 1:
+            return [m / moments[0] for m in moment]
+        columns = list(zip(*rotation, strict=True))
+        turned = [dot(column, spin) for column in columns]
+        gyroscopic = cross_product(turned, [j * w for j, w in zip(moments, turned, strict=True)])
+        in_body = [(dot(c, moment) - g) / j for c, g, j in zip(columns, gyroscopic, moments, strict=True)]
+        return [dot(row, in_body) for row in rotation]
+
+    def _acceleration(self, pushed: Vector, twist: Vector, orientation: Vector) -> list[Any]:
+        """What the body gets of a wrench at a velocity and an orientation, as phases name their entries."""
+        axes = len(self.shape.names.axes)
+        total = [push + passive for push, passive in zip(pushed, self.passive_wrench(twist), strict=True)]
+        rotation = rotation_rows(orientation)
+        return [force / self.mass for force in total[:axes]] + self.angular_acceleration(
+            total[axes:], twist[axes:], rotation
+        )
 
     def state_wrench(self, phase: Any, *index: Any, as_expressions: bool = False) -> None:
         """Declare a wrench on this body: what one robot does to it. Serves as the rule of an indexed phase.
@@ -115,8 +182,8 @@ class RigidBody(ABC):
         @phase.ode
         def newton_euler(b: Any, t: float) -> dict[Any, Any]:
             twist = entries_at(b, names.twist, t)
-            total = [sum(getattr(wrench, name)[t] for wrench in wrenches) for name in names.wrench]
-            accelerations = self._acceleration(total, twist, entries_at(b, names.orientation, t))
+            pushed = [sum(getattr(wrench, name)[t] for wrench in wrenches) for name in names.wrench]
+            accelerations = self._acceleration(pushed, twist, entries_at(b, names.orientation, t))
             rates = dict(zip(self._coordinates, twist, strict=False))
             rates |= zip(names.twist, accelerations, strict=True)
             return {getattr(b, name): rate for name, rate in rates.items()}
@@ -171,7 +238,7 @@ class RigidBody(ABC):
                     f"phase '{phase.name}': {what} = {pose!r}; expected {len(names.twist)} entries, a position and "
                     f"{angle}."
                 )
-        turn = self._turn(phase, start, goal)
+        turn = None if names is PLANE else _Turn(phase, start, goal)
         ends = [None] * 3 if goal is None else list(goal)[:3]
         seconds = phase.final_time - phase.initial_time
         share = (np.array(list(phase.time)) - phase.initial_time) / seconds
@@ -182,14 +249,6 @@ class RigidBody(ABC):
             phase.declare(name, State(initial=first, final=final, initial_guess=first + share * way))
             speeds.append(way / seconds)
         return turn, speeds + ([] if turn is None else turn.spin)
-
-    def _turn(self, phase: Any, start: Place, goal: Place | None) -> _Turn | None:
-        """The rotation of a body in space; None in the plane, where it is an angle like any coordinate."""
-        return None
-
-    @abstractmethod
-    def _acceleration(self, wrench: Vector, twist: Vector, orientation: Vector) -> list[Any]:
-        """What the body gets of a wrench at a velocity and an orientation, as phases name their entries."""
 
 
 @dataclass(frozen=True)
@@ -272,23 +331,11 @@ class PlanarBody(RigidBody):
     """
 
     shape: PlanarShape
-    mass: float
-    inertia: float
     resistance: GroundFriction | ViscousDrag | None = None
 
-    def __post_init__(self) -> None:
-        check_positive(self, "mass", "inertia")
-
-    @property
-    def moments(self) -> tuple[float, ...]:
-        """The one moment of inertia."""
-        return (self.inertia,)
-
-    def _acceleration(self, wrench: Vector, twist: Vector, orientation: Vector) -> list[Any]:
-        inertia = (self.mass, self.mass, self.inertia)
-        if self.resistance is not None:
-            wrench = [a + r for a, r in zip(wrench, self.resistance.wrench(self.mass, *twist), strict=True)]
-        return [force / i for force, i in zip(wrench, inertia, strict=True)]
+    def passive_wrench(self, twist: Vector) -> Sequence[Any]:
+        """Resistance."""
+        return (0.0,) * 3 if self.resistance is None else self.resistance.wrench(self.mass, *twist)
 
 
 @dataclass(frozen=True)
@@ -325,55 +372,16 @@ class SpatialBody(RigidBody):
     """
 
     shape: SpatialShape
-    mass: float
-    inertia: float | tuple[float, float, float]
     gravity: float = 9.81
 
     def __post_init__(self) -> None:
-        check_positive(self, "mass")
-        moments = np.atleast_1d(np.asarray(self.inertia, dtype=float))
-        if moments.shape not in ((1,), (3,)) or not (np.isfinite(moments) & (moments > 0)).all():
-            raise ModelError(
-                f"SpatialBody: inertia = {self.inertia!r}; expected a positive number or three, the principal moments."
-            )
-        if 2 * moments.max() > moments.sum() * (3 / len(moments)) * (1 + 1e-9):
-            raise ModelError(
-                f"SpatialBody: inertia = {self.inertia!r}; no body has a principal moment above the sum of the others."
-            )
+        super().__post_init__()
         if not np.isfinite(self.gravity):
             raise ModelError(f"SpatialBody: gravity = {self.gravity!r}; expected a number.")
 
-    @property
-    def moments(self) -> tuple[float, ...]:
-        """The three principal moments."""
-        return tuple(np.broadcast_to(np.asarray(self.inertia, dtype=float), 3).tolist())
-
-    def angular_acceleration(self, moment: Vector, spin: Vector, rotation: Matrix) -> list[Any]:
-        """Euler's equations in the directions of the world: ``R J^-1 (R'm - R'w x J R'w)``.
-
-        Parameters
-        ----------
-        moment, spin : three numbers, arrays or expressions
-            Moment on the body, newton metres, and angular velocity, radians per second.
-        rotation : three rows of three entries
-            Not read where the inertia is the same about every axis.
-        """
-        moments = self.moments
-        if len(set(moments)) == 1:
-            return [m / moments[0] for m in moment]
-        columns = list(zip(*rotation, strict=True))
-        turned = [dot(column, spin) for column in columns]
-        gyroscopic = cross_product(turned, [j * w for j, w in zip(moments, turned, strict=True)])
-        in_body = [(dot(c, moment) - g) / j for c, g, j in zip(columns, gyroscopic, moments, strict=True)]
-        return [dot(row, in_body) for row in rotation]
-
-    def _acceleration(self, wrench: Vector, twist: Vector, orientation: Vector) -> list[Any]:
-        weight = (0.0, 0.0, -self.gravity)
-        rates = [force / self.mass + g for force, g in zip(wrench[:3], weight, strict=True)]
-        return rates + self.angular_acceleration(wrench[3:], twist[3:], rotation_rows(orientation))
-
-    def _turn(self, phase: Any, start: Place, goal: Place | None) -> _Turn:
-        return _Turn(phase, start, goal)
+    def passive_wrench(self, twist: Vector) -> Sequence[Any]:
+        """Its weight."""
+        return 0.0, 0.0, -self.mass * self.gravity, 0.0, 0.0, 0.0
 
 
 class _Turn:
@@ -444,18 +452,40 @@ class _Turn:
             }
 
 
-class DrivenRobot(ABC):
-    """A double integrator that is driven by a force along each axis of the world."""
+@dataclass(frozen=True)
+class DrivenRobot:
+    """A double integrator that is driven by a force along each axis of the world.
+
+    Attributes
+    ----------
+    shape : Disc or Sphere
+    mass : float
+    force_limit : float or pairs (lowest, highest)
+    speed_limit : float
+    """
 
     shape: Any
     mass: float
+    force_limit: float | Sequence[tuple[float, float]]
     speed_limit: float
     gravity = 0.0
 
+    def __post_init__(self) -> None:
+        check_positive(self, "mass", "speed_limit")
+        limits = self.driving_limits
+        if limits.shape != (2, len(self.shape.names.axes)) or not (limits[0] <= limits[1]).all():
+            raise ModelError(
+                f"{type(self).__name__}: force_limit = {self.force_limit!r}; expected a positive number, or a pair "
+                "(lowest, highest) for each axis."
+            )
+
     @property
-    @abstractmethod
     def driving_limits(self) -> Array:
         """Lowest and highest driving force along each axis, newtons; shape (2, d)."""
+        limits = np.asarray(self.force_limit, dtype=float)
+        if limits.ndim == 0:
+            limits = np.tile((-limits, limits), (len(self.shape.names.axes), 1))
+        return limits.T
 
     @property
     def falling(self) -> Array:
@@ -534,24 +564,13 @@ class DiscRobot(DrivenRobot):
     shape : Disc
     mass : float
         Kilograms.
-    force_limit : float
-        Largest driving force along each axis, newtons.
+    force_limit : float or two pairs (lowest, highest)
+        Largest driving force along each axis, or both limits of it, newtons.
     speed_limit : float
         Largest velocity along each axis, metres per second.
     """
 
     shape: Disc
-    mass: float
-    force_limit: float
-    speed_limit: float
-
-    def __post_init__(self) -> None:
-        check_positive(self, "mass", "force_limit", "speed_limit")
-
-    @property
-    def driving_limits(self) -> Array:
-        """Lowest and highest driving force along each axis, newtons."""
-        return np.outer((-self.force_limit, self.force_limit), np.ones(2))
 
 
 @dataclass(frozen=True)
@@ -566,8 +585,8 @@ class SphereRobot(DrivenRobot):
     shape : Sphere
     mass : float
         Kilograms.
-    force_limits : three pairs (lowest, highest)
-        Of the driving force along each axis, newtons.
+    force_limit : float or three pairs (lowest, highest)
+        Largest driving force along each axis, or both limits of it, newtons.
     speed_limit : float
         Largest velocity along each axis, metres per second.
     gravity : float
@@ -575,23 +594,7 @@ class SphereRobot(DrivenRobot):
     """
 
     shape: Sphere
-    mass: float
-    force_limits: tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
-    speed_limit: float
     gravity: float = 9.81
-
-    def __post_init__(self) -> None:
-        check_positive(self, "mass", "speed_limit")
-        limits = np.asarray(self.force_limits, dtype=float)
-        if limits.shape != (3, 2) or np.isnan(limits).any() or (limits[:, 0] > limits[:, 1]).any():
-            raise ModelError(
-                f"SphereRobot: force_limits = {self.force_limits!r}; expected a pair (lowest, highest) for each axis."
-            )
-
-    @property
-    def driving_limits(self) -> Array:
-        """Lowest and highest driving force along each axis, newtons."""
-        return np.array(self.force_limits, dtype=float).T
 
 
 _OVERLAP = 0.01  # metres: what a start may be measured to be inside a body

@@ -1,4 +1,4 @@
-"""Walls that keep a distance from becoming negative, dry friction along a line, and a point that touches a surface."""
+"""Walls that keep a distance from becoming negative, and dry friction along a line."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from typing import Any, ClassVar
 
 from pyrobocop_pyomo.complementarity import complements
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.phases import Law
 from pyrobocop_pyomo.phases.declarations import UNBOUNDED
+from pyrobocop_pyomo.phases.equations import add_expression
+from pyrobocop_pyomo.phases.record import Statement
+from pyrobocop_pyomo.templates.template import Template
 
 from .signal_laws import NONNEGATIVE, Moment, Quantity, Rule, SignalLaw, Unknown, part_name
 
@@ -46,8 +48,9 @@ class HardWall(SignalLaw):
 class SoftWall(SignalLaw):
     """A wall that gives way like a spring: ``0 <= force _|_ gap + force / stiffness >= 0``.
 
-    So the force is ``max(0, -stiffness gap)``: none at a distance, and proportional to the penetration. With damping it
-    is ``max(0, -stiffness gap - damping rate)``: it resists the way in, and never pulls on the way out.
+    So the force is ``max(0, -stiffness gap)``: none at a distance, and proportional to the penetration. A damper beside
+    the spring acts like the gap ``gap + damping / stiffness rate``: give that rule, and the force is
+    ``max(0, -stiffness gap - damping rate)``, which resists the way in, and never pulls on the way out.
 
     Attributes
     ----------
@@ -55,15 +58,11 @@ class SoftWall(SignalLaw):
         Distance from the undeformed wall, negative where it is pressed in, metres.
     stiffness : number, rule, or parameter of the phase
         Newtons per metre.
-    damping : number, rule, or parameter of the phase
-        Newton seconds per metre; needs the rate.
-    rate : rule or None
-        Rate of change of the gap, metres per second.
 
     Raises
     ------
     ModelError
-        When the stiffness is not positive, the damping negative, or one of damping and rate is given alone.
+        When the stiffness is not positive.
 
     References
     ----------
@@ -72,20 +71,9 @@ class SoftWall(SignalLaw):
     """
 
     positive: ClassVar = ("stiffness",)
-    nonnegative: ClassVar = ("damping",)
 
     gap: Rule
     stiffness: Quantity
-    damping: Quantity | None = None
-    rate: Rule | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if (self.damping is None) != (self.rate is None):
-            raise ModelError(
-                f"{self._what}: damping = {self.damping!r} and rate = {self.rate!r}; damping acts on the rate of the "
-                "gap: give both, or neither."
-            )
 
     def unknowns(self) -> Mapping[str, Unknown]:
         """The force, newtons."""
@@ -93,17 +81,11 @@ class SoftWall(SignalLaw):
 
     def pairs(self, at: Moment) -> Any:
         """Force only as far as the wall is pressed in."""
-        return complements(self._pressing(at.ask) + at.signal / at.ask("stiffness") >= 0, at.signal >= 0)
+        return complements(at.ask("gap") + at.signal / at.ask("stiffness") >= 0, at.signal >= 0)
 
-    def start(self, asked: Callable[[str], Any]) -> Mapping[str, float]:
-        """The force of spring and damper."""
-        return {"": max(0.0, -asked("stiffness") * self._pressing(asked))}
-
-    def _pressing(self, asked: Callable[[str], Any]) -> Any:
-        """The gap at which the spring alone would be as strong as spring and damper."""
-        if self.damping is None:
-            return asked("gap")
-        return asked("gap") + asked("damping") / asked("stiffness") * asked("rate")
+    def start(self, asked: Callable[[str], float]) -> Mapping[str, float]:
+        """The force of the spring."""
+        return {"": max(0.0, -asked("stiffness") * asked("gap"))}
 
 
 @dataclass(frozen=True)
@@ -166,7 +148,7 @@ class CoulombFriction(SignalLaw):
             "backward": complements(at["backward"] >= 0, _strength(at) - at.signal >= 0),
         }
 
-    def start(self, asked: Callable[[str], Any]) -> Mapping[str, float]:
+    def start(self, asked: Callable[[str], float]) -> Mapping[str, float]:
         """Full strength against the slip."""
         slip = asked("slip")
         force = -copysign(asked("coefficient") * asked("normal"), slip) if slip else 0.0
@@ -220,10 +202,12 @@ class CoulombSlip(SignalLaw):
         part = Unknown((0.0, self.fastest), lambda at: 1.0 if self.units is None else self.units)
         return {"forward": part, "backward": part}
 
-    def expression_of(self, name: str) -> Rule:
-        """The slip: a variable of its own would only be a row more."""
+    def state(self, phase: Any, name: str) -> None:
+        """State the law, and the slip as an expression: a variable of its own would only be a row more."""
+        super().state(phase, name)
         forward, backward = part_name(name, "forward"), part_name(name, "backward")
-        return lambda phase, time: getattr(phase, forward)[time] - getattr(phase, backward)[time]
+        slip = Template(lambda phase, time: getattr(phase, forward)[time] - getattr(phase, backward)[time])
+        add_expression(phase, Statement("expression", name, slip))
 
     def pairs(self, at: Moment) -> Any:
         """Slip only at the edge of the cone."""
@@ -232,61 +216,6 @@ class CoulombSlip(SignalLaw):
             "forward": complements(_strength(at) - tangential >= 0, at["forward"] >= 0),
             "backward": complements(_strength(at) + tangential >= 0, at["backward"] >= 0),
         }
-
-
-@dataclass(frozen=True)
-class PointContact(Law):
-    """A point that touches a surface: a wall along the normal, Coulomb friction along the surface.
-
-    ``b.foot = PointContact(...)`` makes the normal force ``b.foot[t]`` and the friction on the point
-    ``b.foot_tangential[t]``; a `HardWall` or, with a stiffness, a `SoftWall`, and a `CoulombFriction` whose normal
-    force is that of the wall.
-
-    Attributes
-    ----------
-    gap : rule
-        Distance from the surface, positive where free, metres.
-    slip : rule
-        Speed of the point along the surface, metres per second.
-    coefficient : number, rule, or parameter of the phase
-        Coulomb's coefficient.
-    stiffness : number, rule, parameter of the phase, or None
-        Of a soft surface, newtons per metre; None for a hard one.
-
-    References
-    ----------
-    Posa, Cantu & Tedrake, A direct method for trajectory optimization of rigid bodies through contact, Int. J.
-    Robotics Research 33 (2014), doi:10.1177/0278364913506757
-    """
-
-    gap: Rule
-    slip: Rule
-    coefficient: Quantity
-    stiffness: Quantity | None = None
-
-    def __post_init__(self) -> None:
-        self._laws("contact")  # what is wrong with a constant is said here, where it was given
-
-    def state(self, phase: Any, name: str) -> None:
-        """State both laws; see `Law.state`.
-
-        Raises
-        ------
-        ModelError
-            When a name is taken, or a rule gives no number and no expression.
-        """
-        for law_name, law in self._laws(name).items():
-            phase.declare(law_name, law)
-
-    def _laws(self, name: str) -> dict[str, Law]:
-        where = self.declared_at
-        wall: Law = HardWall(self.gap, declared_at=where)
-        if self.stiffness is not None:
-            wall = SoftWall(self.gap, self.stiffness, declared_at=where)
-        friction = CoulombFriction(
-            self.slip, lambda phase, time: getattr(phase, name)[time], self.coefficient, declared_at=where
-        )
-        return {name: wall, f"{name}_tangential": friction}
 
 
 def _strength(at: Moment) -> Any:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,28 +29,63 @@ _FIRST_FORCE = 0.01
 
 
 @dataclass(frozen=True)
-class RobotContact(ABC):
-    """What `PlanarContact` and `SpatialContact` state; they say how vectors are written.
+class RobotContact:
+    """Contact between a body and a disc or sphere robot, by complementarity, for one step of impulse mechanics.
+
+    The unknowns on the robot's phase are mean forces over each element, newtons, and a speed: ``c`` along the normal,
+    ``alpha_plus`` and ``alpha_minus`` along the tangent (the normal turned left) and against it, in space ``alpha_1``
+    to ``alpha_4`` along the first and the second tangent and against them, and ``slip``, the speed of slipping, metres
+    per second. With ``w``, the velocity of the robot relative to the body at the contact point, its normal part
+    ``w_n`` and its part ``w_j`` in the direction of ``alpha_j``, all kinematics at the end of the element::
+
+        0 <= c        _|_  gap >= 0
+        0 <= alpha_j  _|_  slip + w_j >= 0
+        0 <= slip     _|_  friction c - sum_j alpha_j >= 0
+        -tolerance <= c w_n <= tolerance
+
+    In space the cone of friction is a pyramid whose four edges are the tangents: along an edge friction is at most
+    ``friction c``, between two edges less, by a factor down to 0.71.
+
+    The last row allows no force in an element in which the contact breaks. With the gap at the end of the element it
+    asks more than the pairs leave free whenever the body turns; that is why it is a row with a tolerance.
 
     Attributes
     ----------
-    body, robot : shapes
+    body : Disc, Sphere, Capsule or RoundedBox
+        Shape of the body.
+    robot : Disc or Sphere
+        Shape of the robot.
     friction : float
         Coulomb's coefficient between them.
     force_limit : float
         Largest normal force, newtons.
     tolerance : float
-        Of the row that allows no force in an element in which the contact breaks, newton metres per second.
+        Of the last row, newton metres per second.
+    never_normal : (x, y, z)
+        In space the one direction that the normal must stay away from, because the tangents turn without end around
+        it: straight up by default, where a robot would stand on top of the body.
+
+    References
+    ----------
+    Stewart & Trinkle, An implicit time-stepping scheme for rigid body dynamics with inelastic collisions and Coulomb
+    friction, Int. J. Numerical Methods in Engineering 39 (1996),
+    doi:10.1002/(SICI)1097-0207(19960815)39:15<2673::AID-NME972>3.0.CO;2-I;
+    Shorinwa, Devlin, Hawkes & Schwager, DisCo: Distributed Contact-Rich Trajectory Optimization for Forceful
+    Multi-Robot Collaboration, 2024, arXiv:2410.23283
     """
 
-    body: Any
-    robot: Any
+    body: PlanarShape | SpatialShape
+    robot: Disc | Sphere
     friction: float
     force_limit: float = 60.0
     tolerance: float = 0.01
+    never_normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
         check_positive(self, "friction", "force_limit", "tolerance")
+        length = float(np.linalg.norm(self.never_normal))
+        if len(self.never_normal) != 3 or not abs(length - 1) < 1e-9:
+            raise ModelError(f"contact: never_normal = {self.never_normal!r}; expected a direction of length one.")
 
     def state(self, phase: Any, body: Any, push: Any) -> None:
         """State contact of a robot with a body, and the wrench of the robot on the body.
@@ -116,9 +150,11 @@ class RobotContact(ABC):
         """How the robot, with its centre at a place, stands to the body at a pose; see `RoundedShape.gap_to_ball`."""
         return self.body.gap_to_ball(self.robot.radius, centre, position, rotation)
 
-    @abstractmethod
     def tangents(self, at: Gap) -> list[Vector]:
         """Tangents at a contact: in the plane the normal turned left, in space the first and the second."""
+        if len(at.normal) == 2:
+            return [[-at.normal[1], at.normal[0]]]
+        return tangents_across(at.normal, self.never_normal)
 
     def wrench_on_body(self, at: Gap, normal: Any, tangential: Vector) -> list[Any]:
         """What the body gets: the force on the robot turned around, and its moment about the body's origin.
@@ -198,114 +234,3 @@ class RobotContact(ABC):
             moment = cross_product(self._lifted_gap(b, t).point, entries_at(push, names.wrench[:axes], t))
             formulas = [*wrench_on_body(b, t)[:axes], *moment]
             return {name: getattr(push, name)[t] == f for name, f in zip(names.wrench, formulas, strict=True)}
-
-
-@dataclass(frozen=True)
-class PlanarContact(RobotContact):
-    """Contact between a body and a disc robot, by complementarity, for one step of impulse mechanics.
-
-    The unknowns on the robot's phase are mean forces over each element, newtons, and a speed: ``c`` along the normal,
-    ``alpha_plus`` and ``alpha_minus`` along the tangent (the normal turned left) and against it, and ``slip``, the
-    speed of slipping, metres per second. With ``w``, the velocity of the robot relative to the body at the contact,
-    its normal part ``w_n`` and its tangential part ``w_t``, all kinematics at the end of the element::
-
-        0 <= c            _|_  gap >= 0
-        0 <= alpha_plus   _|_  slip + w_t >= 0
-        0 <= alpha_minus  _|_  slip - w_t >= 0
-        0 <= slip         _|_  friction c - alpha_plus - alpha_minus >= 0
-        -tolerance <= c w_n <= tolerance
-
-    The last row allows no force in an element in which the contact breaks. With the gap at the end of the element it
-    asks more than the pairs leave free whenever the body turns; that is why it is a row with a tolerance.
-
-    Attributes
-    ----------
-    body : Disc, Capsule or RoundedBox
-        Shape of the body.
-    robot : Disc
-        Shape of the robot.
-    friction : float
-        Coulomb's coefficient between them.
-    force_limit : float
-        Largest normal force, newtons.
-    tolerance : float
-        Of the last row, newton metres per second.
-
-    References
-    ----------
-    Stewart & Trinkle, An implicit time-stepping scheme for rigid body dynamics with inelastic collisions and Coulomb
-    friction, Int. J. Numerical Methods in Engineering 39 (1996),
-    doi:10.1002/(SICI)1097-0207(19960815)39:15<2673::AID-NME972>3.0.CO;2-I;
-    Shorinwa, Devlin, Hawkes & Schwager, DisCo: Distributed Contact-Rich Trajectory Optimization for Forceful
-    Multi-Robot Collaboration, 2024, arXiv:2410.23283
-    """
-
-    body: PlanarShape
-    robot: Disc
-
-    def tangents(self, at: Gap) -> list[Vector]:
-        """The normal turned left."""
-        return [[-at.normal[1], at.normal[0]]]
-
-
-@dataclass(frozen=True)
-class SpatialContact(RobotContact):
-    """Contact between a body and a sphere robot, by complementarity, for one step of impulse mechanics.
-
-    The unknowns on the robot's phase are mean forces over each element, newtons, and a speed: ``c`` along the normal,
-    ``alpha_1`` to ``alpha_4`` along the first and the second tangent and against them, and ``slip``, the speed of
-    slipping, metres per second. With the slip velocity ``w`` of the robot relative to the body at the contact point,
-    its normal part ``w_n`` and its parts ``w_1``, ``w_2`` along the tangents and ``w_3 = -w_1``, ``w_4 = -w_2``, all
-    kinematics at the end of the element::
-
-        0 <= c        _|_  gap >= 0
-        0 <= alpha_j  _|_  slip + w_j >= 0                          j = 1, ..., 4
-        0 <= slip     _|_  friction c - sum_j alpha_j >= 0
-        -tolerance <= c w_n <= tolerance
-
-    The cone of friction is a pyramid whose four edges are the tangents: along an edge friction is at most
-    ``friction c``, between two edges less, by a factor down to 0.71.
-
-    The last row allows no force in an element in which the contact breaks. With the gap at the end of the element it
-    asks more than the pairs leave free whenever the body turns; that is why it is a row with a tolerance.
-
-    Attributes
-    ----------
-    body : Sphere, SpatialCapsule or SpatialBox
-        Shape of the body.
-    robot : Sphere
-        Shape of the robot.
-    friction : float
-        Coulomb's coefficient between them.
-    force_limit : float
-        Largest normal force, newtons.
-    tolerance : float
-        Of the last row, newton metres per second.
-    never_normal : (x, y, z)
-        The one direction that the normal must stay away from, because the tangents turn without end around it: straight
-        up by default, where a robot would stand on top of the body.
-
-    References
-    ----------
-    Stewart & Trinkle, An implicit time-stepping scheme for rigid body dynamics with inelastic collisions and Coulomb
-    friction, Int. J. Numerical Methods in Engineering 39 (1996),
-    doi:10.1002/(SICI)1097-0207(19960815)39:15<2673::AID-NME972>3.0.CO;2-I;
-    Shorinwa, Devlin, Hawkes & Schwager, DisCo: Distributed Contact-Rich Trajectory Optimization for Forceful
-    Multi-Robot Collaboration, 2024, arXiv:2410.23283
-    """
-
-    body: SpatialShape
-    robot: Sphere
-    never_normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        length = float(np.linalg.norm(self.never_normal))
-        if len(self.never_normal) != 3 or not abs(length - 1) < 1e-9:
-            raise ModelError(
-                f"SpatialContact: never_normal = {self.never_normal!r}; expected a direction of length one."
-            )
-
-    def tangents(self, at: Gap) -> list[Vector]:
-        """First and second tangent at a contact."""
-        return tangents_across(at.normal, self.never_normal)

@@ -8,11 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 from pyrobocop_pyomo.complementarity import complements
-from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.phases.declarations import UNBOUNDED
 
 from .signal_laws import NONNEGATIVE, Moment, Quantity, SignalLaw, Unknown
 
@@ -20,6 +18,9 @@ from .signal_laws import NONNEGATIVE, Moment, Quantity, SignalLaw, Unknown
 @dataclass(frozen=True)
 class AbsoluteValue(SignalLaw):
     """``|s|``: the v with ``0 <= v - s _|_ v + s >= 0``.
+
+    With it, ``max(a, b)`` is ``(a + b + |a - b|) / 2``, ``min(a, b)`` is ``(a + b - |a - b|) / 2``, and s cut off at l
+    and u is ``(l + u + |s - l| - |s - u|) / 2``.
 
     Attributes
     ----------
@@ -48,195 +49,18 @@ class AbsoluteValue(SignalLaw):
         """The value is one of the two."""
         return complements(at.signal - at.ask("of") >= 0, at.signal + at.ask("of") >= 0)
 
-    def start(self, asked: Callable[[str], Any]) -> Mapping[str, float]:
+    def start(self, asked: Callable[[str], float]) -> Mapping[str, float]:
         """The absolute value."""
         return {"": abs(asked("of"))}
 
 
-@dataclass(frozen=True, init=False)
-class _Extremum(SignalLaw):
-    """The greatest or the least of several: the one of the first two, then that and the third, and so on.
-
-    A subclass says which one it chooses, and how far its result is beyond another quantity.
-    """
-
-    of: tuple[Quantity, ...]
-    _choose: ClassVar[Callable[..., float]]
-
-    def __init__(self, *of: Quantity, **options: Any) -> None:
-        # A frozen dataclass takes no positional arguments of any number by itself.
-        several = of[0] if len(of) == 1 and isinstance(of[0], (list, tuple)) else of
-        object.__setattr__(self, "of", tuple(several))
-        super().__init__(**options)
-
-    def __post_init__(self) -> None:
-        if len(self.of) < 2:
-            raise ModelError(f"{self._what}: {len(self.of)} quantities; give two or more, each as an argument.")
-        super().__post_init__()
-
-    def _beyond(self, result: Any, quantity: Any) -> Any:
-        raise NotImplementedError
-
-    @property
-    def _steps(self) -> list[str]:
-        """Names of the results after each further quantity; the last one is the signal."""
-        return [*(f"of_{count}" for count in range(2, len(self.of))), ""]
-
-    def unknowns(self) -> Mapping[str, Unknown]:
-        """The result, and those of the first two, three, ... quantities, ``<name>_of_2`` and so on."""
-        return {step: Unknown(UNBOUNDED, lambda at: at.ask("of")[0]) for step in self._steps}
-
-    def pairs(self, at: Moment) -> Any:
-        """Each result is one of two: that before, and the next quantity."""
-        quantities, before, pairs = at.ask("of"), at.ask("of")[0], {}
-        for step, following in zip(self._steps, quantities[1:], strict=True):
-            sides = [self._beyond(at[step], other) >= 0 for other in (before, following)]
-            pairs[step or "last"], before = complements(*sides), at[step]
-        return pairs
-
-    def start(self, asked: Callable[[str], Any]) -> Mapping[str, float]:
-        """What is chosen of the first two, three, ... quantities."""
-        return {step: self._choose(asked("of")[: i + 2]) for i, step in enumerate(self._steps)}
-
-
-class Maximum(_Extremum):
-    """The greatest of two or more: of a and b, the v with ``0 <= v - a _|_ v - b >= 0``.
-
-    ``Maximum(lambda b, t: b.x[t], 0)`` is the positive part.
-
-    Parameters
-    ----------
-    *of : rule or number
-        At least two, or one list of them.
-    **options
-        ``initial_guess``, as of every law.
-
-    Raises
-    ------
-    ModelError
-        When there are fewer.
-    """
-
-    _choose = staticmethod(max)
-
-    def _beyond(self, result: Any, quantity: Any) -> Any:
-        return result - quantity
-
-
-class Minimum(_Extremum):
-    """The least of two or more: of a and b, the v with ``0 <= a - v _|_ b - v >= 0``.
-
-    Parameters
-    ----------
-    *of : rule or number
-        At least two, or one list of them.
-    **options
-        ``initial_guess``, as of every law.
-
-    Raises
-    ------
-    ModelError
-        When there are fewer.
-    """
-
-    _choose = staticmethod(min)
-
-    def _beyond(self, result: Any, quantity: Any) -> Any:
-        return quantity - result
-
-
 @dataclass(frozen=True)
-class Saturation(SignalLaw):
-    """A quantity cut off at two limits: ``min(max(s, lower), upper)``.
-
-    With what is over and under, ``s = v + over - under``, ``0 <= over _|_ upper - v >= 0`` and
-    ``0 <= under _|_ v - lower >= 0``. An end without a limit is a `Maximum` or a `Minimum`.
-
-    Attributes
-    ----------
-    of : rule
-        ``s``.
-    lower, upper : number or rule
-        In the units of s.
-
-    Raises
-    ------
-    ModelError
-        When the lower limit is not below the upper one.
-    """
-
-    of: Quantity
-    lower: Quantity
-    upper: Quantity
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        numbers = [limit for limit in (self.lower, self.upper) if isinstance(limit, (int, float))]
-        if len(numbers) == 2 and not numbers[0] < numbers[1]:
-            raise ModelError(
-                f"{self._what}: lower = {self.lower!r} is not below upper = {self.upper!r}. Set them apart."
-            )
-
-    def unknowns(self) -> Mapping[str, Unknown]:
-        """The value, and what was cut off: ``<name>_over``, ``<name>_under``."""
-        limits = [limit if isinstance(limit, (int, float)) else None for limit in (self.lower, self.upper)]
-        like = Unknown(NONNEGATIVE, lambda at: at.ask("of"))
-        return {"": like._replace(bounds=(limits[0], limits[1])), "over": like, "under": like}
-
-    def equations(self, at: Moment) -> Any:
-        """The parts make up the quantity."""
-        return at.ask("of") == at.signal + at["over"] - at["under"]
-
-    def pairs(self, at: Moment) -> Any:
-        """Cut off only at the limits."""
-        return {
-            "upper": complements(at["over"] >= 0, at.ask("upper") - at.signal >= 0),
-            "lower": complements(at["under"] >= 0, at.signal - at.ask("lower") >= 0),
-        }
-
-    def start(self, asked: Callable[[str], Any]) -> Mapping[str, float]:
-        """The quantity without what is over and under."""
-        given = asked("of")
-        over, under = max(given - asked("upper"), 0.0), max(asked("lower") - given, 0.0)
-        return {"": given - over + under, "over": over, "under": under}
-
-
-@dataclass(frozen=True)
-class _Switch(SignalLaw):
-    """A signal that jumps between two values where a quantity passes zero."""
-
-    low: ClassVar[float]
-
-    of: Quantity
-
-    def unknowns(self) -> Mapping[str, Unknown]:
-        """The value, and the parts of the quantity: ``<name>_above``, ``<name>_below``."""
-        part = Unknown(NONNEGATIVE, lambda at: at.ask("of"))
-        return {"": Unknown((self.low, 1.0), lambda at: 1.0), "above": part, "below": part}
-
-    def equations(self, at: Moment) -> Any:
-        """The parts make up the quantity."""
-        return at.ask("of") == at["above"] - at["below"]
-
-    def pairs(self, at: Moment) -> Any:
-        """At one end wherever the quantity is not zero."""
-        return {
-            "on": complements(at["above"] >= 0, 1 - at.signal >= 0),
-            "off": complements(at["below"] >= 0, at.signal - self.low >= 0),
-        }
-
-    def start(self, asked: Callable[[str], Any]) -> Mapping[str, float]:
-        """One end, or the middle at zero."""
-        s = asked("of")
-        value = 1.0 if s > 0 else self.low if s < 0 else (1.0 + self.low) / 2
-        return {"": value, "above": max(s, 0.0), "below": max(-s, 0.0)}
-
-
-class Step(_Switch):
+class Step(SignalLaw):
     """The Heaviside step: 1 where s is positive, 0 where it is negative, anything between where it is zero.
 
     With ``s = above - below``, ``0 <= above _|_ 1 - v >= 0`` and ``0 <= below _|_ v >= 0``. At zero the motion decides,
-    by Filippov's convention: a motion that is driven onto the surface from both sides slides along it.
+    by Filippov's convention: a motion that is driven onto the surface from both sides slides along it. The sign of s
+    is ``2 v - 1``.
 
     Attributes
     ----------
@@ -249,16 +73,26 @@ class Step(_Switch):
     Systems with Set-Valued Step Functions (2023), doi:10.48550/arXiv.2303.18066
     """
 
-    low: ClassVar[float] = 0.0
+    of: Quantity
 
+    def unknowns(self) -> Mapping[str, Unknown]:
+        """The value, and the parts of the quantity: ``<name>_above``, ``<name>_below``."""
+        part = Unknown(NONNEGATIVE, lambda at: at.ask("of"))
+        return {"": Unknown((0.0, 1.0), lambda at: 1.0), "above": part, "below": part}
 
-class Sign(_Switch):
-    """The sign of s: 1, -1, or anything between where it is zero; twice the `Step` less one.
+    def equations(self, at: Moment) -> Any:
+        """The parts make up the quantity."""
+        return at.ask("of") == at["above"] - at["below"]
 
-    Attributes
-    ----------
-    of : rule
-        ``s``.
-    """
+    def pairs(self, at: Moment) -> Any:
+        """At one end wherever the quantity is not zero."""
+        return {
+            "on": complements(at["above"] >= 0, 1 - at.signal >= 0),
+            "off": complements(at["below"] >= 0, at.signal >= 0),
+        }
 
-    low: ClassVar[float] = -1.0
+    def start(self, asked: Callable[[str], float]) -> Mapping[str, float]:
+        """One end, or the middle at zero."""
+        s = asked("of")
+        value = 1.0 if s > 0 else 0.0 if s < 0 else 0.5
+        return {"": value, "above": max(s, 0.0), "below": max(-s, 0.0)}

@@ -5,7 +5,6 @@ What a plan is worth are numbers that no solver reports, and two words for them.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import combinations
@@ -20,8 +19,8 @@ from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.plotting import AnimationFile, BodyPath, animate_scene
 from pyrobocop_pyomo.presentation import Presented
 
-from .bodies import DiscRobot, PlanarBody, SpatialBody, SphereRobot, check_positive
-from .contacts import PlanarContact, RobotContact, SpatialContact
+from .bodies import DrivenRobot, RigidBody, check_positive
+from .contacts import RobotContact
 from .rotations import rotation_matrix, rotation_rows, rotation_vector
 from .shapes import Gap
 
@@ -119,11 +118,6 @@ class PhysicalScore(Presented):
         """
         return not self.misses("practical")
 
-    @property
-    def product(self) -> float:
-        """The largest of the three products."""
-        return max(self.gap_product, self.friction_product, self.separation_product)
-
     def misses(self, level: str) -> list[str]:
         """The numbers that miss the limits of "strict" or "practical"; each as ``'label: value unit (limit)'``."""
         found = []
@@ -195,7 +189,7 @@ class PlannedBody:
 
 
 @dataclass(frozen=True)
-class CombinedPlanScore(ABC):
+class CombinedPlanScore:
     """Scores combined plans of robots that move a body, by physics and never by the status of a solver.
 
     Nothing of the model is used: residuals are recomputed from positions, and the object is simulated by an implicit
@@ -203,19 +197,22 @@ class CombinedPlanScore(ABC):
 
     Attributes
     ----------
-    body, robot : object
+    body : RigidBody
+    robot : DiscRobot or SphereRobot
         All robots are alike.
     friction : float
         Between robot and body.
     step : float
         Duration of an element, seconds.
     goal : sequence
-        Where the object has to come to rest; None for a coordinate that may be anything. An entry may also be a pair
-        (lower, upper).
+        Where the object has to come to rest, as in `RigidBody.state_motion`; None for a coordinate that may be
+        anything. An entry may also be a pair (lower, upper).
     rest_at_end : bool
         Whether the object and the robots have to be at rest at the end, as `state_motion` states by default.
     bounds : mapping of agent to (mapping of component to (lowest, highest))
         Of the variables of the agents that are scored, such as ``{"a": {"me.x": (-1.0, 1.0)}}``; None for no bound.
+    never_normal : (x, y, z)
+        As in the contact: in space it decides where the edges of the friction pyramid are.
 
     Notes
     -----
@@ -223,13 +220,14 @@ class CombinedPlanScore(ABC):
     displaced at one point is found out.
     """
 
-    body: Any
-    robot: Any
+    body: RigidBody
+    robot: DrivenRobot
     friction: float
     step: float
     goal: Sequence[float | tuple[float, float] | None]
     rest_at_end: bool = True
     bounds: Mapping[str, Mapping[str, tuple[float | None, float | None]]] = field(default_factory=dict)
+    never_normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
         check_positive(self, "friction", "step")
@@ -348,8 +346,13 @@ class CombinedPlanScore(ABC):
             needed: Array = self._needed_wrench(after[None], twist[None], (twist - before)[None] / self.step)[0]
             return scale * (needed - pushed)
 
+        def jacobian(twist: Array) -> Array:
+            # MINPACK's own differences take steps relative to each velocity, and see nothing where one is tiny.
+            slopes: Array = scipy.optimize.approx_fprime(twist, residual, 1e-7)
+            return slopes
+
         # Velocities that solve it to rounding: their differences are accelerations.
-        velocities: Array = scipy.optimize.root(residual, before + scale * pushed, tol=1e-13).x
+        velocities: Array = scipy.optimize.root(residual, before + scale * pushed, jac=jacobian, tol=1e-13).x
         return velocities
 
     def _of_plan(self, body: PlannedBody, robots: Mapping[str, PlannedRobot]) -> PhysicalScore:
@@ -430,7 +433,8 @@ class CombinedPlanScore(ABC):
         """Distance and angle of the object at the end from its goal: metres, degrees."""
         axes = len(self.body.shape.names.axes)
         position, turn = list(self.goal)[:axes], [angle for angle in self.goal[axes:] if angle is not None]
-        off = [_distance_outside(float(at), wanted) for at, wanted in zip(body.position[-1], position, strict=True)]
+        ends = [wanted if isinstance(wanted, tuple) else (wanted, wanted) for wanted in position]
+        off = [_excess(at, *limits) for at, limits in zip(body.position[-1], ends, strict=True)]
         if not turn:
             return float(np.linalg.norm(off)), 0.0
         # In the plane the angle may be between two; a whole turn more or less is the same pose.
@@ -439,16 +443,15 @@ class CombinedPlanScore(ABC):
         return float(np.linalg.norm(off)), float(np.degrees(max(angle - np.ptp(turn[0]) / 2, 0.0)))
 
     @property
-    @abstractmethod
     def contact(self) -> RobotContact:
         """Of a robot with the object."""
+        return RobotContact(self.body.shape, self.robot.shape, self.friction, never_normal=self.never_normal)
 
     @property
     def _inertia(self) -> Array:
         """Of the object along each velocity, in the directions of its frame."""
         return np.array([*len(self.body.shape.names.axes) * [self.body.mass], *self.body.moments])
 
-    @abstractmethod
     def _needed_wrench(self, rotation: Array, twist: Array, rates: Array) -> Array:
         """Wrenches, shape (n, 3) or (n, 6), that the object needs beside what acts on it anyway.
 
@@ -458,63 +461,15 @@ class CombinedPlanScore(ABC):
         twist, rates : array, shape (n, 3) or (n, 6)
             Velocities and their rates of change.
         """
-
-
-@dataclass(frozen=True)
-class PlanarScore(CombinedPlanScore):
-    """Scores combined plans of disc robots that push a body in the plane; see `CombinedPlanScore`.
-
-    Attributes
-    ----------
-    body : PlanarBody
-    robot : DiscRobot
-    goal : (x, y, theta)
-    """
-
-    body: PlanarBody
-    robot: DiscRobot
-
-    @property
-    def contact(self) -> PlanarContact:
-        """Of a robot with the object."""
-        return PlanarContact(self.body.shape, self.robot.shape, self.friction)
-
-    def _needed_wrench(self, rotation: Array, twist: Array, rates: Array) -> Array:
-        needed: Array = self._inertia * rates
-        if self.body.resistance is not None:
-            needed -= np.array(self.body.resistance.wrench(self.body.mass, *twist.T)).T
-        return needed
-
-
-@dataclass(frozen=True)
-class SpatialScore(CombinedPlanScore):
-    """Scores combined plans of sphere robots that move a body in space; see `CombinedPlanScore`.
-
-    Attributes
-    ----------
-    body : SpatialBody
-    robot : SphereRobot
-    goal : (x, y, z, r_x, r_y, r_z)
-        Where the object has to come to rest, as in `SpatialBody.state_motion`.
-    never_normal : (x, y, z)
-        As in the contact: it decides where the edges of the friction pyramid are.
-    """
-
-    body: SpatialBody
-    robot: SphereRobot
-    never_normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
-
-    @property
-    def contact(self) -> SpatialContact:
-        """Of a robot with the object."""
-        return SpatialContact(self.body.shape, self.robot.shape, self.friction, never_normal=self.never_normal)
-
-    def _needed_wrench(self, rotation: Array, twist: Array, rates: Array) -> Array:
-        force = self.body.mass * (rates[:, :3] + np.array([0.0, 0.0, self.body.gravity]))
-        inertia = np.einsum("tij,j,tkj->tik", rotation, np.array(self.body.moments), rotation)
-        spin = twist[:, 3:]
-        gyroscopic = np.cross(spin, np.einsum("tij,tj->ti", inertia, spin))
-        return np.hstack([force, np.einsum("tij,tj->ti", inertia, rates[:, 3:]) + gyroscopic])
+        axes = rotation.shape[1]
+        # In the plane the one axis that a body turns about stays where it is.
+        frame = rotation if axes == 3 else np.ones((len(rotation), 1, 1))
+        inertia = np.einsum("tij,j,tkj->tik", frame, self.body.moments, frame)
+        momentum, moment = (np.einsum("tij,tj->ti", inertia, each[:, axes:]) for each in (twist, rates))
+        if axes == 3:
+            moment = moment + np.cross(twist[:, axes:], momentum)
+        needed: Array = np.hstack([self.body.mass * rates[:, :axes], moment])
+        return needed - np.array(self.body.passive_wrench(twist.T)).T
 
 
 def _component(agent: str, plan: Mapping[str, Array], name: str) -> Array:
@@ -530,14 +485,6 @@ def _component(agent: str, plan: Mapping[str, Array], name: str) -> Array:
             f"physical score: the plan of '{agent}' has no '{name}'; it has {', '.join(sorted(plan)) or 'nothing'}."
         )
     return np.asarray(plan[name], dtype=float)
-
-
-def _distance_outside(at: float, wanted: float | tuple[float, float] | None) -> float:
-    """How far a coordinate is from where it is wanted: a number, between two numbers, or anywhere."""
-    if wanted is None:
-        return 0.0
-    lower, upper = wanted if isinstance(wanted, tuple) else (wanted, wanted)
-    return at - min(max(at, lower), upper)
 
 
 def _excess(values: Array, lower: float | Array | None, upper: float | Array | None) -> float:

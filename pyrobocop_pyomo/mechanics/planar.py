@@ -2,8 +2,8 @@
 
 from .bodies import DiscRobot, GroundFriction, ViscousDrag
 from .bodies import PlanarBody as RigidBody
-from .contacts import PlanarContact as Contact
-from .plan_score import PlanarScore as Score
+from .contacts import RobotContact as Contact
+from .plan_score import CombinedPlanScore as Score
 from .shapes import Capsule, Disc, RoundedBox
 
 __all__ = [

@@ -6,6 +6,7 @@ Formulas are plain arithmetic for numbers, arrays and Pyomo expressions.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -152,13 +153,10 @@ class RoundedShape:
 
     def outline(self) -> Polytope:
         """The same shape for pictures and exact distances, without smoothing."""
-        first, *others = self.core
-        level = (0.0,) * len(others)
-        if not first:
-            return Polytope.ball(self.radius, (0.0, *level)) if self.radius else Polytope.point((0.0, *level))
-        if not any(others):
-            return Polytope.capsule((-first, *level), (first, *level), self.radius)
-        return Polytope.box(*(2 * half for half in self.core)).padded(self.radius)
+        if all(self.core):
+            return Polytope.box(*(2 * half for half in self.core)).padded(self.radius)
+        ends = product(*((-half, half) if half else (0.0,) for half in self.core))
+        return Polytope.from_vertices(list(ends), radius=self.radius, allow_flat=True)
 
 
 def limited(value: Any, limit: float, smoothing: float) -> Any:

@@ -23,9 +23,6 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_entry
 from pyrobocop_pyomo.phases import Algebraic, Law
 from pyrobocop_pyomo.phases.declarations import Bounds
-from pyrobocop_pyomo.phases.equations import add_expression
-from pyrobocop_pyomo.phases.record import Statement
-from pyrobocop_pyomo.templates.template import Template
 from pyrobocop_pyomo.transcription import InitialGuess
 
 Rule = Callable[[Any, float], Any]
@@ -82,11 +79,7 @@ class SignalLaw(Law):
         """The equations at a point, what a residual rule of a phase returns; None where the law has none."""
         return None
 
-    def expression_of(self, name: str) -> Rule | None:
-        """A rule for the signal, where it is no variable but an expression in others, under a name."""
-        return None
-
-    def start(self, asked: Callable[[str], Any]) -> Mapping[str, float]:
+    def start(self, asked: Callable[[str], float]) -> Mapping[str, float]:
         """Values of the unknowns where the fields have known values: ``asked("field")`` is a number."""
         return {}
 
@@ -124,9 +117,6 @@ class SignalLaw(Law):
                     declared_at=self.declared_at,
                 ),
             )
-        formula = law.expression_of(name)
-        if formula is not None:
-            add_expression(phase, Statement("expression", name, Template(formula)))
         if law.equations(first) is not None:
             phase.residual(LawRule(law, name, "equations"))
         phase.complementarity(LawRule(law, name, "pairs"))
@@ -138,14 +128,13 @@ class SignalLaw(Law):
 
     def _check_field(self, name: str) -> None:
         given = getattr(self, name)
-        for one in given if isinstance(given, tuple) else (given,):
-            if isinstance(one, Real) and not isinstance(one, bool) and math.isfinite(one):
-                self._refuse_sign(name, float(one), f"{self._what}: {name} = {one!r}")
-            elif not (callable(one) or _is_of_model(one)):
-                raise ModelError(
-                    f"{self._what}: {name} = {one!r}; expected a finite number, a rule (phase, t) -> expression, or a "
-                    "component of the model."
-                )
+        if isinstance(given, Real) and not isinstance(given, bool) and math.isfinite(given):
+            self._refuse_sign(name, float(given), f"{self._what}: {name} = {given!r}")
+        elif not (callable(given) or _is_of_model(given)):
+            raise ModelError(
+                f"{self._what}: {name} = {given!r}; expected a finite number, a rule (phase, t) -> expression, or a "
+                "component of the model."
+            )
 
     def _refuse_sign(self, name: str, number: float, label: str) -> None:
         if name in self.positive and not number > 0:
@@ -161,10 +150,7 @@ class SignalLaw(Law):
         """This law with rules in place of components: a clone of the model, and a verification, read their own."""
         law = copy.copy(self)
         for name in self._asked_fields():
-            given, what = getattr(self, name), f"{self._what}: {name}"
-            many = isinstance(given, tuple)
-            rules = tuple(_as_rule(one, phase, what) for one in (given if many else (given,)))
-            object.__setattr__(law, name, rules if many else rules[0])
+            object.__setattr__(law, name, _as_rule(getattr(self, name), phase, f"{self._what}: {name}"))
         return law
 
     def _guesses(self, name: str, phase: Any) -> dict[str, Any]:
@@ -212,7 +198,7 @@ class Moment:
         return getattr(self._phase, part_name(self._name, part))[self._time]
 
     def ask(self, field: str) -> Any:
-        """What a field is here: a number or an expression, or a list of them.
+        """What a field is here: a number or an expression.
 
         Raises
         ------
@@ -220,23 +206,6 @@ class Moment:
             When a rule returns something else.
         """
         given = getattr(self._law, field)
-        return [self._one(field, each) for each in given] if isinstance(given, tuple) else self._one(field, given)
-
-    def number(self, field: str) -> Any:
-        """What a field is at the values of the variables.
-
-        Raises
-        ------
-        ValueError
-            When it has no value, or none that is finite.
-        """
-        asked = self.ask(field)
-        numbers = [value(each, exception=False) for each in (asked if isinstance(asked, list) else [asked])]
-        if any(number is None or not math.isfinite(number) for number in numbers):
-            raise ValueError(f"{field} has no value at t = {self._time:g}")
-        return [float(number) for number in numbers] if isinstance(asked, list) else float(numbers[0])
-
-    def _one(self, field: str, given: Any) -> Any:
         if _is_of_model(given) or not callable(given):
             return given
         result = plain_entry(given(self._phase, self._time))
@@ -252,6 +221,19 @@ class Moment:
                 "or an index [t], missing?"
             )
         return result
+
+    def number(self, field: str) -> float:
+        """What a field is at the values of the variables.
+
+        Raises
+        ------
+        ValueError
+            When it has no value, or none that is finite.
+        """
+        number = value(self.ask(field), exception=False)
+        if number is None or not math.isfinite(number):
+            raise ValueError(f"{field} has no value at t = {self._time:g}")
+        return float(number)
 
     def _where(self, field: str) -> str:
         return f"phase '{self._phase.name}': '{self._name}', {self._law._what}: {field} at t = {self._time:g}"

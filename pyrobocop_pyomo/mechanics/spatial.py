@@ -2,8 +2,8 @@
 
 from .bodies import SpatialBody as RigidBody
 from .bodies import SphereRobot
-from .contacts import SpatialContact as Contact
-from .plan_score import SpatialScore as Score
+from .contacts import RobotContact as Contact
+from .plan_score import CombinedPlanScore as Score
 from .shapes import SpatialBox as RoundedBox
 from .shapes import SpatialCapsule as Capsule
 from .shapes import Sphere

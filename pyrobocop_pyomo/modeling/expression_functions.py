@@ -45,8 +45,8 @@ KEEP_THEIR_MEANING = {
 
 # What a choice between variables is called here, at the end of a sentence.
 LAWS = (
-    "max(x, 0) is b.name = rcp.mechanics.Maximum(lambda b, t: b.x[t], 0), read as b.name[t]; likewise Minimum, "
-    "AbsoluteValue, Saturation (np.clip), Sign, and Step for an 'if x > 0'"
+    "|x| is b.name = rcp.mechanics.AbsoluteValue(lambda b, t: b.x[t]), read as b.name[t], and max(x, 0) is "
+    "(b.x[t] + b.name[t]) / 2; likewise min and clip, and Step for an 'if x > 0'"
 )
 
 _CHOICES = {"maximum", "minimum", "fmax", "fmin", "clip", "where", "sort", "argsort", "argmax", "argmin"}

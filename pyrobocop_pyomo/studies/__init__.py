@@ -1,4 +1,4 @@
-"""Studies around a solve: many starts or data, paths of data, sensitivity, sequences of modes, receding horizons.
+"""Studies around a solve: many starts or data, paths of data, sensitivity, receding horizons.
 
 `multistart`, `homotopy` and `sweep` give a `StudyResult`: a sequence of outcomes that prints as a
 table. Its members mean the same in all of them:
@@ -7,7 +7,7 @@ table. Its members mean the same in all of them:
 * ``result``: the `SolveResult` of that outcome;
 * ``reached``: whether the goal was reached, at a point that is optimal and, where there are obstacles, safe;
 * ``remaining``: what a time limit or Ctrl-C left undone;
-* ``to_pandas()`` and ``table()``: a row per outcome, with the same columns behind those that are the study's own.
+* ``to_pandas()`` and ``table()``: a row per outcome, with the same columns behind the numbers of the cases.
 
 ``time_limit`` is for the whole study.
 """
@@ -19,13 +19,11 @@ from .multistart import multistart
 from .persistent_nlp import PersistentNLP
 from .receding_horizon import RecedingHorizon
 from .sensitivity import sensitivity
-from .sweep_cases import mode_sequences
 
 __all__ = [
     "PersistentNLP",
     "RecedingHorizon",
     "homotopy",
-    "mode_sequences",
     "multistart",
     "sensitivity",
 ]
@@ -35,5 +33,6 @@ __getattr__ = removed_names(
     {
         "rcp.solve(model, mesh_tolerance=1e-6)": "solve_refined RefinementEnd",
         "rcp.sweep(build, sequences, start_from=None)": "solve_sequences",
+        "itertools.product(modes, repeat=length), and leave out what may not follow": "mode_sequences",
     },
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -33,29 +33,6 @@ Read = Callable[[Any, SolveResult], Mapping[str, Any]]
 WARM_OPTIONS = frozenset({"options", "tolerances", "progress"})
 # From a point that solves the same model for other numbers.
 NEIGHBOUR = replace(TIGHT, name="neighbour", options=NEARLY_THERE, exploration=0.0)
-
-
-@dataclass(frozen=True, eq=False)
-class SweepOutcome(Outcome):
-    """What became of one case.
-
-    Attributes
-    ----------
-    case : SweepCase
-    numbers : mapping of str to number or list
-        What `read` gave.
-    started_from : int or None
-        Number of the case whose solution led to this one; None where it was solved from the initial guess.
-    """
-
-    case: SweepCase
-    numbers: Mapping[str, Any] = field(default_factory=dict)
-    started_from: int | None = None
-
-    @property
-    def name(self) -> str:
-        """Of the case."""
-        return self.case.name
 
 
 class ModelState(VariableValues):
@@ -125,14 +102,6 @@ class CaseSolver:
             self.model = model_of(self._target)
             self.state = ModelState(self.model)
 
-    def check(self, data: Any) -> None:
-        """Put the data of a case on the model and take them off again, to see whether they fit; nothing is solved."""
-        if self.state is not None and self._put is put_mapping:
-            try:
-                put_mapping(self.model, data)
-            finally:
-                self.state.restore()
-
     def close(self) -> None:
         """Leave the model as it was."""
         if self.state is not None:
@@ -150,7 +119,7 @@ class CaseSolver:
 
     def solve(
         self, case: SweepCase, near: tuple[int, Values] | None, limit: float | None, *, deadline: Deadline
-    ) -> SweepOutcome:
+    ) -> Outcome:
         """Solve a case; whatever goes wrong is in the outcome.
 
         Parameters
@@ -165,7 +134,7 @@ class CaseSolver:
 
         Returns
         -------
-        SweepOutcome
+        Outcome
 
         Raises
         ------
@@ -183,8 +152,8 @@ class CaseSolver:
             raise
         except Exception as error:  # whatever goes wrong with one case must not lose the others
             seconds = time.perf_counter() - started
-            return SweepOutcome(case=case, error=_in_a_line(error), seconds=seconds)
-        return SweepOutcome(
+            return Outcome(case=case, error=_in_a_line(error), seconds=seconds)
+        return Outcome(
             case=case,
             result=result,
             error=failure,

@@ -3,85 +3,67 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.errors import ModelError, PyRobocopError, SolveFailed, SolverNotFoundError
+from pyrobocop_pyomo.errors import ModelError, SolveFailed
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.modeling.failures import undone_on_failure
-from pyrobocop_pyomo.modeling.variable_values import VariableValues
+from pyrobocop_pyomo.modeling.variable_values import Values
 from pyrobocop_pyomo.presentation.progress import Progress
-from pyrobocop_pyomo.solving import Quality
+from pyrobocop_pyomo.solving import SolveResult
 from pyrobocop_pyomo.solving.strategies import in_order
 
+from .case_solver import CaseSolver, ModelState
 from .named_data import by_component, finite_number, fixed_members, member_values
-from .outcomes import Column, Outcome, StudyResult, seconds_left, solve_as_given
+from .outcomes import Outcome, StudyResult
+from .sweep_cases import SweepCase
 
 # Near a solution the tight problem is solved at once; what it leaves goes through looser ones.
 FOLLOWING_STRATEGIES = ("tight", "barrier", "continuation")
 _PATH = "its path"
 
 
-@dataclass(frozen=True, eq=False)
-class HomotopyStep(Outcome):
-    """One problem on the path.
-
-    Attributes
-    ----------
-    position : float
-        Where on the path, 0 at its start and 1 at its end.
-    accepted : bool
-        Whether the point is feasible and was gone on from; where not, the step along the path is halved.
-    """
-
-    position: float
-    accepted: bool
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
-class HomotopyResult(StudyResult[HomotopyStep]):
-    """The problems on the way, in order, with those that were not accepted.
+class HomotopyResult(StudyResult):
+    """The problems on the way, in order; the data of each are its ``position`` on the path, from 0 to 1.
 
-    `best` is the last accepted one, whose data and point are on the model.
+    Where a problem is not feasible, the step along the path was halved. `best` is the last one that is, whose data and
+    point are on the model.
     """
 
     item: ClassVar[str] = "problem of the path"
     numbered_by: ClassVar[str] = "step"
-    own_columns: ClassVar[tuple[Column, ...]] = (
-        Column("position", lambda step: step.position, ".5f"),
-        Column("accepted", lambda step: step.accepted),
-    )
 
-    def _best_first(self) -> list[HomotopyStep]:
-        return [step for step in reversed(self.outcomes) if step.accepted]
+    def _best_first(self) -> tuple[Outcome, ...]:
+        return tuple(step for step in reversed(self.outcomes) if step.feasible)
 
     @property
     def position(self) -> float:
-        """How much of the path was followed, from 0 to 1; -1 where not even its start was solved."""
-        return max((step.position for step in self.outcomes if step.accepted), default=-1.0)
+        """How far the path was followed: 1 at its end, -1 where not even its first problem was solved."""
+        return max((step.case.data["position"] for step in self.outcomes if step.feasible), default=-1.0)
 
     @property
     def reached(self) -> bool:
         """Whether the path was followed to its end, and the point there is optimal."""
         return self.position == 1.0 and self.result.solved
 
-    def raise_for_status(self) -> None:
-        """Do nothing when the goal was reached.
-
-        Raises
-        ------
-        SolveFailed
-            Otherwise.
-        """
-        if self.position < 1.0:
-            raise SolveFailed(f"'{self.name}': the path was followed to {max(self.position, 0.0):.5g} of 1.", self)
-        self.result.raise_for_status()
-
     def __str__(self) -> str:
         return f"{self.name}: followed to {max(self.position, 0.0):.5g}\n{self.table()}"
+
+
+class _PathSolver(CaseSolver):
+    """Solves each problem of a path from the point before, whatever the model; the first from the initial guess."""
+
+    def _solve(
+        self, state: ModelState, near: tuple[int, Values] | None, deadline: Deadline
+    ) -> tuple[SolveResult, bool]:
+        if near is None:
+            return self._solved(deadline), False
+        state.write(near[1])
+        return self._solved(deadline, strategies=in_order(self._options.get("strategies"), FOLLOWING_STRATEGIES)), True
 
 
 def homotopy(
@@ -128,86 +110,70 @@ def homotopy(
     ------
     SolveFailed
         When the step became too small, or at the time limit or Ctrl-C. The model then holds the data and the point of
-        the last problem that was solved; where there is none, all is as it was before (but for data that a callable
-        put there). Its ``result`` says how far the path was followed.
+        the last problem that was solved; where there is none, all is as it was before. Its ``result`` says how far the
+        path was followed.
     ModelError
-        When the arguments or the model make no sense.
+        When the arguments make no sense.
     """
     if isinstance(steps, bool) or not isinstance(steps, int) or steps < 1:
         raise ModelError(f"steps = {steps!r}; expected a number of steps of at least 1.")
     if not 0.0 < smallest_step <= 1.0:
         raise ModelError(f"smallest_step = {smallest_step!r}; expected a part of the path, between 0 and 1.")
     started, deadline, bar = time.perf_counter(), Deadline.after(time_limit), Progress(progress)
-    path, values = DataPath(model, parameters), VariableValues.of_free(model)
-    accepted, position = values.read(), -1.0  # nothing solved yet
-    found: list[HomotopyStep] = []
-
-    def go_back() -> None:
-        values.write(accepted)
-        if position < 0.0:
-            path.restore()
-        else:
-            path.put(position)
+    put = moving_data(model, parameters)
+    solver = _PathSolver(model, lambda _, data: put(data["position"]), None, {**options, "progress": False})
+    found: list[Outcome] = []
+    last: Outcome | None = None  # the last one that was solved
+    position, longest, successes = -1.0, 1.0 / steps, 0
+    length = longest
 
     def so_far() -> HomotopyResult:
-        return HomotopyResult(name=model.name, outcomes=tuple(found), seconds=time.perf_counter() - started)
+        seconds = time.perf_counter() - started
+        return HomotopyResult(name=model.name, outcomes=tuple(found), seconds=seconds, _solver=solver)
 
-    longest, successes = 1.0 / steps, 0
-    length = longest
-    while position < 1.0:
-        # Sums of tenths miss one by rounding.
-        wanted = 0.0 if position < 0.0 else position + length
-        wanted = 1.0 if wanted > 1.0 - 1e-9 else wanted
-        with undone_on_failure(go_back):
-            path.put(wanted)
+    try:
+        while position < 1.0:
+            # Sums of tenths miss one by rounding.
+            wanted = 0.0 if last is None else position + length
+            wanted = 1.0 if wanted > 1.0 - 1e-9 else wanted
             bar.live(f"at {wanted:.4g}")
-            further = {**options, "time_limit": seconds_left(deadline)}
-            if position >= 0.0:
-                further["strategies"] = in_order(options.get("strategies"), FOLLOWING_STRATEGIES)
-            step = _solved(model, wanted, further)
-        found.append(step)
-        bar.line(f"{model.name}: at {wanted:.5f} {step.verdict}, objective {step.objective:.7g}. {step.reason}")
-        if step.accepted:
-            accepted, position, successes = values.read(), wanted, successes + 1
-            # One success says little of the next step: doubling at once would fail every other time.
-            if successes > 1:
-                length, successes = min(2.0 * length, longest), 0
-        else:
-            go_back()
-            length, successes = 0.5 * length, 0
-        is_stuck = not step.accepted and (position < 0.0 or length < smallest_step)
-        if is_stuck or (step.cut_short and position < 1.0):
-            raise SolveFailed(_why_it_ended(model, step, position, smallest_step), so_far())
+            near = None if last is None else (last.case.number, last.values)
+            case = SweepCase(len(found), f"at {wanted:.5f}", {"position": wanted})
+            step = solver.solve(case, near, None, deadline=deadline)
+            found.append(step)
+            bar.line(f"{model.name}: {step.name} {step.verdict}, objective {step.objective:.7g}. {step.reason}")
+            if step.feasible:
+                last, position, successes = step, wanted, successes + 1
+                # One success says little of the next step: doubling at once would fail every other time.
+                if successes > 1:
+                    length, successes = min(2.0 * length, longest), 0
+            else:
+                length, successes = 0.5 * length, 0
+            is_stuck = not step.feasible and (last is None or length < smallest_step)
+            if is_stuck or (step.cut_short and position < 1.0):
+                raise SolveFailed(_why_it_ended(model, step, position, smallest_step), so_far())
+    finally:
+        solver.close()
+        if last is not None:
+            so_far().load(last.case.number)
     return so_far()
 
 
-def _solved(model: Any, position: float, options: Mapping[str, Any]) -> HomotopyStep:
-    """Solve the problem that stands on the model."""
-    started, result, error = time.perf_counter(), None, ""
-    try:
-        result = solve_as_given(model, progress=False, **options)
-    except (ModelError, SolverNotFoundError):
-        raise  # no other problem of the path could do better
-    except PyRobocopError as raised:
-        error = f"{type(raised).__name__}: {raised}"
-    accepted = result is not None and result.quality is not Quality.INFEASIBLE
-    return HomotopyStep(position, accepted, result=result, error=error, seconds=time.perf_counter() - started)
-
-
-def _why_it_ended(model: Any, step: HomotopyStep, position: float, shortest: float) -> str:
+def _why_it_ended(model: Any, step: Outcome, position: float, shortest: float) -> str:
     why = step.error if step.result is None else f"{step.result.stop_reason.value} {step.result.quality.value}"
+    missed = step.case.data["position"]
     if position < 0.0:
         where = "the first problem of the path was not solved. Start from easier data, or from a better initial guess"
         return f"'{model.name}': {where}. {why} The model is as it was before."
     return (
-        f"'{model.name}': the path was followed to {position:.5g} of 1, to {step.position:.5g} not in steps of "
+        f"'{model.name}': the path was followed to {position:.5g} of 1, to {missed:.5g} not in steps of "
         f"{shortest:.1e}: take another path around this place, or a smaller smallest_step. {why} The model holds the "
         "last data that were solved, with their point."
     )
 
 
-class DataPath:
-    """Puts the data of a position on a model.
+def moving_data(model: Any, path: Any) -> Callable[[float], object]:
+    """What puts the data of a position between 0 and 1 on a model.
 
     Parameters
     ----------
@@ -220,35 +186,25 @@ class DataPath:
     ModelError
         If a component cannot move, or an end of a line is no number.
     """
+    if callable(path):
+        return path
+    lines = [line for component, ends in by_component(path, model) for line in _lines(component, ends)]
+    if not lines:
+        raise ModelError(f"'{model.name}': no parameters were given that could move.")
 
-    def __init__(self, model: Any, path: Any) -> None:
-        self._lines: list[tuple[Any, float, float]] = []
-        self._function = path if callable(path) else None
-        if self._function is None:
-            lines = by_component(path, model)
-            if not lines:
-                raise ModelError(f"'{model.name}': no parameters were given that could move.")
-            for component, ends in lines:
-                self._add(component, ends)
-        self._before = [(member, member.value) for member, _, _ in self._lines]
-
-    def put(self, position: float) -> None:
-        """Put the data of a position between 0 and 1 on the model."""
-        if self._function is not None:
-            self._function(position)
-        for component, first, last in self._lines:
+    def put(position: float) -> None:
+        for member, first, last in lines:
             # Both ends exactly, whatever rounding does in between.
-            component.set_value(last if position == 1.0 else first + position * (last - first))
+            member.set_value(last if position == 1.0 else first + position * (last - first))
 
-    def restore(self) -> None:
-        """Put back what was there before; of a function, nobody knows what it changed."""
-        for component, number in self._before:
-            component.set_value(number)
+    return put
 
-    def _add(self, component: Any, ends: Any) -> None:
-        fixed_members(component)  # refuses what is part of the solution
-        first, last = ends if isinstance(ends, (tuple, list)) and len(ends) == 2 else (None, ends)
-        starts = {} if first is None else {id(of): start for of, start in member_values(component, first, _PATH)}
-        for member, end in member_values(component, last, _PATH):
-            start = starts.get(id(member), value(member, exception=False))
-            self._lines.append((member, finite_number(start, member.name, _PATH), end))
+
+def _lines(component: Any, ends: Any) -> Iterator[tuple[Any, float, float]]:
+    """Members of a component, where each starts and where it ends."""
+    fixed_members(component)  # refuses what is part of the solution
+    first, last = ends if isinstance(ends, (tuple, list)) and len(ends) == 2 else (None, ends)
+    starts = {} if first is None else {id(of): start for of, start in member_values(component, first, _PATH)}
+    for member, end in member_values(component, last, _PATH):
+        start = starts.get(id(member), value(member, exception=False))
+        yield member, finite_number(start, member.name, _PATH), end

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -18,14 +18,13 @@ from pyrobocop_pyomo.obstacles import avoidance_blocks, containments
 from pyrobocop_pyomo.solving import SolveResult
 from pyrobocop_pyomo.solving.starts import RandomStarts
 
-from .case_solver import SweepOutcome
 from .named_data import by_component
-from .outcomes import Column, StudyResult, ranked
-from .sweep import SweepResult, sweep
+from .outcomes import StudyResult, ranked
+from .sweep import sweep
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class MultistartResult(StudyResult[SweepOutcome]):
+class MultistartResult(StudyResult):
     """Outcomes, the best first: feasible ones by objective, then infeasible ones by violation, then errors.
 
     Where there are obstacles, plans that are proven safe come before others that are feasible. The point of the
@@ -33,10 +32,13 @@ class MultistartResult(StudyResult[SweepOutcome]):
     the model; starts that a time limit or Ctrl-C left undone are in `remaining`.
     """
 
-    _found: SweepResult = field(repr=False)
-    _model: Any = field(repr=False)
+    item = "start"
+    numbered_by = "rank"
 
-    own_columns = (Column("start", lambda outcome: outcome.case.number, "d"),)
+    @property
+    def reached(self) -> bool:
+        """Whether the best point is optimal and, where there are obstacles, safe."""
+        return bool(self.outcomes) and self.outcomes[0].result is not None and self.outcomes[0].result.solved
 
     def load(self, place: int) -> SolveResult:
         """Put the point of another start on the model and return its result.
@@ -51,14 +53,14 @@ class MultistartResult(StudyResult[SweepOutcome]):
         SolveFailed
             When it has none.
         """
-        result = self._found.load(self.outcomes[place].case.number)
-        blocks = [*avoidance_blocks(self._model), *containments(self._model)]
+        result, model = super().load(self.outcomes[place].case.number), self._solver.model
+        blocks = [*avoidance_blocks(model), *containments(model)]
         if result.safety is None or not blocks:
             return result
         # Margins and planes on the model are those of a later start: the motion is judged again, as far as it was.
         equations = PLAN_ALONE not in result.safety.not_replayed
         safety = joined_report(block.verify(equations=equations) for block in blocks)
-        return replace(result, safety=safety, fingerprint=checksum_of_model(self._model))
+        return replace(result, safety=safety, fingerprint=checksum_of_model(model))
 
 
 def multistart(
@@ -120,14 +122,16 @@ def multistart(
     if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
         raise ModelError(f"starts = {starts!r}; expected a number of starting points of at least 1.")
     if starts > 1:
-        put_random_start(seed, spread, model, 0)  # refuses what makes no sense
+        put_random_start(seed, spread, model, {"start": 0})  # refuses what makes no sense
+    put = partial(put_random_start, seed, spread if starts > 1 else None)
+    cases = {str(number): {"start": number} for number in range(starts)}
     found = sweep(
-        model, range(starts), put=partial(put_random_start, seed, spread if starts > 1 else None), start_from=None,
-        workers=workers, engine=engine, time_limit=time_limit, progress=progress, **options,
+        model, cases, put=put, start_from=None, workers=workers, engine=engine, time_limit=time_limit,
+        progress=progress, **options,
     )  # fmt: skip
     several = MultistartResult(
         name=model.name, outcomes=ranked(found), remaining=tuple(map(int, found.remaining)), seconds=found.seconds,
-        _found=found, _model=model,
+        _solver=found._solver,
     )  # fmt: skip
     if not several.outcomes or several.outcomes[0].result is None:
         return several
@@ -135,12 +139,12 @@ def multistart(
     return replace(several, outcomes=(replace(best, result=several.load(0)), *others))
 
 
-def put_random_start(seed: int, spread: Any, model: Any, number: int) -> None:
+def put_random_start(seed: int, spread: Any, model: Any, data: Mapping[str, int]) -> None:
     """Put a start on a model that has the initial guess, which is start 0."""
     if spread is not None:
         starts = RandomStarts(model, seed, spreads(model, spread))
-        if number:
-            starts.put(number)
+        if data["start"]:
+            starts.put(data["start"])
 
 
 def spreads(model: Any, spread: Any) -> dict[int | None, float]:

@@ -15,6 +15,9 @@ from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason
 from pyrobocop_pyomo.solving.iterates import Iterate, Standing
 
+from .outcomes import Outcome
+from .sweep_cases import SweepCase
+
 _HEAD = {"kind": "outcomes of a sweep", "format": 2}
 
 
@@ -105,24 +108,37 @@ def _facts_of(line: bytes) -> dict[str, Any]:
     return facts
 
 
+_OF_OUTCOME = ("error", "seconds", "numbers", "started_from")
 _OF_RESULT = ("name", "decided_pairs", "solver", "derivatives", "checking_seconds", "seconds")
 _OF_BEST = ("label", "delta", "mu", "iterations", "seconds", "objective", "constraint_violation", "largest_product",
             "largest_natural_residual", "strategy", "number", "stationarity")  # fmt: skip
 
 
-def result_to_json(result: SolveResult) -> dict[str, Any]:
-    """What a file keeps of a result: everything but its steps, pairs and multipliers."""
+def outcome_to_json(outcome: Outcome) -> dict[str, Any]:
+    """What a file keeps of an outcome: of its result everything but steps, pairs and multipliers."""
+    result = outcome.result
     return {
-        **{name: getattr(result, name) for name in _OF_RESULT},
-        **{name: getattr(result, name).name for name in ("stop_reason", "quality", "certificate")},
-        "iterations": result.iterations,
-        "best": {name: getattr(result.best, name) for name in _OF_BEST},
-        "standing": asdict(result.standing),
+        "name": outcome.name,
+        **{name: getattr(outcome, name) for name in _OF_OUTCOME},
+        "values": [None if value is None else float(value) for value in outcome.values],
+        "result": result
+        and {
+            **{name: getattr(result, name) for name in _OF_RESULT},
+            **{name: getattr(result, name).name for name in ("stop_reason", "quality", "certificate")},
+            "iterations": result.iterations,
+            "best": {name: getattr(result.best, name) for name in _OF_BEST},
+            "standing": asdict(result.standing),
+        },
     }
 
 
-def result_from_json(facts: Mapping[str, Any]) -> SolveResult:
-    """The result again; one step stands for all."""
+def outcome_from_json(case: SweepCase, facts: Mapping[str, Any]) -> Outcome:
+    """The outcome of a case again; one step stands for all."""
+    kept = {name: facts[name] for name in (*_OF_OUTCOME, "values")}
+    return Outcome(case=case, result=facts["result"] and _result_from_json(facts["result"]), **kept)
+
+
+def _result_from_json(facts: Mapping[str, Any]) -> SolveResult:
     reason, certificate = StopReason[facts["stop_reason"]], Certificate[facts["certificate"]]
     return SolveResult(
         **{name: facts[name] for name in _OF_RESULT},

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cmp_to_key
-from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+from typing import Any, ClassVar
 
 from pyrobocop_pyomo.errors import SolveFailed
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import Values
 from pyrobocop_pyomo.optional_imports import pandas
+from pyrobocop_pyomo.phases import note_outcome
 from pyrobocop_pyomo.planning.solve import solve
 from pyrobocop_pyomo.presentation import Presented, aligned, disclosed_text, table
 from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason
+
+from .sweep_cases import SweepCase, numbers_of
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -23,6 +26,7 @@ class Outcome(Presented):
 
     Attributes
     ----------
+    case : SweepCase
     result : SolveResult or None
         None where building or solving raised an error.
     error : str
@@ -31,12 +35,24 @@ class Outcome(Presented):
         Elapsed, with all that the study did for this solve.
     values : list of float or None
         Values of the variables at the point.
+    numbers : mapping of str to number or list
+        What `read` gave.
+    started_from : int or None
+        Number of the case whose solution led to this one; None where it was solved from the initial guess.
     """
 
+    case: SweepCase
     result: SolveResult | None = None
     error: str = ""
     seconds: float = 0.0
     values: Values = field(default_factory=list, repr=False)
+    numbers: Mapping[str, Any] = field(default_factory=dict)
+    started_from: int | None = None
+
+    @property
+    def name(self) -> str:
+        """Of the case."""
+        return self.case.name
 
     @property
     def feasible(self) -> bool:
@@ -88,14 +104,22 @@ class Outcome(Presented):
         """True when the time limit or Ctrl-C ended the solve."""
         return self.result is not None and self.result.stop_reason.is_final
 
+    def row(self) -> dict[str, Any]:
+        """What the tables of all studies say of it."""
+        return {
+            "objective": self.objective,
+            "quality": self.verdict,
+            "certificate": self.certificate,
+            "iterations": self.iterations,
+            "seconds": round(self.seconds, 2),
+            "reason": self.remark,
+        }
+
     def _summary(self) -> str:
         return self.reason if self.result is None else self.result.one_line()
 
 
-OutcomeType = TypeVar("OutcomeType", bound=Outcome)
-
-
-def ranked(outcomes: Iterable[OutcomeType]) -> tuple[OutcomeType, ...]:
+def ranked(outcomes: Iterable[Outcome]) -> tuple[Outcome, ...]:
     """The best first, by `Standing`; equally good ones as they came; those without a result last."""
 
     def compare(one: Outcome, other: Outcome) -> int:
@@ -118,41 +142,9 @@ def solve_as_given(model: Any, **options: Any) -> SolveResult:
     return solve(model, **{"mesh_tolerance": None, **options})
 
 
-class Column(NamedTuple):
-    """A column of a table of outcomes.
-
-    Attributes
-    ----------
-    name : str
-    value : callable
-        From an outcome to its entry.
-    style : str
-        Format of a number in the text; numbers are aligned right, words left.
-    """
-
-    name: str
-    value: Callable[[Any], Any]
-    style: str = ""
-
-    def text(self, outcome: Any) -> str:
-        """The entry in the text."""
-        value = self.value(outcome)
-        return format(value, self.style) if value == value else "-"
-
-
-COMMON_COLUMNS = (
-    Column("objective", lambda outcome: outcome.objective, ".7g"),
-    Column("quality", lambda outcome: outcome.verdict),
-    Column("certificate", lambda outcome: outcome.certificate),
-    Column("iterations", lambda outcome: outcome.iterations, "d"),
-    Column("seconds", lambda outcome: outcome.seconds, ".2f"),
-    Column("reason", lambda outcome: outcome.remark),
-)
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
-class StudyResult(Presented, Sequence[OutcomeType], Generic[OutcomeType]):
-    """The answer of a study: a sequence of its outcomes, which prints as a table.
+class StudyResult(Presented, Sequence[Outcome]):
+    """The answer of a study: a sequence of its outcomes, in the order of their cases, which prints as a table.
 
     ``best``, ``result`` and ``reached`` mean the same in every study.
 
@@ -171,18 +163,19 @@ class StudyResult(Presented, Sequence[OutcomeType], Generic[OutcomeType]):
     """
 
     name: str
-    outcomes: tuple[OutcomeType, ...]
+    outcomes: tuple[Outcome, ...]
     remaining: tuple[Any, ...] = ()
     seconds: float = 0.0
     doubts: tuple[str, ...] = ()
+    # The `CaseSolver` of the model that all cases share; None where each has one of its own.
+    _solver: Any = field(default=None, repr=False)
 
-    item: ClassVar[str] = "start"  # what an outcome is of
-    numbered_by: ClassVar[str] = "rank"
-    own_columns: ClassVar[tuple[Column, ...]] = ()
+    item: ClassVar[str] = "case"  # what an outcome is of
+    numbered_by: ClassVar[str] = "case"
 
     @property
-    def best(self) -> OutcomeType:
-        """The outcome that answers the study; its point is the one on the model.
+    def best(self) -> Outcome:
+        """The outcome that answers the study, by default the best one, as `Standing` compares results.
 
         Raises
         ------
@@ -210,8 +203,15 @@ class StudyResult(Presented, Sequence[OutcomeType], Generic[OutcomeType]):
 
     @property
     def reached(self) -> bool:
-        """Whether the study reached its goal, at a point that is optimal and, where there are obstacles, safe."""
-        return bool(self.outcomes) and self.outcomes[0].result is not None and self.outcomes[0].result.solved
+        """Whether the study reached its goal: by default, whether every case was solved."""
+        return not self.remaining and not self.failed
+
+    @property
+    def failed(self) -> tuple[Outcome, ...]:
+        """Outcomes of what was not solved, or whose numbers could not be read."""
+        return tuple(
+            outcome for outcome in self.outcomes if outcome.error or outcome.result is None or not outcome.result.solved
+        )
 
     @property
     def iterations(self) -> int:
@@ -226,32 +226,66 @@ class StudyResult(Presented, Sequence[OutcomeType], Generic[OutcomeType]):
         SolveFailed
             Otherwise; its attribute ``result`` is what fell short of the goal.
         """
-        if not self.reached:
-            self.result.raise_for_status()
+        if self.reached:
+            return
+        self.result.raise_for_status()
+        first = f" The first is {self.failed[0].name}: {self.failed[0].reason}" if self.failed else ""
+        raise SolveFailed(
+            f"'{self.name}': {len(self.failed)} {self.item}s were not solved, {len(self.remaining)} not tried.{first}",
+            self,
+        )
+
+    def load(self, number: int) -> SolveResult:
+        """Put the data and the point of a case on the model, and return its result.
+
+        Parameters
+        ----------
+        number : int
+            Of the case, from 0.
+
+        Raises
+        ------
+        SolveFailed
+            When it has no point, or a builder made a model of its own for it.
+        """
+        chosen = next((outcome for outcome in self.outcomes if outcome.case.number == number), None)
+        if chosen is None or chosen.result is None:
+            raise SolveFailed(f"'{self.name}': case {number} has no point. {chosen.reason if chosen else ''}", self)
+        if self._solver is None:
+            raise SolveFailed(f"'{self.name}': a builder makes the model of case {number}; build it again.", self)
+        self._solver.put(chosen.case.data).write(chosen.values)
+        note_outcome(self._solver.model, chosen.result.outcome)
+        return chosen.result
 
     def to_pandas(self) -> Any:
         """A data frame with a row per outcome, in their order."""
-        rows = [{column.name: column.value(outcome) for column in self.columns} for outcome in self.outcomes]
-        index = pandas.RangeIndex(1, len(rows) + 1, name=self.numbered_by)
-        return pandas.DataFrame(rows, index=index, columns=[column.name for column in self.columns])
+        index = pandas.RangeIndex(1, len(self) + 1, name=self.numbered_by)
+        return pandas.DataFrame(self._rows(), index=index)
 
     def table(self) -> str:
         """The outcomes as a table in text; of their reasons the first sentence only."""
-        header, *rows = self._rows()
+        header, *rows = self._entries()
         # A number such as 0.5 ends no sentence.
         rows = [[*others, reason.partition("\n")[0].partition(". ")[0]] for *others, reason in rows]
-        return aligned([header, *rows], [">", *(">" if column.style else "<" for column in self.columns)])
+        numbers = self._rows()[0].values() if rows else ()
+        return aligned([header, *rows], [">", *("<" if isinstance(each, str) else ">" for each in numbers)])
 
-    def _rows(self) -> list[list[str]]:
-        """The header, and one row per outcome; the last column is the reason."""
-        columns = self.columns
-        rows = ([str(n), *(column.text(one) for column in columns)] for n, one in enumerate(self.outcomes, start=1))
-        return [[self.numbered_by, *(column.name for column in columns)], *rows]
+    def _entries(self) -> list[list[str]]:
+        """The texts of the header, and of one row per outcome; the last column is the reason."""
+        rows = self._rows()
+        shown = ([str(number), *map(_shown, row.values())] for number, row in enumerate(rows, start=1))
+        return [[self.numbered_by, *(rows[0] if rows else ())], *shown]
 
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        """Columns of the table: those of this kind of study, then those of all."""
-        return (*self.own_columns, *COMMON_COLUMNS)
+    def _rows(self) -> list[dict[str, Any]]:
+        """Entries by column: numbers of the cases where they are few, or names; numbers that were read; all others."""
+        cases = [numbers_of(outcome.case.data) for outcome in self.outcomes]
+        are_alike = all(numbers and numbers.keys() == cases[0].keys() and len(numbers) <= 6 for numbers in cases)
+        read = [numbers_of(outcome.numbers) for outcome in self.outcomes]
+        unknown = dict.fromkeys((name for numbers in read for name in numbers), math.nan)
+        return [
+            {**(of_case if are_alike else {"name": outcome.name}), **unknown, **of_outcome, **outcome.row()}
+            for outcome, of_case, of_outcome in zip(self.outcomes, cases, read, strict=True)
+        ]
 
     def __len__(self) -> int:
         return len(self.outcomes)
@@ -259,9 +293,9 @@ class StudyResult(Presented, Sequence[OutcomeType], Generic[OutcomeType]):
     def __getitem__(self, place: Any) -> Any:
         return self.outcomes[place]
 
-    def _best_first(self) -> Sequence[OutcomeType]:
-        """Where outcomes are in the order of a ranking, as they are."""
-        return self.outcomes
+    def _best_first(self) -> Sequence[Outcome]:
+        """Outcomes that may be the answer, the first one before the others."""
+        return ranked(self.outcomes)
 
     def _summary(self) -> str:
         solved = sum(outcome.result is not None and outcome.result.solved for outcome in self.outcomes)
@@ -271,9 +305,16 @@ class StudyResult(Presented, Sequence[OutcomeType], Generic[OutcomeType]):
         return f"'{self.name}': {count} outcome{'s' * (count != 1)}, {solved} solved{not_tried}{doubtful}"
 
     def _html_parts(self) -> list[str]:
-        header, *rows = self._rows()
+        header, *rows = self._entries()
         return [*(disclosed_text("DOUBTFUL", doubt) for doubt in self.doubts), table(header, rows)]
 
     def __str__(self) -> str:
         undone = f"\n{len(self.remaining)} {self.item}s were left undone" if self.remaining else ""
         return "\n".join([*(f"DOUBTFUL: {doubt}" for doubt in self.doubts), self.table() + undone])
+
+
+def _shown(entry: Any) -> str:
+    """An entry of a table as text."""
+    if isinstance(entry, float):
+        return "-" if math.isnan(entry) else f"{entry:.7g}"
+    return str(entry)

@@ -23,6 +23,7 @@ from pyrobocop_pyomo.complementarity import (
     side_values,
     sides_at_zero,
 )
+from pyrobocop_pyomo.diagnosis.findings import quoted
 from pyrobocop_pyomo.errors import EvaluationError, ModelError
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.shared_nodes import NodeReplacement
@@ -322,7 +323,7 @@ class ParametricModel:
         unused = [parameter.name for parameter in unread_members(source, parameters)]
         if unused:
             raise ModelError(
-                f"'{source.name}': {_listed(unused)} is used in no active constraint, objective, bound or pair, "
+                f"'{source.name}': {quoted(unused)} is used in no active constraint, objective, bound or pair, "
                 "so nothing depends on it. A number that was read with value() when the model was built leaves no "
                 "trace: put the Param itself into the expressions."
             )
@@ -352,7 +353,7 @@ class ParametricModel:
         biactive = [pair.name for pair in pairs if max(side_values(pair)) <= MET]
         if biactive:
             raise EvaluationError(
-                f"'{self._source.name}': {len(biactive)} pairs are biactive (both sides zero): {_listed(biactive)}. "
+                f"'{self._source.name}': {len(biactive)} pairs are biactive (both sides zero): {quoted(biactive)}. "
                 "The solution has a kink there. Move the data so that one side is positive."
             )
         for form in forms:
@@ -381,7 +382,3 @@ class ParametricModel:
                     self.moving_bounds.append((variable, which))
                     relation = variable - new >= 0 if which == "lower" else variable - new <= 0
                     self._add(relation, f"the {which} bound of '{variable.name}'")
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(f"'{name}'" for name in names[:5]) + (", ..." if len(names) > 5 else "")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
@@ -13,7 +12,7 @@ from typing import Any
 
 from pyomo.core.base.block import BlockData
 
-from pyrobocop_pyomo.errors import ModelError, SolveFailed
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.execution.engine import Engine
 from pyrobocop_pyomo.execution.fingerprints import fingerprint
 from pyrobocop_pyomo.execution.tasks import GIVEN_UP, Make, Task, run_tasks, study_engine
@@ -22,93 +21,13 @@ from pyrobocop_pyomo.ipopt.backends import best_backend
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.rule_slips import takes_arguments
 from pyrobocop_pyomo.modeling.variable_values import Values
-from pyrobocop_pyomo.phases import note_outcome
 from pyrobocop_pyomo.presentation.progress import Progress
-from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason
+from pyrobocop_pyomo.solving import Quality, StopReason
 
-from .case_solver import CaseSolver, Put, Read, SweepOutcome
-from .outcome_file import OutcomeFile, result_from_json, result_to_json
-from .outcomes import Column, StudyResult, ranked
-from .sweep_cases import SweepCase, doubts_on_cases, numbers_of, read_cases, starting_cases
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class SweepResult(StudyResult[SweepOutcome]):
-    """Outcomes in the order of the cases; those that a time limit or Ctrl-C left undone are in `remaining`.
-
-    `best` is the best solved case, as `Standing` compares results. The table has a column for each single number of the
-    cases and for each that `read` gave.
-    """
-
-    _solver: CaseSolver | None = field(default=None, repr=False)
-
-    item = "case"
-    numbered_by = "case"
-
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        """Numbers of the cases, numbers that were read, then the columns of all studies."""
-        found = [numbers_of(outcome.case.data) for outcome in self.outcomes]
-        names = list(dict.fromkeys(name for numbers in found for name in numbers))
-        if names and all(len(numbers) == len(names) for numbers in found) and len(names) <= 6:
-            given = tuple(_number_column(name, lambda outcome: numbers_of(outcome.case.data)) for name in names)
-        else:
-            given = (Column("name", lambda outcome: outcome.name),)
-        read = dict.fromkeys(name for outcome in self.outcomes for name in numbers_of(outcome.numbers))
-        own = tuple(_number_column(name, lambda outcome: outcome.numbers) for name in read)
-        return (*given, *own, *super().columns)
-
-    def _best_first(self) -> tuple[SweepOutcome, ...]:
-        return ranked(self.outcomes)
-
-    @property
-    def reached(self) -> bool:
-        """Whether every case was solved."""
-        return not self.remaining and not self.failed
-
-    @property
-    def failed(self) -> tuple[SweepOutcome, ...]:
-        """Cases that were not solved, or whose numbers could not be read."""
-        return tuple(
-            outcome for outcome in self.outcomes if outcome.error or outcome.result is None or not outcome.result.solved
-        )
-
-    def raise_for_status(self) -> None:
-        """Do nothing when every case was solved.
-
-        Raises
-        ------
-        SolveFailed
-            Otherwise, with the first that was not.
-        """
-        if not self.reached:
-            first = f" The first is {self.failed[0].name}: {self.failed[0].reason}" if self.failed else ""
-            raise SolveFailed(
-                f"'{self.name}': {len(self.failed)} cases were not solved, {len(self.remaining)} not tried.{first}",
-                self,
-            )
-
-    def load(self, number: int) -> SolveResult:
-        """Put the data and the point of a case on the model, and return its result.
-
-        Parameters
-        ----------
-        number : int
-            Of the case, from 0.
-
-        Raises
-        ------
-        SolveFailed
-            When it has no point, or a builder made a model of its own for it.
-        """
-        chosen = next((outcome for outcome in self.outcomes if outcome.case.number == number), None)
-        if chosen is None or chosen.result is None:
-            raise SolveFailed(f"'{self.name}': case {number} has no point. {chosen.reason if chosen else ''}", self)
-        if self._solver is None:
-            raise SolveFailed(f"'{self.name}': a builder makes the model of case {number}; build it again.", self)
-        self._solver.put(chosen.case.data).write(chosen.values)
-        note_outcome(self._solver.model, chosen.result.outcome)
-        return chosen.result
+from .case_solver import CaseSolver, Put, Read
+from .outcome_file import OutcomeFile, outcome_from_json, outcome_to_json
+from .outcomes import Outcome, StudyResult
+from .sweep_cases import SweepCase, doubts_on_cases, read_cases, starting_cases
 
 
 def sweep(
@@ -125,7 +44,7 @@ def sweep(
     time_limit_per_case: float | None = None,
     progress: bool | None = None,
     **options: Any,
-) -> SweepResult:
+) -> StudyResult:
     """Solve a model for many data.
 
     Each case begins with the model as it was given, so that no case leaves anything behind. It starts from the solution
@@ -171,7 +90,7 @@ def sweep(
 
     Returns
     -------
-    SweepResult
+    StudyResult
         Errors of single cases are in it, as their reason. The model is as it was.
 
     Raises
@@ -195,8 +114,6 @@ def sweep(
             "makes the model of each case, model(data): give it an argument, or give put=, which puts data on its one "
             "model."
         )
-    if "time_limit" in options or "progress" in options:
-        raise ModelError("time_limit and progress are the sweep's own.")
     parents = starting_cases(listed, start_from)
     best_backend()  # raises with the remedies where there is none, once and not for every case
     writes_files = running is None or running.writes_files
@@ -206,11 +123,11 @@ def sweep(
         study.go_on_behind(file, options, writes=writes_files)
     local = CaseSolver(model, put, read, options) if running is None or isinstance(model, BlockData) else None
     try:
-        if local is not None:
+        if local is not None and put is None and isinstance(model, BlockData):
             for case in listed:
-                local.check(case.data)
-            if put is None and isinstance(model, BlockData):
-                study.doubts = doubts_on_cases(model, [case.data for case in listed])
+                local.put(case.data)  # refuses what does not fit before anything is solved
+            local.close()
+            study.doubts = doubts_on_cases(model, [case.data for case in listed])
         if running is None:
             assert local is not None
             study.run(lambda: local.solve, None)
@@ -236,7 +153,7 @@ class _Sweep:
     limit: float | None
     progress: Progress
     doubts: tuple[str, ...] = ()
-    done: dict[int, SweepOutcome] = field(default_factory=dict)
+    done: dict[int, Outcome] = field(default_factory=dict)
     _file: OutcomeFile | None = None
     _keys: list[str] = field(default_factory=list)
     _begun: set[int] = field(default_factory=set)
@@ -252,7 +169,7 @@ class _Sweep:
         self._file = OutcomeFile(file, {"options": fingerprint([{**options}])}, writes=writes)
         for case, key in zip(self.cases, self._keys, strict=True):
             if key in self._file.records:
-                self.done[case.number] = _outcome_from_json(case, self._file.records[key])
+                self.done[case.number] = outcome_from_json(case, self._file.records[key])
         self._begun = set(self.done)
         if self.done:
             self.progress.line(f"{len(self.done)} of {len(self.cases)} cases are in {file}")
@@ -273,7 +190,7 @@ class _Sweep:
         """Solve each case as soon as its neighbour is done, until all is done, the time is over or Ctrl-C comes."""
         run_tasks(
             self._tasks(), self._take, make=make, engine=engine, most=len(self.cases), deadline=self.deadline,
-            given_up=lambda task: SweepOutcome(case=self.cases[task.key], error=GIVEN_UP),
+            given_up=lambda task: Outcome(case=self.cases[task.key], error=GIVEN_UP),
         )  # fmt: skip
 
     def _tasks(self) -> list[Task]:
@@ -286,13 +203,13 @@ class _Sweep:
         self._begun.update(ready)
         return [Task(number, (self.cases[number], self._near(number), self.limit)) for number in ready]
 
-    def _take(self, outcome: SweepOutcome) -> list[Task] | None:
+    def _take(self, outcome: Outcome) -> list[Task] | None:
         """Keep an outcome."""
         self.done[outcome.case.number] = outcome
         interrupted = outcome.result is not None and outcome.result.stop_reason is StopReason.INTERRUPTED
         # What Ctrl-C or the end of the time cut short is solved again by a sweep that goes on.
         if self._file is not None and not (interrupted or (outcome.cut_short and self.deadline.has_passed)):
-            self._file.append(self._keys[outcome.case.number], _outcome_to_json(outcome))
+            self._file.append(self._keys[outcome.case.number], outcome_to_json(outcome))
         done, count = len(self.done), len(self.cases)
         if outcome.error or not outcome.feasible:
             self.progress.line(f"{outcome.name}: {outcome.verdict}, {outcome.reason}")
@@ -302,10 +219,10 @@ class _Sweep:
         self.progress.live(f"{done}/{count} cases, {failures} not solved, {elapsed:.0f} s, about {left:.0f} s left")
         return None if interrupted else self._tasks()
 
-    def result(self, name: str, solver: CaseSolver | None) -> SweepResult:
+    def result(self, name: str, solver: CaseSolver | None) -> StudyResult:
         """What was found."""
         self.progress.live("")
-        return SweepResult(
+        return StudyResult(
             name=name,
             outcomes=tuple(self.done[number] for number in sorted(self.done)),
             remaining=tuple(case.name for case in self.cases if case.number not in self.done),
@@ -315,34 +232,12 @@ class _Sweep:
         )
 
 
-def _number_column(name: str, numbers: Callable[[SweepOutcome], Mapping[str, Any]]) -> Column:
-    return Column(name, lambda outcome: numbers(outcome).get(name, math.nan), ".6g")
-
-
-def _solving(*of_case_solver: Any) -> Callable[..., SweepOutcome]:
+def _solving(*of_case_solver: Any) -> Callable[..., Outcome]:
     """What solves cases on a worker. It sends less back: rounds of safe planning are not worth their way."""
     solver = CaseSolver(*of_case_solver)
 
-    def solve(*arguments: Any, deadline: Deadline) -> SweepOutcome:
+    def solve(*arguments: Any, deadline: Deadline) -> Outcome:
         outcome = solver.solve(*arguments, deadline=deadline)
         return outcome if outcome.result is None else replace(outcome, result=replace(outcome.result, rounds=()))
 
     return solve
-
-
-_OF_OUTCOME = ("error", "seconds", "numbers", "started_from", "values")
-
-
-def _outcome_to_json(outcome: SweepOutcome) -> dict[str, Any]:
-    return {
-        "name": outcome.name,
-        "result": None if outcome.result is None else result_to_json(outcome.result),
-        **{name: getattr(outcome, name) for name in _OF_OUTCOME},
-        "values": [None if value is None else float(value) for value in outcome.values],
-    }
-
-
-def _outcome_from_json(case: SweepCase, facts: Mapping[str, Any]) -> SweepOutcome:
-    result = None if facts["result"] is None else result_from_json(facts["result"])
-    own = {name: facts[name] for name in _OF_OUTCOME}
-    return SweepOutcome(case=case, result=result, **own)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any
@@ -23,8 +23,6 @@ from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.phases.structure import sides_of
 
 from .named_data import by_component, member_values
-
-ModeSequence = tuple[str, ...]
 
 # So many cases may start one from the other before one starts cold: what goes wrong at one does not go on forever, and
 # a long row of cases is divided among processes.
@@ -169,12 +167,10 @@ def starting_cases(cases: Sequence[SweepCase], start_from: Any) -> list[int | No
         return _checked([start_from(case.number) for case in cases])
     if start_from != "nearest":
         raise ModelError(f"start_from = {start_from!r}; expected 'nearest', a function of the case's number, or None.")
-    parents = _nearest(_coordinates(cases))
     depth: dict[int, int] = {}
-    for number, parent in parents:
-        depth[number] = 0 if parent is None else depth[parent] + 1
     chosen: list[int | None] = [None] * len(cases)
-    for number, parent in parents:
+    for number, parent in _nearest(_coordinates(cases)):
+        depth[number] = 0 if parent is None else depth[parent] + 1
         chosen[number] = None if depth[number] % LONGEST_CHAIN == 0 else parent
     return chosen
 
@@ -213,55 +209,3 @@ def _nearest(points: Array) -> list[tuple[int, int | None]]:
     tree = scipy.sparse.csgraph.minimum_spanning_tree(1.0 + scipy.spatial.distance.cdist(points, points))
     order, before = scipy.sparse.csgraph.breadth_first_order(tree, 0, directed=False)
     return [(number, None if number == 0 else int(before[number])) for number in order.tolist()]
-
-
-def mode_sequences(
-    modes: Iterable[str], length: int | Iterable[int], *, allowed: Callable[[str, str], bool] | None = None
-) -> list[ModeSequence]:
-    """All sequences of modes of a length, or of several lengths, whose successions are allowed.
-
-    Parameters
-    ----------
-    modes : iterable of str
-        Their names; of a dictionary, its keys.
-    length : int or iterable of int
-        Number of modes in a sequence, such as ``3`` or ``range(1, 4)``.
-    allowed : callable, optional
-        ``allowed(before, after)`` says whether one mode may follow another. By default every mode may follow every
-        mode, itself included.
-
-    Returns
-    -------
-    list of tuple of str
-        The shortest first, otherwise in the order of ``modes``; an ordinary list, to be filtered further.
-
-    Raises
-    ------
-    ModelError
-        When a mode is named twice or is unknown, a length is not positive, or nothing is left.
-
-    Examples
-    --------
-    >>> mode_sequences(["stick", "slip"], 2, allowed=lambda before, after: before != after)
-    [('stick', 'slip'), ('slip', 'stick')]
-    """
-    names = list(modes)
-    if len(set(names)) != len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise ModelError(f"mode '{twice}' is named twice; each mode needs a name of its own.")
-    lengths = [length] if isinstance(length, int) else sorted(set(length))
-    for count in lengths:
-        if not isinstance(count, int) or count < 1:
-            raise ModelError(f"length = {count!r}; a sequence has at least one mode.")
-    followers = {name: [other for other in names if allowed is None or allowed(name, other)] for name in names}
-    sequences: list[ModeSequence] = []
-    grown: list[ModeSequence] = [(name,) for name in names]
-    # Grown one by one, and not filtered out of the product, whose size may explode where few successions are allowed.
-    for count in range(1, max(lengths, default=0) + 1):
-        if count > 1:
-            grown = [(*sequence, name) for sequence in grown for name in followers[sequence[-1]]]
-        if count in lengths:
-            sequences += grown
-    if not sequences:
-        raise ModelError(f"no sequence of {', '.join(map(repr, names)) or 'no modes'} has the length {length!r}.")
-    return sequences

@@ -43,14 +43,13 @@ PUBLIC = {
     "estimation": "DataSet EstimationProblem FitStatistics MovingHorizon statistics_of",
     "ipopt": "Backend available_backends configure_ipopt_executable linear_solver_options",
     "mechanics": """
-        AbsoluteValue CoulombFriction CoulombSlip HardWall Maximum Minimum PointContact Saturation Sign
-        SignalLaw SoftWall SquareSlider Step planar spatial
+        AbsoluteValue CoulombFriction CoulombSlip HardWall SignalLaw SoftWall SquareSlider Step planar spatial
     """,
     "mechanics.planar": "Capsule Contact Disc DiscRobot GroundFriction RigidBody RoundedBox Score ViscousDrag",
     "mechanics.spatial": "Capsule Contact RigidBody RoundedBox Score Sphere SphereRobot",
     "schemes": "Grid Mesh Scheme explicit find_scheme gauss_legendre lobatto radau",
     "studies": """
-        PersistentNLP RecedingHorizon homotopy mode_sequences multistart sensitivity
+        PersistentNLP RecedingHorizon homotopy multistart sensitivity
     """,
 }
 

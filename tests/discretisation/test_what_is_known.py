@@ -14,21 +14,22 @@ from pyomo.dae import ContinuousSet, DerivativeVar
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.presentation import percent
-from pyrobocop_pyomo.studies.outcomes import COMMON_COLUMNS, Outcome
+from pyrobocop_pyomo.studies.outcomes import Outcome
+from pyrobocop_pyomo.studies.sweep_cases import SweepCase
 
 pytestmark = pytest.mark.ipopt
 
 
 def shown(result: Any) -> list[str]:
     """All places where a result is shown in short."""
-    outcome = Outcome(result=result)
+    outcome = Outcome(case=SweepCase(0, "alone", None), result=result)
     return [
         str(result).splitlines()[0],
         repr(result),
         result._repr_html_(),
         result.one_line(),
         repr(outcome),
-        COMMON_COLUMNS[-1].text(outcome),
+        outcome.remark,
     ]
 
 

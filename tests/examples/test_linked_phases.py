@@ -1,7 +1,7 @@
 """Examples with linked phases, held to what is known about them in closed form."""
 
 from importlib import import_module
-from itertools import pairwise
+from itertools import pairwise, permutations
 from typing import Any
 
 import numpy as np
@@ -83,9 +83,7 @@ def test_without_damping_the_run_costs_nothing(monkeypatch: pytest.MonkeyPatch) 
 
 def test_the_best_faces_are_those_that_solving_one_by_one_finds() -> None:
     pushing = import_module("mode_enumeration")
-    sequences = rcp.studies.mode_sequences(
-        ["left", "bottom"], range(1, 3), allowed=lambda before, after: before != after
-    )
+    sequences = [faces for length in (1, 2) for faces in permutations(["left", "bottom"], length)]
     times = {sequence: rcp.solve(pushing.build(sequence, elements=6), mesh_tolerance=None) for sequence in sequences}
     found = rcp.sweep(lambda sequence: pushing.build(sequence, elements=6), sequences, start_from=None)
     best = min((s for s in sequences if times[s].solved), key=lambda s: times[s].objective)

@@ -40,19 +40,17 @@ def test_nonsmooth_functions_of_a_signal_that_passes_all_their_kinks() -> None:
     b.x = rcp.State(initial=-1.05)
     b.ode(lambda b, t: {b.x: 2.0})
     s = lambda b, t: b.x[t]  # noqa: E731
-    b.size, b.cut = LAWS.AbsoluteValue(s), LAWS.Saturation(s, -0.5, 0.4)
-    b.top, b.low = LAWS.Maximum(s, 0, lambda b, t: 0.5 - b.x[t]), LAWS.Minimum(b.x, 0.3)
-    b.step, b.sign = LAWS.Step(s), LAWS.Sign(s)
+    b.size = LAWS.AbsoluteValue(s)
+    b.above, b.below = LAWS.AbsoluteValue(lambda b, t: b.x[t] + 0.5), LAWS.AbsoluteValue(lambda b, t: b.x[t] - 0.4)
+    b.step = LAWS.Step(s)
     found = solved(b)
     x = np.linspace(-1.05, 0.95, 13)
     expected = {
         "size": np.abs(x),
-        "cut": np.clip(x, -0.5, 0.4),
-        "top": np.maximum(np.maximum(x, 0), 0.5 - x),
-        "low": np.minimum(x, 0.3),
         "step": x > 0,
-        "sign": np.sign(x),
     }
+    cut = (-0.1 + found.above - found.below) / 2
+    assert cut == pytest.approx(np.clip(x, -0.5, 0.4)[1:], abs=1e-6)
     for name, values in expected.items():
         assert getattr(found, name) == pytest.approx(values[1:].astype(float), abs=1e-6), name
 
@@ -77,14 +75,15 @@ def test_a_stone_falls_on_a_floor_and_rubs_along_it(stiffness: float | None) -> 
     b = phase(1.0, 20)
     for name, initial in (("x", 0.0), ("z", 0.5), ("u", 3.0), ("w", 0.0)):
         b.declare(name, rcp.State(initial=initial))
-    b.floor = LAWS.PointContact(b.z, b.u, coefficient=0.4, stiffness=stiffness)
+    b.floor = LAWS.HardWall(b.z) if stiffness is None else LAWS.SoftWall(b.z, stiffness)
+    b.rubbing = LAWS.CoulombFriction(b.u, normal=b.floor, coefficient=0.4)
 
     @b.ode
     def newton(b: Any, t: float) -> dict[Any, Any]:
-        return {b.x: b.u[t], b.z: b.w[t], b.u: b.floor_tangential[t], b.w: b.floor[t] - 9.81}
+        return {b.x: b.u[t], b.z: b.w[t], b.u: b.rubbing[t], b.w: b.floor[t] - 9.81}
 
     found = solved(b)
-    assert (found.floor_tangential >= -0.4 * found.floor - 1e-7).all()
+    assert (found.rubbing >= -0.4 * found.floor - 1e-7).all()
     pressed = float(found.floor.sum() * 0.05)
     assert found.u[-1] == pytest.approx(max(3.0 - 0.4 * pressed, 0.0), abs=1e-6)
     if stiffness is None:

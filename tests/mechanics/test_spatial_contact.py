@@ -26,9 +26,7 @@ SHAPES = {
 }
 BALL = spatial.RigidBody(spatial.Sphere(0.2), mass=0.6, inertia=0.4 * 0.6 * 0.2**2)
 AFLOAT = spatial.RigidBody(spatial.Sphere(0.2), mass=0.6, inertia=0.4 * 0.6 * 0.2**2, gravity=0.0)
-QUAD = spatial.SphereRobot(
-    spatial.Sphere(0.12), mass=0.8, force_limits=((-10, 10), (-10, 10), (0, 20)), speed_limit=4.0
-)
+QUAD = spatial.SphereRobot(spatial.Sphere(0.12), mass=0.8, force_limit=((-10, 10), (-10, 10), (0, 20)), speed_limit=4.0)
 DRONE = spatial.SphereRobot(spatial.Sphere(0.1), 1.0, ((-10, 10),) * 3, speed_limit=4.0, gravity=0.0)
 REST = (0.0,) * 6
 
@@ -255,7 +253,7 @@ def test_what_cannot_be_is_refused_before_anything_is_stated() -> None:
         spatial.RigidBody(ball, mass=1, inertia=(1.0, 1.0, 2.1))
     with pytest.raises(ModelError, match="gravity = inf"):
         spatial.RigidBody(ball, mass=1, inertia=1.0, gravity=math.inf)
-    with pytest.raises(ModelError, match=r"force_limits = \(\(1, 0\), .* a pair \(lowest, highest\)"):
+    with pytest.raises(ModelError, match=r"force_limit = \(\(1, 0\), .* a pair \(lowest, highest\)"):
         spatial.SphereRobot(ball, 1.0, ((1, 0), (0, 1), (0, 1)), 1.0)
     with pytest.raises(ModelError, match=r"never_normal = \(0, 0, 2\); expected a direction of length one"):
         spatial.Contact(ball, ball, friction=0.5, never_normal=(0, 0, 2))

@@ -240,13 +240,15 @@ def a_phase_of_another_model(m: Any, followed: bool) -> None:
     b.ode(lambda b, t: {b.x: other.v[t], b.v: b.u[t]}, name="o")
 
 
-_POSITIVE = "rcp.mechanics.Maximum(lambda b, t: b.x[t], 0)"
+_POSITIVE = "max(x, 0) is (b.x[t] + b.name[t]) / 2"
 
 
 def _choice(b: Any, chosen: Any, followed: bool) -> None:
     if followed:
-        b.positive = rcp.mechanics.Maximum(lambda b, t: b.x[t], 0)
-    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] - (b.positive[t] if followed else chosen(b.x[t]))}, name="o")
+        b.size = rcp.mechanics.AbsoluteValue(lambda b, t: b.x[t])
+    b.ode(
+        lambda b, t: {b.x: b.v[t], b.v: b.u[t] - ((b.x[t] + b.size[t]) / 2 if followed else chosen(b.x[t]))}, name="o"
+    )
 
 
 @refused("ode 'o'", "'if'", "Step for an 'if x > 0'", _POSITIVE, on=None)

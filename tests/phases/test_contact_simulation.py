@@ -324,11 +324,15 @@ def test_contact_laws_are_simulated_as_they_are_declared() -> None:
     b.height, b.rise = rcp.State(initial=0.2), rcp.State(initial=0.0)
     b.floor = rcp.mechanics.HardWall(b.height)
     b.drag = rcp.mechanics.CoulombFriction(b.x, 8.0, 0.5)
-    b.motor = rcp.mechanics.Saturation(lambda b, t: 3.0 * b.rise[t], lower=-1.0, upper=1.0)
-    b.ode(lambda b, t: {b.x: b.drag[t], b.height: b.rise[t], b.rise: b.floor[t] - G - b.motor[t]})
+    b.above = rcp.mechanics.AbsoluteValue(lambda b, t: 3.0 * b.rise[t] + 1.0)
+    b.below = rcp.mechanics.AbsoluteValue(lambda b, t: 3.0 * b.rise[t] - 1.0)
+    motor = lambda b, t: (b.above[t] - b.below[t]) / 2  # noqa: E731
+    b.ode(lambda b, t: {b.x: b.drag[t], b.height: b.rise[t], b.rise: b.floor[t] - G - motor(b, t)})
     trajectory = b.simulate(restitution={"floor": 0.5})
     np.testing.assert_allclose(trajectory.x, np.maximum(1.0 - 4 * trajectory.time, 0), atol=1e-6)
-    np.testing.assert_allclose(trajectory.motor, np.clip(3 * trajectory.rise[1:], -1, 1), atol=1e-9)
+    np.testing.assert_allclose(
+        (trajectory.above - trajectory.below) / 2, np.clip(3 * trajectory.rise[1:], -1, 1), atol=1e-9
+    )
     assert trajectory.height.min() >= -1e-9
     assert trajectory.rise.max() > 0.5
 

@@ -234,7 +234,7 @@ STATEMENTS: dict[str, Callable[[Any, Callable[[Any, Any], Any]], Any]] = {
         lambda b, t: rcp.complements(b.u[t] >= 0, rule(b, t) - b.z[t] >= 0), name="said"
     ),
     "integral": as_integral,
-    "law": lambda b, rule: b.declare("said", rcp.mechanics.Maximum(lambda b, t: b.x[t] - rule(b, t), 0)),
+    "law": lambda b, rule: b.declare("said", rcp.mechanics.AbsoluteValue(lambda b, t: b.x[t] - rule(b, t))),
 }
 
 

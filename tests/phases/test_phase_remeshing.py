@@ -63,7 +63,7 @@ def stepwise(mesh: Any, **options: Any) -> Any:
     m, b = one_phase("body", duration=1.0, mesh=mesh, stages=2, x=rcp.State(initial=0, units=pyo.units.m), **options)
     b.u = rcp.Control(parametrization="piecewise_constant", rate_bounds=(-9, 9), bounds=(-3, 3))
     b.drive = rcp.Control()
-    b.push = rcp.mechanics.Saturation(b.drive, lower=-1, upper=1)
+    b.push = rcp.mechanics.AbsoluteValue(b.drive)
     b.ode(lambda b, t: {b.x: b.u[t] + b.push[t]})
     m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2 + b.drive[t] ** 2))
     return m

@@ -249,8 +249,8 @@ def test_the_data_end_where_they_are_wanted(how):
     assert found.position == 1.0
     assert found.result is not None
     assert found.result.objective == pytest.approx(pyo.value(m.cost))
-    assert [step.position for step in found.outcomes] == pytest.approx([0, 1 / 3, 2 / 3, 1])
-    assert all(step.accepted for step in found.outcomes)
+    assert [step.case.data["position"] for step in found.outcomes] == pytest.approx([0, 1 / 3, 2 / 3, 1])
+    assert all(step.feasible for step in found.outcomes)
     assert found.iterations == sum(step.result.iterations for step in found.outcomes)
 
 
@@ -292,11 +292,11 @@ def test_failed_steps_are_halved_and_lengthen_again(monkeypatch):
     assert found.position == 1.0
     assert m.p.value == 3.0
     assert m.x.value == pytest.approx(3.0, abs=1e-5)
-    accepted = [step for step in found.outcomes if step.accepted]
-    lengths = [after.position - before.position for before, after in itertools.pairwise(accepted)]
+    accepted = [step.case.data["position"] for step in found.outcomes if step.feasible]
+    lengths = [after - before for before, after in itertools.pairwise(accepted)]
     assert max(lengths[:3]) <= 0.15 / 2 + 1e-12
     assert max(lengths) == 0.25
-    assert any(not step.accepted for step in found.outcomes)
+    assert any(not step.feasible for step in found.outcomes)
     assert "EvaluationError" in str(found)
 
 

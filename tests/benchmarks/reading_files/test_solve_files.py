@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from solve_files import main, solve_files
 
-from pyrobocop_pyomo.studies.sweep import SweepResult
+from pyrobocop_pyomo.studies.outcomes import StudyResult
 
 pytestmark = pytest.mark.ipopt
 
@@ -24,7 +24,7 @@ OPTIMA = {
 }
 
 
-def objectives(result: SweepResult) -> dict[str, float]:
+def objectives(result: StudyResult) -> dict[str, float]:
     return {outcome.name: outcome.numbers["checked"] for outcome in result}
 
 
