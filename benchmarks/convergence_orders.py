@@ -120,7 +120,7 @@ def main() -> None:
         ]
     )  # fmt: skip
     table.header()
-    for scheme, most in (("radau", 5), ("gauss", 5), ("lobatto", 5), ("explicit", 3)):
+    for scheme, most in (("radau", 5), ("gauss", 5), ("lobatto", 5)):
         for stages in range(2 if scheme == "lobatto" else 1, min(most, 2 if arguments.quick else most) + 1):
             order = rcp.schemes.find_scheme(scheme, stages).order
             # High orders reach rounding on a few elements already; low ones need many to show their slope.

@@ -27,12 +27,13 @@ import pyrobocop_pyomo as rcp
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 
 import maze
+from gaussian_process import GaussianProcessMean
 
 CENTRES = 4842
 Measured = tuple[float, float, float, int, float]  # build, solve, megabytes, iterations, objective
 
 
-def written_out(mean: rcp.GaussianProcessMean) -> Any:
+def written_out(mean: GaussianProcessMean) -> Any:
     """The mean as an expression in Pyomo."""
     weights = (mean.signal**2 * mean.weights).tolist()
     centres, lengths = mean.centres.tolist(), mean.length_scales.tolist()

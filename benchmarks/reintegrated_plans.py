@@ -31,7 +31,7 @@ import pyrobocop_pyomo as rcp
 
 SCHEMES: list[tuple[str, int | None]] = [
     ("radau", 1), ("radau", 2), ("radau", 3), ("gauss", 1), ("gauss", 2), ("gauss", 3), ("lobatto", 3),
-    ("implicit_euler", None), ("implicit_midpoint", None), ("trapezoid", None), ("explicit", 1), ("explicit", 2),
+    ("implicit_euler", None), ("implicit_midpoint", None), ("trapezoid", None), ("explicit_euler", None),
 ]  # fmt: skip
 CLEARANCE = 0.05
 INSTANTS = 60
@@ -220,7 +220,7 @@ def build(seed: int) -> tuple[Any, Robot, list[Any]]:
     for name, initial in robot.start.items():
         b.declare(name, rcp.State(initial=initial, final=robot.goal.get(name)))
     share_points = scheme in ("lobatto", "trapezoid")  # between elements: no control can be constant on each
-    constant = scheme == "explicit" or (random.random() < 0.3 and not share_points)
+    constant = scheme == "explicit_euler" or (random.random() < 0.3 and not share_points)
     held = "piecewise_constant" if constant else "collocated"
     for name, bound in robot.controls.items():
         b.declare(name, rcp.Control(bounds=(0 if name in robot.positive else -bound, bound), parametrization=held))

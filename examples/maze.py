@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pyomo.environ as pyo
+from gaussian_process import GaussianProcessMean
 
 import pyrobocop_pyomo as rcp
 
@@ -39,7 +40,7 @@ class LearnedRing(NamedTuple):
 
     weights: np.ndarray
     friction: Any
-    mean: rcp.GaussianProcessMean | None = None
+    mean: GaussianProcessMean | None = None
 
 
 def build(ring: str = "outer", samples: int = 4842, elements: int = 90) -> pyo.ConcreteModel:
@@ -164,7 +165,7 @@ def learned(ring: str, samples: int) -> LearnedRing:
     inputs, accelerations = recorded(ring, samples)
     terms = np.array(known_terms(inputs.T)).T
     weights = np.linalg.lstsq(terms, accelerations, rcond=None)[0]
-    mean = rcp.GaussianProcessMean.fit(inputs, accelerations - terms @ weights)
+    mean = GaussianProcessMean.fit(inputs, accelerations - terms @ weights)
     return LearnedRing(weights, mean.as_function(f"friction of the {ring} ring", INPUTS), mean)
 
 

@@ -39,7 +39,7 @@ def build(
 ) -> pyo.ConcreteModel:
     """From an angle and a rate near upright, in 7.5 seconds."""
     m = pyo.ConcreteModel(name="pendulum with soft walls")
-    euler = "implicit_euler" if scheme == "radau" else rcp.schemes.explicit(1)
+    euler = "implicit_euler" if scheme == "radau" else "explicit_euler"
     m.hold = b = rcp.PhaseBlock(duration=7.5, elements=elements, scheme=euler)
     b.theta = rcp.State(initial=start[0], bounds=(-2 * pi, 2 * pi), initial_guess=pi - 0.2)  # hanging down is 0
     b.omega = rcp.State(initial=start[1], bounds=(-10, 10))

@@ -53,7 +53,6 @@ if TYPE_CHECKING:
     from pyrobocop_pyomo.motion import TablePath as TablePath
     from pyrobocop_pyomo.mpcc import Certificate as Certificate
     from pyrobocop_pyomo.mpcc import Stationarity as Stationarity
-    from pyrobocop_pyomo.numerics.gaussian_process import GaussianProcessMean as GaussianProcessMean
     from pyrobocop_pyomo.obstacles import Containment as Containment
     from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlock as ObstacleAvoidanceBlock
     from pyrobocop_pyomo.obstacles import verify_motion as verify_motion
@@ -79,7 +78,6 @@ _NAMES_ON_DEMAND = {
     "geometry": "Polytope planar_pose spatial_pose",
     "motion": "Body TablePath",
     "mpcc": "Certificate Stationarity",
-    "numerics.gaussian_process": "GaussianProcessMean",
     "obstacles": "Containment ObstacleAvoidanceBlock verify_motion",
     "phases": "Verification",
     "planning": "solve",
@@ -92,6 +90,7 @@ _removed = errors.removed_names(
     __name__,
     {
         "benchmarks/solve_files.py, which solves problem files, and model.write()": "files",
+        "examples/gaussian_process.py, which is to be copied": "GaussianProcessMean",
     },
 )
 

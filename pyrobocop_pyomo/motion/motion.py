@@ -215,7 +215,7 @@ def _through_stages(
         As for `Motion.polynomial`.
     """
     scheme, nodes = grid.scheme, grid.node_times[interval]
-    rates = rates_of(signal) if scheme.starts_on_a_stage and scheme.is_collocation else None
+    rates = rates_of(signal) if scheme.starts_on_a_stage else None
     if rates is None:
         return scheme.state_nodes, [item_at(signal, node) for node in nodes]
     fractions, size = np.linspace(0.0, 1.0, scheme.stages + 1), width(interval)

@@ -12,7 +12,6 @@ from .mesh import Grid as Grid
 from .mesh import Mesh as Mesh
 from .remeshing import remesh as remesh
 from .schemes import Scheme as Scheme
-from .schemes import explicit as explicit
 from .schemes import find_scheme as find_scheme
 from .schemes import gauss_legendre as gauss_legendre
 from .schemes import lobatto as lobatto

@@ -1,4 +1,4 @@
-"""Runge-Kutta schemes as frozen data: points are polynomial roots, facts are computed from the arrays.
+"""Collocation schemes as frozen data: a scheme is its points, from which everything else is computed.
 
 The named families of schemes, and how one is found by the words that a user types, come after.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,7 +22,7 @@ from .lagrange import evaluation_matrix, integration_matrix
 
 @dataclass(frozen=True, eq=False)  # eq=False: comparing arrays has no single truth value
 class Scheme(Presented):
-    """Runge-Kutta method on one element, local time ``tau`` in [0, 1].
+    """Collocation method on one element, local time ``tau`` in [0, 1].
 
     Every scheme reaches the model in one form. With the state's values ``x`` at `state_nodes` (the element start
     first), the right-hand sides ``f`` at the stages, and the element width ``h``::
@@ -34,17 +34,14 @@ class Scheme(Presented):
     ----------
     name : str
         As it is quoted in messages, for example ``"radau(3)"``.
-    A : float array, shape (s, s)
-        ``x[stage i] = x_start + h sum_j A[i, j] f_j``.
-    b : float array, shape (s,)
-        ``x_end = x_start + h b @ f``; also the weights of running costs.
     c : float array, shape (s,)
-        Stage times, strictly increasing in [0, 1]. With ``c[0] = 0`` the first stage is the element start.
+        Stage times, strictly increasing in [0, 1]. With ``c[0] = 0`` the first stage is the element start, with
+        ``c[-1] = 1`` the last one its end.
 
     Raises
     ------
     ModelError
-        When the arrays do not describe a scheme whose states can be eliminated stage by stage.
+        When the stage times do not increase, or are too near to each other to be told apart.
 
     References
     ----------
@@ -53,39 +50,29 @@ class Scheme(Presented):
     """
 
     name: str
-    A: Array
-    b: Array
     c: Array
 
     def __post_init__(self) -> None:
-        if not (np.all(np.diff(self.c) > 0) and self.c[0] >= 0.0 and self.c[-1] <= 1.0):
-            raise ModelError(f"{self.name}: stage times {self.c.tolist()} must strictly increase in [0, 1].")
-        gap = np.abs(np.append(self.A.sum(axis=1), self.b.sum()) - np.append(self.c, 1.0))
-        if gap.max() > 1e-12:
-            row = int(gap.argmax())
-            what, total, wanted = (
-                ("b", self.b.sum(), 1.0) if row == self.stages else (f"row {row} of A", self.A[row].sum(), self.c[row])
-            )
-            raise ModelError(
-                f"{self.name}: {what} sums to {total:.6f}, but must to {wanted:.6f}. "
-                "A collocation method is built with Scheme.from_points(name, c)."
-            )
-        if self.c[-1] == 1.0 and not self.stiffly_accurate:
-            raise ModelError(
-                f"{self.name}: its last stage lies at the element end but is not the end value (the last row of A is "
-                "not b): the state would have two values there. Use a scheme without a stage at 1."
-            )
+        c = self.c
+        if c.ndim != 1 or len(c) == 0 or not (np.all(np.diff(c) > 0) and c[0] >= 0.0 and c[-1] <= 1.0):
+            raise ModelError(f"{self.name}: collocation points {c.tolist()} must strictly increase in [0, 1].")
         if np.linalg.cond(self._stage_matrix) > 1e12:
             raise ModelError(f"{self.name}: the stage equations are singular; the stages cannot be told apart.")
 
     @classmethod
     def from_points(cls, name: str, points: ArrayLike) -> Scheme:
         """The collocation method on given points in [0, 1]."""
-        c = np.asarray(points, dtype=float)
-        if c.ndim != 1 or len(c) == 0 or not (np.all(np.diff(c) > 0) and c[0] >= 0.0 and c[-1] <= 1.0):
-            raise ModelError(f"{name}: collocation points {c.tolist()} must strictly increase in [0, 1].")
-        integrals = integration_matrix(c, [*c, 1.0])
-        return cls(name, A=integrals[:-1], b=integrals[-1], c=c)
+        return cls(name, np.asarray(points, dtype=float))
+
+    @cached_property
+    def A(self) -> Array:
+        """``x[stage i] = x_start + h sum_j A[i, j] f_j``, shape ``(s, s)``."""
+        return integration_matrix(self.c, self.c)
+
+    @cached_property
+    def b(self) -> Array:
+        """``x_end = x_start + h b @ f``, shape ``(s,)``; also the weights of running costs."""
+        return integration_matrix(self.c, [1.0])[0]
 
     @property
     def stages(self) -> int:
@@ -100,18 +87,16 @@ class Scheme(Presented):
     @cached_property
     def stiffly_accurate(self) -> bool:
         """True when the last stage is the element end: no further row is needed for it."""
-        return bool(self.c[-1] == 1.0 and np.abs(self.A[-1] - self.b).max() < 1e-12)
-
-    @cached_property
-    def is_collocation(self) -> bool:
-        """True when ``A`` and ``b`` are the integrals of the Lagrange polynomials on ``c``."""
-        integrals = integration_matrix(self.c, [*self.c, 1.0])
-        return bool(np.abs(np.vstack([self.A, self.b]) - integrals).max() < 1e-12)
+        return bool(self.c[-1] == 1.0)
 
     @cached_property
     def order(self) -> int:
-        """Order of the method at element ends."""
-        return _collocation_order(self) if self.is_collocation else _tree_order(self)
+        """Order of the method at element ends: that of its quadrature (Hairer & Wanner, theorem IV.5.1)."""
+        # The first Legendre polynomial whose integral, which is zero, the quadrature misses: by about one, where its
+        # error on a monomial would drown in rounding.
+        degrees = range(1, 2 * self.stages + 1)
+        missed = (abs(self.b @ np.polynomial.legendre.Legendre.basis(k)(2.0 * self.c - 1.0)) > 1e-8 for k in degrees)
+        return next(k for k, is_missed in zip(degrees, missed, strict=True) if is_missed)
 
     @cached_property
     def order_of_costs(self) -> int:
@@ -122,8 +107,8 @@ class Scheme(Presented):
         Hager, Runge-Kutta methods in optimal control and the transformed adjoint system, Numer. Math. 87 (2000),
         doi:10.1007/s002110000178
         """
-        # Beyond its stages a method of collocation is exact for as many moments in its costates as in its quadrature.
-        return min(self.order, 2 * (self.order - self.stages) + 2 if self.is_collocation else 2)
+        # Beyond its stages a method is exact for as many moments in its costates as in its quadrature.
+        return min(self.order, 2 * (self.order - self.stages) + 2)
 
     @cached_property
     def end_is_a_node(self) -> bool:
@@ -191,7 +176,7 @@ class Scheme(Presented):
         ModelError
             When `D`, `F` or `end_weights` were changed: no mesh would be fine enough.
         """
-        for degree in range(self.stages + 1 if self.is_collocation else 2):
+        for degree in range(self.stages + 1):
             values, rates = self.state_nodes**degree, degree * self.c ** max(degree - 1, 0)
             off = np.append(self.D @ values - self.F @ rates, self.end_weights @ values - 1.0)
             if not np.abs(off).max() < 1e-8:
@@ -218,32 +203,6 @@ class Scheme(Presented):
 
     def __str__(self) -> str:
         return self.name
-
-
-def _collocation_order(scheme: Scheme) -> int:
-    """The order of a collocation method is that of its quadrature (Hairer & Wanner, theorem IV.5.1)."""
-    # The first Legendre polynomial whose integral, which is zero, the quadrature misses: by about one, where its error
-    # on a monomial would drown in rounding.
-    degrees = range(1, 2 * scheme.stages + 1)
-    missed = (abs(scheme.b @ np.polynomial.legendre.Legendre.basis(k)(2.0 * scheme.c - 1.0)) > 1e-8 for k in degrees)
-    return next(k for k, is_missed in zip(degrees, missed, strict=True) if is_missed)
-
-
-def _tree_order(scheme: Scheme) -> int:
-    """The order by the conditions of rooted trees, up to four (Hairer, Norsett & Wanner I, table II.2.1)."""
-    A, b, c = scheme.A, scheme.b, scheme.c
-    conditions = [
-        [b.sum() - 1],
-        [b @ c - 1 / 2],
-        [b @ c**2 - 1 / 3, b @ A @ c - 1 / 6],
-        [b @ c**3 - 1 / 4, (b * c) @ A @ c - 1 / 8, b @ A @ c**2 - 1 / 12, b @ A @ A @ c - 1 / 24],
-    ]
-    order = 0
-    for residuals in conditions:
-        if np.abs(residuals).max() > 1e-12:
-            break
-        order += 1
-    return order
 
 
 def radau(stages: int) -> Scheme:
@@ -288,31 +247,6 @@ def lobatto(stages: int) -> Scheme:
     return Scheme.from_points(f"lobatto({stages})", np.concatenate([[0.0], inner, [1.0]]))
 
 
-def explicit(stages: int) -> Scheme:
-    """Explicit Runge-Kutta methods of order one to three: Euler, midpoint, Heun's third-order method.
-
-    For coarse rollouts: each stage depends on the ones before it only, so a forward pass solves the rows.
-
-    References
-    ----------
-    Hairer, Norsett & Wanner, Solving Ordinary Differential Equations I, sec. II.1, table 1.1,
-    doi:10.1007/978-3-540-78862-1
-    """
-    _check_stages("explicit", stages)
-    tableaux = {
-        1: ([[0.0]], [1.0]),
-        2: ([[0.0, 0.0], [0.5, 0.0]], [0.0, 1.0]),
-        3: ([[0.0, 0.0, 0.0], [1 / 3, 0.0, 0.0], [0.0, 2 / 3, 0.0]], [0.25, 0.0, 0.75]),
-    }
-    if stages not in tableaux:
-        raise ModelError(
-            f"explicit: stages = {stages}; there are one to three. With four, order four needs a stage at the element "
-            "end beside the end value itself. Use radau or gauss for higher orders."
-        )
-    A, b = (np.array(coefficients) for coefficients in tableaux[stages])
-    return Scheme(f"explicit({stages})", A=A, b=b, c=A.sum(axis=1))
-
-
 def _check_stages(name: str, stages: int, least: int = 1) -> None:
     if isinstance(stages, bool) or not isinstance(stages, (int, np.integer)) or stages < least:
         raise ModelError(f"{name}: stages = {stages!r}; expected an integer of at least {least}.")
@@ -324,15 +258,14 @@ FAMILIES: dict[str, Callable[[int], Scheme]] = {
     "gauss": gauss_legendre,
     "legendre": gauss_legendre,
     "lobatto": lobatto,
-    "explicit": explicit,
 }
 
-SINGLE_SCHEMES: dict[str, tuple[Callable[[int], Scheme], int]] = {
-    "implicit_euler": (radau, 1),
-    "implicit_midpoint": (gauss_legendre, 1),
-    "trapezoid": (lobatto, 2),
-    "hermite_simpson": (lobatto, 3),
-    "explicit_euler": (explicit, 1),
+SINGLE_SCHEMES: dict[str, Callable[[], Scheme]] = {
+    "implicit_euler": partial(radau, 1),
+    "implicit_midpoint": partial(gauss_legendre, 1),
+    "trapezoid": partial(lobatto, 2),
+    "hermite_simpson": partial(lobatto, 3),
+    "explicit_euler": partial(Scheme.from_points, "explicit_euler", [0.0]),
 }
 
 
@@ -342,9 +275,9 @@ def find_scheme(scheme: str | Scheme, stages: int | None = None) -> Scheme:
     Parameters
     ----------
     scheme : str or Scheme
-        A family with a number of ``stages``: ``"radau"``, ``"gauss"`` (also ``"legendre"``), ``"lobatto"``,
-        ``"explicit"``; a single scheme: ``"implicit_euler"``, ``"implicit_midpoint"``, ``"trapezoid"``,
-        ``"hermite_simpson"``, ``"explicit_euler"``; or a scheme object, taken as it is.
+        A family with a number of ``stages``: ``"radau"``, ``"gauss"`` (also ``"legendre"``), ``"lobatto"``; a
+        single scheme: ``"implicit_euler"``, ``"implicit_midpoint"``, ``"trapezoid"``, ``"hermite_simpson"``,
+        ``"explicit_euler"``; or a scheme object, taken as it is.
     stages : int, optional
         Number of stages per element; 3 by default in a family.
 
@@ -358,8 +291,7 @@ def find_scheme(scheme: str | Scheme, stages: int | None = None) -> Scheme:
     if isinstance(scheme, Scheme):
         made = scheme
     elif scheme in SINGLE_SCHEMES:
-        family, own = SINGLE_SCHEMES[scheme]
-        made = family(own)
+        made = SINGLE_SCHEMES[scheme]()
     else:
         known = ", ".join(f"'{name}'" for name in (*FAMILIES, *SINGLE_SCHEMES))
         raise ModelError(f"unknown scheme {scheme!r}; known are {known}, or pass a Scheme.")

@@ -213,7 +213,7 @@ class Trajectory(Presented):
         scheme = self.grid.scheme
         per_element = self.element_states(name)
         # The values at the nodes alone may leave the polynomial one degree short.
-        if not (scheme.starts_on_a_stage and scheme.is_collocation and name in self.rates):
+        if not (scheme.starts_on_a_stage and name in self.rates):
             return self._interpolate(per_element, scheme.state_at(local), element)
         increments = self._interpolate(self._per_stage(self.rates[name]), scheme.increments_at(local), element)
         return per_element[element, 0] + self.grid.mesh.widths[element] * increments
@@ -350,7 +350,7 @@ class Trajectory(Presented):
             "outcome": self.outcome,
         }
         scheme = self.grid.scheme
-        grid = {"boundaries": np.array(self.grid.mesh.boundaries), "A": scheme.A, "b": scheme.b, "c": scheme.c}
+        grid = {"boundaries": np.array(self.grid.mesh.boundaries), "c": scheme.c}
         return facts, {"grid": grid, **{name: getattr(self, name) for name in _GROUPS}}
 
     @classmethod
@@ -373,7 +373,7 @@ class Trajectory(Presented):
     @classmethod
     def _from_archive(cls, facts: dict[str, Any], groups: dict[str, dict[str, Array]]) -> Trajectory:
         grid = groups.pop("grid")
-        scheme = Scheme(facts["scheme"], A=grid["A"], b=grid["b"], c=grid["c"])
+        scheme = Scheme(facts["scheme"], grid["c"])
         read = cls(
             name=facts["name"],
             grid=Grid(scheme, Mesh(tuple(grid["boundaries"].tolist()))),

@@ -21,7 +21,7 @@ NAMESPACES = "errors estimation ipopt mechanics relaxations scenes schemes studi
 PUBLIC = {
     "": """
         Agent Algebraic Body Certificate Complementarity Containment Control Duration Function
-        GaussianProcessMean JoinedTrajectory KeepApart Link ObstacleAvoidanceBlock Parameter PhaseBlock
+        JoinedTrajectory KeepApart Link ObstacleAvoidanceBlock Parameter PhaseBlock
         Polytope Quality Shared SolveResult Start State Stationarity StopReason Strategy Table TablePath Team
         Trajectory Verification __version__ active_pairs array complements dae_trajectory diagnose either_zero
         estimate from_pyrobocop join_trajectories label_measurements phases_of planar_pose remesh_phases
@@ -47,7 +47,7 @@ PUBLIC = {
     """,
     "mechanics.planar": "Capsule Contact Disc DiscRobot GroundFriction RigidBody RoundedBox Score ViscousDrag",
     "mechanics.spatial": "Capsule Contact RigidBody RoundedBox Score Sphere SphereRobot",
-    "schemes": "Grid Mesh Scheme explicit find_scheme gauss_legendre lobatto radau",
+    "schemes": "Grid Mesh Scheme find_scheme gauss_legendre lobatto radau",
     "studies": """
         PersistentNLP RecedingHorizon homotopy multistart sensitivity
     """,
@@ -101,6 +101,7 @@ def test_a_public_name_has_one_home() -> None:
     ("home", "name", "said"),
     [
         (rcp, "files", "solve_files"),
+        (rcp, "GaussianProcessMean", "examples/gaussian_process.py"),
         (rcp.errors, "TeamFailed", "SolveFailed"),
         (rcp.scenes, "draw_linkage", "mechanism_pictures"),
         (rcp.relaxations, "Elastic", "'elastic'"),

@@ -20,7 +20,9 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 # The closed loop has no single answer that could be verified, and the truss robot takes long: each has its own test.
 OWN_TESTS = ("cart_pole_closed_loop", "truss_robot")
 SCRIPTS = sorted(
-    path.stem for path in EXAMPLES.glob("*.py") if path.stem not in ("run_example", "mechanism_pictures", *OWN_TESTS)
+    path.stem
+    for path in EXAMPLES.glob("*.py")
+    if path.stem not in ("run_example", "gaussian_process", "mechanism_pictures", *OWN_TESTS)
 )
 # Where all cases together take too long even on few elements: those that stand for the others.
 CASES = {

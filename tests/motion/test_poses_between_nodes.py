@@ -20,7 +20,14 @@ from pyrobocop_pyomo.motion.motion import Motion
 from pyrobocop_pyomo.motion.moving_shapes import template_of
 from pyrobocop_pyomo.templates.template import templated
 
-SCHEMES = [("radau", 3), ("radau", 1), ("gauss", 2), ("lobatto", 3), ("explicit", 3), ("implicit_midpoint", None)]
+SCHEMES = [
+    ("radau", 3),
+    ("radau", 1),
+    ("gauss", 2),
+    ("lobatto", 3),
+    ("explicit_euler", None),
+    ("implicit_midpoint", None),
+]
 FREE = {"duration": rcp.Duration(bounds=(0.5, 3), initial_guess=2.0), "free_element_widths": (0.2, 4.0)}
 
 

@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo import GaussianProcessMean
 from pyrobocop_pyomo.errors import EvaluationError, FunctionError
 
 GRID = np.array([0.0, 0.3, 0.5, 1.1, 1.7, 2.0, 2.6, 3.0])
@@ -170,77 +169,3 @@ def test_where_the_derivative_of_a_table_is_zero_the_table_has_its_least_value()
     m.cost = pyo.Objective(expr=(m.x - 2.0) ** 2)
     assert rcp.solve(m).solved
     assert m.x.value == pytest.approx(1.2, abs=1e-6)
-
-
-# --------------------------------------------------------------------
-# The mean of a Gaussian process: its derivatives, what it reproduces, and what does not change it.
-
-
-pytest.importorskip("scipy")
-
-
-def some_mean(seed: int, centres: int = 12, inputs: int = 3) -> tuple[GaussianProcessMean, dict]:
-    random = np.random.default_rng(seed)
-    parts = {
-        "centres": random.normal(size=(centres, inputs)),
-        "weights": random.normal(size=centres),
-        "length_scales": random.uniform(0.5, 2.0, inputs),
-        "signal": 1.3,
-        "offset": 0.4,
-    }
-    return GaussianProcessMean(**parts), parts
-
-
-def formula(parts: dict, points: np.ndarray) -> np.ndarray:
-    scaled = (points[:, None] - parts["centres"]) / parts["length_scales"]
-    return parts["offset"] + parts["signal"] ** 2 * np.exp(-0.5 * (scaled**2).sum(axis=2)) @ parts["weights"]
-
-
-@given(st.integers(0, 1000), st.integers(1, 4))
-@settings(max_examples=20)
-def test_the_mean_is_its_formula_and_its_derivatives_pass_the_check(seed: int, inputs: int) -> None:
-    mean, parts = some_mean(seed, inputs=inputs)
-    points = np.random.default_rng(seed + 1).normal(size=(5, inputs))
-    np.testing.assert_allclose(mean.value(points), formula(parts, points), rtol=1e-10, atol=1e-12)
-    mean.as_function().check_derivatives(points)
-
-
-@given(st.integers(0, 1000), st.floats(-50, 50))
-@settings(max_examples=20)
-def test_neither_the_order_of_centres_nor_the_origin_matters(seed: int, shift: float) -> None:
-    mean, parts = some_mean(seed)
-    order = np.random.default_rng(seed).permutation(12)
-    moved = GaussianProcessMean(
-        **{**parts, "centres": parts["centres"][order] + shift, "weights": parts["weights"][order]}
-    )
-    points = np.random.default_rng(seed + 1).normal(size=(4, 3))
-    for name in ("value", "jacobian", "hessian"):
-        np.testing.assert_allclose(getattr(moved, name)(points + shift), getattr(mean, name)(points), atol=1e-9)
-
-
-def test_data_without_noise_is_reproduced_and_noise_is_found() -> None:
-    random = np.random.default_rng(0)
-    x = random.uniform(-2, 2, (80, 2))
-    y = np.sin(2 * x[:, 0]) + 0.3 * x[:, 1]
-    exact = GaussianProcessMean.fit(x, y, length_scales=[0.8, 1.5], signal=1.0, noise=1e-5)
-    np.testing.assert_allclose(exact.value(x), y, atol=1e-5)
-    noisy = GaussianProcessMean.fit(x, y + random.normal(0, 0.1, 80))
-    assert noisy.noise == pytest.approx(0.1, rel=0.35)
-    new = random.uniform(-1.5, 1.5, (50, 2))
-    assert np.abs(noisy.value(new) - np.sin(2 * new[:, 0]) - 0.3 * new[:, 1]).mean() < 0.08
-
-
-def test_a_mean_survives_pickling() -> None:
-    mean, _ = some_mean(3)
-    points = np.zeros((2, 3))
-    function = pickle.loads(pickle.dumps(mean.as_function("learned")))
-    np.testing.assert_array_equal(function.values(points)[:, 0], mean.value(points))
-
-
-def test_shapes_that_do_not_fit_are_refused() -> None:
-    with pytest.raises(FunctionError, match=r"2 centres needs as many weights, .* shape \(3,\)"):
-        GaussianProcessMean([[0.0], [1.0]], [1.0, 2.0, 3.0], [1.0])
-    with pytest.raises(FunctionError, match="needs 2 positive length scales"):
-        GaussianProcessMean([[0.0, 1.0]], [1.0], [1.0])
-    with pytest.raises(FunctionError, match=r"need targets of shape \(2,\)"):
-        GaussianProcessMean.fit([[0.0], [1.0]], [1.0])

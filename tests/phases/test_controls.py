@@ -15,6 +15,8 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError
 
 MESH = [0.0, 0.3, 0.5, 1.2, 2.0]
+# The first stage is the start of an element, and the last one not its end.
+LEFT = rcp.schemes.Scheme.from_points("left", [0, 0.3, 0.6])
 
 
 def cart(scheme: str = "radau", stages: int = 3, **control: Any) -> pyo.ConcreteModel:
@@ -24,9 +26,9 @@ def cart(scheme: str = "radau", stages: int = 3, **control: Any) -> pyo.Concrete
     return m
 
 
-@pytest.mark.parametrize("scheme", ["radau", "gauss", "lobatto", "explicit"])
+@pytest.mark.parametrize("scheme", ["radau", "gauss", "lobatto", LEFT])
 @pytest.mark.parametrize("knots", [None, [0, 0.5, 2]])
-def test_a_linear_control_is_the_line_between_its_knots(scheme: str, knots: list[float] | None) -> None:
+def test_a_linear_control_is_the_line_between_its_knots(scheme: Any, knots: list[float] | None) -> None:
     b = cart(scheme, parametrization="piecewise_linear", knots=knots).p
     times = knots or MESH
     for value, knot in zip(b.u_at_knots.values(), times, strict=True):
@@ -148,7 +150,7 @@ def test_what_does_not_go_together_is_refused() -> None:
     m, _ = one_phase(duration=2, scheme="trapezoid")
     with pytest.raises(ModelError, match="share a collocation point, .* Choose 'piecewise_linear'"):
         m.p.u = rcp.Control(parametrization="piecewise_constant")
-    m.r = rcp.PhaseBlock(duration=2, scheme="explicit", stages=2)
+    m.r = rcp.PhaseBlock(duration=2, scheme=rcp.schemes.Scheme.from_points("left", [0, 0.5]))
     m.r.u = rcp.Control()
     m.r.x = rcp.State(initial=0)
     m.r.ode(lambda b, t: {b.x: b.u[t]})

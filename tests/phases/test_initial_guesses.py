@@ -16,7 +16,10 @@ from pyrobocop_pyomo.errors import InitialGuessError, TrajectoryError
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
 
 # Not the midpoint rule: at ends of elements its lines have no values of other polynomials.
-ALL = [each for each in SCHEMES if each.name != "gauss(1)"] + [rcp.schemes.lobatto(4), rcp.schemes.explicit(2)]
+ALL = [each for each in SCHEMES if each.name != "gauss(1)"] + [
+    rcp.schemes.lobatto(4),
+    rcp.schemes.find_scheme("explicit_euler"),
+]
 schemes = st.sampled_from(ALL)
 meshes = st.lists(st.floats(0.05, 1), min_size=1, max_size=5).map(
     lambda widths: [0.0, *(np.cumsum(widths) / np.sum(widths)).tolist()[:-1], 1.0]

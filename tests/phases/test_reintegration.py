@@ -49,7 +49,7 @@ def by_scipy(trajectory: Any, fractions: Any) -> Any:
         ("radau", 3, {}),
         ("gauss", 2, {}),
         ("lobatto", 3, {}),
-        ("explicit", 1, {"parametrization": "piecewise_constant"}),
+        ("explicit_euler", None, {"parametrization": "piecewise_constant"}),
         ("radau", 2, {"parametrization": "piecewise_linear"}),
     ],
 )

@@ -15,7 +15,7 @@ from pyrobocop_pyomo.errors import InitialGuessError, SimulationFailed, Trajecto
 from pyrobocop_pyomo.phases.simulation import put_rough_motion
 from pyrobocop_pyomo.solving import starts
 
-ALL = [*SCHEMES, rcp.schemes.explicit(3)]
+ALL = [*SCHEMES, rcp.schemes.find_scheme("explicit_euler")]
 each_scheme = pytest.mark.parametrize("scheme", ALL, ids=str)
 
 

@@ -14,7 +14,7 @@ from harness.phases import contents
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError, TrajectoryError
 
-IMPLICIT, EXPLICIT = rcp.schemes.radau(1), rcp.schemes.explicit(1)
+IMPLICIT, EXPLICIT = rcp.schemes.radau(1), rcp.schemes.find_scheme("explicit_euler")
 each_scheme = pytest.mark.parametrize("scheme", [IMPLICIT, EXPLICIT], ids=str)
 ELEMENTS, DURATION = 5, 2.0
 STEP = DURATION / ELEMENTS
@@ -175,7 +175,7 @@ def refused(b: Any, rule: Any, message: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "scheme", [rcp.schemes.radau(2), rcp.schemes.gauss_legendre(1), rcp.schemes.lobatto(2), rcp.schemes.explicit(2)],
+    "scheme", [rcp.schemes.radau(2), rcp.schemes.gauss_legendre(1), rcp.schemes.lobatto(2)],
     ids=str,
 )  # fmt: skip
 def test_an_element_is_one_step(scheme: Any) -> None:

@@ -21,7 +21,7 @@ CLEARANCE = 0.05
 
 SCHEMES: list[tuple[str, int | None]] = [
     ("implicit_euler", None), ("implicit_midpoint", None), ("radau", 1), ("radau", 2), ("radau", 3), ("gauss", 2),
-    ("gauss", 3), ("lobatto", 3), ("trapezoid", None), ("explicit", 1), ("explicit", 3),
+    ("gauss", 3), ("lobatto", 3), ("trapezoid", None), ("explicit_euler", None),
 ]  # fmt: skip
 
 

@@ -1,4 +1,8 @@
-"""The mean of a Gaussian process with its derivatives: a model learned from data, in NumPy."""
+"""The mean of a Gaussian process with its derivatives, in NumPy: a model learned from data, as an `rcp.Function`.
+
+`maze.py` learns the friction of a ball with it. It is no part of the package: whatever gives values and derivatives at
+many points can be such a function.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +10,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import minimize
+from scipy.spatial.distance import cdist
 
-from pyrobocop_pyomo.errors import FunctionError
-from pyrobocop_pyomo.modeling.functions import Function
-from pyrobocop_pyomo.optional_imports import scipy
+import pyrobocop_pyomo as rcp
 
-from .arrays import Array, finite_numbers
+Array = NDArray[np.float64]
 
 # Hyperparameters are found on so many of the data: the time grows with the third power.
 _MOST_POINTS = 400
@@ -38,39 +43,19 @@ class GaussianProcessMean:
     noise : float or None
         Standard deviation of the noise that `fit` used.
 
-    Raises
-    ------
-    FunctionError
-        When shapes do not fit together, or a length is not positive.
-
     Notes
     -----
     Rasmussen & Williams, Gaussian Processes for Machine Learning, MIT Press 2006, eq. 2.23 and 2.25 for the mean, eq.
     5.8 and 5.9 for the marginal likelihood and its gradient.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pyrobocop_pyomo import GaussianProcessMean
-    >>> x = np.linspace(0, 6, 30)[:, None]
-    >>> mean = GaussianProcessMean.fit(x, np.sin(x[:, 0]), length_scales=[1.5], noise=1e-3)
-    >>> sine = mean.as_function("sine")
-    >>> print(f"{sine(2.0):.3f}")
-    0.909
     """
 
     def __init__(
         self, centres: ArrayLike, weights: ArrayLike, length_scales: ArrayLike, signal: float = 1.0, offset: float = 0.0
     ) -> None:
         self.centres = centres = np.array(centres, dtype=float, ndmin=2)
-        self.length_scales = self._lengths = _lengths(length_scales, centres.shape[1])
+        self.length_scales = self._lengths = np.array(length_scales, dtype=float)
         self.weights, self.signal, self.offset = np.array(weights, dtype=float), float(signal), float(offset)
         self._weights = self.signal**2 * self.weights
-        if self._weights.shape != (centres.shape[0],):
-            raise FunctionError(
-                f"a Gaussian process with {centres.shape[0]} centres needs as many weights, in one row; it got the "
-                f"shape {self._weights.shape}."
-            )
         self.noise: float | None = None
         # Around their middle: the second derivatives are differences of moments about the origin.
         self._middle = centres.mean(axis=0)
@@ -101,28 +86,19 @@ class GaussianProcessMean:
         signal, noise : float, optional
             Standard deviations. What is not given maximises the marginal likelihood of up to 400 of the data.
 
-        Raises
-        ------
-        FunctionError
-            When the arrays do not fit together.
         """
-        inputs = np.atleast_2d(finite_numbers(inputs, "inputs", FunctionError))
-        targets = finite_numbers(targets, "targets", FunctionError)
-        if targets.shape != (len(inputs),):
-            raise FunctionError(
-                f"inputs of shape {inputs.shape} need targets of shape ({len(inputs)},); they have {targets.shape}."
-            )
+        inputs, targets = np.array(inputs, dtype=float, ndmin=2), np.array(targets, dtype=float)
         offset = float(targets.mean())
         residuals = targets - offset
         if length_scales is None or signal is None or noise is None:
             chosen = np.unique(np.linspace(0, len(inputs) - 1, _MOST_POINTS).astype(int))
             length_scales, signal, noise = _most_likely(inputs[chosen], residuals[chosen], length_scales, signal, noise)
-        lengths = _lengths(length_scales, inputs.shape[1])
+        lengths = np.array(length_scales, dtype=float)
         scaled = inputs / lengths
         covariance = signal**2 * _kernel(scaled, scaled)
         covariance.flat[:: len(inputs) + 1] += noise**2
-        factor = scipy.linalg.cho_factor(covariance, lower=True, overwrite_a=True)
-        found = cls(inputs, scipy.linalg.cho_solve(factor, residuals), lengths, signal, offset)
+        factor = cho_factor(covariance, lower=True, overwrite_a=True)
+        found = cls(inputs, cho_solve(factor, residuals), lengths, signal, offset)
         found.noise = float(noise)
         return found
 
@@ -152,7 +128,7 @@ class GaussianProcessMean:
         found += total[:, None, None] * (scaled[:, :, None] * scaled[:, None, :] - np.eye(d))
         return found / (self._lengths[:, None] * self._lengths)
 
-    def as_function(self, name: str = "learned", inputs: Sequence[str] | None = None) -> Function:
+    def as_function(self, name: str = "learned", inputs: Sequence[str] | None = None) -> rcp.Function:
         """The mean as a function that models may call, with exact derivatives.
 
         Parameters
@@ -161,7 +137,7 @@ class GaussianProcessMean:
         inputs : sequence of str, optional
             Names of the inputs.
         """
-        return Function(
+        return rcp.Function(
             self.value,
             self.jacobian,
             self.hessian,
@@ -170,17 +146,8 @@ class GaussianProcessMean:
         )
 
 
-def _lengths(given: ArrayLike, inputs: int) -> Array:
-    lengths = np.asarray(given, dtype=float)
-    if lengths.shape != (inputs,) or not (lengths > 0).all():
-        raise FunctionError(
-            f"a Gaussian process of {inputs} inputs needs {inputs} positive length scales; it got {lengths.tolist()}."
-        )
-    return lengths
-
-
 def _kernel(first: Array, second: Array) -> Array:
-    return np.exp(-0.5 * scipy.spatial.distance.cdist(first, second, "sqeuclidean"))
+    return np.exp(-0.5 * cdist(first, second, "sqeuclidean"))
 
 
 def _most_likely(
@@ -192,7 +159,7 @@ def _most_likely(
     deviation = max(float(residuals.std()), 1e-8)
     start = np.concatenate(
         [
-            2.0 * spread if length_scales is None else _lengths(length_scales, d),
+            2.0 * spread if length_scales is None else np.array(length_scales, dtype=float),
             [deviation if signal is None else signal, 0.1 * deviation if noise is None else noise],
         ]
     )
@@ -206,9 +173,9 @@ def _most_likely(
         scaled = inputs / lengths
         covariance = deviations[0] * _kernel(scaled, scaled)
         noisy = covariance + (deviations[1] + 1e-10 * deviations[0]) * np.eye(n)
-        factor = scipy.linalg.cho_factor(noisy, lower=True)
-        alpha = scipy.linalg.cho_solve(factor, residuals)
-        inner = scipy.linalg.cho_solve(factor, np.eye(n)) - np.outer(alpha, alpha)
+        factor = cho_factor(noisy, lower=True)
+        alpha = cho_solve(factor, residuals)
+        inner = cho_solve(factor, np.eye(n)) - np.outer(alpha, alpha)
         weighted = inner * covariance
         by_lengths = [0.5 * np.sum(weighted * (x[:, None] - x) ** 2) for x in scaled.T]
         gradient = np.array([*by_lengths, weighted.sum(), deviations[1] * np.trace(inner)])
@@ -217,7 +184,7 @@ def _most_likely(
 
     # Within factors of a thousand: beyond, an input or the noise means nothing to the data.
     bounds = [(center - 7.0, center + 7.0) for center in logarithms[free]]
-    found = scipy.optimize.minimize(
+    found = minimize(
         negative_likelihood, logarithms[free], jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 60}
     )
     logarithms[free] = found.x
