@@ -91,21 +91,6 @@ class Obstruction:
         return self.words
 
 
-class Relief(NamedTuple):
-    """How far the bounds or rows of one component have to give way for everything else to be met.
-
-    Attributes
-    ----------
-    name : str
-        Of the obstruction.
-    amount : float
-        In its units; infinite where it is not enough, however far it gives way.
-    """
-
-    name: str
-    amount: float
-
-
 class StatedRow(NamedTuple):
     """One row: a constraint, or a side of a pair; a bound is None where there is none."""
 
@@ -285,16 +270,16 @@ class LeastViolation:
         What is left in sum, each row in its own measure: the most that moving one variable by its size changes it.
     obstructions : tuple of Obstruction
         Bounds, fixed values and rows whose relaxation would lessen it, those that matter most first; fixed values last.
-    relief : Relief or None
-        Of the first of them that is enough alone, by slopes where rows are nonlinear; of the first one where none is,
-        if all rows are linear. None where it is not known.
+    relief : float or None
+        How far the bounds or rows of the first of them have to give way for everything else to be met, by slopes where
+        rows are nonlinear; infinite where it is not enough. None where it is not known, as of fixed values and pairs.
     """
 
     kind: Least
     has_pairs: bool
     total: float
     obstructions: tuple[Obstruction, ...] = ()
-    relief: Relief | None = None
+    relief: float | None = None
 
     @property
     def is_proof(self) -> bool:
@@ -318,10 +303,8 @@ class LeastViolation:
         """
         if not self.obstructions:
             return ""
-        first, far = self.obstructions[0], ""
-        if self.relief is not None:
-            first = next(one for one in self.obstructions if one.name == self.relief.name and not one.is_fixed)
-            far = self._how_far(self.relief.amount)
+        first = self.obstructions[0]
+        far = "" if self.relief is None else self._how_far(self.relief)
         time = ", or give it more time" if has_given_time else ""
         if not first.limit or first.is_fixed:
             return f"Try first to {'change' if first.limit else 'relax'} {first}{far}{time}."
@@ -415,11 +398,10 @@ def _impossible_pair(
         if least is None or not least.obstructions or not pair.a_part is SidePart.WHOLE is pair.b_part:
             return None
         found.append(least)
+    found.sort(key=lambda least: math.inf if least.relief is None else least.relief)
     kind = Least.PROVEN if all(least.kind is Least.PROVEN for least in found) else Least.LOCAL
     against = {one.words: one for least in found for one in least.obstructions if one.name != pair.source.name}
-    reliefs = [least.relief for least in found if least.relief is not None and least.relief.name != pair.source.name]
-    least_relief = min(reliefs, key=lambda relief: relief.amount, default=None)
-    return LeastViolation(kind, False, min(least.total for least in found), tuple(against.values()), least_relief)
+    return LeastViolation(kind, False, min(least.total for least in found), tuple(against.values()), found[0].relief)
 
 
 def _descended(at: ViolatedRows, has_pairs: bool, deadline: Deadline) -> LeastViolation | None:
@@ -439,8 +421,8 @@ def _descended(at: ViolatedRows, has_pairs: bool, deadline: Deadline) -> LeastVi
         change, total, multipliers = step
         if at.total - total <= STATIONARY * min(radius, 1.0) * at.total:
             groups = grouped(at.obstructing(multipliers))
-            relief = _first_relief(at, groups, deadline)
-            if not is_linear and relief is not None and math.isinf(relief.amount):
+            relief = _relief(at, *groups[0], deadline) if groups else None
+            if not is_linear and relief == math.inf:
                 relief = None  # further away than slopes are good for, it may be enough
             kind = Least.PROVEN if is_linear else Least.LOCAL
             return LeastViolation(kind, has_pairs, total, tuple(one for one, _ in groups), relief)
@@ -454,23 +436,16 @@ def _descended(at: ViolatedRows, has_pairs: bool, deadline: Deadline) -> LeastVi
     return LeastViolation(Least.UNKNOWN, has_pairs, at.total)
 
 
-def _first_relief(
-    at: ViolatedRows, groups: Sequence[tuple[Obstruction, list[ObstructingData]]], deadline: Deadline
-) -> Relief | None:
-    """The first obstruction that is enough alone, by the slopes here; fixed values and pairs are not tried."""
-    first: Relief | None = None
-    for obstruction, data in groups[:SHOWN]:
-        component = data[0].data.parent_component()
-        if obstruction.is_fixed or component.ctype in PAIR_TYPES:
-            continue
-        is_whole = bool(obstruction.limit) and obstruction.name == component.name
-        amount = at.least_widening(component.values() if is_whole else [one.data for one in data], deadline)
-        if amount is None or amount <= MET:
-            return None
-        if math.isfinite(amount):
-            return Relief(obstruction.name, amount)
-        first = first or Relief(obstruction.name, amount)
-    return first
+def _relief(
+    at: ViolatedRows, obstruction: Obstruction, data: Sequence[ObstructingData], deadline: Deadline
+) -> float | None:
+    """How far an obstruction has to give way alone, by the slopes here; None for fixed values and pairs."""
+    component = data[0].data.parent_component()
+    if obstruction.is_fixed or component.ctype in PAIR_TYPES:
+        return None
+    is_whole = bool(obstruction.limit) and obstruction.name == component.name
+    amount = at.least_widening(component.values() if is_whole else [one.data for one in data], deadline)
+    return None if amount is None or amount <= MET else amount
 
 
 def grouped(data: Iterable[ObstructingData]) -> list[tuple[Obstruction, list[ObstructingData]]]:

@@ -168,23 +168,6 @@ class Scheme(Presented):
         weights = np.linalg.solve(self._stage_matrix.T, self.b)
         return np.asarray([1.0 - weights.sum(), *weights], dtype=np.float64)
 
-    def check_rows(self) -> None:
-        """Refuse rows that do not hold for the polynomials which the scheme has to follow exactly.
-
-        Raises
-        ------
-        ModelError
-            When `D`, `F` or `end_weights` were changed: no mesh would be fine enough.
-        """
-        for degree in range(self.stages + 1):
-            values, rates = self.state_nodes**degree, degree * self.c ** max(degree - 1, 0)
-            off = np.append(self.D @ values - self.F @ rates, self.end_weights @ values - 1.0)
-            if not np.abs(off).max() < 1e-8:
-                raise ModelError(
-                    f"{self.name}: its rows are off by {np.abs(off).max():.1e} for a state that is a polynomial of "
-                    f"degree {degree} in time: no mesh would be fine enough. Build it with Scheme.from_points(name, c)."
-                )
-
     def state_at(self, tau: ArrayLike) -> Array:
         """Weights of the values at `state_nodes` that give the state at local times, shape ``(len(tau), nodes)``.
 

@@ -146,7 +146,6 @@ def add_derivative(block: Any, name: str) -> Any:
 
 def _add_collocation(block: Any, name: str, rates: Mapping[float, Any], is_read_later: bool = False) -> None:
     grid = block.record.grid
-    grid.scheme.check_rows()
     rows = add_generated_rows(block, f"{name}_collocation", block.points)
     boundary = block.boundary if block.record.free_widths else None
     rule = CollocationRows(block.component(name), rates, block.duration, boundary)

@@ -1,6 +1,6 @@
 """Solving one model with complementarity: the procedure and its result."""
 
-from pyrobocop_pyomo.diagnosis.least_violation import LeastViolation, Obstruction, Relief
+from pyrobocop_pyomo.diagnosis.least_violation import LeastViolation, Obstruction
 from pyrobocop_pyomo.programs.automatic_scaling import ScalingRecord
 
 from .iterates import Iterate, Quality, Standing, StopReason
@@ -10,6 +10,6 @@ from .strategies import Strategy
 from .violations import Violation
 
 __all__ = [
-    "ActiveSide", "Iterate", "LeastViolation", "Obstruction", "PairReport", "Quality", "Relief",
+    "ActiveSide", "Iterate", "LeastViolation", "Obstruction", "PairReport", "Quality",
     "ScalingRecord", "SolveResult", "Standing", "StopReason", "Strategy", "Violation",
 ]  # fmt: skip

@@ -43,13 +43,7 @@ def collocation_rows(
     ------
     (time, row) : tuple
         The collocation point and ``(body, 0)``, the tuple form of an equality constraint.
-
-    Raises
-    ------
-    ModelError
-        When rows of the scheme do not hold for the polynomials which it has to follow.
     """
-    grid.scheme.check_rows()
     for element, (stages, width) in enumerate(zip(grid.stage_times, widths, strict=True)):
         for row, stage in enumerate(grid.scheme.row_stages):
             yield stages[stage], collocation_row(state, rate, grid, element, row, width)
